@@ -1,0 +1,42 @@
+"""Shape checks for the values that flow between stages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pomona.errors import InputError
+
+Array = npt.NDArray[Any]
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ByteArray = npt.NDArray[np.uint8]
+
+
+def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: Any) -> Array:
+    """Return `value` as a read-only array of `dtype`, or raise `InputError` saying both shapes.
+
+    `shape` holds an int where the length is fixed and None where it is free.
+    """
+    array = np.asarray(value, dtype=dtype)
+    if array.size == 0 and array.ndim != len(shape):
+        array = array.reshape(tuple(0 if length is None else length for length in shape))
+    fits = array.ndim == len(shape) and all(
+        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = "(" + ", ".join("n" if length is None else str(length) for length in shape) + ")"
+        raise InputError(f"{name}: expected an array of shape {wanted}, found {array.shape}")
+    if array.flags.writeable:
+        array = array.view()
+        array.flags.writeable = False
+    return array
+
+
+def set_checked(target: object, name: str, shape: tuple[int | None, ...], dtype: Any) -> None:
+    """Check field `name` of the frozen dataclass `target` and store it as a read-only array."""
+    label = f"{type(target).__name__}.{name}"
+    object.__setattr__(target, name, checked(label, getattr(target, name), shape, dtype))

@@ -1,0 +1,33 @@
+"""Errors for people: what was expected, what was found, where, and what to do.
+
+Every error that Pomona raises for something a person did inherits `PomonaError` and a builtin, so that
+callers can catch either. What only a mistake of ours can cause is an `assert`.
+"""
+
+
+class PomonaError(Exception):
+    """Root of all errors that Pomona raises on purpose."""
+
+
+class InputError(PomonaError, ValueError):
+    """What was given cannot be used: a wrong option value, an empty folder, inconsistent arrays."""
+
+
+class MissingFileError(PomonaError, FileNotFoundError):
+    """A file or folder that was named does not exist."""
+
+
+class FormatError(PomonaError, ValueError):
+    """A file does not have the form it should: names the file, the place and what was expected."""
+
+
+class MissingExtraError(PomonaError, ImportError):
+    """An optional dependency is not installed: names the extra to install."""
+
+
+class ReconstructionError(PomonaError, RuntimeError):
+    """No camera could be placed: says which photos, why, and what to do."""
+
+
+class SurveyError(PomonaError, RuntimeError):
+    """The survey folder cannot be used: it holds something else, lacks a stage's output, or cannot be written."""

@@ -1,0 +1,128 @@
+"""Fruits: one object each in the world frame, with the detections that saw it, and the clouds they are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, set_checked
+from pomona.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class FruitCloud:
+    """Points on fruit surfaces: `points_in_world` (m, 3), `rgb` (m, 3), `fruit_id` (m,) with 0 for none."""
+
+    points_in_world: FloatArray
+    rgb: ByteArray
+    fruit_id: IntArray
+
+    def __post_init__(self) -> None:
+        m = len(self.points_in_world)
+        set_checked(self, "points_in_world", (m, 3), np.float64)
+        set_checked(self, "rgb", (m, 3), np.uint8)
+        set_checked(self, "fruit_id", (m,), np.int64)
+
+    def __len__(self) -> int:
+        return len(self.points_in_world)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """k sightings: fruit `fruit_id[i]` was seen in photo `photo[i]` as detection `detection_id[i]` at `xy_px[i]`."""
+
+    fruit_id: IntArray
+    photo: tuple[str, ...]
+    detection_id: IntArray
+    xy_px: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.photo)
+        set_checked(self, "fruit_id", (k,), np.int64)
+        set_checked(self, "detection_id", (k,), np.int64)
+        set_checked(self, "xy_px", (k, 2), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.photo)
+
+    @classmethod
+    def empty(cls) -> Observations:
+        """Return no observations."""
+        return cls(np.zeros(0, np.int64), (), np.zeros(0, np.int64), np.zeros((0, 2)))
+
+    def __getitem__(self, selection: BoolArray | IntArray) -> Observations:
+        idx = np.arange(len(self))[selection]
+        return Observations(
+            self.fruit_id[idx], tuple(self.photo[i] for i in idx), self.detection_id[idx], self.xy_px[idx]
+        )
+
+
+def _empty_strings() -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True, eq=False)
+class Fruits:
+    """n fruits. NaN is "not measured", and `reasons` (n,) then says why; it is "" where all is measured.
+
+    `ids` (n,) positive and unique; `centers_in_world` (n, 3) metres; `diameters_m`, `diameter_sds_m`, `visibilities`
+    (0 to 1), `weights_g`, `scores` (0 to 1: probability that it is a fruit) and `views` (number of photos) are (n,);
+    `tree_ids` (0: none) and `sides` (which side's photos saw it; "both" for more than one) are (n,).
+    """
+
+    ids: IntArray
+    centers_in_world: FloatArray
+    diameters_m: FloatArray
+    scores: FloatArray
+    views: IntArray
+    diameter_sds_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    visibilities: FloatArray = field(default_factory=lambda: np.zeros(0))
+    weights_g: FloatArray = field(default_factory=lambda: np.zeros(0))
+    tree_ids: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    sides: tuple[str, ...] = field(default_factory=_empty_strings)
+    reasons: tuple[str, ...] = field(default_factory=_empty_strings)
+
+    def __post_init__(self) -> None:
+        n = len(self.ids)
+        for name in ("diameter_sds_m", "visibilities", "weights_g"):
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full(n, np.nan))
+        if len(self.tree_ids) == 0:
+            object.__setattr__(self, "tree_ids", np.zeros(n, np.int64))
+        for name in ("sides", "reasons"):
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, ("",) * n)
+            elif len(getattr(self, name)) != n:
+                raise InputError(f"Fruits.{name}: expected {n} entries, found {len(getattr(self, name))}")
+        set_checked(self, "centers_in_world", (n, 3), np.float64)
+        for name in ("diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g"):
+            set_checked(self, name, (n,), np.float64)
+        for name in ("ids", "views", "tree_ids"):
+            set_checked(self, name, (n,), np.int64)
+        if n and (self.ids.min() < 1 or len(np.unique(self.ids)) != n):
+            raise InputError("Fruits.ids: expected positive and unique ids")
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def empty(cls) -> Fruits:
+        """Return no fruits: a valid result of photos without fruit."""
+        return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
+
+    def __getitem__(self, selection: BoolArray | IntArray) -> Fruits:
+        idx = np.arange(len(self))[selection]
+        return Fruits(
+            self.ids[idx],
+            self.centers_in_world[idx],
+            self.diameters_m[idx],
+            self.scores[idx],
+            self.views[idx],
+            self.diameter_sds_m[idx],
+            self.visibilities[idx],
+            self.weights_g[idx],
+            self.tree_ids[idx],
+            tuple(self.sides[i] for i in idx),
+            tuple(self.reasons[i] for i in idx),
+        )

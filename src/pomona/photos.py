@@ -1,0 +1,93 @@
+"""The photos of a survey: what is known of each before a pixel is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from pomona.errors import InputError
+
+
+@dataclass(frozen=True)
+class Gnss:
+    """Where the camera says it was: WGS 84 degrees and metres above the ellipsoid or sea (EXIF does not say which)."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One photo, upright: `width_px` × `height_px` are after EXIF orientation has been applied.
+
+    `name` is unique in the survey, a POSIX path such as `east/IMG_0001.JPG`; every file of the survey folder refers to
+    the photo by it. `focal_px` is None where neither EXIF nor a sensor table gives it. Photos with the same
+    `camera_key` were taken with the same camera, lens, zoom and size, and share intrinsics.
+    """
+
+    name: str
+    path: Path
+    width_px: int
+    height_px: int
+    side: str = ""
+    focal_px: float | None = None
+    camera_key: str = ""
+    orientation: int = 1
+    taken_at: datetime | None = None
+    gnss: Gnss | None = None
+
+    def __post_init__(self) -> None:
+        if self.width_px <= 0 or self.height_px <= 0:
+            raise InputError(f"Photo {self.name}: expected a positive size, found {self.width_px} × {self.height_px}")
+        if self.focal_px is not None and not self.focal_px > 0:
+            raise InputError(f"Photo {self.name}: expected a positive focal length, found {self.focal_px}")
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A file that was found among the photos and could not be used, and why, in words for a person."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Photos:
+    """The photos of one survey, in order of capture within each side; names are unique."""
+
+    items: tuple[Photo, ...]
+    skipped: tuple[Skipped, ...] = ()
+    from_video: bool = False
+
+    def __post_init__(self) -> None:
+        names = [photo.name for photo in self.items]
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise InputError(f"Photos: names must be unique, found twice: {', '.join(twice[:5])}")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Photo]:
+        return iter(self.items)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The photos' names, in order."""
+        return tuple(photo.name for photo in self.items)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The sides, in order of first appearance."""
+        return tuple(dict.fromkeys(photo.side for photo in self.items))
+
+    def of_side(self, side: str) -> Photos:
+        """Return the photos of one side."""
+        return Photos(tuple(p for p in self.items if p.side == side), from_video=self.from_video)
+
+    def by_name(self) -> dict[str, Photo]:
+        """Return the photos keyed by name."""
+        return {photo.name: photo for photo in self.items}

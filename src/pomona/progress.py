@@ -1,0 +1,48 @@
+"""How a stage tells a person how far it is and what it noticed, without knowing who listens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Protocol, TypeVar
+
+T = TypeVar("T")
+
+
+class Progress(Protocol):
+    """What a stage may say while it works. Implemented by the command line; silent by default."""
+
+    def start(self, label: str, total: int | None = None) -> None:
+        """Begin a step of `total` units (None: unknown), replacing the step before it."""
+
+    def advance(self, units: int = 1) -> None:
+        """Say that `units` more of the present step are done."""
+
+    def warn(self, message: str) -> None:
+        """Tell the person something they should know: shown at once, and kept in `survey.json`."""
+
+
+class Silent:
+    """A `Progress` that says nothing and remembers the warnings (for libraries and tests)."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def start(self, label: str, total: int | None = None) -> None:
+        """Ignore the step."""
+
+    def advance(self, units: int = 1) -> None:
+        """Ignore the advance."""
+
+    def warn(self, message: str) -> None:
+        """Remember the warning."""
+        self.warnings.append(message)
+
+
+def track(items: Iterable[T], progress: Progress, label: str, total: int | None = None) -> Iterator[T]:
+    """Yield `items`, advancing `progress` after each one has been used."""
+    if total is None and hasattr(items, "__len__"):
+        total = len(items)
+    progress.start(label, total)
+    for item in items:
+        yield item
+        progress.advance()
