@@ -43,9 +43,7 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         if self.model not in _OPENCV_SLOTS:
-            raise InputError(
-                f"Camera model {self.model} is not supported; expected one of {', '.join(_OPENCV_SLOTS)}"
-            )
+            raise InputError(f"Camera model {self.model} is not supported; expected one of {', '.join(_OPENCV_SLOTS)}")
         set_checked(self, "params", (len(_OPENCV_SLOTS[self.model]),), np.float64)
 
     @property
@@ -172,7 +170,7 @@ class Cameras:
         set_checked(self, "track_point_idx", (k,), np.int64)
         set_checked(self, "track_photo_idx", (k,), np.int64)
         set_checked(self, "track_xy_px", (k, 2), np.float64)
-        if n and not (0 <= self.intrinsics_idx.min() and self.intrinsics_idx.max() < len(self.intrinsics)):
+        if n and not (self.intrinsics_idx.min() >= 0 and self.intrinsics_idx.max() < len(self.intrinsics)):
             raise InputError(f"Cameras.intrinsics_idx: expected 0 to {len(self.intrinsics) - 1}")
 
     def __len__(self) -> int:

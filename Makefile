@@ -1,0 +1,45 @@
+# Two commands for a fresh machine with Python 3.11 or newer:
+#   make demo   makes .venv, installs Pomona, runs the main job on the bundled sample
+#   make test   makes .venv-dev, installs what the tests need, runs the quick tests
+# Others: make check (what .ci/run runs), make viewer (rebuild the viewer; needs Node).
+
+PYTHON ?= python3
+DEMO_OUT ?= pomona-demo
+
+.PHONY: demo test check lint slow viewer clean
+
+demo: .venv/installed
+	.venv/bin/pomona demo --out $(DEMO_OUT)
+
+test: .venv-dev/installed
+	.venv-dev/bin/python -m pytest
+
+check: lint test slow
+
+lint: .venv-dev/installed
+	.venv-dev/bin/ruff check .
+	.venv-dev/bin/ruff format --check .
+	.venv-dev/bin/mypy
+
+slow: .venv-dev/installed
+	.venv-dev/bin/python -m pytest -m slow
+
+viewer:
+	cd viewer && npm ci && npm run build && npm test
+
+.venv/installed: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Pomona needs Python 3.11 or newer; call make with PYTHON=/path/to/python3.11")'
+	$(PYTHON) -m venv .venv
+	.venv/bin/python -m pip install --quiet --upgrade pip
+	.venv/bin/python -m pip install --quiet --editable .
+	touch $@
+
+.venv-dev/installed: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Pomona needs Python 3.11 or newer; call make with PYTHON=/path/to/python3.11")'
+	$(PYTHON) -m venv .venv-dev
+	.venv-dev/bin/python -m pip install --quiet --upgrade pip
+	.venv-dev/bin/python -m pip install --quiet --editable '.[dev,train,synth]'
+	touch $@
+
+clean:
+	rm -rf .venv .venv-dev build dist
