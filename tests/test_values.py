@@ -157,7 +157,7 @@ def test_masks_are_exact_after_packing(seed: int) -> None:
     rows, columns = np.mgrid[-2:15, -2:19]
     inside = a.contains(np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], 1))
     assert inside.sum() == first.sum()
-    np.testing.assert_array_equal(a.moved(3, 2).center_px, a.center_px + [3, 2])
+    np.testing.assert_array_equal(a.moved(3, 2).center_px, a.center_px + np.array([3, 2]))
 
 
 def test_a_mask_without_pixels_and_one_outside_the_photo_are_refused() -> None:

@@ -184,11 +184,12 @@ class Cameras:
     def centers_in_world(self) -> FloatArray:
         """(n, 3): the cameras' centres, −Rᵀt."""
         rotation, translation = self.cam_from_world[:, :, :3], self.cam_from_world[:, :, 3]
-        return -np.einsum("nji,nj->ni", rotation, translation)
+        centers: FloatArray = -np.einsum("nji,nj->ni", rotation, translation)
+        return centers
 
     def intrinsics_of(self, photo_idx: int) -> Intrinsics:
         """Return the intrinsics of one photo."""
-        return self.intrinsics[self.intrinsics_idx[photo_idx]]
+        return self.intrinsics[int(self.intrinsics_idx[photo_idx])]
 
     def project(self, photo_idx: int, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Project points (n, 3) into a photo: pixels (n, 2), NaN behind the camera, and depths (n,).
@@ -201,8 +202,9 @@ class Cameras:
 
     def rays_in_world(self, photo_idx: int, xy_px: FloatArray) -> FloatArray:
         """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2)."""
-        rays = self.intrinsics_of(photo_idx).cam_from_px(xy_px) @ self.cam_from_world[photo_idx][:, :3]
-        return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        rays: FloatArray = self.intrinsics_of(photo_idx).cam_from_px(xy_px) @ self.cam_from_world[photo_idx][:, :3]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return rays
 
     def transformed(self, target_from_world: Similarity, frame: WorldFrame | None = None) -> Cameras:
         """Return the cameras and points moved into another frame; cameras keep seeing the same pixels."""

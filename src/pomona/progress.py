@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
@@ -40,7 +40,7 @@ class Silent:
 
 def track(items: Iterable[T], progress: Progress, label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items`, advancing `progress` after each one has been used."""
-    if total is None and hasattr(items, "__len__"):
+    if total is None and isinstance(items, Sized):
         total = len(items)
     progress.start(label, total)
     for item in items:
