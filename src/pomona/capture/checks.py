@@ -1,0 +1,94 @@
+"""What a person should know about their photos before an hour is spent on them."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+from pomona.photos import Photo, Skipped
+from pomona.progress import Progress
+
+_ADVISED_PHOTOS = 3
+
+
+def too_few(paths: Sequence[Path], photos: Sequence[Photo], skipped: Sequence[Skipped], min_photos: int) -> str:
+    """Say why there are fewer photos than `min_photos`, and what to do."""
+    where = " and ".join(str(path) for path in paths)
+    message = f"{where}: found {_count(len(photos), 'photo')} that can be used, expected at least {min_photos}"
+    if min_photos > 1:
+        message += f" (places in 3D need overlapping photos from different places: {_ADVISED_PHOTOS} or more)"
+    if skipped:
+        message += ". Skipped: " + _listed([f"{s.name}: {s.reason}" for s in skipped], "; ")
+    return message
+
+
+def warn_of(photos: Sequence[Photo], skipped: Sequence[Skipped], progress: Progress, *, from_video: bool) -> None:
+    """Warn, once for each matter, of what was skipped, missing focal lengths, mixed cameras, zooms, sizes, copies."""
+    if skipped:
+        reasons = [f"{s.name} ({s.reason})" for s in skipped]
+        progress.warn(
+            f"{_count(len(skipped), 'file')} could not be used and {_was(skipped)} skipped: {_listed(reasons)}"
+        )
+    without = [photo for photo in photos if photo.focal_px is None]
+    if without and not from_video:
+        progress.warn(
+            f"{len(without)} of {_count(len(photos), 'photo')} say nothing of their focal length (no EXIF, or an "
+            f"unknown camera), such as {without[0].name}: it will be estimated from the photos themselves. "
+            "Photos straight from the camera, not from a messenger or an editor, are better"
+        )
+    _warn_of_cameras(photos, progress)
+    copies = _copies(photos)
+    if copies:
+        pairs = [" = ".join(names) for names in copies]
+        progress.warn(f"{_count(len(copies), 'photo')} found more than once, with the same content: {_listed(pairs)}")
+    for side in dict.fromkeys(photo.side for photo in photos):
+        count = sum(photo.side == side for photo in photos)
+        if len(photos) > 1 and count < _ADVISED_PHOTOS:
+            progress.warn(f"Side {side} has only {_count(count, 'photo')}; {_ADVISED_PHOTOS} or more are advised")
+
+
+def _warn_of_cameras(photos: Sequence[Photo], progress: Progress) -> None:
+    cameras: defaultdict[str, list[Photo]] = defaultdict(list)
+    for photo in photos:
+        cameras[re.sub(r" \d+x\d+$", "", photo.camera_key)].append(photo)
+    if len(cameras) > 1:
+        listed = [f"{key} ({_count(len(of_key), 'photo')})" for key, of_key in cameras.items()]
+        progress.warn(
+            f"Photos of {len(cameras)} cameras or zooms are mixed: {_listed(listed)}. "
+            "Each is calibrated by itself, which needs more photos than one camera at one zoom"
+        )
+    sizes = Counter((min(p.width_px, p.height_px), max(p.width_px, p.height_px)) for p in photos)
+    if len(sizes) > 1:
+        listed = [f"{long} × {short} ({_count(count, 'photo')})" for (short, long), count in sizes.most_common()]
+        progress.warn(
+            f"Photos have different sizes: {_listed(listed)}. Crops and resized copies hurt; use the originals"
+        )
+
+
+def _copies(photos: Sequence[Photo]) -> list[list[str]]:
+    """Names of photos with the same size in bytes and the same first 64 KB."""
+    by_size: defaultdict[int, list[Photo]] = defaultdict(list)
+    for photo in photos:
+        by_size[photo.path.stat().st_size].append(photo)
+    by_content: defaultdict[tuple[int, bytes], list[str]] = defaultdict(list)
+    for size, same_size in by_size.items():
+        for photo in same_size if len(same_size) > 1 else ():
+            with photo.path.open("rb") as file:
+                by_content[size, hashlib.sha256(file.read(1 << 16)).digest()].append(photo.name)
+    return [names for names in by_content.values() if len(names) > 1]
+
+
+def _count(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _was(things: Sequence[object]) -> str:
+    return "was" if len(things) == 1 else "were"
+
+
+def _listed(items: Sequence[str], separator: str = ", ", most: int = 8) -> str:
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return separator.join(items[:most]) + more

@@ -1,0 +1,153 @@
+"""What EXIF says about a photo, read without trusting it: any tag may be missing, zero or nonsense."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+from pomona.capture.sensors import sensor_width_mm
+from pomona.photos import Gnss
+
+_MAKE, _MODEL, _ORIENTATION, _DATE_TIME = 0x010F, 0x0110, 0x0112, 0x0132
+_DATE_ORIGINAL, _SUBSEC_ORIGINAL = 0x9003, 0x9291
+_FOCAL_MM, _FOCAL_35MM, _DIGITAL_ZOOM = 0x920A, 0xA405, 0xA404
+_PIXEL_X, _PIXEL_Y, _PLANE_X, _PLANE_Y, _PLANE_UNIT = 0xA002, 0xA003, 0xA20E, 0xA20F, 0xA210
+_LENS_MODEL, _SERIAL = 0xA434, 0xA431
+_MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+_DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
+
+
+@dataclass(frozen=True)
+class Exif:
+    """The tags that Pomona uses; None where a tag is missing or makes no sense. Pixel sizes are before rotation."""
+
+    orientation: int = 1
+    make: str = ""
+    model: str = ""
+    lens: str = ""
+    serial: str = ""
+    focal_mm: float | None = None
+    focal_35mm: float | None = None
+    digital_zoom: float | None = None
+    plane_width_mm: float | None = None
+    taken_at: datetime | None = None
+    gnss: Gnss | None = None
+
+    @property
+    def camera(self) -> str:
+        """The camera's name without a repeated maker, "" where EXIF does not say."""
+        if self.make and self.model.lower().startswith(self.make.split()[0].lower()):
+            return self.model
+        return f"{self.make} {self.model}".strip()
+
+
+def parse_exif(base: Mapping[int, Any], details: Mapping[int, Any], gps: Mapping[int, Any]) -> Exif:
+    """Return the tags of the base, Exif and GPS directories as values that make sense."""
+    orientation = base.get(_ORIENTATION)
+    return Exif(
+        orientation=orientation if isinstance(orientation, int) and 1 <= orientation <= 8 else 1,
+        make=_text(base.get(_MAKE)),
+        model=_text(base.get(_MODEL)),
+        lens=_text(details.get(_LENS_MODEL)),
+        serial=_text(details.get(_SERIAL)),
+        focal_mm=_positive(details.get(_FOCAL_MM)),
+        focal_35mm=_positive(details.get(_FOCAL_35MM)),
+        digital_zoom=_positive(details.get(_DIGITAL_ZOOM)),
+        plane_width_mm=_plane_width_mm(details),
+        taken_at=_time(details.get(_DATE_ORIGINAL) or base.get(_DATE_TIME), details.get(_SUBSEC_ORIGINAL)),
+        gnss=_gnss(gps),
+    )
+
+
+def focal_px(exif: Exif, width_px: int, height_px: int) -> float | None:
+    """Return the focal length in pixels of a photo of this size, or None where EXIF does not lead to one.
+
+    A known sensor width gives the most exact value, then the sensor width that the camera itself writes (focal plane
+    resolution), then the 35 mm equivalent, which is rounded to whole millimetres. The equivalent overrules the two
+    others where they disagree by more than 10 %: it alone knows of digital zoom, crops and a phone's other lenses.
+    Photos may have been resized, so millimetres are related to the longer side or, for the 35 mm equivalent, to the
+    diagonal, by which CIPA's guideline DCG-001 defines it.
+    """
+    equivalent = None
+    if exif.focal_35mm is not None:
+        equivalent = exif.focal_35mm / _DIAGONAL_35MM_MM * math.hypot(width_px, height_px)
+    if exif.focal_mm is not None:
+        for sensor_mm in (sensor_width_mm(exif.make, exif.model), exif.plane_width_mm):
+            if sensor_mm is None:
+                continue
+            focal = exif.focal_mm / sensor_mm * max(width_px, height_px)
+            if equivalent is None and not _zoomed(exif):
+                return focal
+            if equivalent is not None and abs(focal / equivalent - 1) < 0.1:
+                return focal
+    return equivalent
+
+
+def _zoomed(exif: Exif) -> bool:
+    return exif.digital_zoom is not None and exif.digital_zoom > 1.01
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bytes):
+        value = value.decode("latin-1")
+    return " ".join(str(value).replace("\0", " ").split()) if value else ""
+
+
+def _positive(value: Any) -> float | None:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if math.isfinite(number) and number > 0 else None
+
+
+def _plane_width_mm(details: Mapping[int, Any]) -> float | None:
+    """The sensor's longer side from the focal plane resolution and the size in pixels that it was written for."""
+    sides = []
+    for pixels_tag, resolution_tag in ((_PIXEL_X, _PLANE_X), (_PIXEL_Y, _PLANE_Y)):
+        pixels, resolution = _positive(details.get(pixels_tag)), _positive(details.get(resolution_tag))
+        if pixels is None or resolution is None:
+            return None
+        sides.append(pixels / resolution * _MM_PER_UNIT.get(details.get(_PLANE_UNIT, 2), 25.4))
+    longer = max(sides)
+    # Anything else than 2 to 70 mm is a wrong unit or a size that was rewritten by an editor.
+    return longer if 2.0 < longer < 70.0 else None
+
+
+def _time(value: Any, subsec: Any) -> datetime | None:
+    try:
+        time = datetime.strptime(_text(value)[:19].replace("-", ":"), "%Y:%m:%d %H:%M:%S")
+    except ValueError:
+        return None
+    digits = _text(subsec)
+    return time + timedelta(seconds=float(f"0.{digits}")) if digits.isdigit() else time
+
+
+def _gnss(gps: Mapping[int, Any]) -> Gnss | None:
+    """The place where the photo was taken; None for missing, impossible and never-fixed (0, 0) positions."""
+    latitude, longitude = _degrees(gps.get(2)), _degrees(gps.get(4))
+    if latitude is None or longitude is None or (latitude == 0 and longitude == 0):
+        return None
+    latitude = -latitude if _text(gps.get(1)).upper().startswith("S") else latitude
+    longitude = -longitude if _text(gps.get(3)).upper().startswith("W") else longitude
+    if abs(latitude) > 90 or abs(longitude) > 180:
+        return None
+    try:
+        altitude = float(gps[6])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return Gnss(latitude, longitude)
+    below = gps.get(5) in (1, b"\x01")
+    return Gnss(latitude, longitude, (-altitude if below else altitude) if math.isfinite(altitude) else None)
+
+
+def _degrees(value: Any) -> float | None:
+    try:
+        parts = [float(part) for part in value]
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    if not parts or not all(math.isfinite(part) for part in parts):
+        return None
+    return sum(part / 60.0**power for power, part in enumerate(parts))

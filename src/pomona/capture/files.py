@@ -1,0 +1,97 @@
+"""Which files of a folder are photos, and in which order."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from pomona.errors import InputError, MissingFileError
+
+PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".heic", ".heif", ".webp", ".bmp"})
+RAW_SUFFIXES = frozenset({".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef"})
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".mpg", ".mpeg", ".3gp"})
+
+# Folders that a camera makes by itself (DCF: 100CANON, 101_PANA): a change of folder there is no change of side.
+_CAMERA_FOLDER = re.compile(r"^\d{3}[A-Z0-9_]{5}$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Listing:
+    """The photo files of one folder: the files, and the sub-folder of each ("" where photos lie in the folder).
+
+    `notes` are things a person should know: sub-folders or RAW files that were left out.
+    """
+
+    files: tuple[Path, ...]
+    groups: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Return a sorting key by which `IMG_9` comes before `IMG_10`, whatever the case."""
+    parts = re.split(r"(\d+)", text.casefold())
+    return tuple((0, int(p), "") if p.isdecimal() else (1, 0, p) for p in parts if p)
+
+
+def list_photos(folder: Path) -> Listing:
+    """Return the photo files of a folder, in natural order of their names.
+
+    Photos in the folder itself come first; where there are none, those of its sub-folders are taken: two sub-folders
+    are two groups (the sides of the row), unless a camera made them. Hidden files and other files are left out.
+
+    Raises `MissingFileError` when the folder is not there, and `InputError` when it holds no photo.
+    """
+    if not folder.exists():
+        raise MissingFileError(f"{folder} does not exist: expected a folder of photos or a video")
+    here = _photos_in(folder)
+    below = {child.name: _photos_in(child) for child in _visible(folder) if child.is_dir()}
+    below = {name: files for name, files in below.items() if files}
+    if here:
+        left_out = [
+            f"{folder}: photos in sub-folders ({', '.join(below)}) were left out, as there are photos beside them"
+        ]
+        return Listing(tuple(here), ("",) * len(here), tuple(left_out[: bool(below)] + _raw_notes(folder, here)))
+    if not below:
+        raise InputError(_nothing_found(folder))
+    names = list(below)
+    groups = names if len(names) == 2 and not all(_CAMERA_FOLDER.match(name) for name in names) else [""] * len(names)
+    notes: list[str] = []
+    if len(names) > 2 and not all(_CAMERA_FOLDER.match(name) for name in names):
+        notes.append(
+            f"{folder}: photos of {len(names)} sub-folders ({', '.join(names[:6])}) were taken as one side of a row; "
+            "give two folders, or two sub-folders, for the two sides"
+        )
+    pairs = [(file, group) for sub, group in zip(names, groups, strict=True) for file in below[sub]]
+    return Listing(tuple(file for file, _ in pairs), tuple(group for _, group in pairs), tuple(notes))
+
+
+def _visible(folder: Path) -> list[Path]:
+    found = [p for p in folder.iterdir() if not p.name.startswith(".") and p.name != "__MACOSX"]
+    return sorted(found, key=lambda p: natural_key(p.name))
+
+
+def _photos_in(folder: Path) -> list[Path]:
+    return [p for p in _visible(folder) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
+
+
+def _raw_notes(folder: Path, photos: list[Path]) -> list[str]:
+    stems = {p.stem.casefold() for p in photos}
+    raw = [p for p in _visible(folder) if p.suffix.lower() in RAW_SUFFIXES and p.stem.casefold() not in stems]
+    if not raw:
+        return []
+    return [f"{folder}: {len(raw)} camera RAW files (such as {raw[0].name}) were left out: export them as JPEG"]
+
+
+def _nothing_found(folder: Path) -> str:
+    found = Counter(p.suffix.lower() or "no suffix" for p in _visible(folder) if p.is_file())
+    listed = ", ".join(f"{count} × {suffix}" for suffix, count in found.most_common(5)) or "no files"
+    message = (
+        f"{folder} holds no photo: looked for JPEG, PNG, TIFF and HEIC files, also one folder below; found {listed}"
+    )
+    if any(suffix in RAW_SUFFIXES for suffix in found):
+        return f"{message}. Camera RAW files cannot be read: export them as JPEG"
+    if any(suffix in VIDEO_SUFFIXES for suffix in found):
+        return f"{message}. To use a video, give the video file itself in place of the folder"
+    return message

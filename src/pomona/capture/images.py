@@ -1,0 +1,173 @@
+"""Image files: their headers, whether they are whole, and their pixels, upright. Pillow is touched here alone."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pillow_heif
+from PIL import Image, UnidentifiedImageError
+
+from pomona.arrays import Array, ByteArray
+from pomona.capture.exif import Exif, parse_exif
+from pomona.errors import InputError, MissingFileError
+from pomona.photos import Photo
+
+pillow_heif.register_heif_opener()
+
+_FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "HEIF", "WEBP", "BMP")
+_READ_ERRORS = (OSError, ValueError, SyntaxError, EOFError, UnidentifiedImageError, Image.DecompressionBombError)
+# What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
+_UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
+
+
+@dataclass(frozen=True)
+class Header:
+    """What an image file's header says; the size is upright, after `exif.orientation` has been applied."""
+
+    width_px: int
+    height_px: int
+    exif: Exif
+
+
+def read_header(path: Path) -> Header:
+    """Read the header of an image file and check that the file is whole, without decoding a pixel where possible.
+
+    Raises `InputError` with the reason alone (for `Skipped.reason`) where the file cannot be used.
+    """
+    if path.stat().st_size == 0:
+        raise InputError("the file is empty (0 bytes)")
+    try:
+        with Image.open(path, formats=_FORMATS) as image:
+            tags = image.getexif()
+            exif = parse_exif(tags, tags.get_ifd(0x8769), tags.get_ifd(0x8825))
+            width, height = image.size
+            whole = _is_whole(path, image)
+    except UnidentifiedImageError:
+        raise InputError("this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)") from None
+    except _READ_ERRORS as error:
+        raise InputError(f"the image cannot be read ({error})") from None
+    if not whole:
+        raise InputError("the image is truncated: its end is missing; copy the file again from the camera")
+    if exif.orientation >= 5:
+        width, height = height, width
+    return Header(width, height, exif)
+
+
+def read_pixels(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:
+    """Return a photo's pixels, uint8 (H, W, 3) RGB, upright, with its longer side at most `max_side_px`.
+
+    Photos are never enlarged. JPEG is decoded at 1/2, 1/4 or 1/8 where that is still large enough, and brought to
+    the exact size by area averaging: W = round(width_px * s), H = round(height_px * s), s = max_side_px / longer side.
+
+    Raises `MissingFileError` when the file is gone and `InputError` when it cannot be decoded; both name it.
+    """
+    if max_side_px is not None and max_side_px < 1:
+        raise InputError(f"max_side_px: expected at least 1, found {max_side_px}")
+    scale = min(1.0, (max_side_px or np.inf) / max(photo.width_px, photo.height_px))
+    size = max(1, round(photo.width_px * scale)), max(1, round(photo.height_px * scale))
+    stored_size = size[::-1] if photo.orientation >= 5 else size
+    try:
+        with Image.open(photo.path, formats=_FORMATS) as image:
+            if scale < 1:
+                image.draft("RGB", stored_size)
+            pixels = _rgb(image)
+    except FileNotFoundError:
+        raise MissingFileError(f"Photo {photo.name}: {photo.path} does not exist any more") from None
+    except _READ_ERRORS as error:
+        raise InputError(f"Photo {photo.name} ({photo.path}) cannot be decoded: {error}") from None
+    pixels = _upright(pixels, photo.orientation)
+    if (pixels.shape[1], pixels.shape[0]) != size:
+        if scale == 1.0:
+            found = f"{pixels.shape[1]} × {pixels.shape[0]}"
+            raise InputError(f"Photo {photo.name}: expected {size[0]} × {size[1]} pixels, found {found}: file changed?")
+        pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.ascontiguousarray(pixels)
+
+
+def write_jpeg(path: Path, pixels: ByteArray, *, quality: int = 95) -> None:
+    """Write RGB pixels (H, W, 3) as a JPEG, under a temporary name first, so that a half-written one never stays."""
+    encoded = io.BytesIO()
+    Image.fromarray(pixels).save(encoded, "JPEG", quality=quality, subsampling=0)
+    temporary = path.with_suffix(".part")
+    temporary.write_bytes(encoded.getvalue())
+    temporary.replace(path)
+
+
+def _rgb(image: Image.Image) -> ByteArray:
+    """The image as 8-bit RGB as it is stored (16-bit grey loses its lower byte, transparency is dropped)."""
+    if image.mode.startswith("I;16") or image.mode == "I":
+        grey = np.asarray(image, np.int64)
+        grey8 = np.clip(grey >> 8 if grey.max(initial=0) > 255 else grey, 0, 255).astype(np.uint8)
+        return np.repeat(grey8[:, :, None], 3, axis=2)
+    return np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
+
+
+def _upright(pixels: Array, orientation: int) -> Array:
+    for step in _UPRIGHT[orientation]:
+        pixels = pixels.transpose(1, 0, 2) if step == "t" else pixels[:, ::-1] if step == "x" else pixels[::-1]
+    return pixels
+
+
+def _is_whole(path: Path, image: Image.Image) -> bool:
+    """Whether the file holds all of its image, from a few bytes of it where the format allows that."""
+    size = path.stat().st_size
+    if image.format in ("JPEG", "MPO"):
+        return _jpeg_is_whole(path, size)
+    if image.format == "PNG":
+        with path.open("rb") as file:
+            file.seek(max(0, size - 4096))
+            return b"IEND" in file.read()
+    if image.format == "HEIF":
+        return _boxes_fit(path, size)
+    if image.format == "TIFF":
+        tags = image.tag_v2  # type: ignore[attr-defined]
+        offsets, lengths = tags.get(273) or tags.get(324), tags.get(279) or tags.get(325)
+        if offsets and lengths:
+            pairs = zip(np.atleast_1d(offsets), np.atleast_1d(lengths), strict=True)
+            return all(int(offset) + int(length) <= size for offset, length in pairs)
+    image.load()
+    return True
+
+
+def _jpeg_is_whole(path: Path, size: int) -> bool:
+    """Whether the main image's end (EOI, FF D9) is there; what may follow it (a second image, a video) is no matter."""
+    with path.open("rb") as file:
+        file.seek(max(0, size - 256))
+        if file.read().rstrip(b"\0").endswith(b"\xff\xd9"):
+            return True
+        file.seek(0)
+        data = file.read()
+    # The header is made of segments with lengths, in which a thumbnail has an end of its own; skip them to the scan.
+    at = 2
+    while data[at : at + 1] == b"\xff" and at + 4 <= size:
+        marker = data[at + 1]
+        if marker == 0xFF:
+            at += 1
+            continue
+        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker == 0xDA:
+            break
+    # In the scan every FF byte is followed by 00 or a restart marker, so that the first FF D9 is its end.
+    return data.find(b"\xff\xd9", at) >= 0
+
+
+def _boxes_fit(path: Path, size: int) -> bool:
+    """Whether the top-level boxes of an ISO media file (HEIC) end where the file does, or before."""
+    at = 0
+    with path.open("rb") as file:
+        while at + 8 <= size:
+            file.seek(at)
+            head = file.read(16)
+            length = int.from_bytes(head[:4], "big")
+            if length == 1:
+                length = int.from_bytes(head[8:16], "big")
+            if length == 0:
+                return True
+            if length < 8:
+                return False
+            at += length
+    return at <= size

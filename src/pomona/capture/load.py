@@ -1,0 +1,174 @@
+"""Folders of photos, or videos, become `Photos`: the first stage of every run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from pomona.capture.checks import too_few, warn_of
+from pomona.capture.exif import Exif, focal_px
+from pomona.capture.files import PHOTO_SUFFIXES, VIDEO_SUFFIXES, list_photos, natural_key
+from pomona.capture.images import read_header
+from pomona.capture.keyframes import KeyFrameOptions
+from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
+from pomona.capture.video import extract_key_frames, is_video
+from pomona.errors import InputError, MissingFileError
+from pomona.photos import Photo, Photos, Skipped
+from pomona.progress import Progress, Silent, track
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A photo file before it is opened: its name in the survey, the folder or video it came with ("": the only one)."""
+
+    name: str
+    path: Path
+    group: str = ""
+    video: str = ""
+
+
+def load_photos(
+    sources: Sequence[Path],
+    *,
+    sides: str = "auto",
+    frames_dir: Path | None = None,
+    min_photos: int = 2,
+    key_frames: KeyFrameOptions | None = None,
+    progress: Progress | None = None,
+) -> Photos:
+    """Return the photos of a folder, of two folders (the sides of a row), or the key frames of a video.
+
+    `sides` is `auto` (two folders or sub-folders, else names such as east_001 and west_001, else one side called
+    "row"), `none` (one side), or two patterns `GLOB,GLOB`. Key frames of a video are written into `frames_dir`.
+    Photo files may be named one by one, too. Files that cannot be used are warned of and kept in `Photos.skipped`.
+
+    Raises `MissingFileError` when a source is not there, and `InputError` when there is no photo, fewer than
+    `min_photos`, a video that cannot be decoded, or a value of `sides` that is unknown or does not fit the names.
+    """
+    progress = progress or Silent()
+    check_option(sides)
+    paths = [Path(source).expanduser() for source in sources]
+    found = _find(paths, frames_dir, key_frames or KeyFrameOptions(), progress)
+    photos: list[Photo] = []
+    skipped: list[Skipped] = []
+    for file in track(found, progress, "Reading photo headers"):
+        try:
+            photos.append(_photo(file))
+        except InputError as reason:
+            skipped.append(Skipped(file.name, str(reason)))
+    if len(photos) < min_photos:
+        raise InputError(too_few(paths, photos, skipped, min_photos))
+    photos = _with_sides(photos, sides, progress)
+    from_video = any(file.video for file in found)
+    warn_of(photos, skipped, progress, from_video=from_video)
+    return Photos(_ordered(photos), tuple(skipped), from_video=from_video)
+
+
+def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, progress: Progress) -> list[_Found]:
+    """Return the photo files of all sources; with two folders or videos, names and groups tell them apart."""
+    for path in paths:
+        if not path.exists():
+            raise MissingFileError(f"{path} does not exist: expected a folder of photos or a video")
+    if paths and all(path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES for path in paths):
+        return [_Found(path.name, path) for path in sorted(set(paths), key=lambda p: natural_key(p.name))]
+    if not 1 <= len(paths) <= 2:
+        raise InputError(f"Expected a folder of photos, two folders (one per side) or a video, found {len(paths)}")
+    if len(paths) == 1:
+        return _of_source(paths[0], "", frames_dir, options, progress)
+    if paths[0].resolve() == paths[1].resolve():
+        raise InputError(f"{paths[0]} was given twice: expected two different folders, one per side of the row")
+    labels = _labels(paths)
+    return [
+        replace(file, name=f"{label}/{file.name}", group=label)
+        for path, label in zip(paths, labels, strict=True)
+        for file in _of_source(path, label, frames_dir, options, progress)
+    ]
+
+
+def _labels(paths: list[Path]) -> list[str]:
+    """Name two sources after themselves, or after the first folders above them whose names differ."""
+    parts = [[p.stem if p.is_file() else p.name, *(q.name for q in p.parents)] for p in (p.resolve() for p in paths)]
+    for one, other in zip(*parts, strict=False):
+        if one and other and one != other:
+            return [one, other]
+    return ["1", "2"]
+
+
+def _of_source(
+    path: Path, label: str, frames_dir: Path | None, options: KeyFrameOptions, progress: Progress
+) -> list[_Found]:
+    if path.is_dir():
+        listing = list_photos(path)
+        for note in listing.notes:
+            progress.warn(note)
+        pairs = zip(listing.files, listing.groups, strict=True)
+        return [_Found(file.relative_to(path).as_posix(), file, group) for file, group in pairs]
+    if not is_video(path) and path.suffix.lower() not in VIDEO_SUFFIXES:
+        raise InputError(f"{path} is neither a folder of photos nor a video: give the folder the photos are in")
+    if frames_dir is None:
+        raise InputError(f"{path} is a video: its key frames need a folder to be written to (frames_dir)")
+    frames = extract_key_frames(path, frames_dir / label, progress, options)
+    return [_Found(frame.name, frames_dir / label / frame.name, video=path.name) for frame in frames]
+
+
+def _photo(file: _Found) -> Photo:
+    """Open one file. Its side is, for now, the group it came with."""
+    header = read_header(file.path)
+    exif = header.exif
+    size = f"{header.width_px}x{header.height_px}"
+    key = f"video {file.video} {size}" if file.video else f"{_camera(exif)} {size}"
+    return Photo(
+        name=file.name,
+        path=file.path,
+        width_px=header.width_px,
+        height_px=header.height_px,
+        side=file.group,
+        focal_px=focal_px(exif, header.width_px, header.height_px),
+        camera_key=key,
+        orientation=exif.orientation,
+        taken_at=exif.taken_at,
+        gnss=exif.gnss,
+    )
+
+
+def _camera(exif: Exif) -> str:
+    """What makes a set of intrinsics: camera, body, lens, zoom and digital zoom."""
+    parts = [exif.camera or "unknown camera", exif.lens if exif.lens not in exif.camera else ""]
+    parts.append(f"no. {exif.serial}" if exif.serial else "")
+    if exif.focal_mm:
+        parts.append(f"{exif.focal_mm:.1f} mm")
+    if exif.focal_35mm and (not exif.focal_mm or (exif.digital_zoom or 1.0) > 1.01):
+        parts.append(f"({exif.focal_35mm:.0f} mm equivalent)")
+    return " ".join(part for part in parts if part)
+
+
+def _with_sides(photos: list[Photo], option: str, progress: Progress) -> list[Photo]:
+    names = [photo.name for photo in photos]
+    groups = [photo.side for photo in photos]
+    chosen: Sequence[str] = [ONE_SIDE] * len(photos)
+    if option not in ("auto", "none"):
+        chosen = sides_by_globs(names, option)
+    elif option == "auto" and len(set(groups)) == 2:
+        chosen = groups
+    elif option == "auto" and (by_names := sides_by_names(names)):
+        chosen = by_names
+        one, other = dict.fromkeys(by_names)
+        if not are_known_pair((one, other)):
+            progress.warn(
+                f"Photo names begin with '{one}' or '{other}': taken as the two sides of the row. "
+                "If they are not, use --sides none"
+            )
+    return [replace(photo, side=side) for photo, side in zip(photos, chosen, strict=True)]
+
+
+def _ordered(photos: list[Photo]) -> tuple[Photo, ...]:
+    """Order photos within each side by time of capture where all of the side have one, else by name."""
+    ordered: list[Photo] = []
+    for side in dict.fromkeys(photo.side for photo in photos):
+        of_side = sorted((p for p in photos if p.side == side), key=lambda p: natural_key(p.name))
+        if all(photo.taken_at is not None for photo in of_side):
+            of_side.sort(key=lambda p: p.taken_at or datetime.min)
+        ordered += of_side
+    return tuple(ordered)

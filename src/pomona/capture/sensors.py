@@ -1,0 +1,66 @@
+"""The widths of camera sensors, for photos whose EXIF gives millimetres of focal length and nothing else.
+
+Widths are of the sensor's longer side, in millimetres, as the makers publish them. The key is a pattern of the camera
+model, matched without regard to case against "make model"; the first match counts.
+"""
+
+from __future__ import annotations
+
+import re
+
+# (pattern of "make model", sensor width in mm). Several entries stand for a whole family with one sensor size.
+_SENSOR_WIDTHS_MM: tuple[tuple[str, float], ...] = (
+    # Canon EOS, full frame before APS-C, because "EOS 5D" is also the beginning of nothing else.
+    (r"canon eos[- ]1d ?x|canon eos[- ]1ds|canon eos 5d|canon eos 6d|canon eos rp?\b|canon eos r[3568]\b", 36.0),
+    (r"canon eos (60d|60da|600d|650d|700d|550d|7d|70d|80d|90d|77d|750d|760d|800d|850d)\b", 22.3),
+    (r"canon eos (100d|200d|250d|1100d|1200d|1300d|1500d|2000d|4000d|m\d*|r7|r10|r50|r100)\b", 22.3),
+    (r"canon eos (rebel t\d+i?|rebel sl\d|kiss \w+)", 22.3),
+    (r"canon eos (450d|500d|1000d|40d|50d|400d|350d|30d|20d)\b", 22.2),
+    (r"canon powershot g(1 ?x mark iii)", 22.3),
+    (r"canon powershot (g5 ?x|g7 ?x|g9 ?x)", 13.2),
+    (r"canon powershot", 6.17),
+    # Nikon
+    (r"nikon.*(d[3-6]s?|d6\d0|d7[05]0|d780|d8\d0e?|z ?[5-9](ii)?)\b", 35.9),
+    (r"nikon.*(d\d{4}|d[59]00|z ?30|z ?50|z ?fc)", 23.5),
+    (r"nikon.*coolpix", 6.17),
+    # Sony
+    (r"sony.*(ilce-[179]\w*|slt-a99|dsc-rx1\w*)$", 35.8),
+    (r"sony.*(ilce-\d{4}|nex-|slt-a|zv-e10)", 23.5),
+    (r"sony.*(dsc-rx100|dsc-rx10|zv-1)", 13.2),
+    # Fujifilm, Pentax, Ricoh, Olympus, Panasonic
+    (r"fujifilm.*gfx", 43.8),
+    (r"fujifilm.*(x-|x100|x70)", 23.5),
+    (r"(pentax|ricoh).*k-1\b", 35.9),
+    (r"pentax.*k", 23.5),
+    (r"ricoh.*gr (ii|iii)", 23.5),
+    (r"(olympus|om digital).*(e-|om-)", 17.3),
+    (r"panasonic.*(dmc-g|dc-g|dmc-gx|dc-gx|dc-gh|dmc-gh)", 17.3),
+    (r"panasonic.*dc-s", 35.6),
+    # Drones and action cameras
+    (r"(dji.*(fc6310|fc6360|fc300c2)|hasselblad l1d)", 13.2),
+    (r"dji.*(fc330|fc300|fc220|fc350)", 6.17),
+    (r"hasselblad l2d", 17.3),
+    (r"dji.*(fc3170|fc3411|fc3582|fc7303|fc7203)", 6.4),
+    (r"gopro.*hero ?(9|10|11|12)", 6.4),
+    (r"gopro", 6.17),
+    # Phones; their makers mostly write the 35 mm equivalent too, which is used where the lens is not the main one.
+    (r"apple iphone (5s?|5c|se|6|6 plus)$", 4.8),
+    (r"apple iphone (6s|7|8)( plus)?$", 4.8),
+    (r"apple iphone (x|xr|xs)( max)?$", 5.64),
+    (r"apple iphone 1[12]( mini)?$", 5.64),
+    (r"google pixel [2-5]", 5.64),
+    (r"samsung sm-g9[2-8]\d", 5.64),
+)
+
+
+def sensor_width_mm(make: str, model: str) -> float | None:
+    """Return the longer side of a camera's sensor in millimetres, or None where the camera is not in the table."""
+    name = " ".join(f"{make} {model}".lower().split())
+    # Makers repeat themselves: "Canon" + "Canon EOS 60D", "NIKON CORPORATION" + "NIKON D90".
+    first, _, rest = name.partition(" ")
+    if rest.startswith(first + " "):
+        name = rest
+    for pattern, width_mm in _SENSOR_WIDTHS_MM:
+        if re.search(pattern, name):
+            return width_mm
+    return None

@@ -1,0 +1,109 @@
+"""The two sides of a row: told from folders, from file names, or by patterns that a person gives."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import PurePosixPath
+
+from pomona.errors import InputError
+
+ONE_SIDE = "row"
+_LEAST_PHOTOS = 3
+
+# Words that name a side wherever they stand in a file name, in pairs.
+_SIDE_WORDS = tuple(
+    set(pair.split("/"))
+    for pair in (
+        "east/west", "north/south", "left/right", "front/back", "e/w", "n/s", "l/r", "a/b", "est/oest", "este/oeste",
+        "est/ouest", "ost/west", "nord/sud", "nord/süd", "norte/sur",
+    )
+)  # fmt: skip
+# Words with which cameras, phones and programs begin every name: a change of camera is no change of side.
+_CAMERA_WORDS = frozenset([
+    "img", "dsc", "dscn", "dscf", "pxl", "p", "mvi", "mov", "gopr", "gp", "gx", "go", "dji", "imgp", "sam", "pict",
+    "pic", "cimg", "hpim", "mg", "imag", "image", "images", "photo", "photos", "picture", "frame", "f", "wp", "vid",
+    "screenshot", "snapshot", "video", "export", "edit", "burst", "portrait", "pano", "hdr", "whatsapp", "tree",
+])  # fmt: skip
+
+
+def sides_by_names(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the side of each photo from its name (n,), or None where the names do not tell of two sides.
+
+    Two sides are told where a word of every name takes exactly two values, each in at least three photos: known pairs
+    such as east and west anywhere in the name, any other pair at its beginning (except words that cameras begin with).
+    """
+    tokens = [re.findall(r"[^\W\d_]+|\d+", PurePosixPath(name).stem.casefold()) for name in names]
+    for position in range(min((len(t) for t in tokens), default=0)):
+        words = [t[position] for t in tokens]
+        counts = Counter(words)
+        if len(counts) != 2 or min(counts.values()) < _LEAST_PHOTOS or not all(w.isalpha() for w in counts):
+            continue
+        if set(counts) in _SIDE_WORDS or (position == 0 and not _CAMERA_WORDS & set(counts)):
+            return tuple(words)
+    return None
+
+
+def are_known_pair(sides: Sequence[str]) -> bool:
+    """Say whether two names are a pair such as east and west, rather than just two words."""
+    return set(sides) in _SIDE_WORDS
+
+
+def check_option(option: str) -> None:
+    """Raise `InputError` where the value of `--sides` is none of those that exist."""
+    if option in ("auto", "none"):
+        return
+    globs = _globs(option)
+    if len(globs) != 2 or not all(globs) or not any(c in option for c in "*?["):
+        raise InputError(
+            f"--sides: expected auto, none, or two patterns such as 'east_*,west_*' (in quotes), found {option!r}"
+        )
+
+
+def _globs(option: str) -> list[str]:
+    return [part.strip() for part in option.split(",")]
+
+
+def sides_by_globs(names: Sequence[str], option: str) -> tuple[str, ...]:
+    """Return the side of each photo (n,) by two patterns `GLOB,GLOB`, each named after its literal part.
+
+    A pattern is held against the photo's whole name and against its file name, without regard to case.
+
+    Raises `InputError` when `option` is not two patterns, or when a photo matches neither or both.
+    """
+    check_option(option)
+    globs = _globs(option)
+    labels = _labels(globs)
+    sides, unclear = [], []
+    for name in names:
+        matching = [label for label, glob in zip(labels, globs, strict=True) if _matches(name, glob)]
+        sides.append(matching[0] if matching else "")
+        if len(matching) != 1:
+            unclear.append((name, "both patterns" if matching else "neither pattern"))
+    if unclear:
+        examples = "; ".join(f"{name} matches {how}" for name, how in unclear[:5])
+        raise InputError(
+            f"--sides {option}: every photo must match exactly one pattern, and {len(unclear)} of {len(names)} do not: "
+            f"{examples}"
+        )
+    missing = [glob for glob, label in zip(globs, labels, strict=True) if label not in sides]
+    if missing:
+        raise InputError(f"--sides {option}: no photo matches {missing[0]}; photos are named like {names[0]}")
+    return tuple(sides)
+
+
+def _matches(name: str, glob: str) -> bool:
+    folded = glob.casefold()
+    return fnmatchcase(name.casefold(), folded) or fnmatchcase(PurePosixPath(name).name.casefold(), folded)
+
+
+def _labels(globs: Sequence[str]) -> list[str]:
+    """Name each side after what is literal in its pattern: `E_*.jpg` is E, `*west*` is west."""
+    labels = []
+    for glob in globs:
+        literal = re.sub(r"\.(jpe?g|png|tiff?|hei[cf])$", "", glob, flags=re.IGNORECASE)
+        parts = [part.strip("_-. /") for part in re.split(r"\[[^]]*\]|[*?]+", literal)]
+        labels.append("_".join(part.replace("/", "_") for part in parts if part) or glob)
+    return labels if labels[0] != labels[1] else list(globs)

@@ -1,0 +1,140 @@
+"""Key frames of a video: sharp ones, a small step apart, however fast or slowly the person walked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pomona.arrays import Array
+from pomona.capture.images import write_jpeg
+from pomona.capture.keyframes import Frame, KeyFrameOptions, choose, sharpness
+from pomona.errors import InputError
+from pomona.progress import Progress
+
+_MANIFEST = "frames.json"
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class KeyFrame:
+    """One key frame as a file: its name, its 0-based index and its time in the video, its size."""
+
+    name: str
+    frame_idx: int
+    time_s: float
+    width_px: int
+    height_px: int
+
+
+def is_video(path: Path) -> bool:
+    """Say from its first bytes whether a file is a video (MP4, MOV, AVI, Matroska, WebM, MPEG), whatever its name."""
+    with path.open("rb") as file:
+        head = file.read(64)
+    if head[4:8] == b"ftyp":
+        return head[8:12] not in (b"heic", b"heix", b"mif1", b"msf1", b"hevc", b"hevx", b"avif")
+    return (
+        head[4:8] in (b"moov", b"mdat", b"wide", b"free", b"skip")
+        or (head[:4] == b"RIFF" and head[8:12] == b"AVI ")
+        or head[:4] in (b"\x1aE\xdf\xa3", b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3", b"FLV\x01", b"OggS")
+        or (head[:1] == b"G" and len(head) > 4 and path.suffix.lower() in (".ts", ".mts", ".m2ts"))
+        or (head[4:5] == b"G" and path.suffix.lower() in (".mts", ".m2ts"))
+        or head[:16] == bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c")
+    )
+
+
+def extract_key_frames(
+    video: Path, frames_dir: Path, progress: Progress, options: KeyFrameOptions
+) -> tuple[KeyFrame, ...]:
+    """Choose key frames of a video and write them as `frames_dir/frame_000123.jpg` (the number is the frame's index).
+
+    Frames already written from the same video with the same options are used again. The video's rotation is applied.
+    `frames.json` beside the frames tells of the video, the options and the frames' times.
+
+    Raises `InputError` when the video cannot be decoded.
+    """
+    made_from: dict[str, Any] = {"version": _VERSION, "video": _digest(video), "options": asdict(options)}
+    known = _read_manifest(frames_dir)
+    if known and known["made_from"] == made_from and all((frames_dir / f["name"]).is_file() for f in known["frames"]):
+        return tuple(KeyFrame(**frame) for frame in known["frames"])
+    for stale in known["frames"] if known else ():
+        (frames_dir / stale["name"]).unlink(missing_ok=True)
+    frames_dir.mkdir(parents=True, exist_ok=True)
+    frames = []
+    for frame in choose(_decode(video, options, progress), options):
+        name = f"frame_{frame.frame_idx:06d}.jpg"
+        write_jpeg(frames_dir / name, frame.pixels[:, :, ::-1], quality=options.jpeg_quality)
+        height, width = frame.pixels.shape[:2]
+        frames.append(KeyFrame(name, frame.frame_idx, round(frame.time_s, 4), width, height))
+    # The manifest is written last: without it the frames are made anew.
+    partial = frames_dir / (_MANIFEST + ".part")
+    partial.write_text(json.dumps({"made_from": made_from, "frames": [asdict(f) for f in frames]}, indent=1))
+    partial.replace(frames_dir / _MANIFEST)
+    return tuple(frames)
+
+
+def _digest(video: Path) -> str:
+    size = video.stat().st_size
+    digest = hashlib.sha256(str(size).encode())
+    with video.open("rb") as file:
+        digest.update(file.read(1 << 20))
+        file.seek(max(0, size - (1 << 20)))
+        digest.update(file.read())
+    return digest.hexdigest()
+
+
+def _read_manifest(frames_dir: Path) -> dict[str, Any] | None:
+    try:
+        manifest = json.loads((frames_dir / _MANIFEST).read_text())
+        return manifest if {"made_from", "frames"} <= set(manifest) else None
+    except (OSError, ValueError):
+        return None
+
+
+def _decode(video: Path, options: KeyFrameOptions, progress: Progress) -> Iterator[Frame]:
+    """Yield the video's frames, upright, at most `options.most_per_s` a second."""
+    capture = cv2.VideoCapture(str(video))
+    try:
+        if not capture.isOpened():
+            raise InputError(_undecodable(video))
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+        rate = capture.get(cv2.CAP_PROP_FPS)
+        rate = rate if np.isfinite(rate) and rate > 0 else 30.0
+        stride = max(1, round(rate / options.most_per_s))
+        total = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        progress.start(f"Choosing key frames of {video.name}", total if total > 0 else None)
+        index = 0
+        while capture.grab():
+            progress.advance()
+            if index % stride == 0:
+                decoded, pixels = capture.retrieve()
+                if decoded and pixels is not None:
+                    yield _looked_at(index, index / rate, pixels, options)
+            index += 1
+        if index == 0:
+            raise InputError(_undecodable(video))
+        if total > 0 and index < 0.9 * total:
+            progress.warn(f"{video}: only {index} of {total} frames could be decoded; is the file complete?")
+    finally:
+        capture.release()
+
+
+def _undecodable(video: Path) -> str:
+    return (
+        f"{video} cannot be decoded as a video: the file is damaged, incomplete, or its codec is unknown here. "
+        "Convert it to MP4 with H.264, or give a folder of its frames"
+    )
+
+
+def _looked_at(index: int, time_s: float, pixels: Array, options: KeyFrameOptions) -> Frame:
+    grey = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+    scale = min(1.0, options.work_side_px / max(grey.shape))
+    if scale < 1:
+        grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return Frame(index, time_s, pixels, np.asarray(grey, np.uint8), sharpness(grey))
