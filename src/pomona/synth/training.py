@@ -1,0 +1,45 @@
+"""Rows drawn at random for training detectors: every variety, light, distance and lens gets its turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
+
+_TRAINING = 77_000  # seeds of training rows start here, so that no demo or test row shares their trees
+
+
+def training_options(number: int) -> RowOptions:
+    """Return the options of the `number`-th training scene: one side, six photos far apart, no two scenes alike."""
+    rng = np.random.default_rng([number, _TRAINING])
+    apples = [name for name in VARIETIES if name != "orange"]
+    variety = apples[number % len(apples)] if number % 12 != 11 else "orange"
+    focal_35mm = int(rng.integers(28, 52))
+    fruit_m = float(rng.uniform(0.045, 0.065) if variety == "unripe" else rng.uniform(0.065, 0.085))
+    wanted_px = rng.uniform(22, 64)  # how wide a fruit appears
+    focal_px = focal_35mm / 43.2666 * np.hypot(640, 960)
+    distance_m = float(np.clip(focal_px * fruit_m / wanted_px, 1.3, 3.4))
+    markers = bool(distance_m > 1.6 and rng.random() < 0.3)
+    return RowOptions(
+        seed=_TRAINING + number,
+        trees=2,
+        fruits_per_tree=int(rng.integers(30, 110)),
+        variety=variety,
+        fruit_diameter_m=fruit_m,
+        leaves_per_tree=int(rng.integers(2600, 5600)),
+        light=list(LIGHTS)[(number + number // len(LIGHTS)) % len(LIGHTS)],
+        sides=("east",),
+        photos_per_side=6,
+        step_m=float(rng.uniform(0.3, 0.45)),
+        distance_m=distance_m,
+        camera_height_m=float(rng.uniform(1.1, 2.0)),
+        tilt_deg=float(rng.uniform(-8, 10)),
+        jitter_m=0.15,
+        jitter_deg=5.0,
+        width_px=640,
+        height_px=960,
+        focal_35mm=focal_35mm,
+        markers=markers,
+        samples=8,
+        jpeg_quality=92,
+    )
