@@ -20,7 +20,7 @@ def develop(render: Path, photo: Path, options: RowOptions, *, number: int) -> N
     """Write the `number`-th photo of a row from its render (PNG)."""
     rng = options.rng(1000 + number)
     setting = options.rng(900)  # one camera setting for the whole row
-    balance, saturation = np.exp(setting.normal(0, 0.035, 3)), setting.uniform(1.1, 1.45)
+    balance, saturation = np.exp(setting.normal(0, 0.035, 3)), setting.uniform(1.0, 1.3)
     with Image.open(render) as image:
         soft = image.convert("RGB").filter(ImageFilter.GaussianBlur(0.35))
     pixels = np.asarray(soft, float) * balance

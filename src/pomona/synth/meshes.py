@@ -55,7 +55,9 @@ def tube(line: FloatArray, radii: FloatArray, colour: Colour, *, sides: int = 8)
 
 
 # One leaf: stations from the stalk's foot to the tip, (part of the length, part of the width).
-_LEAF_STATIONS = np.array([(0, 0.03), (0.22, 0.03), (0.32, 0.62), (0.52, 1.0), (0.74, 0.8), (0.9, 0.38), (1.0, 0.02)])
+_LEAF_STATIONS = np.array(
+    [(0, 0.03), (0.2, 0.03), (0.26, 0.45), (0.37, 0.83), (0.52, 1.0), (0.68, 0.9), (0.82, 0.6), (0.92, 0.28), (1, 0.01)]
+)
 
 
 def leaves(bases: FloatArray, ahead: FloatArray, up: FloatArray, size: FloatArray, colours: FloatArray,

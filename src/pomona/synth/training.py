@@ -22,7 +22,7 @@ def training_options(number: int) -> RowOptions:
     markers = bool(distance_m > 1.6 and rng.random() < 0.3)
     return RowOptions(
         seed=_TRAINING + number,
-        trees=2,
+        trees=3,
         fruits_per_tree=int(rng.integers(30, 110)),
         variety=variety,
         fruit_diameter_m=fruit_m,
@@ -30,7 +30,7 @@ def training_options(number: int) -> RowOptions:
         light=list(LIGHTS)[(number + number // len(LIGHTS)) % len(LIGHTS)],
         sides=("east",),
         photos_per_side=6,
-        step_m=float(rng.uniform(0.3, 0.45)),
+        step_m=float(rng.uniform(0.28, 0.42)),
         distance_m=distance_m,
         camera_height_m=float(rng.uniform(1.1, 2.0)),
         tilt_deg=float(rng.uniform(-8, 10)),
