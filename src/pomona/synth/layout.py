@@ -231,18 +231,19 @@ def _grass(options: RowOptions) -> Mesh:
 
 
 def place_plates(options: RowOptions) -> Plates:
-    """Place two plates on each of two to four posts a side, 1.05 m before the trunks, at uneven heights."""
+    """Place two plates on each of three posts a side, before the trunks, at uneven heights."""
     if not options.markers:
-        return Plates(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), 0.14)
+        return Plates(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), options.marker_size_m)
+    away = options.marker_offset_m
     posts = sorted({-0.5, round(options.length_m / 2 + 0.25, 3), options.length_m + 0.5})
     rows = []
     for i, x in enumerate(posts):
         for j, z in enumerate((1.2, 2.0)):
             for side, yaw in (("east", 0.0), ("west", np.pi)):
                 if side in options.sides:
-                    rows.append((x, -1.05 if side == "east" else 1.05, z + 0.12 * ((i + j) % 2), yaw))
+                    rows.append((x, -away if side == "east" else away, z + 0.12 * ((i + j) % 2), yaw))
     table = np.array(rows)
-    return Plates(np.arange(len(rows)), table[:, :3], table[:, 3], 0.14)
+    return Plates(np.arange(len(rows)), table[:, :3], table[:, 3], options.marker_size_m)
 
 
 def _posts(options: RowOptions, plates: Plates) -> Mesh:

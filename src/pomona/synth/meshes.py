@@ -144,7 +144,7 @@ def plate(bits: IntArray, size_m: float) -> Mesh:
     """Return a marker's plate around the origin, facing −y, right side +x, top +z.
 
     `bits` (k, k) are the marker's cells with its black border (0 black, 1 white), rows from the top; `size_m` is the
-    black square's side. One white cell of border lies around it.
+    black square's side. One white cell of border lies around it, and its back is blank.
     """
     cells = np.pad(bits, 1, constant_values=1)
     count = len(cells)
@@ -154,8 +154,10 @@ def plate(bits: IntArray, size_m: float) -> Mesh:
     corners = [(left, top - step), (left + step, top - step), (left + step, top), (left, top)]
     vertices = np.stack([np.stack([x, np.zeros_like(x), z], axis=-1) for x, z in corners], axis=1)
     shade = np.where(cells.ravel() > 0, 0.78, 0.015)
+    half = count / 2 * step
+    back = np.array([[-half, 0.004, -half], [-half, 0.004, half], [half, 0.004, half], [half, 0.004, -half]])
     return Mesh(
-        vertices.reshape(-1, 3),
-        np.arange(4 * count * count).reshape(-1, 4),
-        np.repeat(shade, 4)[:, None] * np.ones(3),
+        np.concatenate([vertices.reshape(-1, 3), back]),
+        np.arange(4 * count * count + 4).reshape(-1, 4),
+        np.concatenate([np.repeat(shade, 4), np.full(4, 0.4)])[:, None] * np.ones(3),
     )

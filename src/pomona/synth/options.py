@@ -54,7 +54,7 @@ LIGHTS: dict[str, Light] = {
     "noon": Light(sun_elevation_deg=58, clouds=0.0, exposure=0.5),
     "sun": Light(sun_elevation_deg=40, clouds=0.0, exposure=0.7),
     "low-sun": Light(sun_elevation_deg=17, clouds=0.0, exposure=1.2, haze=2.0),
-    "hazy": Light(sun_elevation_deg=45, clouds=0.55, exposure=0.9, haze=4.0),
+    "hazy": Light(sun_elevation_deg=45, clouds=0.55, exposure=1.3, haze=4.0),
     "overcast": Light(sun_elevation_deg=50, clouds=1.0, exposure=1.4),
 }
 
@@ -89,6 +89,8 @@ class RowOptions:
     height_px: int = 1296
     focal_35mm: int = 38
     markers: bool = True
+    marker_size_m: float = 0.14  # side of the black square
+    marker_offset_m: float = 1.05  # from the trunks towards the photographer
     masks: bool = True
     samples: int = 32
     threads: int = 1
@@ -100,7 +102,7 @@ class RowOptions:
         for name in counts:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}; expected at least 1")
-        lengths = ("spacing_m", "fruit_diameter_m", "step_m", "distance_m", "camera_height_m")
+        lengths = ("spacing_m", "fruit_diameter_m", "step_m", "distance_m", "camera_height_m", "marker_size_m")
         for name in lengths:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"{name} is {getattr(self, name)}; expected a length above 0 m")

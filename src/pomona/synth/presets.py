@@ -1,4 +1,4 @@
-"""Rows drawn at random for training detectors: every variety, light, distance and lens gets its turn."""
+"""Options of the rows that the project itself uses: training scenes, the demo sample, rows to measure on."""
 
 from __future__ import annotations
 
@@ -43,3 +43,38 @@ def training_options(number: int) -> RowOptions:
         samples=8,
         jpeg_quality=92,
     )
+
+
+DEMO = RowOptions(
+    seed=2024,
+    trees=2,
+    fruits_per_tree=32,
+    variety="red",
+    leaves_per_tree=3200,
+    light="hazy",
+    sun_azimuth_deg=75.0,
+    photos_per_side=14,
+    step_m=0.2,
+    distance_m=2.2,
+    camera_height_m=1.5,
+    jitter_m=0.03,
+    width_px=720,
+    height_px=1080,
+    focal_35mm=32,
+    marker_size_m=0.10,
+    marker_offset_m=0.75,
+    samples=10,
+    jpeg_quality=88,
+)
+"""The bundled sample of `pomona demo`: two trees, 14 photos a side."""
+
+ROWS: dict[str, RowOptions] = {
+    "r00": RowOptions(
+        seed=5000, fruits_per_tree=45, variety="bicolour", light="low-sun", sun_azimuth_deg=240.0, samples=8
+    ),
+    "r01": RowOptions(
+        seed=5001, fruits_per_tree=55, variety="green", light="overcast", fruit_diameter_m=0.07, leaves_per_tree=3600,
+        samples=8,
+    ),
+}  # fmt: skip
+"""Two-sided rows of three trees, 17 photos a side, to train the filter on and to measure with."""

@@ -1,0 +1,32 @@
+"""Render the project's own rows. Each is skipped where its folder is there already, and goes on where it was stopped.
+
+python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
+python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
+python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
+"""
+
+import sys
+from pathlib import Path
+
+from pomona.synth import RowOptions, render_row
+from pomona.synth.presets import DEMO, ROWS, training_options
+
+
+def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:
+    if kind == "training":
+        first, last = (int(n) for n in numbers)
+        return {f"s{n:03d}": training_options(n) for n in range(first, last + 1)}
+    return {"demo": {"demo": DEMO}, "rows": ROWS}[kind]
+
+
+def main() -> None:
+    kind, out, *numbers = sys.argv[1:]
+    for name, options in wanted(kind, numbers).items():
+        folder = Path(out) / name
+        if not folder.exists():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            print(render_row(options, folder), flush=True)
+
+
+if __name__ == "__main__":
+    main()
