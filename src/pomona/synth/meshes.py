@@ -117,10 +117,12 @@ def fruit(variety: Variety, diameter_m: float, rng: np.random.Generator) -> Mesh
     stem, calyx = np.exp(-((polar.ravel() / 0.38) ** 2)), np.exp(-(((np.pi - polar.ravel()) / 0.33) ** 2))
     uneven = 1 + 0.012 * _smooth_noise(n, rng, 1.2) + 0.012 * np.cos(5 * azimuth.ravel()) * np.clip(-n[:, 2], 0, 1)
     taper = 1 - 0.05 * np.clip(-n[:, 2], 0, 1) ** 2  # narrower towards the calyx
-    vertices = n * (uneven * taper)[:, None] * [1, 1, variety.aspect * rng.normal(1, 0.02)]
+    vertices = n * (uneven * taper)[:, None]
     vertices[:, 2] -= variety.cleft * 1.6 * stem - variety.cleft * calyx
     vertices[:, :2] *= 1 / np.linalg.norm(vertices[:, :2], axis=1).max()
-    vertices[:, 2] -= (vertices[:, 2].max() + vertices[:, 2].min()) / 2
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    height = 2 * variety.aspect * rng.normal(1, 0.02)
+    vertices[:, 2] = (vertices[:, 2] - (low + high) / 2) * height / (high - low)
     return Mesh(vertices * diameter_m / 2, _grid_faces(rings, segments, wrap=True), _skin(variety, n, stem, calyx, rng))
 
 
