@@ -3,8 +3,10 @@
 python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
 python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
 python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
+python benchmarks/render_rows.py bundle OUT/demo TO          photos, markers and fruits of the sample, as the package ships
 """
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -19,8 +21,21 @@ def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:
     return {"demo": {"demo": DEMO}, "rows": ROWS}[kind]
 
 
+def bundle(row: Path, to: Path) -> None:
+    for photo in sorted((row / "images").iterdir()):
+        side = to / photo.name.split("_")[0]
+        side.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(photo, side / photo.name)
+    (to / "truth").mkdir(exist_ok=True)
+    shutil.copyfile(row / "truth" / "markers.csv", to / "markers.csv")
+    shutil.copyfile(row / "truth" / "fruits.csv", to / "truth" / "fruits.csv")
+
+
 def main() -> None:
     kind, out, *numbers = sys.argv[1:]
+    if kind == "bundle":
+        bundle(Path(out), Path(numbers[0]))
+        return
     for name, options in wanted(kind, numbers).items():
         folder = Path(out) / name
         if not folder.exists():
