@@ -3,7 +3,7 @@
 python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
 python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
 python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
-python benchmarks/render_rows.py bundle OUT/demo TO          photos, markers and fruits of the sample, as the package ships
+python benchmarks/render_rows.py bundle OUT/demo TO          the sample as the package ships it
 """
 
 import shutil
