@@ -1,0 +1,81 @@
+"""Points from their pixels in several photos, robustly: one wrong pixel must not spoil a marker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pomona.arrays import BoolArray, FloatArray
+from pomona.cameras import Cameras
+
+_LEAST_ANGLE_DEG = 1.0
+_MOST_PAIRS = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Triangulated:
+    """A point (3,) in the cameras' frame, which observations agree (n,), their RMS, and the widest angle of rays."""
+
+    point: FloatArray
+    inliers: BoolArray
+    rms_px: float
+    angle_deg: float
+
+
+def tolerance_px(cameras: Cameras) -> float:
+    """The reprojection error above which an observation is wrong: 3 pixels, more in photos longer than 2000 pixels."""
+    longest = max((max(i.width_px, i.height_px) for i in cameras.intrinsics), default=0)
+    return 3.0 * max(1.0, longest / 2000)
+
+
+def triangulate(
+    cameras: Cameras, photo_idx: Sequence[int], xy_px: FloatArray, *, most_error_px: float
+) -> Triangulated | str:
+    """Return the point that most observations (n photo indices, n × 2 pixels) agree on, or why there is none.
+
+    Every pair of rays proposes a point; the one with most observations within `most_error_px` is refined on them by
+    least squares of their reprojection errors.
+    """
+    if len(set(photo_idx)) < 2:
+        return "seen in one photo only"
+    origins = cameras.centers_in_world[list(photo_idx)]
+    rays = np.concatenate([cameras.rays_in_world(i, xy[None]) for i, xy in zip(photo_idx, xy_px, strict=True)])
+    pairs = [pair for pair in combinations(range(len(rays)), 2) if photo_idx[pair[0]] != photo_idx[pair[1]]]
+    pairs.sort(key=lambda pair: float(rays[pair[0]] @ rays[pair[1]]))
+    best: tuple[int, float, FloatArray, BoolArray] | None = None
+    for pair in pairs[:_MOST_PAIRS]:
+        if _angle_deg(rays[list(pair)]) < _LEAST_ANGLE_DEG:
+            continue
+        point = nearest_to_rays(origins[list(pair)], rays[list(pair)])
+        errors = _errors(cameras, photo_idx, xy_px, point)
+        inliers = np.linalg.norm(errors, axis=1) < most_error_px
+        score = int(inliers.sum()), -float(np.square(errors[inliers]).sum())
+        if inliers.sum() >= 2 and (best is None or score > best[:2]):
+            best = (*score, point, inliers)
+    if best is None:
+        return "no two photos agree on its place, or they see it from too nearly the same direction"
+    inliers = best[3]
+    kept = np.flatnonzero(inliers)
+    idx, xy = [photo_idx[i] for i in kept], xy_px[kept]
+    fit = least_squares(lambda p: np.nan_to_num(_errors(cameras, idx, xy, p), nan=1e3).ravel(), best[2], x_scale="jac")
+    errors = _errors(cameras, idx, xy, fit.x)
+    return Triangulated(fit.x, inliers, float(np.sqrt((errors**2).sum(1).mean())), _angle_deg(rays[kept]))
+
+
+def nearest_to_rays(origins: FloatArray, rays: FloatArray) -> FloatArray:
+    """Return the point (3,) with the least squared distance to lines: origins (n, 3), unit directions (n, 3)."""
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, origins))
+
+
+def _errors(cameras: Cameras, photo_idx: Sequence[int], xy_px: FloatArray, point: FloatArray) -> FloatArray:
+    projected = np.concatenate([cameras.project(i, point[None])[0] for i in photo_idx])
+    return projected - xy_px
+
+
+def _angle_deg(rays: FloatArray) -> float:
+    return float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1))))
