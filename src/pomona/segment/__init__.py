@@ -1,0 +1,26 @@
+"""Fruits in photos: tiling, a segmenter, detections stitched across seams and mapped to the photo."""
+
+from pomona.segment.given import given_detections
+from pomona.segment.load import load_segmenter
+from pomona.segment.protocol import Segmenter, SegmenterTraits, TileDetections
+from pomona.segment.stage import SegmentOptions, iter_detections, segment_photo, segment_photos
+from pomona.segment.stitch import StitchOptions, stitch
+from pomona.segment.tiled import segment_tiled
+from pomona.segment.tiling import Window, tile_windows
+
+__all__ = [
+    "SegmentOptions",
+    "Segmenter",
+    "SegmenterTraits",
+    "StitchOptions",
+    "TileDetections",
+    "Window",
+    "given_detections",
+    "iter_detections",
+    "load_segmenter",
+    "segment_photo",
+    "segment_photos",
+    "segment_tiled",
+    "stitch",
+    "tile_windows",
+]

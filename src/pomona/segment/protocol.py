@@ -1,0 +1,90 @@
+"""What every segmenter gives, whatever network is behind it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, set_checked
+from pomona.detections import Mask
+from pomona.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class TileDetections:
+    """The n detections of one tile: `boxes_px` (n, 4) x0, y0, x1, y1 edges, `scores` (n,) in [0, 1], `masks`.
+
+    Everything is in the tile's own pixels; no mask is empty. Indexing with a boolean or integer array filters.
+    """
+
+    boxes_px: FloatArray
+    scores: FloatArray
+    masks: tuple[Mask, ...]
+
+    def __post_init__(self) -> None:
+        set_checked(self, "boxes_px", (len(self.masks), 4), np.float64)
+        set_checked(self, "scores", (len(self.masks),), np.float64)
+
+    @classmethod
+    def empty(cls) -> TileDetections:
+        """Return no detections."""
+        return cls(np.zeros((0, 4)), np.zeros(0), ())
+
+    def __len__(self) -> int:
+        return len(self.masks)
+
+    def __getitem__(self, selection: BoolArray | IntArray | slice) -> TileDetections:
+        idx = np.arange(len(self))[selection]
+        return TileDetections(self.boxes_px[idx], self.scores[idx], tuple(self.masks[i] for i in idx))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmenterTraits:
+    """What a segmenter wants its tiles to be like, and how its scores are to be read.
+
+    `typical_fruit_px` is the width of fruit that it knows best and `fruit_px` the smallest and largest that it finds;
+    None: unknown, photos are read at their full size. A detection counts from `score_threshold` up. Tiles are
+    `tile_px` wide and high, or at most that where `fits_tiles`, so that a photo is covered without waste.
+    """
+
+    score_threshold: float = 0.5
+    typical_fruit_px: float | None = None
+    fruit_px: tuple[float, float] | None = None
+    tile_px: int = 1024
+    min_overlap_px: int = 128
+    fits_tiles: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.score_threshold <= 1:
+            raise InputError(f"score_threshold: expected 0 to 1, found {self.score_threshold}")
+        if self.typical_fruit_px is not None and not self.typical_fruit_px > 0:
+            raise InputError(f"typical_fruit_px: expected a positive width, found {self.typical_fruit_px}")
+        if self.fruit_px is not None and not 0 < self.fruit_px[0] < self.fruit_px[1]:
+            raise InputError(f"fruit_px: expected a smallest and a larger width, found {self.fruit_px}")
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Finds fruits in tiles. Tiling, scale and stitching are not its business."""
+
+    @property
+    def name(self) -> str:
+        """What the survey's manifest and the report call it; changes when its results may change."""
+
+    @property
+    def traits(self) -> SegmenterTraits:
+        """What it wants its tiles to be like."""
+
+    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
+        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+
+
+def name_of_file(path: Path) -> str:
+    """Return a model file's stem and the beginning of its content's SHA-256 digest."""
+    with path.open("rb") as file:
+        return f"{path.stem}-{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}"

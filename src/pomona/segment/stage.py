@@ -1,0 +1,162 @@
+"""The stage: photos in, the detections of every photo out, one photo after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from pomona.arrays import ByteArray
+from pomona.detections import Detections, SurveyDetections
+from pomona.errors import InputError, PomonaError
+from pomona.photos import Photo, Photos
+from pomona.progress import Progress, Silent
+from pomona.segment.fruit_size import MAX_ENLARGEMENT, reading_scales
+from pomona.segment.protocol import Segmenter
+from pomona.segment.resize import resized_detections, resized_pixels
+from pomona.segment.tiled import segment_tiled
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentOptions:
+    """Options of the stage; None: the segmenter's own wish, or worked out from the photos.
+
+    `scale` is the scale at which photos are read (1: their full size); `sample_photos` how many photos of each side
+    and camera are looked at to find it.
+    """
+
+    score_threshold: float | None = None
+    tile_px: int | None = None
+    min_overlap_px: int | None = None
+    scale: float | None = None
+    sample_photos: int = 4
+
+    def __post_init__(self) -> None:
+        if self.score_threshold is not None and not 0 <= self.score_threshold <= 1:
+            raise InputError(f"score_threshold: expected 0 to 1, found {self.score_threshold}")
+        if self.tile_px is not None and self.tile_px < 64:
+            raise InputError(f"tile_px: expected at least 64, found {self.tile_px}")
+        if self.scale is not None and not 0 < self.scale <= MAX_ENLARGEMENT:
+            raise InputError(f"scale: expected over 0, up to {MAX_ENLARGEMENT:g}, found {self.scale}")
+        if self.sample_photos < 1:
+            raise InputError(f"sample_photos: expected at least 1, found {self.sample_photos}")
+
+
+def segment_photos(
+    photos: Photos, segmenter: Segmenter, *, options: SegmentOptions | None = None, progress: Progress | None = None
+) -> SurveyDetections:
+    """Return the detections of every photo; ids count from 1 in the photos' order.
+
+    A photo that cannot be decoded is warned of and has no entry. No fruit in any photo is a valid result, with a
+    warning.
+    """
+    progress = progress or Silent()
+    found = {d.photo: d for d in iter_detections(photos, segmenter, options=options, progress=progress)}
+    result = SurveyDetections(found)
+    if result.total == 0:
+        progress.warn(f"No fruit was found in any of {len(found)} photos.")
+    return result
+
+
+def iter_detections(
+    photos: Photos,
+    segmenter: Segmenter,
+    *,
+    options: SegmentOptions | None = None,
+    progress: Progress | None = None,
+    done: Mapping[str, Detections] | None = None,
+) -> Iterator[Detections]:
+    """Yield the detections of each photo as soon as they are there, so that they can be saved and gone on from.
+
+    Photos in `done`, from an earlier run with the same options, are yielded as they are. The next photo is read while
+    one is segmented.
+    """
+    options, progress, done = options or SegmentOptions(), progress or Silent(), done or {}
+    todo = [photo for photo in photos if photo.name not in done]
+    scales = _scales(photos, segmenter, options, progress) if todo else {}
+    next_id = 1 + max((int(d.ids.max()) for d in done.values() if len(d)), default=0)
+    progress.start("segmenting", len(photos))
+    with ThreadPoolExecutor(1) as reader:
+        coming = _read(reader, todo[0], scales) if todo else None
+        upcoming = iter(todo[1:])
+        for photo in photos:
+            if photo.name in done:
+                yield done[photo.name]
+                progress.advance()
+                continue
+            assert coming is not None
+            now, following = coming, next(upcoming, None)
+            coming = _read(reader, following, scales) if following else None
+            found = _of_photo(photo, now, segmenter, scales[photo.name], next_id, options, progress)
+            if found is not None:
+                next_id += len(found)
+                yield found
+            progress.advance()
+
+
+def segment_photo(
+    pixels: ByteArray,
+    segmenter: Segmenter,
+    *,
+    name: str = "",
+    size_px: tuple[int, int] | None = None,
+    first_id: int = 1,
+    options: SegmentOptions | None = None,
+) -> Detections:
+    """Return the detections of one photo whose pixels, uint8 (H, W, 3) RGB, are at the scale to segment at.
+
+    `size_px` is the photo's full (width, height), to which masks are mapped; None: that of `pixels`.
+    """
+    options = options or SegmentOptions()
+    found = segment_tiled(
+        pixels,
+        segmenter,
+        score_threshold=options.score_threshold,
+        tile_px=options.tile_px,
+        min_overlap_px=options.min_overlap_px,
+    )
+    read_size = pixels.shape[1], pixels.shape[0]
+    size_px = read_size if size_px is None else size_px
+    found = resized_detections(found, read_size, size_px)
+    return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + first_id)
+
+
+def _scales(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:
+    if options.scale is not None:
+        return dict.fromkeys(photos.names, options.scale)
+    threshold = segmenter.traits.score_threshold if options.score_threshold is None else options.score_threshold
+    return reading_scales(
+        photos, segmenter, sample_photos=options.sample_photos, score_threshold=threshold, progress=progress
+    )
+
+
+def _read(reader: ThreadPoolExecutor, photo: Photo, scales: Mapping[str, float]) -> Future[ByteArray]:
+    return reader.submit(_pixels_at, photo, scales[photo.name])
+
+
+def _pixels_at(photo: Photo, scale: float) -> ByteArray:
+    from pomona.capture import read_pixels
+
+    width, height = max(1, round(photo.width_px * scale)), max(1, round(photo.height_px * scale))
+    pixels = read_pixels(photo, max_side_px=max(width, height) if scale < 1 else None)
+    return resized_pixels(pixels, width, height) if scale > 1 else pixels
+
+
+def _of_photo(
+    photo: Photo,
+    pixels: Future[ByteArray],
+    segmenter: Segmenter,
+    scale: float,
+    first_id: int,
+    options: SegmentOptions,
+    progress: Progress,
+) -> Detections | None:
+    try:
+        image = pixels.result()
+    except PomonaError as error:
+        progress.warn(f"{photo.name} is left out: {error}")
+        return None
+    size_px = photo.width_px, photo.height_px
+    return segment_photo(image, segmenter, name=photo.name, size_px=size_px, first_id=first_id, options=options)

@@ -1,0 +1,227 @@
+"""Mask R-CNN of torchvision, the paper's network, from a checkpoint. PyTorch comes with the `train` extra."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pomona.arrays import Array, ByteArray
+from pomona.detections import Mask
+from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
+from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+
+ARCHITECTURES = ("maskrcnn-r101", "maskrcnn-r50", "maskrcnn-r34", "maskrcnn-r18", "maskrcnn-mobilenet")
+"""Feature pyramids on ResNets of 101, 50, 34 and 18 layers and on MobileNetV3-Large."""
+_DETECTIONS_PER_TILE = 400
+_COCO_CLASSES, _COCO_FRUITS = 91, (53, 55)  # apple and orange among COCO's 91 labels
+
+
+class MaskRcnnSegmenter:
+    """A `Segmenter` from a checkpoint: a state dict, or an object with it under `model`.
+
+    The architecture is that stored under `arch`, else the one that the tensors' names and shapes show. Tiles are not
+    resized by the network. `typical_fruit_px` and `score_threshold` are taken from the checkpoint where it has them.
+
+    Raises `MissingExtraError` without PyTorch, `MissingFileError`, and `FormatError` for another kind of file.
+    """
+
+    def __init__(self, path: Path, *, score_floor: float | None = None) -> None:
+        self._torch = _torch()
+        self._path = Path(path)
+        checkpoint = _load(self._path, self._torch)
+        state = _state_of(self._path, checkpoint)
+        arch = _stored_arch(self._path, checkpoint) or architecture_of(self._path, state)
+        classes = state["roi_heads.box_predictor.cls_score.weight"].shape[0]
+        self._labels = _COCO_FRUITS if classes == _COCO_CLASSES else tuple(range(1, classes))
+        self._model = build_mask_rcnn(arch, classes)
+        _fill(self._path, self._model, state, arch)
+        self._device = "cuda" if self._torch.cuda.is_available() else "cpu"
+        self._model.to(self._device).eval()
+        threshold = float(checkpoint.get("score_threshold", 0.5)) if "model" in checkpoint else 0.5
+        typical = checkpoint.get("typical_fruit_px") if "model" in checkpoint else None
+        self._traits = SegmenterTraits(score_threshold=threshold, typical_fruit_px=typical)
+        self._model.roi_heads.score_thresh = threshold / 2 if score_floor is None else score_floor
+        self._name = f"{arch}:{name_of_file(self._path)}"
+
+    @property
+    def name(self) -> str:
+        """The architecture, the file's stem and the digest of its content."""
+        return self._name
+
+    @property
+    def traits(self) -> SegmenterTraits:
+        """The paper's tiles of 1024 px."""
+        return self._traits
+
+    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
+        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+        with self._torch.inference_mode():
+            return [self._of_tile(tile) for tile in tiles]
+
+    def _of_tile(self, tile: ByteArray) -> TileDetections:
+        height, width = tile.shape[:2]
+        model = self._model
+        model.transform.min_size, model.transform.max_size = (min(height, width),), max(height, width)
+        image = self._torch.from_numpy(np.ascontiguousarray(tile.transpose(2, 0, 1))).to(self._device).float() / 255
+        # The model's own last step would lay out every mask at the size of the tile; ours pastes crops.
+        images, _ = model.transform([image])
+        features = model.backbone(images.tensors)
+        proposals, _ = model.rpn(images, features)
+        (found,), _ = model.roi_heads(features, proposals, images.image_sizes)
+        boxes, scores, labels, masks = (found[key].cpu().numpy() for key in ("boxes", "scores", "labels", "masks"))
+        fruit = np.isin(labels, self._labels)
+        pasted = [_paste(m, b, width, height) for m, b in zip(masks[fruit, 0], boxes[fruit], strict=True)]
+        kept = [k for k, mask in enumerate(pasted) if mask is not None]
+        return TileDetections(
+            boxes[fruit][kept].astype(float),
+            scores[fruit][kept].astype(float),
+            tuple(mask for mask in pasted if mask is not None),
+        )
+
+
+def build_mask_rcnn(arch: str, classes: int) -> Any:
+    """Return an untrained Mask R-CNN of one of `ARCHITECTURES` for `classes` classes, background included.
+
+    Batch normalisation is frozen, as in the paper's implementation. Raises `InputError` for another name and
+    `MissingExtraError` without PyTorch.
+    """
+    if arch not in ARCHITECTURES:
+        raise InputError(f"Architecture '{arch}': expected one of {', '.join(ARCHITECTURES)}")
+    _torch()
+    from torchvision.models.detection import MaskRCNN
+    from torchvision.models.detection.backbone_utils import mobilenet_backbone, resnet_fpn_backbone
+    from torchvision.ops import FrozenBatchNorm2d
+
+    if arch == "maskrcnn-mobilenet":
+        backbone = mobilenet_backbone(
+            backbone_name="mobilenet_v3_large", weights=None, fpn=True, norm_layer=FrozenBatchNorm2d, trainable_layers=6
+        )
+        anchors = _anchors(((32, 64, 128, 256, 512),) * 3)
+    else:
+        name = arch.replace("maskrcnn-r", "resnet")
+        backbone = resnet_fpn_backbone(
+            backbone_name=name, weights=None, norm_layer=FrozenBatchNorm2d, trainable_layers=5
+        )
+        anchors = None
+    return MaskRCNN(backbone, classes, rpn_anchor_generator=anchors, box_detections_per_img=_DETECTIONS_PER_TILE)
+
+
+def architecture_of(path: Path, state: Mapping[str, Any]) -> str:
+    """Return which of `ARCHITECTURES` a state dict is of; raises `FormatError` when it is of none."""
+    depth = {f"layer{k}": 0 for k in (1, 2, 3, 4)}
+    for key in state:
+        if match := re.match(r"backbone\.body\.(layer[1-4])\.(\d+)\.", key):
+            depth[match[1]] = max(depth[match[1]], int(match[2]) + 1)
+    bottleneck = "backbone.body.layer1.0.conv3.weight" in state
+    known: dict[tuple[tuple[int, ...], bool], str] = {
+        ((3, 4, 23, 3), True): "maskrcnn-r101",
+        ((3, 4, 6, 3), True): "maskrcnn-r50",
+        ((3, 4, 6, 3), False): "maskrcnn-r34",
+        ((2, 2, 2, 2), False): "maskrcnn-r18",
+    }
+    blocks = tuple(depth.values())
+    if (blocks, bottleneck) in known:
+        return known[blocks, bottleneck]
+    if any(blocks):
+        raise FormatError(f"{path}: expected {_expected()}; its backbone is a ResNet of {blocks} blocks")
+    if "backbone.body.16.0.weight" in state:
+        return "maskrcnn-mobilenet"
+    raise FormatError(f"{path}: expected {_expected()}; its backbone is none of these")
+
+
+def _anchors(sizes: tuple[tuple[int, ...], ...]) -> Any:
+    from torchvision.models.detection.anchor_utils import AnchorGenerator
+
+    return AnchorGenerator(sizes, ((0.5, 1.0, 2.0),) * len(sizes))
+
+
+def _expected() -> str:
+    return f"a checkpoint of torchvision's Mask R-CNN with one of the backbones of {', '.join(ARCHITECTURES)}"
+
+
+def _torch() -> Any:
+    try:
+        import torch
+        import torchvision  # noqa: F401
+    except ImportError:
+        raise MissingExtraError(
+            "Mask R-CNN needs PyTorch and torchvision: install them with `pip install 'pomona[train]'`"
+        ) from None
+    return torch
+
+
+def _load(path: Path, torch: Any) -> Mapping[str, Any]:
+    if not path.is_file():
+        raise MissingFileError(f"Checkpoint {path}: no such file")
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, KeyError, OSError) as error:
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise FormatError(f"{path}: expected {_expected()}, but PyTorch cannot load it: {reason}") from None
+    if not isinstance(checkpoint, Mapping):
+        raise FormatError(f"{path}: expected {_expected()}, found an object of {type(checkpoint).__name__}")
+    return checkpoint
+
+
+def _state_of(path: Path, checkpoint: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The state dict in a checkpoint, without the prefix that data-parallel training adds."""
+    state = checkpoint.get("model", checkpoint)
+    if not isinstance(state, Mapping):
+        raise FormatError(f"{path}: expected {_expected()}, with tensors by name under 'model'")
+    state = {str(key).removeprefix("module."): value for key, value in state.items()}
+    if "roi_heads.box_predictor.cls_score.weight" not in state:
+        raise FormatError(f"{path}: expected {_expected()}; it has no box head, its first tensors are {_few(state)}")
+    if not any(key.startswith("roi_heads.mask_predictor.") for key in state):
+        raise FormatError(f"{path}: expected {_expected()}; it has no mask head: this is a Faster R-CNN")
+    return state
+
+
+def _stored_arch(path: Path, checkpoint: Mapping[str, Any]) -> str | None:
+    arch = checkpoint.get("arch") if "model" in checkpoint else None
+    if arch is not None and arch not in ARCHITECTURES:
+        raise FormatError(f"{path}: expected {_expected()}; it says that its architecture is '{arch}'")
+    return arch
+
+
+def _fill(path: Path, model: Any, state: Mapping[str, Any], arch: str) -> None:
+    own = model.state_dict()
+    needed = {key for key in state if not key.endswith("num_batches_tracked")}
+    wrong = sorted(key for key in needed & own.keys() if state[key].shape != own[key].shape)
+    missing, extra = sorted(own.keys() - needed), sorted(needed - own.keys())
+    if wrong or missing or extra:
+        parts = {"of another shape": wrong, "missing": missing, "unknown": extra}
+        found = "; ".join(f"{len(keys)} tensors {what} ({_few(keys)})" for what, keys in parts.items() if keys)
+        raise FormatError(f"{path}: expected the tensors of {arch}: {found}")
+    model.load_state_dict({key: state[key] for key in needed})
+
+
+def _few(keys: Any) -> str:
+    names = list(keys)
+    return ", ".join(names[:2]) + (", …" if len(names) > 2 else "")
+
+
+def _paste(probability: Array, box: Array, width_px: int, height_px: int) -> Mask | None:
+    """A mask (28, 28) stretched over its box, bilinear; None where nothing is left."""
+    size = probability.shape[0]
+    x0, y0, x1, y1 = (float(value) for value in box)
+    left, top = max(0, int(np.floor(x0))), max(0, int(np.floor(y0)))
+    right, bottom = min(width_px, int(np.ceil(x1))), min(height_px, int(np.ceil(y1)))
+    if right <= left or bottom <= top or x1 <= x0 or y1 <= y0:
+        return None
+    scale_x, scale_y = size / (x1 - x0), size / (y1 - y0)
+    # Pixel centres: cell i of the mask is centred at x0 + (i + 0.5) / scale_x.
+    cell_from_pixel = np.array(
+        [[scale_x, 0, (left + 0.5 - x0) * scale_x - 0.5], [0, scale_y, (top + 0.5 - y0) * scale_y - 0.5]]
+    )
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    soft = cv2.warpAffine(
+        probability, cell_from_pixel, (right - left, bottom - top), flags=flags, borderMode=cv2.BORDER_REPLICATE
+    )
+    pixels = soft >= 0.5
+    return Mask.from_pixels(pixels, left, top) if pixels.any() else None
