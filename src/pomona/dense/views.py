@@ -1,0 +1,102 @@
+"""Photos as stereo needs them: at working scale, without lens distortion, with the detections painted in."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pomona.arrays import Array, ByteArray, FloatArray
+from pomona.cameras import Intrinsics, opencv_from_colmap_px
+from pomona.detections import Detections
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One photo, undistorted, at working scale.
+
+    `rgb` (h, w, 3) and `label` (h, w) uint16: 0 for none, else 1 + the detection's index in its photo. `matrix` (3, 3) is K in
+    OpenCV's pixel convention; `cam_from_world` (3, 4).
+    """
+
+    photo_idx: int
+    rgb: ByteArray
+    label: Array
+    matrix: FloatArray
+    cam_from_world: FloatArray
+
+    @property
+    def gray_and_mask(self) -> ByteArray:
+        """(h, w, 2): brightness, and 255 where a detection is; one array, so that both are warped at once."""
+        gray = cv2.cvtColor(self.rgb, cv2.COLOR_RGB2GRAY)
+        return np.dstack([gray, (self.label > 0).astype(np.uint8) * 255])
+
+    def halved(self) -> View:
+        """Return the view at half its scale (each pixel the mean of a block of 2 × 2)."""
+        height, width = self.label.shape[0] // 2, self.label.shape[1] // 2
+        matrix = self.matrix.copy()
+        matrix[:2] *= 0.5
+        matrix[:2, 2] -= 0.25  # OpenCV's pixel centres: block (0, 1) has its centre at 0.5 in the finer pixels
+        rgb = cv2.resize(self.rgb[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+        return View(self.photo_idx, rgb, self.label[0 : 2 * height : 2, 0 : 2 * width : 2], matrix, self.cam_from_world)
+
+
+def make_view(
+    photo_idx: int, rgb: ByteArray, detections: Detections, intrinsics: Intrinsics, cam_from_world: FloatArray
+) -> View:
+    """Make a view from pixels (h, w, 3) at working scale; detections and intrinsics are those of the full photo."""
+    height, width = rgb.shape[:2]
+    scale_xy = np.array([width / intrinsics.width_px, height / intrinsics.height_px])
+    matrix = intrinsics.matrix.copy()
+    matrix[:2] *= scale_xy[:, None]
+    matrix[:2, 2] = opencv_from_colmap_px(matrix[:2, 2])
+    label = paint_labels(detections, width, height)
+    if np.any(intrinsics.distortion):
+        # The same K before and after: the borders that the lens pushed out of the photo are left to other photos.
+        maps = cv2.initUndistortRectifyMap(matrix, intrinsics.distortion, None, matrix, (width, height), cv2.CV_32FC1)
+        rgb = cv2.remap(rgb, *maps, interpolation=cv2.INTER_LINEAR)
+        label = cv2.remap(label, *maps, interpolation=cv2.INTER_NEAREST, borderValue=0)
+    return View(photo_idx, np.ascontiguousarray(rgb), label, matrix, cam_from_world)
+
+
+def paint_labels(detections: Detections, width_px: int, height_px: int) -> Array:
+    """Paint detections into uint16 (height_px, width_px), 1 + index each, at another scale than the photo's.
+
+    Where masks overlap the higher score lies on top: a pixel belongs to one detection.
+    """
+    label = np.zeros((height_px, width_px), np.uint16)
+    scale_x, scale_y = width_px / detections.width_px, height_px / detections.height_px
+    for idx in np.argsort(detections.scores, kind="stable"):
+        mask = detections.masks[int(idx)]
+        x0, y0, x1, y1 = mask.box_px
+        # A working pixel belongs to the mask when its centre falls on a set pixel of the photo.
+        columns = np.arange(max(0, int(x0 * scale_x) - 1), min(width_px, int(x1 * scale_x) + 2))
+        rows = np.arange(max(0, int(y0 * scale_y) - 1), min(height_px, int(y1 * scale_y) + 2))
+        mask_x = np.floor((columns + 0.5) / scale_x).astype(int) - x0
+        mask_y = np.floor((rows + 0.5) / scale_y).astype(int) - y0
+        columns, mask_x = (a[(mask_x >= 0) & (mask_x < mask.width_px)] for a in (columns, mask_x))
+        rows, mask_y = (a[(mask_y >= 0) & (mask_y < mask.height_px)] for a in (rows, mask_y))
+        if len(rows) and len(columns):
+            block = label[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+            block[mask.pixels[np.ix_(mask_y, mask_x)]] = idx + 1
+    return label
+
+
+class ViewCache:
+    """Keeps the `capacity` views used last, so that memory does not grow with the survey."""
+
+    def __init__(self, load: Callable[[int], View], capacity: int) -> None:
+        self._load, self._capacity = load, capacity
+        self._views: OrderedDict[int, View] = OrderedDict()
+
+    def __call__(self, photo_idx: int) -> View:
+        """Return the view of a photo, read now or kept from before."""
+        if photo_idx not in self._views:
+            self._views[photo_idx] = self._load(photo_idx)
+            if len(self._views) > self._capacity:
+                self._views.popitem(last=False)
+        self._views.move_to_end(photo_idx)
+        return self._views[photo_idx]
