@@ -1,0 +1,248 @@
+"""COLMAP, by way of pycolmap, which is touched here alone: the database, matching, mapping, reading models.
+
+Everything in the database is in working pixels (`features.working_scale`), so that COLMAP's thresholds, all given in
+pixels, mean the same for photos of any size; what comes out is in pixels of the whole photo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from pomona.arrays import Array, ByteArray, FloatArray, IntArray
+from pomona.cameras import Cameras, Intrinsics
+from pomona.sfm.features import Features
+from pomona.sfm.options import SfmOptions
+
+_MODEL = "SIMPLE_RADIAL"
+pycolmap.logging.minloglevel = 2
+pycolmap.logging.logtostderr = True
+
+
+@dataclass(frozen=True)
+class ImageEntry:
+    """A photo as the database knows it; `camera_idx` into the cameras, sizes in pixels of the whole photo."""
+
+    name: str
+    camera_idx: int
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """A camera as the database knows it, in pixels of the whole photo; `scale` makes working pixels of them."""
+
+    width_px: int
+    height_px: int
+    focal_px: float
+    focal_is_known: bool
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """Verified matches between two photos: `idx` (k, 2) into their keypoints."""
+
+    first: int
+    second: int
+    idx: IntArray
+
+
+def create_database(path: Path, cameras: Sequence[CameraEntry], images: Sequence[ImageEntry]) -> None:
+    """Write a new database that knows cameras and photos; image i has id i + 1."""
+    path.unlink(missing_ok=True)
+    for suffix in ("-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
+    with pycolmap.Database.open(path) as database:
+        for i, entry in enumerate(cameras):
+            width, height = entry.width_px * entry.scale, entry.height_px * entry.scale
+            camera = pycolmap.Camera(
+                model=_MODEL,
+                width=round(width),
+                height=round(height),
+                params=[entry.focal_px * entry.scale, width / 2, height / 2, 0.0],
+                camera_id=i + 1,
+                has_prior_focal_length=entry.focal_is_known,
+            )
+            database.write_camera(camera, use_camera_id=True)
+            rig = pycolmap.Rig(rig_id=i + 1)
+            rig.add_ref_sensor(camera.sensor_id)
+            database.write_rig(rig, use_rig_id=True)
+        for i, photo in enumerate(images):
+            camera_id = photo.camera_idx + 1
+            image = pycolmap.Image(name=photo.name, camera_id=camera_id, image_id=i + 1)
+            database.write_image(image, use_image_id=True)
+            frame = pycolmap.Frame(frame_id=i + 1, rig_id=camera_id)
+            frame.add_data_id(image.data_id)
+            database.write_frame(frame, use_frame_id=True)
+
+
+def missing_features(path: Path, count: int) -> list[int]:
+    """Return which of the photos 0 to count - 1 have no features in the database yet."""
+    with pycolmap.Database.open(path) as database:
+        return [i for i in range(count) if not database.exists_descriptors(i + 1)]
+
+
+def write_features(path: Path, batch: Mapping[int, Features]) -> None:
+    """Store the features of some photos, by photo index."""
+    sift = pycolmap.FeatureExtractorType.SIFT
+    with pycolmap.Database.open(path) as database:
+        for i, features in batch.items():
+            if not database.exists_keypoints(i + 1):
+                database.write_keypoints(i + 1, features.keypoints)
+            # Descriptors last: they are what says that a photo is done.
+            database.write_descriptors(i + 1, pycolmap.FeatureDescriptors(sift, features.descriptors))
+
+
+def read_descriptors(path: Path, count: int) -> list[ByteArray]:
+    """Return the descriptors (n, 128) of each photo."""
+    with pycolmap.Database.open(path) as database:
+        return [np.asarray(database.read_descriptors(i + 1).data, np.uint8) for i in range(count)]
+
+
+def read_keypoints(path: Path, count: int) -> list[FloatArray]:
+    """Return the keypoints' places (n, 2) of each photo, in working pixels."""
+    with pycolmap.Database.open(path) as database:
+        found = [np.asarray(database.read_keypoints(i + 1), float) for i in range(count)]
+    return [points.reshape(len(points), -1)[:, :2] if len(points) else np.zeros((0, 2)) for points in found]
+
+
+def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> None:
+    """Match and verify pairs of photos; pairs that were matched before are left as they are.
+
+    Raises `KeyboardInterrupt` as soon as Ctrl-C is pressed: what was matched by then stays.
+    """
+    listing = path.with_suffix(".pairs.txt")
+    listing.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=options.threads or -1)
+    verification = pycolmap.TwoViewGeometryOptions(min_num_inliers=options.min_matches)
+    verification.ransac.random_seed = options.seed
+    pairing = pycolmap.ImportedPairingOptions(match_list_path=listing)
+    pycolmap.match_image_pairs(path, matching, pairing, verification, pycolmap.Device.cpu)
+    listing.unlink(missing_ok=True)
+
+
+def read_overlaps(path: Path) -> list[Overlap]:
+    """Return all verified pairs with their matches, photos as indices."""
+    with pycolmap.Database.open(path) as database:
+        ids, geometries = database.read_two_view_geometries()
+    overlaps = []
+    for pair_id, geometry in zip(ids, geometries, strict=True):
+        first, second = pycolmap.pair_id_to_image_pair(pair_id)
+        idx = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
+        if len(idx):
+            overlaps.append(Overlap(first - 1, second - 1, idx))
+    return overlaps
+
+
+def map_incremental(path: Path, out: Path, options: SfmOptions, on_photo: Callable[[], None]) -> None:
+    """Place photos one after the other, and write the models found to `out`/0, `out`/1, ..."""
+    settings = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=options.min_matches,
+        min_model_size=options.min_piece_photos,
+        num_threads=options.threads or -1,
+        random_seed=options.seed,
+        extract_colors=False,
+    )
+    # A first pair seen under 16° (COLMAP's default) is rare where photos are taken at short steps along a row, or are
+    # frames of a video: foliage seen under such an angle hardly matches.
+    settings.mapper.init_min_tri_angle = 6.0
+    settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
+    pycolmap.set_random_seed(options.seed)
+    pycolmap.incremental_mapping(
+        path, path.parent, out, settings, initial_image_pair_callback=on_photo, next_image_callback=on_photo
+    )
+
+
+def map_global(path: Path, out: Path, options: SfmOptions) -> None:
+    """Place all photos at once (GLOMAP), and write the models found to `out`/0, `out`/1, ..."""
+    settings = pycolmap.GlobalPipelineOptions(
+        min_num_matches=options.min_matches,
+        min_model_size=options.min_piece_photos,
+        num_threads=options.threads or -1,
+        random_seed=options.seed,
+    )
+    pycolmap.set_random_seed(options.seed)
+    pycolmap.global_mapping(path, path.parent, out, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A model as COLMAP wrote it, in pixels of the whole photos.
+
+    `photo_idx` (n,) says which photos of the database those of `cameras` are; `scale` (n,) makes working pixels.
+    """
+
+    cameras: Cameras
+    photo_idx: IntArray
+    scale: FloatArray
+
+
+def read_models(folder: Path, cameras: Sequence[CameraEntry], colours: Callable[[int], ByteArray]) -> list[Model]:
+    """Read the models in `folder`; `cameras` as in `create_database`, `colours(i)` (n, 3) of photo i's keypoints."""
+    found = [sub for sub in folder.glob("*") if (sub / "images.bin").is_file()] if folder.is_dir() else []
+    return [_read_model(sub, cameras, colours) for sub in sorted(found)]
+
+
+def _read_model(folder: Path, entries: Sequence[CameraEntry], colours: Callable[[int], ByteArray]) -> Model:
+    model = pycolmap.Reconstruction(folder)
+    image_ids = sorted(model.reg_image_ids())
+    images = [model.image(image_id) for image_id in image_ids]
+    camera_ids = sorted({image.camera_id for image in images})
+    photo_scale = np.array([entries[image.camera_id - 1].scale for image in images])
+    points = [model.point3D(point_id) for point_id in sorted(model.point3D_ids())]
+    tracks = [_track(point, {image_id: i for i, image_id in enumerate(image_ids)}) for point in points]
+    sizes = np.array([len(track) for track in tracks], int)
+    elements = np.concatenate(tracks) if tracks else np.zeros((0, 2), int)
+    point_idx, photo_idx = np.repeat(np.arange(len(points)), sizes), elements[:, 0]
+    xy, rgb = _observed(images, elements, colours)
+    error = np.array([point.error for point in points])
+    mean_scale = np.bincount(point_idx, photo_scale[photo_idx], len(points)) / np.maximum(sizes, 1)
+    cameras = Cameras(
+        photos=tuple(image.name for image in images),
+        intrinsics=tuple(_intrinsics(model.camera(c).params, entries[c - 1]) for c in camera_ids),
+        intrinsics_idx=np.array([camera_ids.index(image.camera_id) for image in images]),
+        cam_from_world=np.array([image.cam_from_world().matrix() for image in images]),
+        points_in_world=np.array([point.xyz for point in points]).reshape(-1, 3),
+        points_rgb=_mean_by(point_idx, rgb, len(points)),
+        points_error_px=error / np.where(mean_scale > 0, mean_scale, 1.0),
+        track_point_idx=point_idx,
+        track_photo_idx=photo_idx,
+        track_xy_px=xy / photo_scale[photo_idx, None],
+    )
+    return Model(cameras, np.array(image_ids, int) - 1, photo_scale)
+
+
+def _track(point: Any, photo_of: Mapping[int, int]) -> IntArray:
+    """(k, 2): index of the photo in the model, index of its keypoint."""
+    pairs = [(photo_of[e.image_id], e.point2D_idx) for e in point.track.elements if e.image_id in photo_of]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def _observed(
+    images: Sequence[Any], elements: IntArray, colours: Callable[[int], ByteArray]
+) -> tuple[FloatArray, Array]:
+    """Places (k, 2), in working pixels, and colours (k, 3) of the keypoints of tracks."""
+    xy, rgb = np.zeros((len(elements), 2)), np.zeros((len(elements), 3))
+    for i, image in enumerate(images):
+        mine = np.flatnonzero(elements[:, 0] == i)
+        keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        xy[mine] = keypoints[elements[mine, 1]]
+        rgb[mine] = colours(image.image_id - 1)[elements[mine, 1]]
+    return xy, rgb
+
+
+def _mean_by(group: IntArray, values: Array, count: int) -> ByteArray:
+    sizes = np.maximum(np.bincount(group, minlength=count), 1)
+    sums = np.stack([np.bincount(group, values[:, c], count) for c in range(values.shape[1])], axis=1)
+    return np.asarray(np.round(sums / sizes[:, None]), np.uint8)
+
+
+def _intrinsics(params: Array, entry: CameraEntry) -> Intrinsics:
+    focal, cx, cy, k1 = params
+    whole = np.array([focal / entry.scale, cx / entry.scale, cy / entry.scale, k1])
+    return Intrinsics(_MODEL, entry.width_px, entry.height_px, whole)

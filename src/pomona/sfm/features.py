@@ -1,0 +1,78 @@
+"""Features of a photo: OpenCV's SIFT with RootSIFT descriptors, at a bounded size and in a bounded number.
+
+OpenCV's extractor rather than COLMAP's: at the same settings it takes half the time of COLMAP's on a processor, and
+places features as precisely (see docs/sfm.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pomona.arrays import Array, ByteArray, FloatArray
+from pomona.capture.images import read_pixels
+from pomona.photos import Photo
+from pomona.sfm.options import SfmOptions
+
+# Half of OpenCV's default 0.04: leaves in the shade are dim, and `max_features` bounds their number anyway.
+_CONTRAST = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """n features of one photo, in working pixels (those of the photo times `scale`, COLMAP's convention).
+
+    `keypoints` (n, 4) float32: x, y, scale (px), direction (rad). `descriptors` (n, 128) uint8. `rgb` (n, 3).
+    `sharpness`: variance of the Laplacian over the variance of the image, both of the working image.
+    """
+
+    keypoints: Array
+    descriptors: ByteArray
+    rgb: ByteArray
+    sharpness: float
+
+
+def working_scale(photo: Photo, options: SfmOptions) -> float:
+    """Return by how much a photo is shrunk before features are looked for (1 for small photos)."""
+    return min(1.0, options.max_side_px / max(photo.width_px, photo.height_px))
+
+
+def extract(photo: Photo, options: SfmOptions) -> Features:
+    """Find the features of one photo.
+
+    Raises `InputError` or `MissingFileError` when the photo cannot be read.
+    """
+    pixels = read_pixels(photo, max_side_px=options.max_side_px)
+    grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
+    settings = {"nfeatures": options.max_features, "contrastThreshold": _CONTRAST, "enable_precise_upscale": True}
+    sift = cv2.SIFT_create(**settings)  # type: ignore[attr-defined]
+    found, descriptors = sift.detectAndCompute(grey, None)
+    if not found:
+        return Features(np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8), np.zeros((0, 3), np.uint8), 0.0)
+    # OpenCV's feature order varies with its threads; a fixed order makes runs repeatable.
+    geometry = np.array([(*k.pt, k.size / 2, np.deg2rad(k.angle)) for k in found])
+    order = np.lexsort(geometry.T)[: options.max_features]
+    geometry, descriptors = geometry[order], descriptors[order]
+    column, row = geometry[:, :2].round().astype(int).T
+    rgb = pixels[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)]
+    # The decoded size is rounded to whole pixels; +0.5 goes from OpenCV's pixels to COLMAP's.
+    exact = working_scale(photo, options) * np.array([photo.width_px, photo.height_px]) / grey.shape[::-1]
+    geometry[:, :2] = (geometry[:, :2] + 0.5) * exact
+    return Features(geometry.astype(np.float32), root_sift(descriptors), rgb, _sharpness(grey))
+
+
+def root_sift(descriptors: FloatArray) -> ByteArray:
+    """Return RootSIFT descriptors (n, 128) as bytes, scaled by 512 as COLMAP's are.
+
+    Source: Arandjelović and Zisserman 2012, section 3.1.
+    """
+    sums = np.abs(descriptors).sum(axis=1, keepdims=True)
+    scaled = 512 * np.sqrt(descriptors / np.maximum(sums, 1e-9))
+    return np.asarray(np.clip(np.round(scaled), 0, 255), np.uint8)
+
+
+def _sharpness(grey: ByteArray) -> float:
+    laplacian = cv2.Laplacian(grey, cv2.CV_32F)
+    return float(laplacian.var() / max(float(grey.var()), 1.0))

@@ -1,0 +1,205 @@
+"""Structure from motion of a survey, side by side."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from pomona.errors import InputError, MissingFileError, ReconstructionError
+from pomona.photos import Photo, Photos
+from pomona.progress import Progress, Silent
+from pomona.sfm import engine
+from pomona.sfm.choose import explained
+from pomona.sfm.engine import Model
+from pomona.sfm.features import Features, extract
+from pomona.sfm.options import SfmOptions
+from pomona.sfm.pairs import candidate_pairs
+from pomona.sfm.pieces import credible, distinct, mean_error_px
+from pomona.sfm.reasons import Evidence, explain
+from pomona.sfm.values import Piece, Reconstruction, Unregistered
+from pomona.sfm.worker import MappingProcess
+from pomona.sfm.workspace import Workspace
+
+_PAIRS_AT_ONCE = 64
+_T = TypeVar("_T")
+
+
+def reconstruct(
+    photos: Photos, *, options: SfmOptions | None = None, work_dir: Path, progress: Progress | None = None
+) -> Reconstruction:
+    """Find where the photos of each side were taken from, each piece in a frame of its own.
+
+    `work_dir` keeps features, matches and models: a second call with the same photos and options goes on where the
+    first one was stopped. Sides never share photos or points; joining them is the scale stage's work.
+
+    Raises `InputError` for fewer than three photos and `ReconstructionError` when no photo of any side can be placed.
+    """
+    options, progress = options or SfmOptions(), progress or Silent()
+    if len(photos) < options.min_piece_photos:
+        raise InputError(
+            f"{options.min_piece_photos} photos that overlap are the least to find places in space from, found "
+            f"{len(photos)}: give a folder with photos taken at short steps along the row, or a video"
+        )
+    pieces: list[Piece] = []
+    lost: list[Unregistered] = []
+    for side in photos.sides:
+        side_pieces, side_lost = _reconstruct_side(photos.of_side(side), side, options, work_dir, progress)
+        pieces += side_pieces
+        lost += side_lost
+    if not pieces:
+        raise ReconstructionError(_nothing_placed(lost))
+    return Reconstruction(tuple(pieces), tuple(lost))
+
+
+def _reconstruct_side(
+    photos: Photos, side: str, options: SfmOptions, work_dir: Path, progress: Progress
+) -> tuple[list[Piece], list[Unregistered]]:
+    label = f", {side}" if side else ""
+    if len(photos) < options.min_piece_photos:
+        reason = f"side {side or 'of the row'} has {len(photos)} photos, fewer than {options.min_piece_photos}"
+        advice = "Take more photos of this side, or check how the photos were divided into sides (--sides)."
+        return [], [Unregistered(photo.name, side, reason, advice) for photo in photos]
+    workspace = Workspace(work_dir / _folder_name(side), photos.items, options)
+    _warn_of_cameras(workspace, label, progress)
+    unreadable = _find_features(workspace, label, progress)
+    _match(workspace, label, progress)
+    models, evidence = _map(workspace, unreadable, label, progress)
+    pieces = [Piece(side, model.cameras, mean_error_px(model.cameras)) for model in models]
+    lost = explain(evidence)
+    _tell(pieces, lost, label, progress)
+    return pieces, lost
+
+
+def _find_features(workspace: Workspace, label: str, progress: Progress) -> dict[int, str]:
+    """Find the features of the photos that have none yet; return which photos could not be read, and why."""
+    photos, unreadable = workspace.photos, {}
+    missing = engine.missing_features(workspace.database, len(photos))
+    progress.start(f"Features{label}", len(photos))
+    progress.advance(len(photos) - len(missing))
+    threads = workspace.options.threads or os.cpu_count() or 1
+    for batch in _chunks(missing, 2 * threads):
+        with ThreadPoolExecutor(threads) as pool:
+            found = list(pool.map(lambda i: _try_extract(photos[i], workspace.options), batch))
+        good = {i: features for i, features in zip(batch, found, strict=True) if isinstance(features, Features)}
+        unreadable.update({i: reason for i, reason in zip(batch, found, strict=True) if isinstance(reason, str)})
+        workspace.save_features(good)
+        progress.advance(len(batch))
+    for i, reason in unreadable.items():
+        progress.warn(f"Photo {photos[i].name} is left out: {reason}")
+    return unreadable
+
+
+def _try_extract(photo: Photo, options: SfmOptions) -> Features | str:
+    try:
+        return extract(photo, options)
+    except (InputError, MissingFileError) as error:
+        return str(error)
+
+
+def _match(workspace: Workspace, label: str, progress: Progress) -> None:
+    photos = workspace.photos
+    descriptors = engine.read_descriptors(workspace.database, len(photos))
+    pairs = [(photos[i].name, photos[j].name) for i, j in candidate_pairs(photos, descriptors, workspace.options)]
+    progress.start(f"Matching{label}", len(pairs))
+    for chunk in _chunks(pairs, _PAIRS_AT_ONCE):
+        engine.match(workspace.database, chunk, workspace.options)
+        progress.advance(len(chunk))
+
+
+def _map(
+    workspace: Workspace, unreadable: dict[int, str], label: str, progress: Progress
+) -> tuple[list[Model], Evidence]:
+    """Run the mappers, and keep the result whose cameras explain most; see `choose.explained`."""
+    count = len(workspace.photos)
+    overlaps = engine.read_overlaps(workspace.database)
+    scale = [workspace.cameras[camera].scale for camera in workspace.camera_idx]
+    keypoints = [xy / s for xy, s in zip(engine.read_keypoints(workspace.database, count), scale, strict=True)]
+    best: list[Model] = []
+    best_sum, mapped = -1.0, set[int]()
+    for folder in _run_mappers(workspace, bool(overlaps), label, progress):
+        models = engine.read_models(folder, workspace.cameras, workspace.colours)
+        mapped |= {int(photo) for model in models for photo in model.photo_idx}
+        models = distinct(models, workspace.options.min_piece_photos)
+        shares = explained(models, overlaps, keypoints)
+        models = credible(models, overlaps, shares)
+        total = float(explained(models, overlaps, keypoints).sum())
+        if models and total > best_sum:
+            best, best_sum = models, total
+    placed = frozenset(int(photo) for model in best for photo in model.photo_idx)
+    sharpness = [np.nan if i in unreadable else workspace.sharpness(i) for i in range(count)]
+    features = np.array([len(xy) for xy in keypoints])
+    evidence = Evidence(
+        workspace.photos, features, np.array(sharpness), unreadable, overlaps, placed, frozenset(mapped - placed)
+    )
+    return best, evidence
+
+
+def _run_mappers(workspace: Workspace, possible: bool, label: str, progress: Progress) -> Iterator[Path]:
+    """Run the mappers at the same time; yield the folders with their models."""
+    if not possible:
+        return
+    progress.start(f"Placing photos{label}", len(workspace.photos))
+    with ExitStack() as stack:
+        running = []
+        for mapper in workspace.options.mappers:
+            process = MappingProcess(mapper, workspace.database, workspace.folder / mapper, workspace.options)
+            stack.callback(process.stop)
+            running.append(process)
+            process.listen(progress.advance)
+        for process in running:
+            failure = process.wait()
+            if failure is None:
+                yield process.out
+            else:
+                progress.warn(f"The {process.mapper} mapper failed{label}: {failure}")
+
+
+def _warn_of_cameras(workspace: Workspace, label: str, progress: Progress) -> None:
+    keys = [f"{p.camera_key or 'unknown camera'}, {p.width_px} × {p.height_px}" for p in workspace.photos]
+    kinds = {key: keys.count(key) for key in dict.fromkeys(keys)}
+    if len(kinds) > 1:
+        listing = "; ".join(f"{count} × {key}" for key, count in kinds.items())
+        progress.warn(
+            f"The photos{label} were taken with {len(kinds)} cameras, lenses or zooms ({listing}). Each gets "
+            "intrinsics of its own; one camera at one zoom gives better places."
+        )
+    unknown = sum(photo.focal_px is None for photo in workspace.photos)
+    if unknown:
+        progress.warn(
+            f"{unknown} of {len(workspace.photos)} photos{label} do not say their focal length (no EXIF): it is "
+            "estimated from the photos, and sizes may be less exact."
+        )
+
+
+def _tell(pieces: Sequence[Piece], lost: Sequence[Unregistered], label: str, progress: Progress) -> None:
+    if len(pieces) > 1:
+        sizes = ", ".join(str(len(piece.cameras)) for piece in pieces)
+        progress.warn(
+            f"The photos{label} fall into {len(pieces)} pieces that could not be joined ({sizes} photos): there is too "
+            "little overlap between them. Markers or GNSS can still bring them together."
+        )
+    for photo in lost:
+        progress.warn(f"Photo {photo.photo} has no place: {photo.reason}. {photo.advice}")
+
+
+def _nothing_placed(lost: Sequence[Unregistered]) -> str:
+    examples = "; ".join(f"{photo.photo}: {photo.reason}" for photo in lost[:3])
+    advice = " ".join(dict.fromkeys(photo.advice for photo in lost[:3]))
+    more = f"; and {len(lost) - 3} more" if len(lost) > 3 else ""
+    return f"None of the {len(lost)} photos could be placed. {examples}{more}. {advice}"
+
+
+def _folder_name(side: str) -> str:
+    return "side-" + re.sub(r"[^A-Za-z0-9_-]", lambda match: f"%{ord(match[0]):x}", side) if side else "all"
+
+
+def _chunks(items: Sequence[_T], size: int) -> Iterator[Sequence[_T]]:
+    for start in range(0, len(items), size):
+        yield items[start : start + size]

@@ -1,0 +1,74 @@
+"""Mapping in a process of its own: it can be stopped at once, and if COLMAP dies it dies alone."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from pomona.sfm.options import Mapper, SfmOptions
+
+_RUN = "import sys; from pomona.sfm.worker import main; main(sys.argv[1:])"
+
+
+class MappingProcess:
+    """A mapper at work in another process."""
+
+    def __init__(self, mapper: Mapper, database: Path, out: Path, options: SfmOptions) -> None:
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir(parents=True)
+        self.mapper = mapper
+        self.out = out
+        self._log = out.with_suffix(".log")
+        with self._log.open("wb") as log:
+            arguments = [mapper, str(database), str(out), json.dumps(asdict(options))]
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", _RUN, *arguments], stdout=subprocess.PIPE, stderr=log, text=True
+            )
+        self._reader: threading.Thread | None = None
+
+    def listen(self, on_photo: Callable[[], None]) -> None:
+        """Call `on_photo` for each photo placed from now on, from another thread."""
+        self._reader = threading.Thread(target=self._read, args=(on_photo,), daemon=True)
+        self._reader.start()
+
+    def wait(self) -> str | None:
+        """Wait for the end. Returns None, or why the mapper failed."""
+        if self._reader is not None:
+            self._reader.join()
+        code = self._process.wait()
+        if code == 0:
+            return None
+        lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return f"{lines[-1].strip() if lines else 'no message'} (exit status {code}, log in {self._log})"
+
+    def stop(self) -> None:
+        """End the process if it still runs."""
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _read(self, on_photo: Callable[[], None]) -> None:
+        assert self._process.stdout is not None
+        for _ in self._process.stdout:
+            on_photo()
+
+
+def main(arguments: list[str]) -> None:
+    """Run one mapper (MAPPER DATABASE OUT OPTIONS_JSON), printing a line for each photo that it places."""
+    from pomona.sfm import engine
+
+    mapper, database, out, options_json = arguments
+    values = json.loads(options_json)
+    options = SfmOptions(**{**values, "mappers": tuple(values["mappers"])})
+    if mapper == "global":
+        engine.map_global(Path(database), Path(out), options)
+    else:
+        engine.map_incremental(Path(database), Path(out), options, lambda: print("photo", flush=True))
