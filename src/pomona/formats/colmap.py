@@ -1,0 +1,112 @@
+"""COLMAP's text model (cameras.txt, images.txt, points3D.txt), and the world frame beside it in frame.json.
+
+Source of the format: https://colmap.github.io/format.html#text-format. Written so that COLMAP, pycolmap and what reads
+COLMAP's models open it; numbers are written with all their digits, so that reading gives back what was written.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.cameras import Cameras, WorldFrame
+from pomona.errors import InputError
+from pomona.formats.colmap_text import parse_frame, read_model
+from pomona.photos import Photos
+
+_FRAME = "frame.json"
+
+
+def write_cameras(folder: Path, cameras: Cameras, photos: Photos) -> None:
+    """Write cameras, points and frame to `folder`, which is replaced; image ids are the photos' places in the survey.
+
+    A folder that was written halfway never bears the name `folder`.
+
+    Raises `InputError` when a camera's photo is not one of `photos`.
+    """
+    number = {name: i + 1 for i, name in enumerate(photos.names)}
+    strangers = [name for name in cameras.photos if name not in number]
+    if strangers:
+        raise InputError(f"Cameras of photos that are not in the survey: {', '.join(strangers[:5])}")
+    image_ids = np.array([number[name] for name in cameras.photos], np.int64)
+    order = np.argsort(cameras.track_photo_idx, kind="stable")
+    bounds = np.searchsorted(cameras.track_photo_idx[order], np.arange(len(cameras) + 1))
+    views = [order[a:b] for a, b in pairwise(bounds)]
+    part = folder.with_name(folder.name + ".part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    _write(part / "cameras.txt", _camera_lines(cameras))
+    _write(part / "images.txt", _image_lines(cameras, image_ids, views))
+    _write(part / "points3D.txt", _point_lines(cameras, image_ids, views))
+    (part / _FRAME).write_text(json.dumps(asdict(cameras.frame), indent=1) + "\n", encoding="utf-8")
+    shutil.rmtree(folder, ignore_errors=True)
+    part.replace(folder)
+
+
+def read_cameras(folder: Path, photos: Photos | None = None) -> Cameras:
+    """Read cameras, points and frame from `folder`; without frame.json the frame is unknown (`WorldFrame()`).
+
+    Raises `MissingFileError` when a file of the model is not there, `FormatError` (with file and line) when one cannot
+    be understood, and `InputError` when it names a photo that is not one of `photos`.
+    """
+    frame = parse_frame(folder / _FRAME) if (folder / _FRAME).is_file() else WorldFrame()
+    cameras = read_model(folder, frame)
+    if photos is not None:
+        strangers = sorted(set(cameras.photos) - set(photos.names))
+        if strangers:
+            raise InputError(
+                f"{folder / 'images.txt'} names photos that are not in the survey: {', '.join(strangers[:5])}; "
+                "was it made with other photos?"
+            )
+    return cameras
+
+
+def _camera_lines(cameras: Cameras) -> Iterator[str]:
+    yield "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"
+    for i, intrinsics in enumerate(cameras.intrinsics):
+        yield f"{i + 1} {intrinsics.model} {intrinsics.width_px} {intrinsics.height_px} {_numbers(intrinsics.params)}"
+
+
+def _image_lines(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) -> Iterator[str]:
+    yield "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"
+    yield "# POINTS2D[] as (X, Y, POINT3D_ID)"
+    for i, name in enumerate(cameras.photos):
+        pose = cameras.cam_from_world[i]
+        quaternion = Rotation.from_matrix(pose[:, :3]).as_quat(canonical=True)[[3, 0, 1, 2]]
+        camera_id = int(cameras.intrinsics_idx[i]) + 1
+        yield f"{image_ids[i]} {_numbers(quaternion)} {_numbers(pose[:, 3])} {camera_id} {name}"
+        xy, point_idx = cameras.track_xy_px[views[i]].tolist(), cameras.track_point_idx[views[i]].tolist()
+        yield " ".join(f"{x!r} {y!r} {idx + 1}" for (x, y), idx in zip(xy, point_idx, strict=True))
+
+
+def _point_lines(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) -> Iterator[str]:
+    yield "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"
+    place = np.zeros(len(cameras.track_point_idx), np.int64)
+    for view in views:
+        place[view] = np.arange(len(view))
+    order = np.argsort(cameras.track_point_idx, kind="stable")
+    bounds = np.searchsorted(cameras.track_point_idx[order], np.arange(len(cameras.points_in_world) + 1))
+    seen_by, seen_at = image_ids[cameras.track_photo_idx[order]].tolist(), place[order].tolist()
+    # COLMAP's own mark of an error that was never computed is -1; it is NaN again when read.
+    errors = np.nan_to_num(cameras.points_error_px, nan=-1.0).tolist()
+    for i, (start, end) in enumerate(pairwise(bounds.tolist())):
+        red, green, blue = cameras.points_rgb[i].tolist()
+        track = " ".join(f"{seen_by[k]} {seen_at[k]}" for k in range(start, end))
+        yield f"{i + 1} {_numbers(cameras.points_in_world[i])} {red} {green} {blue} {errors[i]!r} {track}"
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(repr(value) for value in values.tolist())
+
+
+def _write(path: Path, lines: Iterator[str]) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(line + "\n" for line in lines)
