@@ -17,6 +17,8 @@ from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 
 pillow_heif.register_heif_opener()
+# Pillow loads its readers at the first use, which goes wrong when two threads come first at the same time.
+Image.init()
 
 _FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "HEIF", "WEBP", "BMP")
 _READ_ERRORS = (OSError, ValueError, SyntaxError, EOFError, UnidentifiedImageError, Image.DecompressionBombError)
