@@ -17,10 +17,11 @@ from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 
 pillow_heif.register_heif_opener()
-# Pillow loads its readers at the first use, which goes wrong when two threads come first at the same time.
+# Pillow loads its readers at the first use; here, so that this does not happen in several threads at once.
 Image.init()
 
-_FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "HEIF", "WEBP", "BMP")
+# MPO is opened by the reader of JPEG: naming it here makes Pillow fail on every format that follows.
+_FORMATS = ("JPEG", "PNG", "TIFF", "HEIF", "WEBP", "BMP")
 _READ_ERRORS = (OSError, ValueError, SyntaxError, EOFError, UnidentifiedImageError, Image.DecompressionBombError)
 # What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
 _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
