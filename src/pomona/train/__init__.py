@@ -1,0 +1,1 @@
+"""Training of the shipped network; needs the `train` extra."""

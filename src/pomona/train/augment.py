@@ -1,0 +1,136 @@
+"""Crops that look like other orchards, cameras and distances: scale, place, light, colour, blur, compression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray
+from pomona.train.samples import IGNORED, Labels, Sample, boxes_of
+
+_FEWEST_SEEN = 0.3  # of a fruit's box; less of it in the crop is doubtful
+_PADDING = 114
+
+
+@dataclass(frozen=True, kw_only=True)
+class AugmentOptions:
+    """How crops are made. `fruit_px` is the range of the sample's median fruit width, drawn log-uniformly.
+
+    A share `mosaics` of crops is four quarters of different photos, shown smaller, `mosaic_fruit_px`.
+    """
+
+    crop_px: int = 320
+    fruit_px: tuple[float, float] = (24.0, 110.0)
+    mosaic_fruit_px: tuple[float, float] = (12.0, 48.0)
+    mosaics: float = 0.35
+    typical_fruit_px: float = 50.0  # of a photo without fruit
+    at_a_fruit: float = 0.8  # share of crops which are placed around a fruit
+
+
+@dataclass(frozen=True, eq=False)
+class Crop:
+    """`pixels` uint8 (s, s, 3) RGB, `labels` int16 (s, s), `boxes_px` (n, 4) of labels 1 … n, NaN where doubtful."""
+
+    pixels: ByteArray
+    labels: Labels
+    boxes_px: FloatArray
+
+
+def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentOptions) -> Crop:
+    """Return a random crop of random samples."""
+    size = options.crop_px
+    if rng.random() >= options.mosaics:
+        crop = _cut(samples[rng.integers(len(samples))], size, options.fruit_px, rng, options)
+    else:
+        half = size // 2
+        picked = [samples[k] for k in rng.integers(len(samples), size=4)]
+        crop = _mosaic([_cut(sample, half, options.mosaic_fruit_px, rng, options) for sample in picked])
+    return Crop(recolour(crop.pixels, rng), crop.labels, crop.boxes_px)
+
+
+def _cut(
+    sample: Sample, size: int, fruit_px: tuple[float, float], rng: np.random.Generator, options: AugmentOptions
+) -> Crop:
+    """A scaled, perhaps mirrored crop of one photo, without any change of colour."""
+    pixels, labels, boxes = sample.pixels(), sample.label_image(), sample.boxes_px
+    widths = boxes[:, 2:] - boxes[:, :2]
+    typical = float(np.median(widths.max(1))) if len(boxes) else options.typical_fruit_px
+    scale = np.exp(rng.uniform(*np.log(fruit_px))) / typical
+    stretch = np.exp(rng.uniform(-0.1, 0.1))
+    sx, sy = min(scale * stretch, 2.5), min(scale / stretch, 2.5)
+    span = np.array([size / sx, size / sy])
+    room = np.array([pixels.shape[1], pixels.shape[0]]) - span
+    if len(boxes) and rng.random() < options.at_a_fruit:
+        x0, y0, x1, y1 = boxes[rng.integers(len(boxes))]
+        corner = np.array([(x0 + x1) / 2, (y0 + y1) / 2]) - span * rng.uniform(0.15, 0.85, 2)
+    else:
+        corner = rng.uniform(0, 1, 2) * room
+    corner = np.clip(corner, np.minimum(room, 0), np.maximum(room, 0))
+    mirrored = rng.random() < 0.5
+    to_crop = np.array([[sx, 0, -corner[0] * sx], [0, sy, -corner[1] * sy]])
+    if mirrored:
+        to_crop[0] = [-sx, 0, size + corner[0] * sx]
+    # warpAffine speaks of pixel centres at whole numbers; ours are at halves.
+    warp = to_crop.copy()
+    warp[:, 2] += to_crop[:, :2] @ [0.5, 0.5] - 0.5
+    shape = (size, size)
+    if max(sx, sy) < 0.6:  # shrink without aliasing
+        pixels = cv2.GaussianBlur(pixels, (0, 0), 0.5 / max(sx, sy) - 0.3)
+    cut = cv2.warpAffine(pixels, warp, shape, flags=cv2.INTER_LINEAR, borderValue=(_PADDING,) * 3)
+    cut_labels = cv2.warpAffine(labels, warp, shape, flags=cv2.INTER_NEAREST, borderValue=0)
+    corners = boxes.reshape(-1, 2, 2) @ to_crop[:, :2].T + to_crop[:, 2]
+    whole = np.concatenate([corners.min(1), corners.max(1)], axis=1)
+    return _kept(cut, cut_labels.astype(np.int16), whole, exact=sample.source == "rendered")
+
+
+def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) -> Crop:
+    """Clip the boxes to the crop; what is hardly seen there becomes doubtful."""
+    size = pixels.shape[0]
+    clipped = boxes_of(labels, len(whole)) if exact else np.clip(whole, 0, size)
+    sides, all_sides = clipped[:, 2:] - clipped[:, :2], whole[:, 2:] - whole[:, :2]
+    seen = np.nan_to_num(sides.prod(1)) / np.maximum(all_sides.prod(1), 1e-9)
+    doubtful = (seen < _FEWEST_SEEN) | (np.nan_to_num(sides).min(1, initial=np.inf) < 5)
+    clipped[doubtful] = np.nan
+    unknown = np.concatenate([[False], doubtful])
+    labels = labels.copy()
+    labels[(labels > 0) & unknown[np.maximum(labels, 0)]] = IGNORED
+    for x0, y0, x1, y1 in np.clip(whole[doubtful & (seen > 0)], 0, size).round().astype(int):
+        part = labels[y0:y1, x0:x1]
+        part[part == 0] = IGNORED
+    return Crop(pixels, labels, clipped)
+
+
+def _mosaic(quarters: list[Crop]) -> Crop:
+    half = quarters[0].pixels.shape[0]
+    pixels = np.zeros((2 * half, 2 * half, 3), np.uint8)
+    labels = np.zeros((2 * half, 2 * half), np.int16)
+    boxes, count = [], 0
+    for k, quarter in enumerate(quarters):
+        y, x = divmod(k, 2)
+        at = np.s_[y * half : (y + 1) * half, x * half : (x + 1) * half]
+        pixels[at] = quarter.pixels
+        labels[at] = np.where(quarter.labels > 0, quarter.labels + count, quarter.labels)
+        boxes.append(quarter.boxes_px + half * np.array([x, y, x, y]))
+        count += len(quarter.boxes_px)
+    return Crop(pixels, labels, np.concatenate(boxes))
+
+
+def recolour(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:
+    """Return the crop in another light and from another camera: colour, exposure, white balance, blur, noise."""
+    hsv = cv2.cvtColor(pixels, cv2.COLOR_RGB2HSV).astype(np.float32)
+    hsv[:, :, 0] = (hsv[:, :, 0] + rng.uniform(-9, 9)) % 180
+    hsv[:, :, 1] = np.clip(hsv[:, :, 1] * rng.uniform(0.55, 1.4), 0, 255)
+    image = cv2.cvtColor(hsv.astype(np.uint8), cv2.COLOR_HSV2RGB).astype(np.float32) / 255
+    image = image ** np.float32(np.exp(rng.uniform(-0.35, 0.5)))
+    image *= (np.exp(rng.uniform(-0.35, 0.15)) * np.exp(rng.uniform(-0.1, 0.1, 3))).astype(np.float32)
+    if rng.random() < 0.25:
+        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.6))
+    if rng.random() < 0.3:
+        image += rng.normal(0, rng.uniform(0.005, 0.04), image.shape).astype(np.float32)
+    result = (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    if rng.random() < 0.3:
+        _, packed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 90))])
+        result = cv2.imdecode(packed, cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(result)

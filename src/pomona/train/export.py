@@ -1,0 +1,57 @@
+"""From a trained network to the model file that `segment.onnx` reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from pomona.train.network import STRIDE, FruitNet
+
+
+class _Probabilities(nn.Module):
+    def __init__(self, network: FruitNet) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        out = self.network(image)
+        return torch.sigmoid(out.heatmap), out.box, torch.sigmoid(out.foreground), out.offset
+
+
+def export_onnx(
+    network: FruitNet,
+    path: Path,
+    *,
+    fruit_px: tuple[float, float],
+    typical_fruit_px: float,
+    score_threshold: float,
+) -> None:
+    """Write the network with its metadata, as the contract in `segment.onnx` says."""
+    import onnx
+
+    model = _Probabilities(network.eval())
+    names = ["heatmap", "box", "foreground", "offset"]
+    torch.onnx.export(
+        model,
+        (torch.zeros(1, 3, 128, 128),),
+        str(path),
+        input_names=["image"],
+        output_names=names,
+        dynamic_axes={"image": {2: "height", 3: "width"}, **{name: {2: "h", 3: "w"} for name in names}},
+        opset_version=17,
+        dynamo=False,
+    )
+    file = onnx.load(str(path))
+    entries = {
+        "pomona.kind": "center-offset",
+        "pomona.stride": str(STRIDE),
+        "pomona.fruit_px": f"{fruit_px[0]:g},{fruit_px[1]:g}",
+        "pomona.typical_fruit_px": f"{typical_fruit_px:g}",
+        "pomona.score_threshold": f"{score_threshold:.3f}",
+    }
+    for key, value in entries.items():
+        entry = file.metadata_props.add()
+        entry.key, entry.value = key, value
+    onnx.save(file, str(path))

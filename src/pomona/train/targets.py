@@ -1,0 +1,93 @@
+"""What the network is to say of a crop, as maps at its stride."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from pomona.train.augment import Crop
+from pomona.train.network import STRIDE
+from pomona.train.samples import IGNORED, Labels
+
+Float32Array = npt.NDArray[np.float32]
+
+_SPREAD = 0.54 / 6  # standard deviation of a centre's bump, of the box's side (Liu 2020, TTFNet)
+_CORE = 0.3  # a box is learnt where its bump is higher than this
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Maps of n crops at stride 4, float32 tensors.
+
+    `heat` (n, 1, h, w) bumps of height 1 at centres, `heat_weight` 0 where doubtful; `box` (n, 4, h, w) left, top,
+    right, bottom in pixels with `box_weight` (n, 1, h, w) that sums to 1 over a fruit; `foreground` (n, 1, h, w) the
+    share of fruit among a cell's sure pixels with `foreground_weight`; `offset` (n, 2, h, w) to the box's centre with
+    `offset_weight` (n, 1, h, w), which is one over the box's side on sure fruit.
+    """
+
+    heat: Tensor
+    heat_weight: Tensor
+    box: Tensor
+    box_weight: Tensor
+    foreground: Tensor
+    foreground_weight: Tensor
+    offset: Tensor
+    offset_weight: Tensor
+
+
+def targets_of(crops: list[Crop]) -> Targets:
+    """Return the targets of crops of one size, which is a multiple of the stride."""
+    each = [_maps(crop) for crop in crops]
+    stacked = {f.name: torch.from_numpy(np.stack([maps[f.name] for maps in each])) for f in fields(Targets)}
+    return Targets(**stacked)
+
+
+def _maps(crop: Crop) -> dict[str, Float32Array]:
+    size = crop.labels.shape[0] // STRIDE
+    at = ((np.arange(size) + 0.5) * STRIDE).astype(np.float32)
+    heat, best = np.zeros((size, size), np.float32), np.zeros((size, size), np.float32)
+    box = np.ones((4, size, size), np.float32)
+    box_weight = np.zeros((size, size), np.float32)
+    for x0, y0, x1, y1 in crop.boxes_px[np.isfinite(crop.boxes_px).all(1)]:
+        width, height = x1 - x0, y1 - y0
+        cx, cy = (x0 + x1) / 2, (y0 + y1) / 2
+        # The peak is the cell that holds the centre: a bump between cells would have no cell of height 1.
+        px, py = at[min(int(cx / STRIDE), size - 1)], at[min(int(cy / STRIDE), size - 1)]
+        spread_x, spread_y = max(_SPREAD * width, STRIDE / 3), max(_SPREAD * height, STRIDE / 3)
+        bump = np.exp(-((at[None, :] - px) ** 2) / (2 * spread_x**2) - (at[:, None] - py) ** 2 / (2 * spread_y**2))
+        nearest = (bump > _CORE) & (bump > best)
+        best[nearest] = bump[nearest]
+        heat = np.maximum(heat, bump)
+        rows, columns = np.nonzero(nearest)
+        box[:, rows, columns] = [at[columns] - x0, at[rows] - y0, x1 - at[columns], y1 - at[rows]]
+        box_weight[nearest] = bump[nearest] / bump[nearest].sum() if nearest.any() else 0
+    cells = crop.labels.reshape(size, STRIDE, size, STRIDE).transpose(0, 2, 1, 3).reshape(size, size, -1)
+    fruit, sure = (cells > 0).mean(2), (cells != IGNORED).mean(2)
+    offset, offset_weight = _offsets(crop, cells[:, :, STRIDE * STRIDE // 2 + STRIDE // 2], at)
+    valid_box = (box > 0).all(0)
+    return {
+        "heat": heat[None].astype(np.float32),
+        "heat_weight": ((sure > 0.5) | (heat > 0.99))[None].astype(np.float32),
+        "box": np.maximum(box, 0.5),
+        "box_weight": (box_weight * valid_box)[None].astype(np.float32),
+        "foreground": (fruit / np.maximum(sure, 1e-6))[None].astype(np.float32),
+        "foreground_weight": np.where(sure >= 0.5, sure, 0)[None].astype(np.float32),
+        "offset": offset,
+        "offset_weight": offset_weight[None],
+    }
+
+
+def _offsets(crop: Crop, label: Labels, at: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Offsets (2, h, w) from cells to the centre of the fruit seen there, and weights (h, w)."""
+    boxes = np.concatenate([np.full((1, 4), np.nan), crop.boxes_px]).astype(np.float32)
+    of = boxes[np.maximum(label, 0)]
+    known = np.isfinite(of).all(2)
+    dx = (of[:, :, 0] + of[:, :, 2]) / 2 - at[None, :]
+    dy = (of[:, :, 1] + of[:, :, 3]) / 2 - at[:, None]
+    side = (of[:, :, 2] - of[:, :, 0] + of[:, :, 3] - of[:, :, 1]) / 2
+    weight = np.where(known, 1 / np.maximum(side, 1), 0)
+    return np.where(known, np.stack([dx, dy]), 0).astype(np.float32), weight.astype(np.float32)
