@@ -31,7 +31,7 @@ def export_onnx(
     """Write the network with its metadata, as the contract in `segment.onnx` says."""
     import onnx
 
-    model = _Probabilities(network.eval())
+    model = _Probabilities(network).eval()  # a wrapper in training mode would leave the network in it
     names = ["heatmap", "box", "foreground", "offset"]
     torch.onnx.export(
         model,
