@@ -1,0 +1,50 @@
+"""What a report is made of: the survey's values, and what a run tells about itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pomona.cameras import Cameras
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.photos import Photos
+from pomona.scale.values import ScaleReport
+from pomona.sfm.values import Unregistered
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """How long a stage took, in seconds, and its peak memory in MB (None: not measured)."""
+
+    name: str
+    wall_s: float
+    peak_memory_mb: float | None = None
+
+
+def _no_cloud() -> FruitCloud:
+    return FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReportData:
+    """All that the report shows of one survey.
+
+    `cloud` holds the points of the scene (`fruit_id` 0) and of the fruits, in the frame of `cameras`. `photos` are
+    all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place.
+    `detections` is their number in all photos (None: not known). `scale` says how metres were found, where known.
+    `version` is Pomona's.
+    """
+
+    title: str
+    photos: Photos
+    cameras: Cameras
+    fruits: Fruits
+    observations: Observations = field(default_factory=Observations.empty)
+    cloud: FruitCloud = field(default_factory=_no_cloud)
+    detections: int | None = None
+    lost: tuple[Unregistered, ...] = ()
+    scale: ScaleReport | None = None
+    stages: tuple[StageTime, ...] = ()
+    warnings: tuple[str, ...] = ()
+    version: str = ""
