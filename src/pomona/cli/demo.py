@@ -1,0 +1,52 @@
+"""`pomona demo`: the whole job on the bundled sample."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona.cli.action import with_progress
+from pomona.cli.summary import show
+from pomona.errors import MissingFileError
+from pomona.pipeline import RunOptions
+from pomona.pipeline import run as run_pipeline
+
+
+def sample_folder() -> Path:
+    """Return the folder of the bundled sample."""
+    return Path(str(files("pomona"))) / "demo"
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="The folder to write.")] = Path(
+        "pomona-demo"
+    ),
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what an earlier demo did there.")] = False,
+) -> None:
+    """Run Pomona on a small sample that comes with it, then say where the report is."""
+    sample = sample_folder()
+    sides = [sample / "east", sample / "west"]
+    markers = sample / "markers.csv"
+    missing = [path.name for path in (*sides, markers) if not path.exists()]
+    if missing:
+        raise MissingFileError(f"The sample in {sample} lacks {', '.join(missing)}: install Pomona again")
+    options = RunOptions(markers=markers)
+    typer.echo(f"Two rendered apple trees, photographed from both sides; the result goes to {out}", err=True)
+    summary = with_progress(
+        lambda progress: run_pipeline(sides, out, options, progress, overwrite=overwrite, on_stage=progress.stage), out
+    )
+    show(summary)
+    _compare(out, sample / "truth" / "fruits.csv")
+    typer.echo(f"\nOpen {summary.report} in a browser: turn the trees, click a fruit.")
+
+
+def _compare(out: Path, truth: Path) -> None:
+    """Say how many of the true fruits were found."""
+    if not truth.is_file():
+        return
+    from pomona.cli.evaluate import scores_of
+
+    typer.echo(f"\n{scores_of(out, truth)}")

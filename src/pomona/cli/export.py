@@ -1,0 +1,74 @@
+"""`pomona export`: a survey in the files of other programs."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona.cli import options as shared
+from pomona.errors import InputError, MissingFileError, SurveyError
+from pomona.survey import Survey
+from pomona.survey.files import disk_errors, write_file
+
+_NAMES = {
+    "csv": "fruits.csv",
+    "geojson": "fruits.geojson",
+    "las": "cloud.las",
+    "laz": "cloud.laz",
+    "ply": "cloud.ply",
+    "colmap": "colmap",
+    "coco": "detections.json",
+}
+
+
+def export(
+    survey: shared.SurveyFolder,
+    to: Annotated[str, typer.Option(metavar="|".join(_NAMES), help="The form that is wanted.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="PATH", help="Where to. Default: SURVEY/export/.")
+    ] = None,
+) -> None:
+    """Write fruits (csv, geojson), the cloud (las, laz, ply), cameras (colmap) or masks (coco) for other programs."""
+    if to not in _NAMES:
+        raise InputError(f"--to: expected one of {', '.join(_NAMES)}, found '{to}'")
+    opened = Survey.open(survey)
+    target = out or opened.folder / "export" / _NAMES[to]
+    if out is not None and target.exists():
+        raise SurveyError(f"{target} exists already: name another file with --out")
+    source, write = _source(opened, to)
+    if not source.exists():
+        raise MissingFileError(f"{source} does not exist: run `pomona report {survey}` first")
+    with disk_errors(target.parent):
+        if source.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=out is None)
+        else:
+            write_file(target, lambda path: write(source, path))
+    typer.echo(str(target))
+
+
+def _source(survey: Survey, to: str) -> tuple[Path, Callable[[Path, Path], None]]:
+    sources = {"csv": survey.fruits, "geojson": survey.geojson, "colmap": survey.cameras, "coco": survey.detections}
+    if to in sources:
+        return sources[to], _copy
+    return survey.cloud, {"laz": _copy, "las": _las, "ply": _ply}[to]
+
+
+def _copy(source: Path, target: Path) -> None:
+    shutil.copyfile(source, target)
+
+
+def _las(source: Path, target: Path) -> None:
+    from pomona.formats.las import read_las, write_las
+
+    write_las(target, read_las(source))
+
+
+def _ply(source: Path, target: Path) -> None:
+    from pomona.formats.las import read_las
+    from pomona.formats.ply import write_ply
+
+    write_ply(target, read_las(source))

@@ -1,0 +1,68 @@
+"""Errors become a message that says what to do and an exit status, never a bare traceback."""
+
+from __future__ import annotations
+
+import functools
+import os
+import tempfile
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn, ParamSpec, TypeVar
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from pomona.errors import PomonaError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+WRONG_INPUT, OUR_MISTAKE, STOPPED = 1, 3, 130
+
+
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C, with what to tell the person."""
+
+
+def told(command: Callable[P, R]) -> Callable[P, R]:
+    """Return `command`, its errors told to the person."""
+
+    @functools.wraps(command)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except PomonaError as error:
+            say("Error", "bold red", str(error))
+            raise typer.Exit(WRONG_INPUT) from None
+        except KeyboardInterrupt as error:
+            say("Stopped", "bold yellow", str(error) or "nothing was lost.")
+            raise typer.Exit(STOPPED) from None
+        except (typer.Exit, typer.Abort, typer.BadParameter):
+            raise
+        except Exception as error:
+            _tell_of_our_mistake(error)
+
+    return wrapped
+
+
+def say(kind: str, style: str, message: str) -> None:
+    """Print a message on stderr, its first word coloured where that can be seen."""
+    console = Console(stderr=True, highlight=False)
+    console.print(Text.assemble((f"{kind}: ", style), message), soft_wrap=not console.is_terminal)
+
+
+def _tell_of_our_mistake(error: Exception) -> NoReturn:
+    if os.environ.get("POMONA_DEBUG"):
+        raise error
+    with tempfile.NamedTemporaryFile("w", prefix="pomona-error-", suffix=".txt", delete=False) as file:
+        file.write("".join(traceback.format_exception(error)))
+    text = f"{type(error).__name__}: {error}".rstrip(": ")
+    say(
+        "Error",
+        "bold red",
+        f"{text}\nThis is a mistake in Pomona, not yours. Please report it with {Path(file.name)}, which says where it "
+        "happened. What was finished is kept: the same command goes on from there.",
+    )
+    raise typer.Exit(OUR_MISTAKE) from None

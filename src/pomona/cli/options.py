@@ -1,0 +1,53 @@
+"""Options that several commands share, and what makes `RunOptions` of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona.errors import InputError
+
+Photos = Annotated[
+    list[Path],
+    typer.Argument(metavar="PHOTOS...", help="A folder of photos, two folders (the sides of the row), or a video."),
+]
+Out = Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="The folder to write: new, or a survey.")]
+SurveyFolder = Annotated[Path, typer.Argument(metavar="SURVEY", help="A folder that `pomona run` wrote.")]
+Sides = Annotated[str, typer.Option(metavar="auto|none|GLOB,GLOB", help="Which photos are of which side of the row.")]
+Model = Annotated[
+    str | None, typer.Option(metavar="NAME|FILE", help="Segmenter: .onnx, .pt or .pth, or an installed one's name.")
+]
+ScoreThreshold = Annotated[
+    float | None, typer.Option(metavar="0..1", help="Detections below are left out. Default: the model's own.")
+]
+Markers = Annotated[
+    Path | None, typer.Option(metavar="CSV", help="id,x,y,z: the places of ArUco markers' centres, in metres.")
+]
+ScaleBar = Annotated[
+    str | None, typer.Option(metavar="ID,ID,METRES", help="Two markers and the distance between their centres.")
+]
+MarkerDictionary = Annotated[str, typer.Option(metavar="NAME", help="The ArUco dictionary of the markers.")]
+FruitDiameter = Annotated[
+    float, typer.Option(metavar="METRES", help="An average fruit; sets the scale where nothing better does.")
+]
+Cameras = Annotated[
+    Path | None, typer.Option(metavar="PATH", help="A COLMAP text model, in place of structure from motion.")
+]
+GivenDetections = Annotated[
+    Path | None, typer.Option("--detections", metavar="COCO", help="Masks of your own, in place of a segmenter.")
+]
+Method = Annotated[str, typer.Option(metavar="paper", help="How masks become fruits.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def parse_scale_bar(text: str | None) -> tuple[int, int, float] | None:
+    """Return marker ids and metres from `ID,ID,METRES`; raises `InputError` for anything else."""
+    if text is None:
+        return None
+    try:
+        one, other, length_m = text.split(",")
+        return int(one), int(other), float(length_m)
+    except ValueError:
+        raise InputError(f"--scale-bar: expected ID,ID,METRES such as 0,1,0.85, found '{text}'") from None

@@ -1,0 +1,64 @@
+"""`pomona run`: the whole job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona.cli import options as shared
+from pomona.cli.action import with_progress
+from pomona.cli.summary import show
+from pomona.pipeline import RunOptions
+from pomona.pipeline import run as run_pipeline
+
+
+def run(
+    photos: shared.Photos,
+    out: shared.Out,
+    markers: shared.Markers = None,
+    scale_bar: shared.ScaleBar = None,
+    marker_dictionary: shared.MarkerDictionary = "DICT_4X4_50",
+    fruit_diameter: shared.FruitDiameter = 0.075,
+    model: shared.Model = None,
+    score_threshold: shared.ScoreThreshold = None,
+    detections: shared.GivenDetections = None,
+    cameras: shared.Cameras = None,
+    method: shared.Method = "paper",
+    sides: shared.Sides = "auto",
+    engine: Annotated[
+        str, typer.Option(metavar="auto|opencv|patchmatch", help="What makes the dense cloud; patchmatch needs a GPU.")
+    ] = "auto",
+    gnss: Annotated[bool, typer.Option(help="Whether GNSS positions in the photos may set metres and place.")] = True,
+    filter: Annotated[bool, typer.Option("--filter/--no-filter", help="Whether false fruits are dropped.")] = True,
+    filter_model: Annotated[
+        Path | None, typer.Option(metavar="JSON", help="A support vector machine of your own for that.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what earlier runs did in SURVEY.")] = False,
+    as_json: shared.Json = False,
+) -> None:
+    """Find every fruit in photos of a row: where it is, how big, as a table, a map, a cloud and a report.
+
+    A run that was stopped goes on where it was; a changed option redoes just what depends on it.
+    """
+    chosen = RunOptions(
+        sides=sides,
+        method=method,
+        model=model,
+        score_threshold=score_threshold,
+        detections=detections,
+        cameras=cameras,
+        markers=markers,
+        scale_bar=shared.parse_scale_bar(scale_bar),
+        marker_dictionary=marker_dictionary,
+        use_gnss=gnss,
+        fruit_diameter_m=fruit_diameter,
+        engine=engine,
+        filter_false_positives=filter,
+        filter_model=filter_model,
+    )
+    summary = with_progress(
+        lambda progress: run_pipeline(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage), out
+    )
+    show(summary, as_json=as_json)

@@ -1,0 +1,63 @@
+"""`pomona reconstruct`, `fuse`, `measure`, `report`: the later stages of a survey one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pomona.cli import options as shared
+from pomona.cli.action import with_progress
+from pomona.cli.summary import show
+from pomona.pipeline import go_on
+
+_DIAMETER = Annotated[float | None, typer.Option(metavar="METRES", help="An average fruit.")]
+_DICTIONARY = Annotated[str | None, typer.Option(metavar="NAME", help="The ArUco dictionary of the markers.")]
+_METHOD = Annotated[str | None, typer.Option(metavar="paper", help="How masks become fruits.")]
+
+
+def reconstruct(
+    survey: shared.SurveyFolder,
+    markers: shared.Markers = None,
+    scale_bar: shared.ScaleBar = None,
+    marker_dictionary: _DICTIONARY = None,
+    fruit_diameter: _DIAMETER = None,
+    cameras: shared.Cameras = None,
+    as_json: shared.Json = False,
+) -> None:
+    """Find the cameras of a survey and bring them to metres: writes SURVEY/cameras.
+
+    Options that are not given stay as they were.
+    """
+    changed = {
+        "markers": markers,
+        "scale_bar": shared.parse_scale_bar(scale_bar),
+        "marker_dictionary": marker_dictionary,
+        "fruit_diameter_m": fruit_diameter,
+        "cameras": cameras,
+    }
+    _go_on(survey, "scale", changed, as_json)
+
+
+def fuse(survey: shared.SurveyFolder, method: _METHOD = None, as_json: shared.Json = False) -> None:
+    """Join the detections of a survey's photos into fruits."""
+    _go_on(survey, "filter", {"method": method}, as_json)
+
+
+def measure(survey: shared.SurveyFolder, as_json: shared.Json = False) -> None:
+    """Measure the fruits of a survey and write its tables, map and cloud."""
+    _go_on(survey, "results", {}, as_json)
+
+
+def report(survey: shared.SurveyFolder, as_json: shared.Json = False) -> None:
+    """Write the report of a survey again, doing first what is missing."""
+    _go_on(survey, "report", {}, as_json)
+
+
+def _go_on(survey: Path, until: str, changed: dict[str, Any], as_json: bool) -> None:
+    given = {name: value for name, value in changed.items() if value is not None}
+    summary = with_progress(
+        lambda progress: go_on(survey, progress, until=until, changed=given, on_stage=progress.stage), survey
+    )
+    show(summary, as_json=as_json)

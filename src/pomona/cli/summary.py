@@ -1,0 +1,71 @@
+"""The end of a run, for a person or as JSON, on stdout."""
+
+from __future__ import annotations
+
+import json
+
+import typer
+
+from pomona.cli.progress import LABELS
+from pomona.pipeline import Summary
+
+_MOST_LISTED = 5
+
+
+def show(summary: Summary, *, as_json: bool = False) -> None:
+    """Print the summary."""
+    typer.echo(json.dumps(summary.to_json(), indent=1, ensure_ascii=False) if as_json else text_of(summary))
+
+
+def text_of(summary: Summary) -> str:
+    """Return the summary as lines of text."""
+    lines = [_headline(summary)]
+    lines += [f"  {name:11} {text}" for name, text in _entries(summary) if text]
+    return "\n".join(lines)
+
+
+def _headline(summary: Summary) -> str:
+    if summary.fruits is not None:
+        return f"{summary.fruits} fruits found" if summary.fruits else "No fruit found"
+    if summary.photos_used is not None:
+        return f"{summary.photos_used} of {summary.photos} photos placed"
+    return f"{summary.detections} detections in {summary.photos} photos"
+
+
+def _entries(summary: Summary) -> list[tuple[str, str]]:
+    used = "" if summary.photos_used is None else f"{summary.photos_used} of {summary.photos} used"
+    detections = "" if summary.detections is None else f"{summary.detections} masks"
+    return [
+        ("photos", used),
+        *_listed("not placed", summary.lost),
+        *_listed("skipped", summary.skipped),
+        ("detections", detections),
+        ("scale", summary.scale or ""),
+        ("time", _times(summary)),
+        ("warnings", f"{len(summary.warnings)}, kept in survey.json" if summary.warnings else ""),
+        ("report", str(summary.report) if summary.report else ""),
+        ("folder", str(summary.survey)),
+    ]
+
+
+def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
+    lines = [(name if k == 0 else "", f"{photo} ({reason})") for k, (photo, reason) in enumerate(entries)]
+    more = len(lines) - _MOST_LISTED
+    return lines if more <= 0 else [*lines[:_MOST_LISTED], ("", f"and {more} more, see survey.json")]
+
+
+def _times(summary: Summary) -> str:
+    done = [stage for stage in summary.stages if not stage.kept]
+    kept = [LABELS[stage.name].lower() for stage in summary.stages if stage.kept]
+    parts = [f"{LABELS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in done]
+    text = f"{seconds(sum(stage.wall_s for stage in done))}" + (f" ({', '.join(parts)})" if parts else "")
+    return text + (f"; kept from before: {', '.join(kept)}" if kept else "")
+
+
+def seconds(value: float) -> str:
+    """Return a duration as people say it."""
+    if value < 90:
+        return f"{value:.0f} s" if value >= 10 else f"{value:.1f} s"
+    minutes, rest = divmod(round(value), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"

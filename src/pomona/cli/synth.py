@@ -1,0 +1,44 @@
+"""`pomona synth`: a rendered row with truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona.cli.failures import Stopped
+from pomona.cli.progress import TerminalProgress
+from pomona.errors import MissingExtraError
+
+
+def synth(
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="ROW", help="The folder to write.")],
+    seed: Annotated[int, typer.Option(help="Other seeds, other trees.")] = 0,
+    trees: Annotated[int, typer.Option(help="Trees in the row.")] = 3,
+    fruits_per_tree: Annotated[int, typer.Option(help="Fruits on a tree.")] = 50,
+    variety: Annotated[str, typer.Option(help="How the fruits look: red, bicolour, green, ...")] = "red",
+    light: Annotated[str, typer.Option(help="noon, sun, low-sun, hazy or overcast.")] = "sun",
+    photos_per_side: Annotated[int, typer.Option(help="Photos of each side.")] = 17,
+    distance: Annotated[float, typer.Option(metavar="METRES", help="From the photographer to the trunks.")] = 2.8,
+) -> None:
+    """Render a row of apple trees from both sides, every fruit and camera known (needs the extra `synth`)."""
+    from pomona.synth import RowOptions, render_row
+
+    options = RowOptions(
+        seed=seed,
+        trees=trees,
+        fruits_per_tree=fruits_per_tree,
+        variety=variety,
+        light=light,
+        photos_per_side=photos_per_side,
+        distance_m=distance,
+    )
+    try:
+        with TerminalProgress() as progress:
+            render_row(options, out, progress=progress)
+    except ImportError as error:
+        raise MissingExtraError(f"{error}: install it with pip install 'pomona[synth]' (Python 3.11)") from None
+    except KeyboardInterrupt:
+        raise Stopped("the same command goes on with the photos that are missing.") from None
+    typer.echo(str(out))

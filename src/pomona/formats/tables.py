@@ -1,0 +1,141 @@
+"""`fruits.csv` and `observations.csv`: what was not measured is an empty cell, never 0 or -1."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from pomona.errors import FormatError, MissingFileError
+from pomona.fruits import Fruits, Observations
+
+FRUIT_COLUMNS = (
+    "id", "x_m", "y_m", "z_m", "diameter_m", "diameter_sd_m", "visibility", "weight_g", "views", "score", "tree_id",
+    "side", "reason",
+)  # fmt: skip
+OBSERVATION_COLUMNS = ("fruit_id", "photo", "detection_id", "x_px", "y_px")
+
+Number = TypeVar("Number", int, float)
+
+
+def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
+    """Return a dictionary a fruit, keyed by the columns; None where a value was not measured. Lengths to 0.1 mm."""
+    return [
+        {
+            "id": int(fruits.ids[i]),
+            "x_m": _rounded(fruits.centers_in_world[i, 0], 4),
+            "y_m": _rounded(fruits.centers_in_world[i, 1], 4),
+            "z_m": _rounded(fruits.centers_in_world[i, 2], 4),
+            "diameter_m": _rounded(fruits.diameters_m[i], 4),
+            "diameter_sd_m": _rounded(fruits.diameter_sds_m[i], 4),
+            "visibility": _rounded(fruits.visibilities[i], 3),
+            "weight_g": _rounded(fruits.weights_g[i], 1),
+            "views": int(fruits.views[i]),
+            "score": _rounded(fruits.scores[i], 3),
+            "tree_id": int(fruits.tree_ids[i]) or None,
+            "side": fruits.sides[i],
+            "reason": fruits.reasons[i],
+        }
+        for i in range(len(fruits))
+    ]
+
+
+def write_fruits(path: Path, fruits: Fruits) -> None:
+    """Write `fruits.csv`, a line a fruit in the order of `fruits`."""
+    _write(path, FRUIT_COLUMNS, (list(row.values()) for row in fruit_rows(fruits)))
+
+
+def read_fruits(path: Path) -> Fruits:
+    """Read `fruits.csv`; columns that are not known are ignored, those that may be empty may also be missing.
+
+    Raises `MissingFileError`, and `FormatError` naming line, column and what was expected.
+    """
+    rows = _read(path, ("id", "x_m", "y_m", "z_m"))
+    column = _Columns(path, rows)
+    return Fruits(
+        ids=np.array(column.whole("id"), np.int64),
+        centers_in_world=np.array([column.real(c) for c in ("x_m", "y_m", "z_m")], float).T,
+        diameters_m=np.array(column.real("diameter_m"), float),
+        scores=np.array(column.real("score"), float),
+        views=np.array(column.whole("views"), np.int64),
+        diameter_sds_m=np.array(column.real("diameter_sd_m"), float),
+        visibilities=np.array(column.real("visibility"), float),
+        weights_g=np.array(column.real("weight_g"), float),
+        tree_ids=np.array(column.whole("tree_id"), np.int64),
+        sides=tuple(row.get("side") or "" for row in rows),
+        reasons=tuple(row.get("reason") or "" for row in rows),
+    )
+
+
+def write_observations(path: Path, observations: Observations) -> None:
+    """Write `observations.csv`, a line a sighting."""
+    columns = (observations.fruit_id, observations.photo, observations.detection_id, *observations.xy_px.T)
+    rows = ([int(f), p, int(d), f"{x:.2f}", f"{y:.2f}"] for f, p, d, x, y in zip(*columns, strict=True))
+    _write(path, OBSERVATION_COLUMNS, rows)
+
+
+def read_observations(path: Path) -> Observations:
+    """Read `observations.csv`; raises what `read_fruits` raises."""
+    rows = _read(path, OBSERVATION_COLUMNS)
+    column = _Columns(path, rows)
+    return Observations(
+        np.array(column.whole("fruit_id"), np.int64),
+        tuple(row["photo"] for row in rows),
+        np.array(column.whole("detection_id"), np.int64),
+        np.array([column.real("x_px"), column.real("y_px")], float).T,
+    )
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def _read(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file, restval="")
+            missing = [name for name in needed if name not in (reader.fieldnames or [])]
+            if missing:
+                found = ", ".join(reader.fieldnames or []) or "nothing"
+                raise FormatError(f"{path}: expected columns {', '.join(needed)} in the first line, found {found}")
+            return list(reader)
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: no such file") from None
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path}: expected a table (CSV, UTF-8), but {error}") from None
+
+
+class _Columns:
+    """The cells of one column as numbers; empty ones are NaN, or 0 where the column holds whole numbers."""
+
+    def __init__(self, path: Path, rows: Sequence[dict[str, str]]) -> None:
+        self._path, self._rows = path, rows
+
+    def whole(self, name: str) -> list[int]:
+        return self._numbers(name, int, 0, "a whole number")
+
+    def real(self, name: str) -> list[float]:
+        return self._numbers(name, float, math.nan, "a number")
+
+    def _numbers(self, name: str, parse: Callable[[str], Number], empty: Number, expected: str) -> list[Number]:
+        values = []
+        for k, row in enumerate(self._rows, start=2):
+            text = (row.get(name) or "").strip()
+            try:
+                values.append(parse(text) if text else empty)
+            except ValueError:
+                raise FormatError(
+                    f"{self._path}, line {k}, column {name}: expected {expected}, found '{text}'"
+                ) from None
+        return values

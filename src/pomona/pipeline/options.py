@@ -1,0 +1,124 @@
+"""What a person can choose about a run. The options of each stage are made from these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from pomona.errors import InputError, MissingFileError
+from pomona.survey.digest import plain
+
+if TYPE_CHECKING:
+    from pomona.dense import DenseOptions
+    from pomona.fuse import PaperOptions
+    from pomona.scale import ScaleOptions
+    from pomona.segment import SegmentOptions
+    from pomona.sfm import SfmOptions
+
+Method = Literal["paper"]
+Engine = Literal["auto", "opencv", "patchmatch"]
+METHODS: tuple[str, ...] = get_args(Method)
+ENGINES: tuple[str, ...] = get_args(Engine)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of a run; the defaults need no tuning.
+
+    `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
+    installed segmenter; `score_threshold` None: the model's own. `detections`: a COCO file, used in place of a
+    segmenter. `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
+    `scale_bar` (two ids, metres), `use_gnss`, `fruit_diameter_m`: where metres come from, in this order.
+    `engine` makes the dense cloud. `filter_false_positives`: whether the support vector machine has its say, with
+    `filter_model` (None: the shipped one).
+
+    The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
+    """
+
+    sides: str = "auto"
+    method: str = "paper"
+    model: str | None = None
+    score_threshold: float | None = None
+    detections: Path | None = None
+    cameras: Path | None = None
+    markers: Path | None = None
+    scale_bar: tuple[int, int, float] | None = None
+    marker_dictionary: str = "DICT_4X4_50"
+    use_gnss: bool = True
+    fruit_diameter_m: float = 0.075
+    engine: str = "auto"
+    filter_false_positives: bool = True
+    filter_model: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"--method: expected one of {', '.join(METHODS)}, found '{self.method}'")
+        if self.engine not in ENGINES:
+            raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, found '{self.engine}'")
+        for name in ("detections", "cameras", "markers", "filter_model"):
+            path = getattr(self, name)
+            if path is None:
+                continue
+            object.__setattr__(self, name, Path(path).expanduser().resolve())
+            if not getattr(self, name).exists():
+                raise MissingFileError(f"--{name.replace('_', '-')}: {path} does not exist")
+        # Made once here, so that wrong values are told of before any work is done.
+        _ = self.scale, self.segment, self.dense
+
+    @property
+    def scale(self) -> ScaleOptions:
+        """Options of the scale stage."""
+        from pomona.scale.values import ScaleOptions
+
+        return ScaleOptions(
+            markers=self.markers,
+            scale_bar=self.scale_bar,
+            marker_dictionary=self.marker_dictionary,
+            fruit_diameter_m=self.fruit_diameter_m,
+            use_gnss=self.use_gnss,
+        )
+
+    @property
+    def segment(self) -> SegmentOptions:
+        """Options of the segment stage."""
+        from pomona.segment.stage import SegmentOptions
+
+        return SegmentOptions(score_threshold=self.score_threshold)
+
+    @property
+    def sfm(self) -> SfmOptions:
+        """Options of structure from motion."""
+        from pomona.sfm.options import SfmOptions
+
+        return SfmOptions()
+
+    @property
+    def dense(self) -> DenseOptions:
+        """Options of the dense stage."""
+        from pomona.dense.options import DenseOptions
+
+        return DenseOptions(engine=self.engine, fruit_diameter_m=self.fruit_diameter_m)  # type: ignore[arg-type]
+
+    @property
+    def paper(self) -> PaperOptions:
+        """Options of the paper's fusion."""
+        from pomona.fuse import PaperOptions
+
+        # 3 cm were chosen for apples of 75 mm; other fruits have their own size.
+        return PaperOptions(eps_m=0.4 * self.fruit_diameter_m)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the options as `survey.json` holds them."""
+        values: dict[str, Any] = plain(self)
+        return values
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> RunOptions:
+        """Return the options that `to_json` gave; entries of other versions are ignored."""
+        known = {field.name: values[field.name] for field in fields(cls) if field.name in values}
+        if known.get("scale_bar"):
+            one, other, length_m = known["scale_bar"]
+            known["scale_bar"] = int(one), int(other), float(length_m)
+        return cls(**known)

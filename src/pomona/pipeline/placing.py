@@ -1,0 +1,217 @@
+"""Cameras: by structure from motion or as given; then metres and the world frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from pomona.cameras import Cameras, WorldFrame
+from pomona.detections import SurveyDetections
+from pomona.errors import InputError, ReconstructionError
+from pomona.photos import Photos
+from pomona.pipeline.context import Context
+from pomona.progress import Progress
+from pomona.scale.values import MarkerResidual, PieceScale, Placed, ScaleReport
+from pomona.sfm.values import Piece, Reconstruction, Unregistered
+from pomona.survey import Stage
+from pomona.survey.digest import file_digest, plain
+from pomona.survey.stage import StageWork
+from pomona.survey.values import frame_from
+
+
+def sfm_stage(context: Context, segment: Stage[SurveyDetections]) -> Stage[Reconstruction]:
+    """Return the stage that finds the cameras, each piece in a frame of its own."""
+    path = context.survey.work("pieces")
+
+    def key() -> Any:
+        if context.options.cameras is not None:
+            return ["given", file_digest(context.options.cameras), context.photos.names]
+        return [context.options.sfm, context.photo_details, context.photos.from_video, _fruitless(segment)]
+
+    def compute(progress: Progress) -> Reconstruction:
+        if context.options.cameras is not None:
+            return _given(context)
+        return _reconstructed(context, progress, fruitless=_fruitless(segment))
+
+    def save(reconstruction: Reconstruction) -> Mapping[str, Any]:
+        from pomona.sfm.store import write_reconstruction
+
+        write_reconstruction(path, reconstruction, context.photos)
+        pieces = [
+            {"side": p.side, "photos": len(p.cameras), "mean_reprojection_error_px": p.mean_reprojection_error_px}
+            for p in reconstruction.pieces
+        ]
+        return {"pieces": pieces, "unregistered": plain(reconstruction.unregistered)}
+
+    def load(info: Mapping[str, Any]) -> Reconstruction:
+        from pomona.sfm.store import read_reconstruction
+
+        return read_reconstruction(path, context.photos)
+
+    work = StageWork(compute=compute, save=save, load=load, outputs=(path,))
+    return context.stage("sfm", key, work, rooms=("sfm",))
+
+
+def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[Reconstruction]) -> Stage[Placed]:
+    """Return the stage that writes `cameras/`, in metres, z up."""
+    path, options = context.survey.cameras, context.options
+
+    def key() -> Any:
+        markers = None if options.markers is None else file_digest(options.markers)
+        return [replace(options.scale, markers=None), markers, sfm.token, segment.token, context.photo_details]
+
+    def compute(progress: Progress) -> Placed:
+        from pomona.scale import place_in_world
+
+        reconstruction = sfm.value
+        if options.cameras is not None and options.markers is None and options.scale_bar is None:
+            return _as_given(reconstruction, progress)
+        if not reconstruction.pieces:  # only where there is no fruit: sfm_stage raises otherwise
+            return Placed(_no_cameras())
+        return place_in_world(
+            reconstruction, context.photos, options=options.scale, detections=segment.value, progress=progress
+        )
+
+    def save(placed: Placed) -> Mapping[str, Any]:
+        from pomona.formats.colmap import write_cameras
+
+        write_cameras(path, placed.cameras, context.photos)
+        info: dict[str, Any] = plain(
+            {
+                "photos": len(placed.cameras),
+                "frame": placed.cameras.frame,
+                "report": placed.residuals,
+                "lost": placed.lost,
+            }
+        )
+        return info
+
+    def load(info: Mapping[str, Any]) -> Placed:
+        from pomona.formats.colmap import read_cameras
+
+        cameras = replace(read_cameras(path), frame=frame_from(info["frame"]))
+        return Placed(cameras, unregistered_from(info["lost"]), _report_from(info["report"]))
+
+    work = StageWork(compute=compute, save=save, load=load, outputs=(path,), needs=(segment, sfm))
+    return context.stage("scale", key, work, rooms=("scale",))
+
+
+def unregistered_from(entries: list[dict[str, str]]) -> tuple[Unregistered, ...]:
+    """Return the photos without a place of which the manifest holds the entries."""
+    return tuple(Unregistered(**entry) for entry in entries)
+
+
+def _fruitless(segment: Stage[SurveyDetections]) -> bool:
+    return bool(segment.ensure().info["detections"] == 0)
+
+
+def _reconstructed(context: Context, progress: Progress, *, fruitless: bool) -> Reconstruction:
+    from pomona.sfm import reconstruct
+
+    try:
+        reconstruction = reconstruct(
+            context.photos, options=context.options.sfm, work_dir=context.survey.work("sfm"), progress=progress
+        )
+        if not reconstruction.pieces:
+            raise ReconstructionError(_no_piece(reconstruction))
+    except ReconstructionError as error:
+        if not fruitless:
+            raise
+        progress.warn(f"No camera could be placed, which does not matter here as there is no fruit: {error}")
+        return Reconstruction(())
+    return reconstruction
+
+
+def _no_piece(reconstruction: Reconstruction) -> str:
+    lost = reconstruction.unregistered
+    reasons = "; ".join(dict.fromkeys(f"{photo.reason}: {photo.advice}" for photo in lost))
+    return f"None of {len(lost)} photos could be placed. {reasons}"
+
+
+def _given(context: Context) -> Reconstruction:
+    from pomona.formats.colmap import read_cameras
+
+    assert context.options.cameras is not None
+    cameras = _renamed(read_cameras(context.options.cameras), context.photos)
+    known = context.photos.by_name()
+    strangers = {name for name in cameras.photos if name not in known}
+    if len(strangers) == len(cameras):
+        raise InputError(
+            f"--cameras {context.options.cameras}: none of its {len(cameras)} photos is among those given: expected "
+            f"names such as {context.photos.names[0]}, found {', '.join(cameras.photos[:2]) or 'none'}"
+        )
+    if strangers:
+        cameras = _without(cameras, strangers)
+    missing = [photo for photo in context.photos if photo.name not in cameras.photos]
+    reason, advice = "not among the cameras given", "add it to the model, or leave --cameras out"
+    lost = tuple(Unregistered(photo.name, photo.side, reason, advice) for photo in missing)
+    side = " and ".join(context.photos.sides)
+    return Reconstruction((Piece(side, cameras, _mean_error(cameras)),), lost)
+
+
+def _renamed(cameras: Cameras, photos: Photos) -> Cameras:
+    """Name the cameras as the survey names its photos, where only the folders before the file's name differ."""
+    known = photos.by_name()
+    by_file: dict[str, list[str]] = {}
+    for name in photos.names:
+        by_file.setdefault(PurePosixPath(name).name, []).append(name)
+    names = []
+    for name in cameras.photos:
+        fitting = by_file.get(PurePosixPath(name).name, [])
+        names.append(fitting[0] if name not in known and len(fitting) == 1 else name)
+    return replace(cameras, photos=tuple(names)) if len(set(names)) == len(names) else cameras
+
+
+def _mean_error(cameras: Cameras) -> float:
+    errors = cameras.points_error_px[np.isfinite(cameras.points_error_px)]
+    return float(errors.mean()) if len(errors) else float("nan")
+
+
+def _without(cameras: Cameras, strangers: set[str]) -> Cameras:
+    kept = np.array([k for k, name in enumerate(cameras.photos) if name not in strangers], np.int64)
+    new_idx = np.full(len(cameras), -1, np.int64)
+    new_idx[kept] = np.arange(len(kept))
+    tracks = new_idx[cameras.track_photo_idx] >= 0
+    return replace(
+        cameras,
+        photos=tuple(cameras.photos[k] for k in kept),
+        intrinsics_idx=cameras.intrinsics_idx[kept],
+        cam_from_world=cameras.cam_from_world[kept],
+        track_point_idx=cameras.track_point_idx[tracks],
+        track_photo_idx=new_idx[cameras.track_photo_idx[tracks]],
+        track_xy_px=cameras.track_xy_px[tracks],
+    )
+
+
+def _as_given(reconstruction: Reconstruction, progress: Progress) -> Placed:
+    (piece,) = reconstruction.pieces
+    frame = piece.cameras.frame
+    if not frame.metric:
+        progress.warn(
+            "The cameras given are taken to be in metres, z up. If they are not, give --markers or --scale-bar as well"
+        )
+        frame = WorldFrame("given", approximate=False, up_is_known=True)
+    return Placed(replace(piece.cameras, frame=frame), (), ScaleReport(frame.scale_source))
+
+
+def _no_cameras() -> Cameras:
+    return Cameras((), (), np.zeros(0, np.int64), np.zeros((0, 3, 4)))
+
+
+def _report_from(values: Mapping[str, Any]) -> ScaleReport:
+    return ScaleReport(
+        source=values["source"],
+        pieces=tuple(PieceScale(**_nan(entry)) for entry in values["pieces"]),
+        markers=tuple(MarkerResidual(**_nan(entry)) for entry in values["markers"]),
+        unseen_markers=tuple(values["unseen_markers"]),
+        tied_pieces=int(values["tied_pieces"]),
+        notes=tuple(values["notes"]),
+    )
+
+
+def _nan(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: float("nan") if value is None else value for name, value in entry.items()}

@@ -1,0 +1,114 @@
+"""What is handed over: tables, map and cloud; then the report and the contact sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
+from pomona.formats.geojson import write_geojson
+from pomona.formats.tables import read_fruits, read_observations, write_fruits, write_observations
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.pipeline.context import Context
+from pomona.pipeline.summary import Summary
+from pomona.progress import Progress
+from pomona.scale.values import Placed
+from pomona.survey import Stage
+from pomona.survey.digest import digest
+from pomona.survey.files import write_file
+from pomona.survey.stage import StageWork
+
+if TYPE_CHECKING:
+    from pomona.fuse import Fused
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What the tables and the cloud of a survey hold; `scene` is the cloud with the sparse points of everything."""
+
+    fruits: Fruits
+    observations: Observations
+    scene: FruitCloud
+
+
+def results_stage(context: Context, scale: Stage[Placed], measured: Stage[Fused]) -> Stage[Results]:
+    """Return the stage that writes `fruits.csv`, `fruits.geojson`, `observations.csv` and `cloud.laz`."""
+    survey = context.survey
+
+    def compute(progress: Progress) -> Results:
+        progress.start("writing tables, map and cloud")
+        fused = measured.value
+        return Results(fused.fruits, fused.observations, scene_cloud(scale.value.cameras, fused.cloud))
+
+    def save(results: Results) -> Mapping[str, Any]:
+        from pomona.formats.las import write_las
+
+        frame = scale.value.cameras.frame
+        write_file(survey.fruits, lambda path: write_fruits(path, results.fruits))
+        write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
+        write_file(survey.observations, lambda path: write_observations(path, results.observations))
+        write_file(survey.cloud, lambda path: write_las(path, results.scene))
+        return {"fruits": len(results.fruits), "observations": len(results.observations)}
+
+    def load(info: Mapping[str, Any]) -> Results:
+        from pomona.formats.las import read_las
+
+        return Results(read_fruits(survey.fruits), read_observations(survey.observations), read_las(survey.cloud))
+
+    outputs = (survey.fruits, survey.geojson, survey.observations, survey.cloud)
+    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(scale, measured))
+    return context.stage("results", lambda: [scale.token, measured.token], work, rooms=("formats",))
+
+
+def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
+    """Return the sparse points of the whole scene (`fruit_id` 0) and the points of the fruits, in one cloud."""
+    return FruitCloud(
+        np.concatenate([cameras.points_in_world, fruit_cloud.points_in_world]),
+        np.concatenate([cameras.points_rgb, fruit_cloud.rgb]),
+        np.concatenate([np.zeros(len(cameras.points_in_world), np.int64), fruit_cloud.fruit_id]),
+    )
+
+
+def report_stage(
+    context: Context,
+    segment: Stage[SurveyDetections],
+    scale: Stage[Placed],
+    results: Stage[Results],
+    summarise: Any,
+) -> Stage[None]:
+    """Return the stage that writes `report.html` and `contact_sheet.jpg`; `summarise` gives the `Summary` so far."""
+    survey = context.survey
+
+    def compute(progress: Progress) -> None:
+        summary: Summary = summarise()
+        _write_report(context, segment.value, scale.value, results.value, summary, progress)
+
+    def save(_: None) -> Mapping[str, Any]:
+        return {}
+
+    def load(info: Mapping[str, Any]) -> None:
+        return None
+
+    def key() -> Any:
+        return [segment.token, scale.token, results.token, digest(context.photo_details), context.options]
+
+    outputs = (survey.report, survey.contact_sheet)
+    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(segment, scale, results))
+    return context.stage("report", key, work, rooms=("report",))
+
+
+def _write_report(
+    context: Context,
+    detections: SurveyDetections,
+    placed: Placed,
+    results: Results,
+    summary: Summary,
+    progress: Progress,
+) -> None:
+    from pomona import report
+
+    raise NotImplementedError(report)

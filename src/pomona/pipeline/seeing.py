@@ -1,0 +1,112 @@
+"""Detections of every photo: by a segmenter, photo after photo, or from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pomona.detections import Detections, SurveyDetections
+from pomona.errors import PomonaError
+from pomona.photos import Photo, Photos
+from pomona.pipeline.context import Context, code_digest
+from pomona.progress import Progress
+from pomona.survey import Stage
+from pomona.survey.digest import digest, file_digest
+from pomona.survey.files import write_file
+from pomona.survey.stage import StageWork
+
+
+def segment_stage(context: Context) -> Stage[SurveyDetections]:
+    """Return the stage that writes `detections.json`."""
+    path = context.survey.detections
+
+    def compute(progress: Progress) -> SurveyDetections:
+        return _given(context, progress) if context.options.detections else _segmented(context, progress)
+
+    def save(detections: SurveyDetections) -> Mapping[str, Any]:
+        from pomona.formats.coco import write_coco
+
+        write_file(path, lambda temporary: write_coco(temporary, context.photos, detections))
+        return {"detections": detections.total, "photos": len(detections)}
+
+    def load(info: Mapping[str, Any]) -> SurveyDetections:
+        from pomona.formats.coco import read_coco
+
+        return read_coco(path, context.photos)
+
+    work = StageWork(compute=compute, save=save, load=load, outputs=(path,))
+    return context.stage("segment", lambda: _key(context), work, rooms=("segment",))
+
+
+def _key(context: Context) -> Any:
+    if context.options.detections is not None:
+        details = [[photo.name, photo.width_px, photo.height_px] for photo in context.photos]
+        return ["given", file_digest(context.options.detections), details]
+    return [_model_key(context), dict(context.digests), list(context.photos.sides)]
+
+
+def _model_key(context: Context) -> Any:
+    from pomona.segment.load import SHIPPED_WEIGHTS
+
+    model = context.options.model
+    path = SHIPPED_WEIGHTS if model is None else Path(model)
+    return [file_digest(path) if path.is_file() else str(model), context.options.segment]
+
+
+def _given(context: Context, progress: Progress) -> SurveyDetections:
+    from pomona.segment import given_detections
+
+    assert context.options.detections is not None
+    progress.start("reading the detections given")
+    return given_detections(context.options.detections, context.photos, progress=progress)
+
+
+def _segmented(context: Context, progress: Progress) -> SurveyDetections:
+    """Segment photo after photo; each is kept in `work/` at once, so that a stopped run goes on with the next."""
+    from pomona.formats.coco import write_coco
+    from pomona.segment import iter_detections, load_segmenter
+
+    folder = context.survey.work("segment") / digest([_model_key(context), code_digest("segment")])
+    files = {p.name: folder / f"{digest([p.name, context.digests[p.name]])}.json" for p in context.photos}
+    done = _done(context.photos, files)
+    segmenter = load_segmenter(context.options.model)
+    found: dict[str, Detections] = {}
+    by_name = context.photos.by_name()
+    options = context.options.segment
+    for of_photo in iter_detections(context.photos, segmenter, options=options, progress=progress, done=done):
+        found[of_photo.photo] = of_photo
+        if of_photo.photo not in done:
+            _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
+    detections = SurveyDetections(found)
+    if detections.total == 0:
+        progress.warn(
+            f"No fruit was found in any of {len(found)} photos: the result is empty. If there is fruit in them, try "
+            "another --model, a lower --score-threshold, or give --detections"
+        )
+    return detections
+
+
+def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
+    of_one = SurveyDetections({photo.name: found})
+    write_file(path, lambda temporary: write_coco(temporary, Photos((photo,)), of_one))
+
+
+def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
+    """Detections that an earlier, stopped run kept; what is damaged, or has ids that clash, is done again."""
+    from pomona.formats.coco import read_coco
+
+    done: dict[str, Detections] = {}
+    ids: set[int] = set()
+    for photo in photos:
+        if not files[photo.name].is_file():
+            continue
+        try:
+            found = read_coco(files[photo.name], Photos((photo,)))[photo.name]
+        except (PomonaError, KeyError):
+            continue
+        of_photo = set(found.ids.tolist())
+        if not of_photo & ids:
+            done[photo.name] = found
+            ids |= of_photo
+    return done

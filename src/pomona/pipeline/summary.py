@@ -1,0 +1,97 @@
+"""What a run tells at its end, and what `survey.json` keeps of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pomona.cameras import WorldFrame
+from pomona.survey import StageRecord, Survey
+from pomona.survey.digest import plain
+
+_SOURCES = {
+    "markers": "metres from markers",
+    "scale-bar": "metres from the scale bar",
+    "gnss": "metres from GNSS",
+    "fruit-diameter": "metres from an assumed fruit diameter",
+    "given": "metres as in the cameras given",
+    "none": "unknown",
+}
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """How long a stage took (seconds), its peak memory (MB), and whether it was kept from an earlier run."""
+
+    name: str
+    wall_s: float
+    peak_memory_mb: float | None
+    kept: bool
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The end of a run. What a partial run did not come to is None. `lost` are photo names with reasons."""
+
+    survey: Path
+    photos: int
+    detections: int | None
+    photos_used: int | None
+    fruits: int | None
+    scale: str | None
+    approximate: bool | None
+    lost: tuple[tuple[str, str], ...]
+    skipped: tuple[tuple[str, str], ...]
+    stages: tuple[StageTime, ...]
+    warnings: tuple[str, ...]
+    report: Path | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as `pomona run --json` prints it."""
+        values: dict[str, Any] = plain(self)
+        return values
+
+
+def summarise(
+    survey: Survey, photos: int, skipped: tuple[tuple[str, str], ...], ran: set[str], warnings: tuple[str, ...]
+) -> Summary:
+    """Return the summary of what `survey.json` knows; `ran` are the stages that this run did itself."""
+    records = {name: record for name, record in survey.records.items() if record.finished}
+    scale = records.get("scale")
+    results = records.get("results")
+    lost = [*_lost(records.get("sfm"), "unregistered"), *_lost(scale, "lost")]
+    all_warnings = dict.fromkeys([*warnings, *(w for record in records.values() for w in record.warnings)])
+    return Summary(
+        survey=survey.folder,
+        photos=photos,
+        detections=records["segment"].info["detections"] if "segment" in records else None,
+        photos_used=int(scale.info["photos"]) if scale else None,
+        fruits=int(results.info["fruits"]) if results else None,
+        scale=_scale(scale.info) if scale else None,
+        approximate=bool(scale.info["frame"]["approximate"]) if scale else None,
+        lost=tuple(lost),
+        skipped=skipped,
+        stages=tuple(
+            StageTime(name, record.wall_s, record.peak_memory_mb, name not in ran) for name, record in records.items()
+        ),
+        warnings=tuple(all_warnings),
+        report=survey.report if "report" in records else None,
+    )
+
+
+def _lost(record: StageRecord | None, entry: str) -> list[tuple[str, str]]:
+    photos = record.info[entry] if record else []
+    return [(photo["photo"], f"{photo['reason']}: {photo['advice']}") for photo in photos]
+
+
+def _scale(info: Mapping[str, Any]) -> str:
+    frame = WorldFrame(info["frame"]["scale_source"], bool(info["frame"]["approximate"]))
+    text = _SOURCES[frame.scale_source]
+    residuals = [m["residual_mm"] for m in info["report"]["markers"] if m["used"] and m["residual_mm"] is not None]
+    if frame.scale_source == "markers" and residuals:
+        rms_mm = math.sqrt(sum(r * r for r in residuals) / len(residuals))
+        text += f" (residual {rms_mm:.1f} mm)"
+    return text + (", approximate" if frame.approximate and frame.metric else "")

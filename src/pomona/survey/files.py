@@ -1,0 +1,53 @@
+"""Writing so that nothing is lost: a temporary name first, then renamed; and what to say when the disk is full."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pomona.errors import PomonaError, SurveyError
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+
+
+def write_file(path: Path, write: Callable[[Path], None]) -> None:
+    """Let `write` make the file under a temporary name in the same folder (same suffix), then rename it to `path`.
+
+    When `write` fails, what was at `path` before is still there and nothing else is.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        write(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def disk_errors(folder: Path) -> Iterator[None]:
+    """Turn a full or write-protected disk into a `SurveyError` that says where, and what to do."""
+    try:
+        yield
+    except PomonaError:
+        raise
+    except Exception as error:
+        number = error.errno if isinstance(error, OSError) else None
+        if number in _FULL or "disk is full" in str(error).lower() or "no space left" in str(error).lower():
+            raise SurveyError(
+                f"The disk is full: cannot write to {folder}{_free(folder)}. What was finished is kept: free some "
+                "space and run the same command again, and it goes on where it was"
+            ) from error
+        inside = isinstance(error, OSError) and str(error.filename or "").startswith(str(folder))
+        if number in _FORBIDDEN and inside:
+            raise SurveyError(f"{folder} cannot be written to ({error}): choose another folder with --out") from error
+        raise
+
+
+def _free(folder: Path) -> str:
+    existing = next(p for p in (folder, *folder.parents) if p.exists())
+    return f" ({shutil.disk_usage(existing).free / 1e6:.0f} MB free)"

@@ -1,0 +1,197 @@
+"""The one class that builds paths in a survey folder and writes its manifest."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pomona import __version__
+from pomona.errors import FormatError, MissingFileError, SurveyError
+from pomona.survey.digest import plain
+from pomona.survey.files import disk_errors, write_file
+from pomona.survey.record import StageRecord, now
+
+_FORMAT = "pomona-survey"
+_MANIFEST = "survey.json"
+_RESULTS = (
+    "detections.json", "cameras", "cloud.laz", "fruits.csv", "fruits.geojson", "observations.csv", "report.html",
+    "contact_sheet.jpg",
+)  # fmt: skip
+_IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
+
+
+class Survey:
+    """One run's folder: its files by name, and `survey.json`, which is rewritten whole whenever something is noted.
+
+    Make it with `create` (for a run: a new or empty folder, or a survey to go on with) or `open` (an existing one).
+    """
+
+    def __init__(self, folder: Path, manifest: dict[str, Any]) -> None:
+        self.folder = folder
+        self._manifest = manifest
+
+    @classmethod
+    def create(cls, folder: Path) -> Survey:
+        """Make a survey folder, or open the one that is there.
+
+        Raises `SurveyError` when the folder holds something else or cannot be written to; nothing is touched then.
+        """
+        folder = Path(folder).expanduser().resolve()
+        if folder.exists() and not folder.is_dir():
+            raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for --out")
+        present = [p.name for p in folder.iterdir() if p.name not in _IGNORED] if folder.exists() else []
+        if present and _MANIFEST not in present:
+            few = ", ".join(sorted(present)[:4]) + (" and more" if len(present) > 4 else "")
+            raise SurveyError(
+                f"{folder} holds something else than a survey ({few}): nothing was written. "
+                "Choose a new or empty folder with --out"
+            )
+        survey = cls.open(folder) if present else cls(folder, _new_manifest())
+        with disk_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            survey._write()
+        return survey
+
+    @classmethod
+    def open(cls, folder: Path) -> Survey:
+        """Open an existing survey.
+
+        Raises `MissingFileError` when there is none, and `SurveyError` when `survey.json` is not one of Pomona's.
+        """
+        folder = Path(folder).expanduser().resolve()
+        path = folder / _MANIFEST
+        if not path.is_file():
+            raise MissingFileError(f"{folder} is not a survey: expected a folder that `pomona run` wrote ({_MANIFEST})")
+        try:
+            manifest = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise FormatError(f"{path}: expected JSON, but {error}: use another folder, or remove this file") from None
+        if not isinstance(manifest, dict) or manifest.get("format") != _FORMAT:
+            raise SurveyError(f"{folder} holds something else than a survey: its {_MANIFEST} was not written by Pomona")
+        return cls(folder, manifest)
+
+    @property
+    def manifest_path(self) -> Path:
+        """`survey.json`."""
+        return self.folder / _MANIFEST
+
+    @property
+    def detections(self) -> Path:
+        """`detections.json`: COCO."""
+        return self.folder / "detections.json"
+
+    @property
+    def cameras(self) -> Path:
+        """`cameras/`: a COLMAP text model in the world frame."""
+        return self.folder / "cameras"
+
+    @property
+    def cloud(self) -> Path:
+        """`cloud.laz`."""
+        return self.folder / "cloud.laz"
+
+    @property
+    def fruits(self) -> Path:
+        """`fruits.csv`."""
+        return self.folder / "fruits.csv"
+
+    @property
+    def geojson(self) -> Path:
+        """`fruits.geojson`."""
+        return self.folder / "fruits.geojson"
+
+    @property
+    def observations(self) -> Path:
+        """`observations.csv`."""
+        return self.folder / "observations.csv"
+
+    @property
+    def report(self) -> Path:
+        """`report.html`."""
+        return self.folder / "report.html"
+
+    @property
+    def contact_sheet(self) -> Path:
+        """`contact_sheet.jpg`."""
+        return self.folder / "contact_sheet.jpg"
+
+    def work(self, name: str) -> Path:
+        """A file or folder of `work/`, by which a stopped run goes on; `work/` itself exists then."""
+        path = self.folder / "work" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Return an entry of `survey.json`."""
+        return self._manifest.get(key, default)
+
+    def note(self, **entries: Any) -> None:
+        """Set entries of `survey.json` and write it."""
+        self._manifest.update(plain(entries))
+        self._write()
+
+    def record_of(self, stage: str) -> StageRecord | None:
+        """Return what is known of a stage, None where it never ran."""
+        values = self._manifest["stages"].get(stage)
+        return None if values is None else StageRecord.from_json(values)
+
+    @property
+    def records(self) -> Mapping[str, StageRecord]:
+        """All stages that ran, in order."""
+        return {name: StageRecord.from_json(values) for name, values in self._manifest["stages"].items()}
+
+    def set_record(self, stage: str, record: StageRecord) -> None:
+        """Keep what is known of a stage, and write it."""
+        self._manifest["stages"].pop(stage, None)
+        self._manifest["stages"][stage] = record.to_json()
+        self._write()
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other runs out of the folder while this one works; raises `SurveyError` when one is there already."""
+        try:
+            import fcntl
+        except ImportError:  # not on Windows
+            yield
+            return
+        with self.work("lock").open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise SurveyError(
+                    f"Another run is working on {self.folder}: wait for it, or choose another --out"
+                ) from None
+            except OSError:  # a file system without locks
+                pass
+            file.write(str(os.getpid()))
+            file.flush()
+            yield
+
+    def clear(self) -> None:
+        """Remove what earlier runs wrote, and nothing else."""
+        for path in [self.folder / name for name in _RESULTS] + list((self.folder / "work").glob("*")):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            elif path.name != "lock":
+                path.unlink(missing_ok=True)
+        self._manifest = _new_manifest()
+        self._write()
+
+    def _write(self) -> None:
+        self._manifest["changed"] = now()
+        self._manifest["pomona"] = __version__
+        text = json.dumps(self._manifest, indent=1, ensure_ascii=False) + "\n"
+        write_file(self.manifest_path, lambda path: _write_text(path, text))
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _new_manifest() -> dict[str, Any]:
+    return {"format": _FORMAT, "pomona": __version__, "created": now(), "stages": {}}

@@ -1,0 +1,55 @@
+"""Values between stages as `.npz` files in `work/`: exact, quick, without pickles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from pomona.arrays import Array
+from pomona.cameras import WorldFrame
+from pomona.errors import FormatError
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.survey.files import write_file
+
+_Columns = TypeVar("_Columns", Fruits, Observations, FruitCloud)
+Arrays = Mapping[str, Array]
+
+
+def write_arrays(path: Path, arrays: Arrays) -> None:
+    """Write named arrays to `path` (.npz), under a temporary name first."""
+    write_file(path, lambda temporary: np.savez(temporary, **arrays))
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Read what `write_arrays` wrote; raises `FormatError` when it is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise FormatError(f"{path}: expected arrays that Pomona wrote, but {error}: delete it and run again") from None
+
+
+def arrays_of(value: Fruits | Observations | FruitCloud, prefix: str = "") -> dict[str, Array]:
+    """Return the columns of fruits, observations or a cloud as arrays, text as unicode arrays."""
+    return {prefix + field.name: np.asarray(getattr(value, field.name)) for field in fields(value)}
+
+
+def columns_from(kind: type[_Columns], arrays: Arrays, prefix: str = "") -> _Columns:
+    """Return the fruits, observations or cloud of which `arrays_of` gave the columns."""
+    texts = {"sides", "reasons", "photo"}
+    columns: dict[str, Any] = {field.name: arrays[prefix + field.name] for field in fields(kind)}
+    columns |= {name: tuple(str(text) for text in columns[name]) for name in texts & columns.keys()}
+    return kind(**columns)
+
+
+def frame_from(values: Mapping[str, Any]) -> WorldFrame:
+    """Return the world frame of which `survey.json` holds the entries."""
+    origin: Sequence[float] | None = values.get("origin")
+    place = (float(origin[0]), float(origin[1]), float(origin[2])) if origin else None
+    return WorldFrame(
+        values["scale_source"], bool(values["approximate"]), bool(values["up_is_known"]), values.get("crs"), place
+    )
