@@ -1,0 +1,195 @@
+"""The parts of structure from motion, on tiny values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.cameras import Cameras, Intrinsics
+from pomona.photos import Photo
+from pomona.sfm import SfmOptions
+from pomona.sfm.choose import explained, sampson_distance
+from pomona.sfm.engine import Model, Overlap
+from pomona.sfm.features import root_sift
+from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
+from pomona.sfm.pieces import credible, distinct, take
+from pomona.sfm.reasons import Evidence, explain
+from sfm_scenes import as_photos, centres, row_poses, with_gnss
+
+LENS = Intrinsics("SIMPLE_RADIAL", 400, 300, np.array([350.0, 200.0, 150.0, 0.02]))
+
+
+def photos(count: int) -> list[Photo]:
+    return [Photo(f"{i}.jpg", Path(f"{i}.jpg"), 400, 300) for i in range(count)]
+
+
+def model(count: int, points: int = 60, seed: int = 0, first: int = 0) -> Model:
+    """Cameras along a row that see random points exactly."""
+    random = np.random.default_rng(seed)
+    poses = row_poses(count, seed=seed)
+    where = random.uniform((-0.6, -0.6, 2), (count * 0.2 + 0.4, 0.6, 4), (points, 3))
+    idx, xy = [], []
+    cameras = Cameras(tuple(f"{first + i}.jpg" for i in range(count)), (LENS,), np.zeros(count, int), poses)
+    for i in range(count):
+        seen, _ = cameras.project(i, where)
+        inside = np.flatnonzero((seen > 0).all(1) & (seen < (400, 300)).all(1))
+        idx += [(point, i) for point in inside]
+        xy.append(seen[inside])
+    track = np.array(idx)
+    order = np.lexsort((track[:, 1], track[:, 0]))
+    full = Cameras(
+        cameras.photos, (LENS,), np.zeros(count, int), poses, where, np.zeros((points, 3), np.uint8), np.ones(points),
+        track[order, 0], track[order, 1], np.concatenate(xy)[order],
+    )  # fmt: skip
+    return Model(full, np.arange(first, first + count), np.full(count, 0.5))
+
+
+def overlaps_of(m: Model) -> tuple[list[Overlap], list[np.ndarray]]:
+    """Matches between all photos of a model that see the same points; keypoints are the observations."""
+    c = m.cameras
+    keypoints, where = [], []
+    for i in range(len(c)):
+        mine = c.track_photo_idx == i
+        keypoints.append(c.track_xy_px[mine])
+        where.append({int(p): k for k, p in enumerate(c.track_point_idx[mine])})
+    found = []
+    for i in range(len(c)):
+        for j in range(i + 1, len(c)):
+            both = sorted(set(where[i]) & set(where[j]))
+            if both:
+                found.append(Overlap(i, j, np.array([(where[i][p], where[j][p]) for p in both])))
+    return found, keypoints
+
+
+@pytest.mark.parametrize("count", [40, 400])
+def test_pairs_grow_with_the_row_not_with_its_square(count: int) -> None:
+    empty = [np.zeros((0, 128), np.uint8)] * count
+    pairs = candidate_pairs(photos(count), empty, SfmOptions())
+    assert 6 * (count - 6) < len(pairs) < 8 * count
+    assert all(0 <= i < j < count for i, j in pairs)
+    assert len(set(pairs)) == len(pairs)
+
+
+def test_a_small_folder_is_matched_all_with_all() -> None:
+    assert len(candidate_pairs(photos(5), [np.zeros((0, 128), np.uint8)] * 5, SfmOptions())) == 10
+
+
+def test_sequential_pairs() -> None:
+    assert sequential_pairs(4, 1) == {(0, 1), (1, 2), (2, 3), (0, 2), (1, 3)}
+
+
+def test_photos_taken_nearby_are_pairs_whatever_their_order() -> None:
+    # There along the row and back on the same way: photo i and photo 19 - i were taken at the same place.
+    located = [with_gnss(p, min(i, 19 - i) * 2.0, 0.0) for i, p in enumerate(photos(20))]
+    pairs = spatial_pairs(located, 2)
+    assert all((i, 19 - i) in pairs for i in range(10))
+    assert (0, 10) not in pairs
+    assert spatial_pairs(photos(20), 4) == set()
+
+
+def test_photos_that_look_alike_are_pairs() -> None:
+    random = np.random.default_rng(0)
+    places = [root_sift(random.gamma(0.3, size=(300, 128))) for _ in range(12)]
+    again = [
+        np.clip(place.astype(int) + random.integers(-3, 4, place.shape), 0, 255).astype(np.uint8) for place in places
+    ]
+    pairs = lookalike_pairs([*places, *again], 1, apart=3)
+    assert sum((i, i + 12) in pairs for i in range(12)) >= 11
+
+
+def test_sampson_distance_is_zero_for_true_poses_and_grows_with_the_error() -> None:
+    poses = row_poses(2)
+    world = np.random.default_rng(1).uniform((-1, -1, 2), (1, 1, 4), (50, 3))
+    rays = [(world @ pose[:, :3].T + pose[:, 3]) for pose in poses]
+    rays = [ray / ray[:, 2:] for ray in rays]
+    assert sampson_distance(poses[0], poses[1], *rays).max() < 1e-12
+    shifted = rays[1] + (0, 0.01, 0)
+    distance = sampson_distance(poses[0], poses[1], rays[0], shifted)
+    # An error across the epipolar lines is shared between the two photos: 0.01 / sqrt(2).
+    assert 0.004 < np.median(distance) < 0.0085
+
+
+def test_the_criterion_falls_with_a_missing_and_with_a_misplaced_photo() -> None:
+    whole = model(6)
+    overlaps, keypoints = overlaps_of(whole)
+    best = explained([whole], overlaps, keypoints)
+    np.testing.assert_allclose(best, 1.0, atol=1e-6)
+    without = take(whole, np.arange(6) != 2)
+    fewer = explained([without], overlaps, keypoints)
+    assert {(o.first, o.second) for o, s in zip(overlaps, fewer, strict=True) if s == 0} == {
+        (o.first, o.second) for o in overlaps if 2 in (o.first, o.second)
+    }
+    poses = whole.cameras.cam_from_world.copy()
+    poses[2, :, 3] += (0.0, 0.15, 0.0)
+    moved = Model(Cameras(whole.cameras.photos, (LENS,), np.zeros(6, int), poses), whole.photo_idx, whole.scale)
+    worse = explained([moved], overlaps, keypoints)
+    assert fewer.sum() - 1 < worse.sum() < 0.9 * best.sum()
+
+
+def test_a_photo_is_in_the_largest_piece_only_and_leftovers_are_dropped() -> None:
+    large, bogus, other = model(8), model(4, first=5, seed=2), model(3, first=20, seed=3)
+    kept = distinct([bogus, other, large], 3)
+    assert [m.photo_idx.tolist() for m in kept] == [list(range(8)), [20, 21, 22]]
+    kept = distinct([large, model(6, first=5, seed=2)], 3)
+    assert [m.photo_idx.tolist() for m in kept] == [list(range(8)), [8, 9, 10]]
+
+
+def test_a_piece_at_odds_with_its_matches_is_dropped() -> None:
+    good = model(6)
+    overlaps, _ = overlaps_of(good)
+    assert credible([good], overlaps, np.full(len(overlaps), 0.8)) == [good]
+    assert credible([good], overlaps, np.full(len(overlaps), 0.1)) == []
+
+
+def test_taking_photos_keeps_points_that_two_of_them_see() -> None:
+    whole = model(6)
+    part = take(whole, np.array([True, False, True, True, False, False]))
+    cameras = part.cameras
+    assert cameras.photos == ("0.jpg", "2.jpg", "3.jpg")
+    assert np.bincount(cameras.track_point_idx, minlength=len(cameras.points_in_world)).min() >= 2
+    for i in range(3):
+        mine = cameras.track_photo_idx == i
+        seen, _ = cameras.project(i, cameras.points_in_world[cameras.track_point_idx[mine]])
+        np.testing.assert_allclose(seen, cameras.track_xy_px[mine], atol=1e-9)
+
+
+def evidence(overlaps: list[tuple[int, int, int]], **changes: object) -> Evidence:
+    values: dict[str, object] = {
+        "photos": photos(6),
+        "features": np.full(6, 3000),
+        "sharpness": np.full(6, 1.0),
+        "unreadable": {},
+        "overlaps": [Overlap(i, j, np.zeros((k, 2), int)) for i, j, k in overlaps],
+        "placed": frozenset({0, 1, 2, 3, 4}),
+        "dropped": frozenset(),
+    }
+    return Evidence(**{**values, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (evidence([]), "matches no other photo"),
+        (evidence([], sharpness=np.array([1, 1, 1, 1, 1, 0.1])), "blurred"),
+        (evidence([], features=np.array([3000] * 5 + [20])), "only 20 features"),
+        (evidence([(4, 5, 30)]), "overlaps too little.*4.jpg with 30"),
+        (evidence([(4, 5, 400)]), "too few points in depth"),
+        (evidence([(4, 5, 400)], placed=frozenset({0, 1, 2})), "only with photos that have no place"),
+        (evidence([(4, 5, 400)], dropped=frozenset({5})), "too few other photos"),
+        (evidence([], unreadable={5: "the file is gone"}), "the file is gone"),
+    ],
+)
+def test_reasons(found: Evidence, words: str) -> None:
+    import re
+
+    last = explain(found)[-1]
+    assert last.photo == "5.jpg"
+    assert re.search(words, last.reason)
+    assert last.advice.endswith(".")
+
+
+def test_the_scene_of_these_tests() -> None:
+    assert centres(row_poses(3)).shape == (3, 3)
+    assert len(as_photos(*photos(2))) == 2
