@@ -1,0 +1,112 @@
+"""Which found fruit is which true one: neighbours, and a one-to-one assignment among them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.evaluate.options import EvaluateOptions
+from pomona.evaluate.truth import Truth
+from pomona.fruits import Fruits
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """k pairs that may be the same fruit: `found_idx`, `true_idx` (k,), and `cost` (k,) from 0 (the same) to 1."""
+
+    found_idx: IntArray
+    true_idx: IntArray
+    cost: FloatArray
+
+    def __getitem__(self, selection: BoolArray) -> Candidates:
+        return Candidates(self.found_idx[selection], self.true_idx[selection], self.cost[selection])
+
+
+def candidates_by_center(fruits: Fruits, truth: Truth, options: EvaluateOptions) -> Candidates:
+    """Return the pairs whose centres are at most `max_distance_diameters` true diameters apart."""
+    reach_m = options.max_distance_diameters * truth.diameters_m
+    found_idx, true_idx = _within(fruits.centers_in_world, truth.centers_in_world, reach_m)
+    apart = np.linalg.norm(fruits.centers_in_world[found_idx] - truth.centers_in_world[true_idx], axis=1)
+    return Candidates(found_idx, true_idx, apart / reach_m[true_idx])
+
+
+def candidates_by_box(fruits: Fruits, truth: Truth, options: EvaluateOptions) -> Candidates:
+    """Return the pairs whose boxes overlap by more than `min_overlap`, the paper's criterion.
+
+    The box of a found fruit is the cube around its sphere; without a diameter it is as large as the true box.
+    """
+    assert truth.boxes_in_world is not None
+    low, high = truth.boxes_in_world[:, :3], truth.boxes_in_world[:, 3:]
+    # More than half of the found box lies in the true one only if its centre does.
+    reach_m = np.linalg.norm(high - low, axis=1) / 2
+    found_idx, true_idx = _within(fruits.centers_in_world, truth.centers_in_world, reach_m)
+    sides = high[true_idx] - low[true_idx]
+    diameters = fruits.diameters_m[found_idx, None]
+    found_sides = np.where(np.isfinite(diameters), diameters, sides)
+    centers = fruits.centers_in_world[found_idx]
+    shared = np.minimum(centers + found_sides / 2, high[true_idx]) - np.maximum(
+        centers - found_sides / 2, low[true_idx]
+    )
+    shared_m3, found_m3 = shared.clip(0).prod(1), found_sides.prod(1)
+    whole_m3 = found_m3 if options.overlap == "detection" else found_m3 + sides.prod(1) - shared_m3
+    overlap = shared_m3 / whole_m3
+    return Candidates(found_idx, true_idx, 1 - overlap)[overlap > options.min_overlap]
+
+
+def covered(fruits: Fruits, truth: Truth) -> BoolArray:
+    """Say of each true fruit (n,) whether its centre lies in a found fruit: so are fruits found that became one.
+
+    A found fruit counts as at most one median true diameter around its centre, so that a wild size covers no tree.
+    """
+    result = np.zeros(len(truth), dtype=bool)
+    if len(fruits) and len(truth):
+        reach_m = np.minimum(np.nan_to_num(fruits.diameters_m / 2), np.median(truth.diameters_m))
+        result[_within(truth.centers_in_world, fruits.centers_in_world, reach_m)[0]] = True
+    return result
+
+
+def _within(points: FloatArray, centers: FloatArray, reach_m: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return index pairs (points, centers) at most `reach_m` (one a centre) apart; points that are NaN have none."""
+    usable = np.flatnonzero(np.isfinite(points).all(1))
+    placed = np.flatnonzero(np.isfinite(centers).all(1))
+    if len(usable) == 0 or len(placed) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    near = cKDTree(points[usable]).query_ball_point(centers[placed], reach_m[placed], return_sorted=True)
+    counts = [len(idx) for idx in near]
+    return usable[np.concatenate(near).astype(np.int64)], placed[np.repeat(np.arange(len(placed)), counts)]
+
+
+def assign(candidates: Candidates, n_found: int, n_true: int) -> IntArray:
+    """Return pairs (m, 2) of found and true indices, one-to-one: as many as can be, and of these the least total cost.
+
+    Solved within each group of connected candidates, so that time grows with the row's length and not its square.
+    """
+    if len(candidates.cost) == 0:
+        return np.zeros((0, 2), np.int64)
+    nodes = n_found + n_true
+    edges = coo_array(
+        (np.ones(len(candidates.cost)), (candidates.found_idx, n_found + candidates.true_idx)), shape=(nodes, nodes)
+    )
+    group_of_node = connected_components(edges, directed=False)[1]
+    group = group_of_node[candidates.found_idx]
+    order = np.argsort(group, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    return np.concatenate([_assign_group(candidates, part) for part in parts])
+
+
+def _assign_group(candidates: Candidates, part: IntArray) -> IntArray:
+    found, row = np.unique(candidates.found_idx[part], return_inverse=True)
+    true, column = np.unique(candidates.true_idx[part], return_inverse=True)
+    # Dearer than all pairs of the group together: a pair more is always better than nearer pairs.
+    forbidden = min(len(found), len(true)) + 1.0
+    cost = np.full((len(found), len(true)), forbidden)
+    cost[row, column] = candidates.cost[part]
+    rows, columns = linear_sum_assignment(cost)
+    kept = cost[rows, columns] < forbidden
+    return np.stack([found[rows[kept]], true[columns[kept]]], axis=1)

@@ -1,0 +1,119 @@
+"""Reading the truth: a rendered row's tables, or boxes as the paper's annotators drew them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.evaluate.truth import Truth
+
+_FRUIT_COLUMNS = ("id", "x", "y", "z", "diameter")
+_BOX_COLUMNS = ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max")
+_CORNERS = 8
+
+
+def read_truth(path: Path) -> Truth:
+    """Read true fruits (metres, world frame) from one of these, told apart by what they hold:
+
+    - a row's folder, its `truth` folder, or `fruits.csv` with the columns `id,x,y,z,diameter` and perhaps `tree`; a
+      `visible_pixels.json` beside it, {photo: {fruit id: pixels}}, says what can be seen;
+    - a table with the columns `x_min,y_min,z_min,x_max,y_max,z_max` and perhaps `id`, a line a fruit;
+    - numbers without a header, the paper's annotation of boxes: 6 a line (lowest and highest corner), 24 a line (the
+      eight corners), or 3 a line (eight lines of corners a fruit). Turned boxes become the upright box around them.
+
+    Raises `MissingFileError`, and `FormatError` naming the line and what was expected.
+    """
+    file = _file_of(Path(path))
+    lines = file.read_text(encoding="utf-8-sig").splitlines()
+    header = {name.strip() for name in lines[0].split(",")} if lines else set()
+    if header >= set(_FRUIT_COLUMNS):
+        return _with_visible(file, _read_columns(file, lines))
+    if header >= set(_BOX_COLUMNS):
+        rows = _rows(file, lines, _BOX_COLUMNS, optional="id")
+        boxes, ids = rows[:, :6], rows[:, 6].astype(np.int64)
+        return _boxes(file, boxes, None if (ids == 0).all() else ids)
+    return _boxes(file, _read_boxes(file, lines), None)
+
+
+def _boxes(file: Path, boxes: FloatArray, ids: np.ndarray[tuple[int], np.dtype[np.int64]] | None) -> Truth:
+    try:
+        return Truth.from_boxes(boxes, ids)
+    except InputError as error:
+        raise FormatError(f"{file}: {error}") from error
+
+
+def _file_of(path: Path) -> Path:
+    tried = [path / "truth" / "fruits.csv", path / "fruits.csv"] if path.is_dir() else [path]
+    for file in tried:
+        if file.is_file():
+            return file
+    raise MissingFileError(f"No truth found: expected {' or '.join(map(str, tried))}")
+
+
+def _read_columns(file: Path, lines: list[str]) -> Truth:
+    rows = _rows(file, lines, _FRUIT_COLUMNS, optional="tree")
+    try:
+        return Truth(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4], rows[:, 5].astype(np.int64))
+    except InputError as error:
+        raise FormatError(f"{file}: {error}") from error
+
+
+def _rows(file: Path, lines: list[str], columns: tuple[str, ...], *, optional: str) -> FloatArray:
+    """Return the columns and after them `optional` (0 where it is missing) as (n, columns + 1)."""
+    table = csv.DictReader(lines, skipinitialspace=True)
+    rows = []
+    for row in table:
+        try:
+            rows.append([float(row[name]) for name in columns] + [float(row.get(optional) or 0)])
+        except (TypeError, ValueError) as error:
+            raise FormatError(f"{file}, line {table.line_num}: expected numbers, found {row}") from error
+    return np.array(rows, float).reshape(-1, len(columns) + 1)
+
+
+def _with_visible(file: Path, truth: Truth) -> Truth:
+    beside = file.with_name("visible_pixels.json")
+    if not beside.is_file():
+        return truth
+    try:
+        table = json.loads(beside.read_text())
+        seen = [(photo, int(i), int(px)) for photo, pixels in table.items() for i, px in pixels.items()]
+    except (ValueError, AttributeError) as error:
+        raise FormatError(f"{beside}: expected {{photo: {{fruit id: pixels}}}}, but {error}") from error
+    return Truth(
+        truth.ids, truth.centers_in_world, truth.diameters_m, truth.tree_ids, truth.boxes_in_world,
+        tuple(s[0] for s in seen), np.array([s[1] for s in seen], np.int64), np.array([s[2] for s in seen], np.int64),
+    )  # fmt: skip
+
+
+def _read_boxes(file: Path, lines: list[str]) -> FloatArray:
+    """Return boxes (n, 6) from lines of 6, 24 or 3 numbers."""
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.replace(",", " ").replace(";", " ").replace("\t", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError as error:
+            raise FormatError(
+                f"{file}, line {number}: expected the columns {','.join(_FRUIT_COLUMNS)}, the columns "
+                f"{','.join(_BOX_COLUMNS)}, or boxes as numbers; found '{line[:60]}'"
+            ) from error
+        if len(rows[-1]) not in (3, 6, 3 * _CORNERS) or len(rows[-1]) != len(rows[0]):
+            raise FormatError(
+                f"{file}, line {number}: expected 6, 24 or 3 numbers on every line, found {len(rows[-1])}"
+            )
+    if not rows:
+        raise FormatError(f"{file}: expected true fruits, found an empty file")
+    table = np.array(rows)
+    if table.shape[1] == 6:
+        return table
+    if table.size % (3 * _CORNERS):
+        raise FormatError(f"{file}: expected eight corners a box, found {len(table)} lines of corners")
+    corners = table.reshape(-1, _CORNERS, 3)
+    return np.concatenate([corners.min(1), corners.max(1)], axis=1)

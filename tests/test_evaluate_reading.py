@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.errors import FormatError, MissingFileError
+from pomona.evaluate import evaluate, read_truth
+from pomona.fruits import Fruits
+
+
+def test_a_rows_truth_is_read_with_what_can_be_seen(tmp_path: Path) -> None:
+    folder = tmp_path / "truth"
+    folder.mkdir()
+    (folder / "fruits.csv").write_text("id,tree,x,y,z,diameter\n3,1,0.5,0,1,0.08\n7,2,1,0,1,0.07\n")
+    (folder / "visible_pixels.json").write_text(json.dumps({"a": {"3": 130, "7": 400}, "b": {"3": 121}}))
+    for path in (tmp_path, folder, folder / "fruits.csv"):
+        truth = read_truth(path)
+        assert truth.ids.tolist() == [3, 7]
+        assert truth.tree_ids.tolist() == [1, 2]
+        visible = truth.visible()
+        assert visible is not None
+        assert visible.tolist() == [True, False]
+
+
+def test_without_visible_pixels_only_all_fruits_are_scored(tmp_path: Path) -> None:
+    (tmp_path / "fruits.csv").write_text("id,x,y,z,diameter\n1,0,0,1,0.08\n")
+    truth = read_truth(tmp_path)
+    assert truth.visible() is None
+    assert evaluate(Fruits.empty(), truth).visible is None
+
+
+def test_boxes_are_read_as_columns_lines_and_corners(tmp_path: Path) -> None:
+    boxes = np.array([[0, 0, 1, 0.08, 0.07, 1.09], [2, 0, 1, 2.08, 0.08, 1.08]])
+    steps = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T
+    corners = np.array([box[:3] + steps * (box[3:] - box[:3]) for box in boxes])
+    columns = "id,x_min,y_min,z_min,x_max,y_max,z_max\n" + "".join(
+        f"{i}," + ",".join(map(str, box)) + "\n" for i, box in zip((4, 9), boxes, strict=True)
+    )
+    texts = {
+        "columns.csv": columns,
+        "six.txt": "# low, high\n" + "\n".join(" ".join(map(str, box)) for box in boxes),
+        "corners.txt": "\n".join(" ".join(map(str, box.ravel())) for box in corners),
+        "three.txt": "\n".join("\t".join(map(str, point)) for point in corners.reshape(-1, 3)),
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        truth = read_truth(tmp_path / name)
+        assert truth.boxes_in_world == pytest.approx(boxes)
+        assert truth.diameters_m == pytest.approx([0.08, 0.08])
+    assert read_truth(tmp_path / "columns.csv").ids.tolist() == [4, 9]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("id,x,y,z,diameter\n1,0,0,east,0.08\n", "line 2"),
+        ("id,x,y,z,diameter\n1,0,0,1,0\n", "positive"),
+        ("id,x,y,z,diameter\n1,0,0,1,0.08\n1,0,0,2,0.08\n", "unique"),
+        ("fruit,where\n1,there\n", "expected the columns id,x,y,z,diameter"),
+        ("1 2 3 4\n", "6, 24 or 3 numbers"),
+        ("0 0 0 1 1 0\n", "highest corner"),
+        ("0 0 0\n1 1 1\n", "eight corners"),
+        ("", "empty"),
+    ],
+)
+def test_what_is_no_truth_is_named(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "truth.csv").write_text(text)
+    with pytest.raises(FormatError, match=says):
+        read_truth(tmp_path / "truth.csv")
+
+
+def test_broken_visible_pixels_are_named(tmp_path: Path) -> None:
+    (tmp_path / "fruits.csv").write_text("id,x,y,z,diameter\n1,0,0,1,0.08\n")
+    (tmp_path / "visible_pixels.json").write_text('{"a": 3}')
+    with pytest.raises(FormatError, match=r"visible_pixels\.json"):
+        read_truth(tmp_path)
+
+
+def test_missing_truth_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match=r"fruits\.csv"):
+        read_truth(tmp_path)
+
+
+def test_orchard_dev(shared_data: Path) -> None:
+    truth = read_truth(shared_data / "orchard-dev")
+    visible = truth.visible()
+    assert visible is not None
+    assert (len(truth), len(np.unique(truth.tree_ids))) == (153, 3)
+    assert 100 < visible.sum() < 153
+    shifted = truth.centers_in_world + np.array([0.003, 0, 0])
+    fruits = Fruits(truth.ids, shifted, truth.diameters_m + 0.002, np.ones(153), np.full(153, 2))
+    scores = evaluate(fruits, truth)
+    assert scores.all.f1 == 1
+    assert scores.all.center_rmse_m == pytest.approx(0.003)
+    assert scores.all.diameter_bias_m == pytest.approx(0.002)
+    assert scores.visible is not None
+    assert scores.visible.hidden == 153 - visible.sum()
