@@ -36,7 +36,7 @@ class Crop:
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """The packed crops: `x_px`, `y_px` (h, w) float32, places in the view; `mask` (h, w) bool, each crop its own mask only."""
+    """The packed crops: `x_px`, `y_px` (h, w) float32, places in the view; `mask` (h, w) bool, a crop's own mask only."""
 
     crops: tuple[Crop, ...]
     x_px: Array
@@ -73,7 +73,8 @@ def _boxes(label: Array, min_area_px: int) -> list[tuple[int, int, int, int, int
     np.minimum.at(low, values, np.stack([columns, rows], 1))
     np.maximum.at(high, values, np.stack([columns, rows], 1))
     kept = [i for i in range(1, count + 1) if areas[i] >= min_area_px]
-    return [(*map(int, low[i]), int(high[i, 0] - low[i, 0]) + 1, int(high[i, 1] - low[i, 1]) + 1, i) for i in kept]
+    size = high - low + 1
+    return [(int(low[i, 0]), int(low[i, 1]), int(size[i, 0]), int(size[i, 1]), i) for i in kept]
 
 
 def _labels(boxes: list[tuple[int, int, int, int, int]]) -> list[int]:

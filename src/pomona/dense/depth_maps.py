@@ -14,8 +14,8 @@ from pomona.arrays import Array, BoolArray, ByteArray, FloatArray, IntArray
 class DepthMap:
     """Depths of n fruit pixels of one undistorted view of `shape` (h, w), kept sparse.
 
-    `flat_idx` (n,) row-major pixel indices, increasing; `depth_m` (n,); `rgb` (n, 3). `matrix` (3, 3) is K in OpenCV's pixel
-    convention, `cam_from_world` (3, 4).
+    `flat_idx` (n,) row-major pixel indices, increasing; `depth_m` (n,); `rgb` (n, 3). `matrix` (3, 3) is K in
+    OpenCV's pixel convention, `cam_from_world` (3, 4).
     """
 
     photo_idx: int
@@ -55,8 +55,8 @@ def agreed_points(
 ) -> tuple[FloatArray, ByteArray, BoolArray]:
     """Return the points (m, 3) and colours (m, 3) on which enough neighbours agree, and which pixels (n,) they are.
 
-    A neighbour agrees where its own surface, on the pixel that the point falls on, is within `tolerance_m` in depth. The point
-    returned is the mean of the view's own and the agreeing ones.
+    A neighbour agrees where its own surface, on the pixel that the point falls on, is within `tolerance_m` in depth. The
+    point returned is the mean of the view's own and the agreeing ones.
     """
     points = depth_map.points_in_world()
     total, count = points.copy(), np.ones(len(points))

@@ -16,8 +16,8 @@ _MIN_OVERLAP = 0.3
 def choose_neighbours(cameras: Cameras, sides: tuple[str, ...], depths_m: FloatArray, count: int) -> list[IntArray]:
     """Return for every photo the indices of up to `count` neighbours, nearest to the ideal angle first.
 
-    `depths_m` (n,) is each photo's typical depth of fruit; `sides` (n,) its side. Neighbours are spread over directions:
-    one that lies in a direction already taken twice as often as the opposite one waits.
+    `depths_m` (n,) is each photo's typical depth of fruit; `sides` (n,) its side. Neighbours are spread over
+    directions: one that lies in a direction already taken twice as often as the opposite one waits.
     """
     centers = cameras.centers_in_world
     chosen = []

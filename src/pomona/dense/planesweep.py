@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from pomona.arrays import Array, ByteArray, FloatArray, IntArray
-from pomona.capture import read_pixels
 from pomona.cameras import Cameras
+from pomona.capture import read_pixels
 from pomona.dense.atlas import Atlas, pack
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
 from pomona.dense.neighbours import choose_neighbours
@@ -159,5 +159,11 @@ def _empty_map(view: View) -> DepthMap:
     shape = (view.label.shape[0], view.label.shape[1])
     none = np.zeros(0, np.int64)
     return DepthMap(
-        view.photo_idx, shape, view.matrix, view.cam_from_world, none, np.zeros(0, np.float32), np.zeros((0, 3), np.uint8)
+        view.photo_idx,
+        shape,
+        view.matrix,
+        view.cam_from_world,
+        none,
+        np.zeros(0, np.float32),
+        np.zeros((0, 3), np.uint8),
     )

@@ -17,7 +17,7 @@ _WHOLE_FRUIT_PERCENTILE = 80
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """`fruit_px`: width of a whole fruit in the photos; `fruit_m`: in metres; per photo (n,): near, typical, far depth (m)."""
+    """`fruit_px`: width of a whole fruit in the photos; `fruit_m`: in metres; for each photo (n,): near, typical, far (m)."""
 
     fruit_px: float
     fruit_m: float
@@ -74,7 +74,9 @@ def _sparse_depths(detections: SurveyDetections, cameras: Cameras, photo_idx: in
     for mask in detections[name].masks:
         x0, y0, x1, y1 = mask.box_px
         margin = 0.5 * max(mask.width_px, mask.height_px)
-        near |= (xy[:, 0] > x0 - margin) & (xy[:, 0] < x1 + margin) & (xy[:, 1] > y0 - margin) & (xy[:, 1] < y1 + margin)
+        near |= (
+            (xy[:, 0] > x0 - margin) & (xy[:, 0] < x1 + margin) & (xy[:, 1] > y0 - margin) & (xy[:, 1] < y1 + margin)
+        )
     points = cameras.points_in_world[cameras.track_point_idx[seen][near]]
     pose = cameras.cam_from_world[photo_idx]
     depths: FloatArray = points @ pose[2, :3] + pose[2, 3]

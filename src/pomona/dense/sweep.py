@@ -23,9 +23,9 @@ from pomona.dense.views import View
 class MatchOptions:
     """How patches are compared.
 
-    `window_px`: width of the window; `noise`: standard deviation of the photos' noise, in brightness of 0 to 255, below which contrast
-    says nothing; `mask_weight`: what lying on masks in both photos counts against correlation; `best`: the mean of that many
-    best neighbours is the score, since fruits are hidden in some.
+    `window_px`: width of the window; `noise`: standard deviation of the photos' noise, in brightness of 0 to 255, below
+    which contrast says nothing; `mask_weight`: what lying on masks in both photos counts against correlation; `best`:
+    the mean of that many best neighbours is the score, since fruits are hidden in some.
     """
 
     window_px: int

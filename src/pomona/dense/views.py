@@ -18,8 +18,8 @@ from pomona.detections import Detections
 class View:
     """One photo, undistorted, at working scale.
 
-    `rgb` (h, w, 3) and `label` (h, w) uint16: 0 for none, else 1 + the detection's index in its photo. `matrix` (3, 3) is K in
-    OpenCV's pixel convention; `cam_from_world` (3, 4).
+    `rgb` (h, w, 3) and `label` (h, w) uint16: 0 for none, else 1 + the detection's index in its photo. `matrix` (3, 3)
+    is K in OpenCV's pixel convention; `cam_from_world` (3, 4).
     """
 
     photo_idx: int

@@ -1,0 +1,104 @@
+"""The paper's fusion: detections projected onto the cloud of fruit, section 2.2.3 of Gené-Mola et al. 2020."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pomona.arrays import IntArray
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
+from pomona.errors import InputError
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse.first_estimate import first_estimate
+from pomona.fuse.groups import nearest_group, split_in_two
+from pomona.fuse.options import PaperOptions
+from pomona.fuse.projection import Projector
+from pomona.fuse.unify import Sighting, Unifier
+from pomona.fuse.values import Fused
+from pomona.progress import Progress, Silent, track
+
+# Side of the cubes that the cloud is sorted into, in DBSCAN distances: about a tree's branch.
+_CELL_EPS = 20
+
+_Member = tuple[IntArray, list[Sighting]]
+
+
+def fuse(
+    detections: SurveyDetections,
+    cameras: Cameras,
+    cloud: FruitCloud,
+    *,
+    options: PaperOptions | None = None,
+    progress: Progress | None = None,
+) -> Fused:
+    """Return the fruits that the detections cut out of the cloud, photo after photo in the order of `cameras`.
+
+    Each detection takes the points that project into its mask; of these the connected group nearest to the camera is
+    kept; where it overlaps an earlier fruit they are one, else it is a new fruit. Centres and diameters are first
+    estimates. No detections or no points give no fruits.
+
+    Raises `InputError` where the cameras' frame is not metric: the distances above are metres.
+    """
+    options, progress = options or PaperOptions(), progress or Silent()
+    if not cameras.frame.metric:
+        raise InputError(
+            "The paper's method needs cameras in metres (its DBSCAN distance is 3 cm), found cameras without a scale: "
+            "give --markers, --scale-bar or --fruit-diameter"
+        )
+    unifier = Unifier(len(cloud), options.overlap, options.min_overlap, options.unify_all)
+    projector = Projector(cameras, cloud.points_in_world, _CELL_EPS * options.eps_m, options.projection)
+    for photo_idx, photo in enumerate(track(cameras.photos, progress, "fuse")):
+        found = detections.get(photo)
+        if found is None:
+            continue
+        for k, points_idx, depth_m in projector.points_in_masks(photo_idx, found):
+            if found.scores[k] < options.min_score:
+                continue
+            points = cloud.points_in_world[points_idx]
+            group = nearest_group(points, depth_m, eps_m=options.eps_m, min_points=options.dbscan_min_points)
+            if len(group):
+                unifier.add(points_idx[group], Sighting(photo_idx, k))
+    members = _split([m for m in unifier.fruits() if _kept(m, options)], cloud, options.split_above_points)
+    return _fused(members, detections, cameras, cloud)
+
+
+def _kept(member: _Member, options: PaperOptions) -> bool:
+    points_idx, sightings = member
+    views = len({sighting.photo_idx for sighting in sightings})
+    return len(points_idx) >= options.min_points and views >= options.min_views
+
+
+def _split(members: list[_Member], cloud: FruitCloud, above_points: int | None) -> list[_Member]:
+    """Split what has too many points for one fruit; both halves were seen by all of its detections."""
+    result: list[_Member] = []
+    for points_idx, sightings in members:
+        if above_points is None or len(points_idx) <= above_points:
+            result.append((points_idx, sightings))
+            continue
+        half = split_in_two(cloud.points_in_world[points_idx])
+        result += [(points_idx[half == h], sightings) for h in (0, 1)]
+    return result
+
+
+def _fused(members: list[_Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud) -> Fused:
+    fruit_id = np.zeros(len(cloud), np.int64)
+    centers, diameters, scores, views = [], [], [], []
+    rows: list[tuple[int, str, int, np.ndarray[tuple[int], np.dtype[np.float64]]]] = []
+    eyes = cameras.centers_in_world
+    for new_id, (points_idx, sightings) in enumerate(members, start=1):
+        fruit_id[points_idx] = new_id
+        center, diameter = first_estimate(cloud.points_in_world[points_idx], eyes[[s.photo_idx for s in sightings]])
+        centers.append(center)
+        diameters.append(diameter)
+        views.append(len({s.photo_idx for s in sightings}))
+        seen_by = [(cameras.photos[s.photo_idx], s.detection_idx) for s in sightings]
+        scores.append(float(np.mean([detections[photo].scores[k] for photo, k in seen_by])))
+        rows += [(new_id, p, int(detections[p].ids[k]), detections[p].masks[k].center_px) for p, k in seen_by]
+    if not members:
+        return Fused(Fruits.empty(), Observations.empty(), FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id))
+    fruits = Fruits(
+        np.arange(1, len(members) + 1), np.array(centers), np.array(diameters), np.array(scores), np.array(views)
+    )
+    ids, photos, detection_ids, xy_px = zip(*rows, strict=True)
+    observations = Observations(np.array(ids), tuple(photos), np.array(detection_ids), np.array(xy_px))
+    return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id))
