@@ -1,0 +1,121 @@
+"""The report's plots: sizes, along the row, heights, fruits in each photo."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.report.axes import row_axes
+from pomona.report.data import ReportData
+from pomona.report.svg import Axis, Bar, column_chart, nice_step, number, row_chart
+
+_MOST_BINS = 28
+_SIDE_COLOURS = ("sky", "leaf", "")
+
+
+def plots(data: ReportData) -> str:
+    """Return the plots as HTML figures; none of fruits where there are no fruits."""
+    figures = []
+    if len(data.fruits):
+        figures += [diameters(data), along_row(data), heights(data)]
+    figures.append(photos(data))
+    return "".join(f'<figure class="sheet">{figure}</figure>' for figure in figures if figure)
+
+
+def diameters(data: ReportData) -> str:
+    """Return the histogram of diameters, in millimetres where the survey is metric."""
+    factor, unit = (1000.0, "mm") if data.cameras.frame.metric else (1.0, "units")
+    values = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)] * factor
+    if not len(values):
+        return f"{_caption('Diameters')}<p class='note'>No diameter could be measured.</p>"
+    edges = bin_edges(values)
+    middle = float(np.median(values))
+    mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
+    bars = _bars(values, edges, unit)
+    unmeasured = len(data.fruits) - len(values)
+    note = f"{unmeasured} not measured" if unmeasured else ""
+    return _caption("Diameters", note) + column_chart(
+        bars, Axis(name=f"diameter, {unit}", ticks=_ticks(edges)), mark=mark
+    )
+
+
+def along_row(data: ReportData) -> str:
+    """Return how many fruits hang along the row, from its first fruit on."""
+    places = row_axes(data).along_row(data.fruits.centers_in_world)
+    places = places - places.min()
+    unit = _length_unit(data)
+    edges = bin_edges(places)
+    chart = column_chart(_bars(places, edges, unit, "leaf"), Axis(name=f"along the row, {unit}", ticks=_ticks(edges)))
+    return _caption("Fruits along the row", "from the first fruit") + chart
+
+
+def heights(data: ReportData) -> str:
+    """Return how many fruits hang at which height (z of the world frame)."""
+    values, unit = data.fruits.centers_in_world[:, 2], _length_unit(data)
+    edges = bin_edges(values, most=16)
+    axis = Axis(name=f"z, {unit}", ticks=_ticks(edges))
+    note = "" if data.cameras.frame.up_is_known else "which way is up is a guess"
+    return _caption("Fruits by height", note) + row_chart(_bars(values, edges, unit, "leaf"), axis)
+
+
+def photos(data: ReportData) -> str:
+    """Return how many fruits each photo saw, photos in order, a colour for each side; many photos share bars."""
+    counts = Counter(data.observations.photo)
+    items = list(data.photos)
+    if not items:
+        return ""
+    per_bar = -(-len(items) // 200)
+    sides = list(data.photos.sides)
+    bars = []
+    for i in range(0, len(items), per_bar):
+        group = items[i : i + per_bar]
+        value = float(np.mean([counts[photo.name] for photo in group]))
+        name = group[0].name if per_bar == 1 else f"{group[0].name} to {group[-1].name}"
+        bars.append(Bar(value, f"{name}: {number(value)}", _SIDE_COLOURS[sides.index(group[0].side) % 3]))
+    named = ", ".join(side for side in sides if side)
+    step = max(1, round(nice_step(len(items), 8)))
+    ticks = [(((i or 1) - 0.5) / per_bar, str(i or 1)) for i in range(0, len(items) + 1, step)]
+    axis = Axis(name="photo, in order" + (f" ({named})" if len(sides) > 1 else ""), ticks=ticks)
+    return _caption("Fruits seen in each photo") + column_chart(bars, axis)
+
+
+def bin_edges(values: FloatArray, *, most: int = _MOST_BINS) -> FloatArray:
+    """Return at least two equally spaced round edges which hold all values, for at most about `most` bins."""
+    low, high = float(values.min()), float(values.max())
+    # Freedman and Diaconis' width, but never more bins than can be told apart.
+    spread = float(np.subtract(*np.percentile(values, [75, 25])))
+    wish = 2 * spread / len(values) ** (1 / 3)
+    bins = most if wish <= 0 else min(most, max(4, round((high - low) / wish)))
+    step = nice_step(high - low, bins) if high > low else max(abs(high) / 10, 1e-3)
+    first = np.floor(low / step + 1e-9)
+    count = max(1, int(np.floor(high / step - first + 1e-9)) + 1)
+    edges: FloatArray = (first + np.arange(count + 1)) * step
+    return edges
+
+
+def _bars(values: FloatArray, edges: FloatArray, unit: str, colour: str = "") -> list[Bar]:
+    counts, _ = np.histogram(values, edges)
+    spans = zip(counts, edges[:-1], edges[1:], strict=True)
+    return [Bar(float(n), f"{number(a)} to {number(b)} {unit}: {n} fruits", colour) for n, a, b in spans]
+
+
+def _ticks(edges: FloatArray) -> Sequence[tuple[float, str]]:
+    """Labels at round numbers, at most about eight."""
+    width = float(edges[1] - edges[0])
+    step = nice_step(float(edges[-1] - edges[0]), 8)
+    first = np.ceil(edges[0] / step - 1e-6) * step
+    places = np.arange(first, edges[-1] + 1e-6 * step, step)
+    return [(float(place - edges[0]) / width, number(float(place))) for place in places]
+
+
+def _length_unit(data: ReportData) -> str:
+    return "m" if data.cameras.frame.metric else "units"
+
+
+def _caption(title: str, note: str = "") -> str:
+    small = f" <small>{escape(note)}</small>" if note else ""
+    return f"<figcaption>{escape(title)}{small}</figcaption>"

@@ -1,0 +1,110 @@
+"""Bar charts as inline SVG, coloured by the page's style sheet (light or dark)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+WIDTH, HEIGHT = 440.0, 210.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 38.0, 8.0, 18.0, 36.0
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One bar: how long, what it says when pointed at, and the style sheet's class of its colour."""
+
+    value: float
+    hint: str
+    colour: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """The axis along the bars' feet: its name, and labels at places in bars (0: the first bar's left edge)."""
+
+    name: str
+    ticks: Sequence[tuple[float, str]] = ()
+
+
+def nice_step(span: float, most_steps: int) -> float:
+    """Return the smallest of 1, 2, 2.5 or 5 times a power of ten that divides `span` into at most `most_steps`."""
+    raw = max(span, 1e-12) / most_steps
+    power = 10.0 ** math.floor(math.log10(raw))
+    return next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= raw * (1 - 1e-9))
+
+
+def number(value: float) -> str:
+    """Return a tick's number without needless zeros."""
+    text = f"{value:.6g}"
+    return "0" if text == "-0" else text
+
+
+def column_chart(bars: Sequence[Bar], axis: Axis, *, mark: tuple[float, str] | None = None) -> str:
+    """Return upright bars; `mark` is a place in bars and what a dashed line there says."""
+    width, height = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
+    top, step = _scale([bar.value for bar in bars], 4)
+    pitch = width / max(len(bars), 1)
+    gap = min(2.0, 0.15 * pitch)
+    parts = []
+    for i in range(round(top / step) + 1):
+        y = _TOP + height * (1 - i * step / top)
+        parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{WIDTH - _RIGHT:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(_text(_LEFT - 6, y + 4, number(i * step), "end"))
+    for i, bar in enumerate(bars):
+        length = height * bar.value / top
+        box = (_LEFT + i * pitch + gap / 2, _TOP + height - length, max(pitch - gap, 0.5), length)
+        parts.append(_rect(box, bar))
+    parts += [_text(_LEFT + place * pitch, HEIGHT - _BOTTOM + 15, label) for place, label in axis.ticks]
+    parts.append(_text(_LEFT + width / 2, HEIGHT - 5, axis.name))
+    if mark is not None:
+        x = _LEFT + mark[0] * pitch
+        parts.append(f'<line class="mark" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP - 4:.1f}" y2="{_TOP + height:.1f}"/>')
+        anchor = "end" if mark[0] > 0.6 * len(bars) else "start"
+        parts.append(_text(x + (5 if anchor == "start" else -5), _TOP - 5, mark[1], anchor, "mark-label"))
+    return _svg(parts, axis.name)
+
+
+def row_chart(bars: Sequence[Bar], axis: Axis) -> str:
+    """Return lying bars, the first at the bottom: for heights. `axis` is the upright one."""
+    width, height = WIDTH - _LEFT - _RIGHT - 8, HEIGHT - _TOP - _BOTTOM + 8
+    top, step = _scale([bar.value for bar in bars], 5)
+    pitch = height / max(len(bars), 1)
+    gap = min(2.0, 0.15 * pitch)
+    parts = []
+    for i in range(round(top / step) + 1):
+        x = _LEFT + 8 + width * i * step / top
+        parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP:.1f}" y2="{_TOP + height:.1f}"/>')
+        parts.append(_text(x, _TOP + height + 15, number(i * step)))
+    for i, bar in enumerate(bars):
+        y = _TOP + height - (i + 1) * pitch + gap / 2
+        parts.append(_rect((_LEFT + 8, y, width * bar.value / top, max(pitch - gap, 0.5)), bar))
+    parts += [_text(_LEFT + 2, _TOP + height - place * pitch + 4, label, "end") for place, label in axis.ticks]
+    parts.append(_text(2, 10, axis.name, "start"))
+    return _svg(parts, axis.name)
+
+
+def _scale(values: Sequence[float], steps: int) -> tuple[float, float]:
+    """The axis' end and its step; counts have whole steps."""
+    largest = max([*values, 1.0])
+    step = max(1.0, nice_step(largest, steps))
+    step = float(math.ceil(step)) if step < 10 else step
+    return step * math.ceil(largest / step - 1e-9), step
+
+
+def _rect(box: tuple[float, float, float, float], bar: Bar) -> str:
+    x, y, width, height = box
+    place = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'
+    colour = f"bar {bar.colour}".strip()
+    return f'<rect class="{colour}" {place} rx="1.5"><title>{escape(bar.hint)}</title></rect>'
+
+
+def _text(x: float, y: float, text: str, anchor: str = "middle", kind: str = "") -> str:
+    named = f' class="{kind}"' if kind else ""
+    return f'<text{named} x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
+
+
+def _svg(parts: Sequence[str], name: str) -> str:
+    view = f"0 0 {WIDTH:g} {HEIGHT:g}"
+    return f'<svg class="plot" viewBox="{view}" role="img" aria-label="{escape(name)}">{"".join(parts)}</svg>'

@@ -1,0 +1,120 @@
+"""The head of the report: totals, scale, warnings, time per stage."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+import numpy as np
+
+from pomona.report.data import ReportData
+
+_SOURCES = {
+    "markers": "from markers",
+    "scale-bar": "from the scale bar",
+    "gnss": "from GNSS positions",
+    "fruit-diameter": "from an assumed fruit diameter",
+    "given": "as in the cameras given",
+    "none": "",
+}
+_MOST_WARNINGS_SHOWN = 8
+
+
+def totals(data: ReportData) -> str:
+    """Return the cards with the survey's figures."""
+    return "".join([_fruits(data), _diameter(data), _photos(data), _scale(data), _time(data)])
+
+
+def _card(label: str, figure: str, more: str, kind: str = "") -> str:
+    """A card; `figure` and `more` are HTML."""
+    named = f"sheet total {kind}".strip()
+    return (
+        f'<div class="{named}"><div class="label">{escape(label)}</div>'
+        f'<div class="figure">{figure}</div><div class="more">{more}</div></div>'
+    )
+
+
+def _fruits(data: ReportData) -> str:
+    parts = []
+    if data.detections is not None:
+        parts.append(f"from {data.detections:,} detections")
+    if len(data.fruits):
+        parts.append(f"seen {float(data.fruits.views.mean()):.1f} times each")
+    return _card("Fruits", f"{len(data.fruits):,}", ", ".join(parts), "main")
+
+
+def _diameter(data: ReportData) -> str:
+    sizes = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)]
+    if not len(sizes):
+        return _card("Median diameter", "–", "none measured")
+    if not data.cameras.frame.metric:
+        return _card("Median diameter", f"{np.median(sizes):.3g} <small>units</small>", "no scale is known")
+    low, middle, high = 1000 * np.percentile(sizes, [25, 50, 75])
+    return _card("Median diameter", f"{middle:.1f} <small>mm</small>", f"half lie between {low:.0f} and {high:.0f} mm")
+
+
+def _photos(data: ReportData) -> str:
+    given = len(data.photos) + len(data.photos.skipped)
+    used, lost = len(data.cameras), len(data.lost)
+    parts = [f'<a href="#lost">{lost} without a place</a>'] if lost else []
+    if data.photos.skipped:
+        parts.append(f'<a href="#lost">{len(data.photos.skipped)} not readable</a>')
+    return _card("Photos used", f"{used:,} <small>of {given:,}</small>", ", ".join(parts) or "all of them have a place")
+
+
+def _scale(data: ReportData) -> str:
+    frame = data.cameras.frame
+    if not frame.metric:
+        return _card("Scale", '<span class="badge">not known</span>', "lengths are in arbitrary units")
+    badge = '<span class="badge">approximate</span>' if frame.approximate else ""
+    more = [_SOURCES[frame.scale_source]]
+    if data.scale is not None and math.isfinite(data.scale.markers_rms_mm):
+        more.append(f"residual {data.scale.markers_rms_mm:.1f} mm")
+    if data.scale is not None and not data.scale.sides_are_tied:
+        more.append("sides are not tied to each other")
+    return _card("Scale", f"metres {badge}".strip(), escape(", ".join(more)))
+
+
+def _time(data: ReportData) -> str:
+    if not data.stages:
+        return ""
+    total_s = sum(stage.wall_s for stage in data.stages)
+    peaks = [stage.peak_memory_mb for stage in data.stages if stage.peak_memory_mb is not None]
+    more = f"at most {max(peaks) / 1000:.1f} GB of memory" if peaks else f"{len(data.stages)} stages"
+    return _card("Computing time", duration(total_s), more)
+
+
+def notices(data: ReportData) -> str:
+    """Return the warnings in a box, the first few open to the eye; nothing where there are none."""
+    if not data.warnings:
+        return ""
+    items = [f"<li>{escape(warning)}</li>" for warning in data.warnings]
+    shown, folded = items[:_MOST_WARNINGS_SHOWN], items[_MOST_WARNINGS_SHOWN:]
+    more = f"<details><summary>{len(folded)} more</summary><ul>{''.join(folded)}</ul></details>" if folded else ""
+    return f'<section class="sheet notices"><h2>Please note</h2><ul>{"".join(shown)}</ul>{more}</section>'
+
+
+def stage_times(data: ReportData) -> str:
+    """Return the time of each stage as lying bars; nothing where no time is known."""
+    if not data.stages:
+        return ""
+    longest = max(max(stage.wall_s for stage in data.stages), 1e-9)
+    rows = []
+    for stage in data.stages:
+        memory = f" <small>{stage.peak_memory_mb / 1000:.1f} GB</small>" if stage.peak_memory_mb is not None else ""
+        track = f'<span class="track"><i style="width:{100 * stage.wall_s / longest:.1f}%"></i></span>'
+        time = f'<span class="time">{duration(stage.wall_s)}{memory}</span>'
+        rows.append(f"<span>{escape(stage.name)}</span>{track}{time}")
+    return f'<div class="sheet"><h2>Time per stage</h2><div class="stages">{"".join(rows)}</div></div>'
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as a person says them: 3.2 s, 48 s, 5 min 07 s, 2 h 05 min."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"

@@ -1,0 +1,128 @@
+/** What can be seen in the 3D view: points, fruits, cameras, sight lines, ground. */
+
+import * as three from "three";
+import { drawnRadii, type Colouring } from "./colours";
+import { decodeF32, decodeU16, decodeU8, type Fruit, type PackedCloud, type Payload } from "./payload";
+
+const CAMERA_COLOUR = 0x8fb3d9;
+const SIGHT_COLOUR = 0xffd479;
+
+/** sRGB bytes to the linear values that three.js works with. */
+const LINEAR = Float32Array.from({ length: 256 }, (_, i) => new three.Color().setRGB(i / 255, 0, 0, three.SRGBColorSpace).r);
+
+export function points(cloud: PackedCloud, sizeOnScene: number): three.Points {
+  const geometry = new three.BufferGeometry();
+  geometry.setAttribute("position", new three.BufferAttribute(decodeU16(cloud.positions), 3, true));
+  const colours = Float32Array.from(decodeU8(cloud.colours), (byte) => LINEAR[byte]!);
+  geometry.setAttribute("color", new three.BufferAttribute(colours, 3));
+  const material = new three.PointsMaterial({ size: sizeOnScene, vertexColors: true, sizeAttenuation: true });
+  material.onBeforeCompile = (shader) => {
+    // Points are discs which grow as one comes near, and stay visible from afar.
+    shader.vertexShader = shader.vertexShader.replace(
+      "#include <logdepthbuf_vertex>",
+      `gl_PointSize = clamp(gl_PointSize, ${(1.6 * window.devicePixelRatio).toFixed(1)}, ${(9 * window.devicePixelRatio).toFixed(1)});\n#include <logdepthbuf_vertex>`,
+    );
+    shader.fragmentShader = shader.fragmentShader.replace(
+      "#include <clipping_planes_fragment>",
+      "if (length(gl_PointCoord - 0.5) > 0.5) discard;\n#include <clipping_planes_fragment>",
+    );
+  };
+  const object = new three.Points(geometry, material);
+  object.position.fromArray(cloud.min);
+  object.scale.fromArray(cloud.size);
+  object.visible = cloud.count > 0;
+  return object;
+}
+
+export class FruitBalls {
+  readonly object: three.InstancedMesh;
+  readonly radii: Float32Array;
+
+  constructor(private readonly fruits: Fruit[]) {
+    this.radii = drawnRadii(fruits);
+    const ball = new three.SphereGeometry(1, fruits.length > 4000 ? 12 : 24, fruits.length > 4000 ? 8 : 16);
+    this.object = new three.InstancedMesh(ball, new three.MeshStandardMaterial({ roughness: 0.55 }), fruits.length);
+    this.object.frustumCulled = false;
+    const matrix = new three.Matrix4();
+    fruits.forEach((fruit, i) => {
+      const r = this.radii[i]!;
+      this.object.setMatrixAt(i, matrix.makeScale(r, r, r).setPosition(fruit.x, fruit.y, fruit.z));
+    });
+  }
+
+  colour(colouring: Colouring): void {
+    const colour = new three.Color();
+    this.fruits.forEach((fruit, i) => {
+      this.object.setColorAt(i, colour.setRGB(...colouring.of(fruit), three.SRGBColorSpace));
+    });
+    if (this.object.instanceColor) this.object.instanceColor.needsUpdate = true;
+  }
+
+  /** The nearest fruit that a ray meets; `slack` (radians) widens small fruits for fingers. */
+  hit(ray: three.Ray, slack: number): number | null {
+    let best: number | null = null;
+    let nearest = Infinity;
+    const center = new three.Vector3();
+    this.fruits.forEach((fruit, i) => {
+      center.set(fruit.x, fruit.y, fruit.z).sub(ray.origin);
+      const along = center.dot(ray.direction);
+      if (along <= 0 || along >= nearest) return;
+      const off = Math.sqrt(Math.max(0, center.lengthSq() - along * along));
+      if (off > Math.max(this.radii[i]!, along * slack)) return;
+      nearest = along;
+      best = i;
+    });
+    return best;
+  }
+}
+
+/** Each camera as a small frustum: five points, the centre and the photo's corners (top left, then clockwise). */
+export class Frusta {
+  readonly object: three.LineSegments;
+  readonly corners: Float32Array;
+  readonly count: number;
+
+  constructor(payload: Payload) {
+    this.corners = decodeF32(payload.cameras.frusta);
+    this.count = payload.cameras.names.length;
+    const edges = [0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1];
+    const index = new Uint32Array(this.count * edges.length);
+    for (let i = 0; i < this.count; i++) edges.forEach((corner, k) => (index[i * edges.length + k] = 5 * i + corner));
+    const geometry = new three.BufferGeometry();
+    geometry.setAttribute("position", new three.BufferAttribute(this.corners, 3));
+    geometry.setIndex(new three.BufferAttribute(index, 1));
+    const material = new three.LineBasicMaterial({ color: CAMERA_COLOUR, transparent: true, opacity: 0.75 });
+    this.object = new three.LineSegments(geometry, material);
+  }
+
+  center(i: number): three.Vector3 {
+    return new three.Vector3().fromArray(this.corners, 15 * i);
+  }
+}
+
+/** From a fruit to each camera that saw it. */
+export function sightLines(fruit: Fruit, cameras: number[], frusta: Frusta): three.LineSegments {
+  const ends = cameras.flatMap((camera) => [new three.Vector3(fruit.x, fruit.y, fruit.z), frusta.center(camera)]);
+  const material = new three.LineBasicMaterial({ color: SIGHT_COLOUR, transparent: true, opacity: 0.8 });
+  return new three.LineSegments(new three.BufferGeometry().setFromPoints(ends), material);
+}
+
+/** A ring around the selected fruit that is seen through everything and turns to the viewer. */
+export function halo(): three.Mesh {
+  const material = new three.MeshBasicMaterial({
+    color: SIGHT_COLOUR, transparent: true, depthTest: false, side: three.DoubleSide, toneMapped: false,
+  });
+  const ring = new three.Mesh(new three.RingGeometry(1.3, 1.5, 48), material);
+  ring.renderOrder = 10;
+  ring.visible = false;
+  return ring;
+}
+
+export function ground(payload: Payload): three.GridHelper {
+  const { target, radius, ground: height, grid } = payload.view;
+  const cells = Math.min(200, Math.max(4, 2 * Math.ceil(radius / grid)));
+  const helper = new three.GridHelper(cells * grid, cells, 0x5a6660, 0x36403b);
+  helper.rotateX(Math.PI / 2);
+  helper.position.set(Math.round(target[0]! / grid) * grid, Math.round(target[1]! / grid) * grid, height);
+  return helper;
+}
