@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -29,7 +29,7 @@ _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
 
 @dataclass(frozen=True)
 class Header:
-    """What an image file's header says; the size is upright, after `exif.orientation` has been applied."""
+    """What an image file's header says: the upright size; `exif.orientation` is what is left to do with the pixels."""
 
     width_px: int
     height_px: int
@@ -47,7 +47,9 @@ def read_header(path: Path) -> Header:
         with Image.open(path, formats=_FORMATS) as image:
             tags = image.getexif()
             exif = parse_exif(tags, tags.get_ifd(0x8769), tags.get_ifd(0x8825))
-            width, height = image.size
+            # Pillow's readers of TIFF and HEIC turn the pixels upright themselves, and give the upright size.
+            turned = image.format in ("TIFF", "HEIF")
+            width, height = image.size if turned or exif.orientation < 5 else image.size[::-1]
             whole = _is_whole(path, image)
     except UnidentifiedImageError:
         raise InputError("this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)") from None
@@ -55,9 +57,7 @@ def read_header(path: Path) -> Header:
         raise InputError(f"the image cannot be read ({error})") from None
     if not whole:
         raise InputError("the image is truncated: its end is missing; copy the file again from the camera")
-    if exif.orientation >= 5:
-        width, height = height, width
-    return Header(width, height, exif)
+    return Header(width, height, replace(exif, orientation=1) if turned else exif)
 
 
 def read_pixels(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:

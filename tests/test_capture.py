@@ -1,0 +1,357 @@
+"""Photos from folders: what is found, in which order, on which side, with what EXIF; and what is refused or skipped."""
+
+from __future__ import annotations
+
+import shutil
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pillow_heif
+import pytest
+from PIL import Image
+
+from pomona.capture import load_photos, read_pixels
+from pomona.capture.exif import Exif, focal_px, parse_exif
+from pomona.capture.files import natural_key
+from pomona.capture.sensors import sensor_width_mm
+from pomona.capture.sides import sides_by_globs, sides_by_names
+from pomona.errors import InputError, MissingFileError
+from pomona.progress import Silent
+
+_DETAILS, _GPS = 0x8769, 0x8825
+
+
+def painted(size: tuple[int, int], seed: int) -> Image.Image:
+    """6 × 5 blocks of colour, each as large as the size allows."""
+    blocks = np.random.default_rng(seed).integers(0, 255, (5, 6, 3), np.uint8)
+    return Image.fromarray(blocks).resize(size, Image.Resampling.NEAREST)
+
+
+def write_photo(
+    path: Path,
+    size: tuple[int, int] = (60, 40),
+    *,
+    seed: int = 0,
+    camera: str = "Canon EOS 60D",
+    focal_mm: float | None = 24.0,
+    orientation: int = 1,
+    seconds: int | None = None,
+) -> Path:
+    """Write a photo of blocks of colour with EXIF, its format by its suffix."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = painted(size, seed)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    if camera:
+        exif[0x010F], exif[0x0110] = camera.split()[0], camera
+    details = exif.get_ifd(_DETAILS)
+    if focal_mm is not None:
+        details[0x920A] = focal_mm
+    if seconds is not None:
+        details[0x9003] = f"2017:09:28 11:00:{seconds:02d}"
+    image.save(path, exif=exif)
+    return path
+
+
+def test_orders_photos_naturally_and_ignores_other_files(tmp_path: Path) -> None:
+    for name in ("IMG_10.JPG", "IMG_9.jpeg", "img_11.Png", "IMG_2.tif"):
+        write_photo(tmp_path / name, seed=len(name))
+    write_photo(tmp_path / ".hidden.jpg")
+    (tmp_path / "notes.txt").write_text("no photo")
+    (tmp_path / "markers.csv").write_text("id,x,y,z")
+    photos = load_photos([tmp_path])
+    assert photos.names == ("IMG_2.tif", "IMG_9.jpeg", "IMG_10.JPG", "img_11.Png")
+    assert photos.sides == ("row",)
+    assert not photos.from_video
+
+
+def test_orders_photos_by_time_of_capture_where_all_have_one(tmp_path: Path) -> None:
+    for name, seconds in (("a1.jpg", 3), ("a2.jpg", 1), ("a3.jpg", 2)):
+        write_photo(tmp_path / name, seconds=seconds)
+    photos = load_photos([tmp_path])
+    assert photos.names == ("a2.jpg", "a3.jpg", "a1.jpg")
+    assert photos.items[0].taken_at == datetime(2017, 9, 28, 11, 0, 1)
+
+
+def test_two_folders_are_two_sides_and_give_names(tmp_path: Path) -> None:
+    for side in ("east", "west"):
+        for i in range(3):
+            write_photo(tmp_path / side / f"IMG_{i}.jpg", seed=i)
+    together, apart = load_photos([tmp_path]), load_photos([tmp_path / "west", tmp_path / "east"])
+    assert together.names[:2] == ("east/IMG_0.jpg", "east/IMG_1.jpg")
+    assert together.sides == ("east", "west")
+    assert set(apart.names) == set(together.names)
+    assert apart.sides == ("west", "east")
+    assert load_photos([tmp_path], sides="none").sides == ("row",)
+
+
+def test_two_folders_of_one_name_are_told_apart_by_those_above(tmp_path: Path) -> None:
+    for side in ("up", "down"):
+        write_photo(tmp_path / side / "photos" / "1.jpg")
+    assert load_photos([tmp_path / "up" / "photos", tmp_path / "down" / "photos"]).sides == ("up", "down")
+
+
+def test_camera_folders_are_no_sides(tmp_path: Path) -> None:
+    for folder in ("100CANON", "101CANON"):
+        write_photo(tmp_path / folder / "IMG_0001.jpg")
+    photos = load_photos([tmp_path])
+    assert photos.sides == ("row",)
+    assert len(photos) == 2
+
+
+@pytest.mark.parametrize(
+    ("stems", "sides"),
+    [
+        (["east_0", "east_1", "east_2", "west_0", "west_1", "west_2"], ["east"] * 3 + ["west"] * 3),
+        (["E1", "E2", "E3", "W1", "W2", "W3"], ["e"] * 3 + ["w"] * 3),
+        (["row3-left-1", "row3-left-2", "row3-left-3", "row3-right-1", "row3-right-2", "row3-right-3"], None),
+        (["A_1", "A_2", "A_3", "B_1", "B_2"], []),
+        (["IMG_1", "IMG_2", "IMG_3", "DSC_1", "DSC_2", "DSC_3"], []),
+        (["a1", "b1", "c1", "a2", "b2", "c2", "a3", "b3", "c3"], []),
+        (["1", "2", "3", "4"], []),
+    ],
+)
+def test_sides_by_names(stems: list[str], sides: list[str] | None) -> None:
+    expected = ["left"] * 3 + ["right"] * 3 if sides is None else sides
+    assert sides_by_names([f"{stem}.jpg" for stem in stems]) == (tuple(expected) or None)
+
+
+def test_sides_by_globs_take_their_literal_names() -> None:
+    names = ["photos/E_1.JPG", "photos/E_2.JPG", "photos/w_1.JPG"]
+    assert sides_by_globs(names, "E_*.jpg, W_*") == ("E", "E", "W")
+    assert sides_by_globs(names, "*/e*,*/w*") == ("e", "e", "w")
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("both", "expected auto, none"),
+        ("east", "expected auto, none"),
+        ("a*,b*,c*", "expected auto, none"),
+        ("IMG_0*,DSC*", "matches neither pattern"),
+        ("IMG*,*_1*", "matches both patterns"),
+    ],
+)
+def test_sides_option_that_does_not_fit_is_refused(tmp_path: Path, option: str, said: str) -> None:
+    for i in range(3):
+        write_photo(tmp_path / f"IMG_{i + 1}.jpg", seed=i)
+    with pytest.raises(InputError, match=said):
+        load_photos([tmp_path], sides=option)
+
+
+def test_empty_folder_says_what_was_looked_for_and_found(tmp_path: Path) -> None:
+    (tmp_path / "readme.txt").write_text("empty")
+    with pytest.raises(InputError, match=r"holds no photo: looked for JPEG.*found 1 × \.txt"):
+        load_photos([tmp_path])
+    (tmp_path / "IMG_1.CR2").write_bytes(b"raw")
+    with pytest.raises(InputError, match="export them as JPEG"):
+        load_photos([tmp_path])
+
+
+def test_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="nowhere does not exist"):
+        load_photos([tmp_path / "nowhere"])
+
+
+def test_one_photo_is_too_few_unless_allowed(tmp_path: Path) -> None:
+    path = write_photo(tmp_path / "IMG_1.jpg")
+    with pytest.raises(InputError, match=r"found 1 photo that can be used, expected at least 2 .*3 or more"):
+        load_photos([tmp_path])
+    assert len(load_photos([tmp_path], min_photos=1)) == 1
+    assert len(load_photos([path], min_photos=1)) == 1
+
+
+def test_damaged_files_are_skipped_named_and_warned_of(tmp_path: Path) -> None:
+    for i in range(3):
+        write_photo(tmp_path / f"good_{i}.jpg", (600, 400), seed=i)
+    whole = (tmp_path / "good_0.jpg").read_bytes()
+    (tmp_path / "cut.jpg").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "zeros.jpg").write_bytes(whole[: len(whole) // 2] + bytes(len(whole) // 2))
+    (tmp_path / "text.jpg").write_text("this is not a photo")
+    (tmp_path / "nothing.jpg").touch()
+    progress = Silent()
+    photos = load_photos([tmp_path], progress=progress)
+    assert photos.names == ("good_0.jpg", "good_1.jpg", "good_2.jpg")
+    reasons = {skipped.name: skipped.reason for skipped in photos.skipped}
+    assert set(reasons) == {"cut.jpg", "zeros.jpg", "text.jpg", "nothing.jpg"}
+    assert "truncated" in reasons["cut.jpg"]
+    assert "truncated" in reasons["zeros.jpg"]
+    assert "0 bytes" in reasons["nothing.jpg"]
+    assert any("4 files could not be used" in warning and "cut.jpg" in warning for warning in progress.warnings)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "heic"])
+def test_truncation_is_told_in_other_formats(tmp_path: Path, suffix: str) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    for i in range(2):
+        _save(Image.fromarray(pixels), tmp_path / f"good{i}.{suffix}")
+    whole = (tmp_path / f"good0.{suffix}").read_bytes()
+    (tmp_path / f"cut.{suffix}").write_bytes(whole[: int(len(whole) * 0.8)])
+    photos = load_photos([tmp_path])
+    assert len(photos) == 2
+    assert [skipped.name for skipped in photos.skipped] == [f"cut.{suffix}"]
+
+
+def test_data_after_the_end_of_a_jpeg_is_no_damage(tmp_path: Path) -> None:
+    for i in range(2):
+        path = write_photo(tmp_path / f"{i}.jpg", (300, 200), seed=i)
+        path.write_bytes(path.read_bytes() + b"a second image, or a video" * 50)
+    assert len(load_photos([tmp_path])) == 2
+
+
+def test_mixed_cameras_sizes_copies_and_missing_exif_are_warned_of_once(tmp_path: Path) -> None:
+    write_photo(tmp_path / "1.jpg", seed=1)
+    write_photo(tmp_path / "2.jpg", seed=2, focal_mm=35.0)
+    write_photo(tmp_path / "3.jpg", (90, 60), seed=3, camera="NIKON D750")
+    write_photo(tmp_path / "4.jpg", seed=4, camera="", focal_mm=None)
+    write_photo(tmp_path / "5.jpg", seed=5, camera="", focal_mm=None)
+    shutil.copy(tmp_path / "5.jpg", tmp_path / "6.jpg")
+    progress = Silent()
+    photos = load_photos([tmp_path], progress=progress)
+    assert len({photo.camera_key for photo in photos}) == 4
+    assert [photo.focal_px is None for photo in photos] == [False, False, False, True, True, True]
+    for said in ("4 cameras or zooms", "3 of 6 photos say nothing of their focal length", "different sizes", "5.jpg ="):
+        assert sum(said in warning for warning in progress.warnings) == 1
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
+def test_pixels_are_upright_at_any_size(tmp_path: Path, orientation: int, suffix: str) -> None:
+    for i in range(2):
+        write_photo(tmp_path / f"{i}.{suffix}", (96, 80), seed=3, orientation=orientation, camera="")
+    photo = load_photos([tmp_path]).items[0]
+    # Each orientation by EXIF's own words: where the stored first row and first column are in the upright photo.
+    turn = {
+        1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
+        5: lambda a: a.transpose(1, 0, 2), 6: lambda a: np.rot90(a, -1),
+        7: lambda a: np.rot90(a, -1)[::-1], 8: np.rot90,
+    }[orientation]  # fmt: skip
+    expected = turn(np.asarray(painted((96, 80), 3)))
+    assert (photo.width_px, photo.height_px) == ((96, 80) if orientation < 5 else (80, 96))
+    # JPEG blurs the borders of the blocks; a turn too many or too few is some 80 grey values.
+    assert np.abs(read_pixels(photo).astype(int) - expected).mean() <= (12 if suffix == "jpg" else 0)
+    small = read_pixels(photo, max_side_px=24)
+    assert small.shape == ((20, 24, 3) if orientation < 5 else (24, 20, 3))
+    # Each block of colour spans four pixels of the small photo: its inner pixels keep the colour.
+    full = Image.fromarray(np.ascontiguousarray(expected))
+    oracle = np.asarray(full.resize(small.shape[1::-1], Image.Resampling.BOX), float)
+    assert np.abs(small.astype(float) - oracle).mean() < 6.0
+
+
+def test_heic_is_read_upright_with_its_exif(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112], exif[0x010F], exif[0x0110] = 6, "Apple", "iPhone 12"
+    exif.get_ifd(_DETAILS)[0xA405] = 26
+    ramp = np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[None, :, None], 48, axis=0).repeat(3, axis=2)
+    for i in range(2):
+        _save(Image.fromarray(ramp), tmp_path / f"{i}.HEIC", exif=exif.tobytes())
+    photo = load_photos([tmp_path]).items[0]
+    assert (photo.width_px, photo.height_px) == (48, 64)
+    pixels = read_pixels(photo).astype(int)
+    assert pixels.shape == (64, 48, 3)
+    assert pixels[-1].mean() - pixels[0].mean() > 200
+    assert photo.focal_px == pytest.approx(26 / 43.267 * 80, rel=1e-3)
+
+
+def test_16_bit_grey_becomes_8_bit_colour(tmp_path: Path) -> None:
+    grey = np.linspace(0, 65535, 64 * 64).reshape(64, 64).astype(np.uint16)
+    for i in range(2):
+        Image.fromarray(grey).save(tmp_path / f"{i}.tif")
+    pixels = read_pixels(load_photos([tmp_path]).items[0])
+    assert pixels.shape == (64, 64, 3)
+    assert np.array_equal(pixels[:, :, 0], grey >> 8)
+
+
+def test_a_file_that_breaks_after_loading_is_named(tmp_path: Path) -> None:
+    for i in range(2):
+        write_photo(tmp_path / f"{i}.jpg", (300, 200), seed=i)
+    photos = load_photos([tmp_path])
+    whole = photos.items[0].path.read_bytes()
+    photos.items[0].path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"0\.jpg.*cannot be decoded"):
+        read_pixels(photos.items[0])
+    photos.items[1].path.unlink()
+    with pytest.raises(MissingFileError, match=r"1\.jpg"):
+        read_pixels(photos.items[1])
+    with pytest.raises(InputError, match="max_side_px"):
+        read_pixels(photos.items[0], max_side_px=0)
+
+
+def test_natural_key_counts_as_people_do() -> None:
+    assert sorted(["b2", "b10", "B1", "a"], key=natural_key) == ["a", "B1", "b2", "b10"]
+
+
+@pytest.mark.parametrize(
+    ("exif", "size", "expected"),
+    [
+        # A known sensor: 24 mm on 22.3 mm, at the size the photo has now.
+        (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0, focal_35mm=38), (864, 1296), 24 / 22.3 * 1296),
+        # 35 mm equivalents are by the diagonal: 3:2, and a phone's 4:3.
+        (Exif(focal_35mm=36.0), (3000, 2000), 3000.0),
+        (Exif(focal_35mm=26.0), (4032, 3024), 26 / 43.2666 * 5040),
+        # The camera's own sensor width.
+        (Exif(focal_mm=10.0, plane_width_mm=20.0), (4000, 3000), 2000.0),
+        # Digital zoom: the equivalent knows of it, the sensor's width does not.
+        (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0, focal_35mm=76), (3000, 2000), 76 / 36 * 3000),
+        (Exif(make="Unheard", model="Of", focal_mm=24.0), (3000, 2000), None),
+        (Exif(), (3000, 2000), None),
+    ],
+)  # fmt: skip
+def test_focal_length(exif: Exif, size: tuple[int, int], expected: float | None) -> None:
+    found = focal_px(exif, *size)
+    assert found is None if expected is None else found == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("make", "model", "width_mm"),
+    [
+        ("Canon", "Canon EOS 60D", 22.3),
+        ("Canon", "Canon EOS 5D Mark III", 36.0),
+        ("NIKON CORPORATION", "NIKON D750", 35.9),
+        ("NIKON CORPORATION", "NIKON D7500", 23.5),
+        ("SONY", "ILCE-7M3", 35.8),
+        ("SONY", "ILCE-6000", 23.5),
+        ("DJI", "FC6310", 13.2),
+        ("", "", None),
+    ],
+)
+def test_sensor_table(make: str, model: str, width_mm: float | None) -> None:
+    assert sensor_width_mm(make, model) == width_mm
+
+
+def test_exif_nonsense_is_ignored() -> None:
+    details = {0x920A: "no number", 0xA405: 0, 0x9003: "0000:00:00 00:00:00", 0xA20E: float("nan")}
+    gps = {1: "N", 2: (0.0, 0.0, 0.0), 3: "E", 4: (0.0, 0.0, 0.0)}
+    exif = parse_exif({0x0112: 77, 0x010F: None}, details, gps)
+    assert exif == Exif()
+
+
+def test_exif_position_and_time() -> None:
+    gps = {1: "S", 2: (41.0, 30.0, 36.0), 3: "W", 4: (0.0, 52.0, 12.0), 5: b"\0", 6: 212.5}
+    details = {0x9003: "2017:09:28 11:02:03", 0x9291: "25", 0xA002: 4000, 0xA003: 3000, 0xA20E: 2000.0, 0xA20F: 2000.0}
+    exif = parse_exif({}, details | {0xA210: 3}, gps)
+    assert exif.gnss is not None
+    assert exif.gnss.latitude_deg == pytest.approx(-41.51)
+    assert exif.gnss.longitude_deg == pytest.approx(-0.87)
+    assert exif.gnss.altitude_m == 212.5
+    assert exif.taken_at == datetime(2017, 9, 28, 11, 2, 3, 250000)
+    assert exif.plane_width_mm == pytest.approx(20.0)
+
+
+def test_orchard_dev_photos(shared_data: Path) -> None:
+    progress = Silent()
+    photos = load_photos([shared_data / "orchard-dev" / "images"], progress=progress)
+    assert len(photos) == 34
+    assert photos.sides == ("east", "west")
+    assert [photo.focal_px for photo in photos] == pytest.approx([1394.798] * 34, abs=1e-3)
+    assert len({photo.camera_key for photo in photos}) == 1
+    assert progress.warnings == []
+
+
+def _save(image: Image.Image, path: Path, exif: bytes | None = None) -> None:
+    if path.suffix.lower() == ".heic":
+        heif = pillow_heif.from_pillow(image)
+        heif.save(path, quality=95, **({"exif": exif} if exif else {}))
+    else:
+        image.save(path)
