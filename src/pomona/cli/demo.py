@@ -47,6 +47,7 @@ def _compare(out: Path, truth: Path) -> None:
     """Say how many of the true fruits were found."""
     if not truth.is_file():
         return
-    from pomona.cli.evaluate import scores_of
+    from pomona.cli.evaluate import scores_of, show_scores
 
-    typer.echo(f"\n{scores_of(out, truth)}")
+    typer.echo("")
+    show_scores(scores_of(out, truth))

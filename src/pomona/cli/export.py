@@ -54,17 +54,19 @@ def _source(survey: Survey, to: str) -> tuple[Path, Callable[[Path, Path], None]
     sources = {"csv": survey.fruits, "geojson": survey.geojson, "colmap": survey.cameras, "coco": survey.detections}
     if to in sources:
         return sources[to], _copy
-    return survey.cloud, {"laz": _copy, "las": _las, "ply": _ply}[to]
+    return survey.cloud, {"laz": _copy, "las": lambda source, target: _las(survey, source, target), "ply": _ply}[to]
 
 
 def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
-def _las(source: Path, target: Path) -> None:
+def _las(survey: Survey, source: Path, target: Path) -> None:
     from pomona.formats.las import read_las, write_las
+    from pomona.survey.values import frame_from
 
-    write_las(target, read_las(source))
+    scale = survey.record_of("scale")
+    write_las(target, read_las(source), frame=frame_from(scale.info["frame"]) if scale and scale.finished else None)
 
 
 def _ply(source: Path, target: Path) -> None:

@@ -26,7 +26,8 @@ def text_of(summary: Summary) -> str:
 
 def _headline(summary: Summary) -> str:
     if summary.fruits is not None:
-        return f"{summary.fruits} fruits found" if summary.fruits else "No fruit found"
+        plural = "" if summary.fruits == 1 else "s"
+        return f"{summary.fruits} fruit{plural} found" if summary.fruits else "No fruit found"
     if summary.photos_used is not None:
         return f"{summary.photos_used} of {summary.photos} photos placed"
     return f"{summary.detections} detections in {summary.photos} photos"

@@ -52,6 +52,6 @@ def _places(points_in_world: FloatArray, frame: WorldFrame) -> FloatArray:
     from pyproj import Transformer
 
     to_earth = Transformer.from_crs(frame.crs, "EPSG:4326", always_xy=True)
-    longitude, latitude = to_earth.transform(points_in_world[:, 0], points_in_world[:, 1])
+    longitude, latitude = to_earth.transform(*points_in_world[:, :2].T.tolist())
     altitude = points_in_world[:, 2] + (frame.origin[2] if frame.origin else 0.0)
     return np.stack([np.round(longitude, 9), np.round(latitude, 9), np.round(altitude, 4)], axis=1)

@@ -23,7 +23,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Context:
-    """One run. `digests` are of the photos' contents, by name; `on_stage` hears the name of each stage that begins."""
+    """One run. `digests` are of the photos' contents, by name; `on_stage` hears the name of each stage that begins.
+
+    `warnings` are those that the person was told of so far, in this run.
+    """
 
     survey: Survey
     photos: Photos
@@ -31,6 +34,7 @@ class Context:
     options: RunOptions
     progress: Progress
     on_stage: Callable[[str], None]
+    warnings: Sequence[str] = ()
 
     def stage(self, name: str, key: Callable[[], Any], work: StageWork[T], *, rooms: Sequence[str]) -> Stage[T]:
         """Return a stage of this run. Its result depends on `key` and on the code of `rooms`, packages of Pomona."""
@@ -51,9 +55,10 @@ class Context:
 
 @cache
 def code_digest(room: str) -> str:
-    """Return a digest of the code of one of Pomona's packages, so that what newer code would do better is redone."""
+    """Return a digest of the code (and trained values) of one of Pomona's packages, so that new code redoes it."""
     folder = Path(__file__).parent.parent / room
-    return digest({path.name: file_digest(path) for path in sorted(folder.rglob("*.py"))})
+    files = sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".json"))
+    return digest({path.relative_to(folder).as_posix(): file_digest(path) for path in files})
 
 
 def load_photos(

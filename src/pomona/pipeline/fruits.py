@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.photos import Photos
 from pomona.pipeline.context import Context
+from pomona.pipeline.options import RunOptions
 from pomona.progress import Progress
 from pomona.scale.values import Placed
 from pomona.survey import Stage
@@ -71,13 +74,9 @@ def filter_stage(context: Context, fuse: Stage[Fused]) -> Stage[Fused]:
     options = context.options
 
     def compute(progress: Progress) -> Fused:
-        from pomona import filter as filters
-
-        fused = fuse.value
-        if not options.filter_false_positives or len(fused.fruits) == 0:
-            return fused
-        progress.start("telling fruits from leaves")
-        return filters.apply(fused, filters.load(options.filter_model))
+        if not options.filter_false_positives or len(fuse.value.fruits) == 0:
+            return fuse.value
+        return filtered(fuse.value, options, progress)
 
     def key() -> Any:
         model = None if options.filter_model is None else file_digest(options.filter_model)
@@ -87,24 +86,45 @@ def filter_stage(context: Context, fuse: Stage[Fused]) -> Stage[Fused]:
 
 
 def measure_stage(
-    context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed], filtered: Stage[Fused]
+    context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed], sifted: Stage[Fused]
 ) -> Stage[Fused]:
     """Return the stage that measures each fruit: diameter, visibility, sides."""
 
     def compute(progress: Progress) -> Fused:
         from pomona.fuse import Fused
-        from pomona.measure import measure
 
-        fused = filtered.value
+        fused = sifted.value
         if len(fused.fruits) == 0:
             return fused
-        fruits = measure(fused, segment.value, scale.value.cameras, context.photos, progress=progress)
+        fruits = measured(fused, segment.value, scale.value.cameras, context.photos, context.options, progress)
         return Fused(fruits, fused.observations, fused.cloud)
 
     def key() -> Any:
-        return [segment.token, scale.token, filtered.token]
+        return [segment.token, scale.token, sifted.token]
 
-    return _fused_stage(context, "measure", key, compute, needs=(segment, scale, filtered), rooms=("measure",))
+    return _fused_stage(context, "measure", key, compute, needs=(segment, scale, sifted), rooms=("measure",))
+
+
+def filtered(fused: Fused, options: RunOptions, progress: Progress) -> Fused:
+    """Return the fruits that the support vector machine takes for fruits."""
+    from pomona import filter as filters
+
+    progress.start("telling fruits from leaves")
+    return filters.apply(fused, filters.LinearSvm.load(options.filter_model))
+
+
+def measured(
+    fused: Fused,
+    detections: SurveyDetections,
+    cameras: Cameras,
+    photos: Photos,
+    options: RunOptions,
+    progress: Progress,
+) -> Fruits:
+    """Return the fruits with what can be measured of each."""
+    from pomona.measure import measure
+
+    return measure(fused, detections, cameras, photos, progress=progress)
 
 
 def _fused_stage(

@@ -106,8 +106,30 @@ class RunOptions:
         """Options of the paper's fusion."""
         from pomona.fuse import PaperOptions
 
-        # 3 cm were chosen for apples of 75 mm; other fruits have their own size.
-        return PaperOptions(eps_m=0.4 * self.fruit_diameter_m)
+        # 3 cm were chosen for apples of 75 mm; other fruits have their own size. Scores were looked at when segmenting.
+        return PaperOptions(eps_m=0.4 * self.fruit_diameter_m, min_score=0.0)
+
+    def check_files(self) -> None:
+        """Read the small files named, and look up names, so that a mistake is told of before hours of work.
+
+        Raises `InputError`, `FormatError` or `MissingFileError`.
+        """
+        if self.markers is not None or self.scale_bar is not None:
+            from pomona.scale.aruco import dictionary_names
+
+            if self.marker_dictionary not in dictionary_names():
+                known = ", ".join(name for name in dictionary_names() if name.startswith("DICT_4X4"))
+                raise InputError(
+                    f"--marker-dictionary: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
+                )
+        if self.markers is not None:
+            from pomona.scale.markers import read_markers
+
+            read_markers(self.markers)
+        if self.filter_model is not None:
+            from pomona.filter.svm import LinearSvm
+
+            LinearSvm.load(self.filter_model)
 
     def to_json(self) -> dict[str, Any]:
         """Return the options as `survey.json` holds them."""

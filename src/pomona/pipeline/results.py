@@ -8,22 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pomona import __version__
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.formats.geojson import write_geojson
 from pomona.formats.tables import read_fruits, read_observations, write_fruits, write_observations
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.pipeline.context import Context
-from pomona.pipeline.summary import Summary
+from pomona.pipeline.placing import unregistered_from
 from pomona.progress import Progress
 from pomona.scale.values import Placed
+from pomona.sfm.values import Reconstruction
 from pomona.survey import Stage
-from pomona.survey.digest import digest
 from pomona.survey.files import write_file
 from pomona.survey.stage import StageWork
 
 if TYPE_CHECKING:
     from pomona.fuse import Fused
+    from pomona.report import ReportData
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,7 @@ def results_stage(context: Context, scale: Stage[Placed], measured: Stage[Fused]
         write_file(survey.fruits, lambda path: write_fruits(path, results.fruits))
         write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
         write_file(survey.observations, lambda path: write_observations(path, results.observations))
-        write_file(survey.cloud, lambda path: write_las(path, results.scene))
+        write_file(survey.cloud, lambda path: write_las(path, results.scene, frame=frame))
         return {"fruits": len(results.fruits), "observations": len(results.observations)}
 
     def load(info: Mapping[str, Any]) -> Results:
@@ -76,39 +78,63 @@ def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
 def report_stage(
     context: Context,
     segment: Stage[SurveyDetections],
+    sfm: Stage[Reconstruction],
     scale: Stage[Placed],
     results: Stage[Results],
-    summarise: Any,
 ) -> Stage[None]:
-    """Return the stage that writes `report.html` and `contact_sheet.jpg`; `summarise` gives the `Summary` so far."""
+    """Return the stage that writes `report.html` and `contact_sheet.jpg`."""
     survey = context.survey
+    written: list[ReportData] = []
 
     def compute(progress: Progress) -> None:
-        summary: Summary = summarise()
-        _write_report(context, segment.value, scale.value, results.value, summary, progress)
+        progress.start("gathering")
+        written.append(_report_data(context, segment, sfm, scale, results))
 
     def save(_: None) -> Mapping[str, Any]:
+        from pomona.report import write_contact_sheet, write_report
+
+        data = written.pop()
+        write_file(
+            survey.contact_sheet,
+            lambda path: write_contact_sheet(context.photos, data.cameras, data.fruits, data.observations, path),
+        )
+        write_file(survey.report, lambda path: write_report(data, path))
         return {}
 
     def load(info: Mapping[str, Any]) -> None:
         return None
 
     def key() -> Any:
-        return [segment.token, scale.token, results.token, digest(context.photo_details), context.options]
+        return [segment.token, scale.token, results.token, context.photo_details, context.photos.skipped]
 
     outputs = (survey.report, survey.contact_sheet)
-    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(segment, scale, results))
+    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(scale, results))
     return context.stage("report", key, work, rooms=("report",))
 
 
-def _write_report(
+def _report_data(
     context: Context,
-    detections: SurveyDetections,
-    placed: Placed,
-    results: Results,
-    summary: Summary,
-    progress: Progress,
-) -> None:
-    from pomona import report
+    segment: Stage[SurveyDetections],
+    sfm: Stage[Reconstruction],
+    scale: Stage[Placed],
+    results: Stage[Results],
+) -> ReportData:
+    from pomona.report import ReportData, StageTime
 
-    raise NotImplementedError(report)
+    records = context.survey.records
+    warnings = [*context.warnings, *(warning for record in records.values() for warning in record.warnings)]
+    unregistered = unregistered_from(sfm.ensure().info["unregistered"])
+    return ReportData(
+        title=context.survey.folder.name,
+        photos=context.photos,
+        cameras=scale.value.cameras,
+        fruits=results.value.fruits,
+        observations=results.value.observations,
+        cloud=results.value.scene,
+        detections=int(segment.ensure().info["detections"]),
+        lost=(*unregistered, *scale.value.lost),
+        scale=scale.value.residuals,
+        stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
+        warnings=tuple(dict.fromkeys(warnings)),
+        version=__version__,
+    )

@@ -8,11 +8,7 @@ from typing import Any
 
 from pomona.errors import InputError, SurveyError
 from pomona.pipeline.context import Context, load_photos
-from pomona.pipeline.fruits import dense_stage, filter_stage, fuse_stage, measure_stage
 from pomona.pipeline.options import RunOptions
-from pomona.pipeline.placing import scale_stage, sfm_stage
-from pomona.pipeline.results import report_stage, results_stage
-from pomona.pipeline.seeing import segment_stage
 from pomona.pipeline.summary import Summary, summarise
 from pomona.progress import Progress, Silent
 from pomona.survey import Stage, Survey
@@ -43,6 +39,7 @@ def run(
     options, listening = options or RunOptions(), _Kept(progress or Silent())
     if until not in STAGES:
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
+    options.check_files()
     paths = [Path(source).expanduser().resolve() for source in sources]
     survey = Survey.create(Path(out))
     with disk_errors(survey.folder), survey.locked():
@@ -58,20 +55,21 @@ def run(
             skipped=[{"name": name, "reason": reason} for name, reason in skipped],
         )
         context = Context(
-            survey=survey, photos=photos, digests=digests, options=options, progress=listening, on_stage=on_stage
+            survey=survey,
+            photos=photos,
+            digests=digests,
+            options=options,
+            progress=listening,
+            on_stage=on_stage,
+            warnings=listening.warnings,
         )
-        stages: dict[str, Stage[Any]] = {}
-
-        def summary() -> Summary:
-            ran = {name for name, stage in stages.items() if stage.ran}
-            return summarise(survey, len(photos), skipped, ran, tuple(listening.warnings))
-
-        stages |= make_stages(context, summary)
+        stages = make_stages(context)
         for name in STAGES[: STAGES.index(until) + 1]:
             stages[name].ensure()
-        result = summary()
-        survey.note(summary=result.to_json(), warnings=result.warnings)
-        return result
+        ran = {name for name, stage in stages.items() if stage.ran}
+        summary = summarise(survey, len(photos), skipped, ran, tuple(listening.warnings))
+        survey.note(summary=summary.to_json(), warnings=summary.warnings)
+        return summary
 
 
 def go_on(
@@ -95,8 +93,14 @@ def go_on(
     return run([Path(p) for p in sources], survey.folder, known, progress, until=until, on_stage=on_stage)
 
 
-def make_stages(context: Context, summary: Callable[[], Summary]) -> dict[str, Stage[Any]]:
+def make_stages(context: Context) -> dict[str, Stage[Any]]:
     """Return all stages of a run by name, each knowing those it depends on."""
+    # Imported here, as they bring the engines: `pomona --help` has to be quick.
+    from pomona.pipeline.fruits import dense_stage, filter_stage, fuse_stage, measure_stage
+    from pomona.pipeline.placing import scale_stage, sfm_stage
+    from pomona.pipeline.results import report_stage, results_stage
+    from pomona.pipeline.seeing import segment_stage
+
     segment = segment_stage(context)
     sfm = sfm_stage(context, segment)
     scale = scale_stage(context, segment, sfm)
@@ -105,7 +109,7 @@ def make_stages(context: Context, summary: Callable[[], Summary]) -> dict[str, S
     filtered = filter_stage(context, fuse)
     measured = measure_stage(context, segment, scale, filtered)
     results = results_stage(context, scale, measured)
-    report = report_stage(context, segment, scale, results, summary)
+    report = report_stage(context, segment, sfm, scale, results)
     found = (segment, sfm, scale, dense, fuse, filtered, measured, results, report)
     return dict(zip(STAGES, found, strict=True))
 

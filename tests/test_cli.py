@@ -1,0 +1,257 @@
+"""Every command: what it prints where, its exit status, and errors without tracebacks."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner, Result
+
+from pipeline_fakes import Fakes, make_photos
+from pomona.cli.app import app
+from pomona.cli.progress import TerminalProgress
+from pomona.cli.summary import seconds
+from pomona.errors import InputError
+from pomona.survey import Survey
+
+TRUTH = "id,x,y,z,diameter\n1,0,0,2,0.07\n2,1,0,2,0.07\n"
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
+    return Fakes().install(monkeypatch)
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    return make_photos(tmp_path / "photos")
+
+
+def pomona(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], env={"COLUMNS": "200"})
+
+
+def test_run_says_what_a_person_wants_to_know(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    result = pomona("run", photos, "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("1 fruit found")
+    for text in ("4 of 4 used", "assumed fruit diameter", "cameras", str(tmp_path / "out" / "report.html")):
+        assert text in result.stdout
+    assert "a warning of fuse" in result.stderr
+    assert "Warning" not in result.stdout
+
+
+def test_run_prints_json_alone_on_stdout(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    result = pomona("run", photos, "-o", tmp_path / "out", "--json")
+    assert json.loads(result.stdout)["fruits"] == 1
+
+
+def test_a_second_run_says_what_was_kept(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    pomona("run", photos, "--out", tmp_path / "out")
+    assert (
+        "kept from before: fruits in photos, cameras, metres" in pomona("run", photos, "--out", tmp_path / "out").stdout
+    )
+
+
+def test_options_reach_the_run(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    options = ["--scale-bar", "0,1,0.85", "--fruit-diameter", "0.08", "--sides", "none", "--no-gnss", "--no-filter"]
+    assert pomona("run", photos, "--out", tmp_path / "out", *options).exit_code == 0
+    kept = Survey.open(tmp_path / "out").get("options")
+    assert kept["scale_bar"] == [0, 1, 0.85]
+    assert (kept["fruit_diameter_m"], kept["sides"], kept["use_gnss"]) == (0.08, "none", False)
+    assert "filter" not in fakes.calls
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scale-bar", "0,1"], "--scale-bar: expected ID,ID,METRES such as 0,1,0.85, found '0,1'"),
+        (["--method", "magic"], "--method: expected one of paper"),
+        (["--fruit-diameter", "75"], "--fruit-diameter: expected metres"),
+        (["--markers", "nowhere.csv"], "nowhere.csv does not exist"),
+        (["--detections", "nowhere.json"], "nowhere.json does not exist"),
+        (["--sides", "left"], "--sides"),
+    ],
+)
+def test_wrong_values_are_told_of(
+    fakes: Fakes, photos: Path, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    result = pomona("run", photos, "--out", tmp_path / "out", *arguments)
+    assert result.exit_code == 1
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+
+
+def test_an_unknown_dictionary_is_told_of_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    arguments = ["--scale-bar", "0,1,0.85", "--marker-dictionary", "DICT_9"]
+    result = pomona("run", photos, "--out", tmp_path / "out", *arguments)
+    assert result.exit_code == 1
+    assert "found 'DICT_9'" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_wrong_command_line_is_status_2(photos: Path) -> None:
+    assert pomona("run", photos).exit_code == 2
+    assert pomona("run", photos, "--out", "x", "--colour", "red").exit_code == 2
+    assert pomona("fly").exit_code == 2
+
+
+def test_ctrl_c_says_how_to_go_on(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    fakes.raising["dense"] = 1, KeyboardInterrupt()
+    result = pomona("run", photos, "--out", tmp_path / "out")
+    assert result.exit_code == 130
+    assert "Stopped: what was finished is kept" in result.stderr
+    assert "the same command goes on where it was" in result.stderr
+    assert pomona("run", photos, "--out", tmp_path / "out").exit_code == 0
+    assert fakes.calls["sfm"] == 1
+
+
+def test_our_own_mistakes_have_no_bare_traceback(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    fakes.raising["fuse"] = 1, ZeroDivisionError("division by zero")
+    result = pomona("run", photos, "--out", tmp_path / "out")
+    assert result.exit_code == 3
+    assert "This is a mistake in Pomona" in result.stderr
+    assert "Traceback" not in result.stderr
+    (log,) = [Path(word.strip(",")) for word in result.stderr.split() if "pomona-error-" in word]
+    assert "ZeroDivisionError" in log.read_text()
+    log.unlink()
+
+
+def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert "4 detections in 4 photos" in pomona("segment", photos, "--out", out).stdout
+    assert "4 of 4 photos placed" in pomona("reconstruct", out, "--fruit-diameter", "0.08").stdout
+    assert not (out / "fruits.csv").exists()
+    assert pomona("fuse", out).exit_code == 0
+    assert "1 fruit found" in pomona("measure", out).stdout
+    assert (out / "fruits.csv").exists()
+    assert str(out / "report.html") in pomona("report", out).stdout
+    assert fakes.calls["sfm"] == fakes.calls["fuse"] == 1
+    assert Survey.open(out).get("options")["fruit_diameter_m"] == 0.08
+
+
+def test_stages_need_a_survey(tmp_path: Path) -> None:
+    for command in ("reconstruct", "fuse", "measure", "report", "view"):
+        result = pomona(command, tmp_path)
+        assert result.exit_code == 1
+        assert "is not a survey" in result.stderr
+
+
+def test_evaluate(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    pomona("run", photos, "--out", tmp_path / "out")
+    (tmp_path / "truth.csv").write_text(TRUTH)
+    assert "F1" in pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "truth.csv").stdout
+    scores = json.loads(pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "truth.csv", "--json").stdout)
+    assert (scores["all"]["T"], scores["all"]["TP"], scores["all"]["R"]) == (2, 1, 0.5)
+    result = pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "nowhere.csv")
+    assert result.exit_code == 1
+
+
+def test_export(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    pomona("run", photos, "--out", tmp_path / "out")
+    for form in ("csv", "geojson", "las", "laz", "ply", "colmap", "coco"):
+        result = pomona("export", tmp_path / "out", "--to", form)
+        assert result.exit_code == 0, result.stderr
+        assert Path(result.stdout.strip()).exists()
+    assert pomona("export", tmp_path / "out", "--to", "ply", "--out", tmp_path / "my.ply").exit_code == 0
+    assert (tmp_path / "my.ply").read_bytes().startswith(b"ply\n")
+    again = pomona("export", tmp_path / "out", "--to", "ply", "--out", tmp_path / "my.ply")
+    assert again.exit_code == 1
+    assert "exists already" in again.stderr
+    unknown = pomona("export", tmp_path / "out", "--to", "xls")
+    assert unknown.exit_code == 1
+    assert "--to: expected one of csv, geojson" in unknown.stderr
+
+
+def test_view_opens_the_report(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+    pomona("segment", photos, "--out", tmp_path / "out")
+    assert "`pomona report" in pomona("view", tmp_path / "out").stderr
+    pomona("report", tmp_path / "out")
+    assert pomona("view", tmp_path / "out").exit_code == 0
+    assert opened == [(tmp_path / "out" / "report.html").as_uri()]
+
+
+def test_demo(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = tmp_path / "sample"
+    make_photos(sample / "east")
+    make_photos(sample / "west", seed=1)
+    (sample / "markers.csv").write_text("id,x,y,z\n0,0,0,0\n1,1,0,0\n2,0,0,1\n")
+    (sample / "truth").mkdir()
+    (sample / "truth" / "fruits.csv").write_text(TRUTH)
+    monkeypatch.setattr("pomona.cli.demo.sample_folder", lambda: sample)
+    result = pomona("demo", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.stderr
+    assert "8 of 8 used" in result.stdout
+    assert "F1" in result.stdout
+    assert f"Open {tmp_path / 'out' / 'report.html'} in a browser" in result.stdout
+
+
+def test_demo_without_its_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pomona.cli.demo.sample_folder", lambda: tmp_path / "nothing")
+    result = pomona("demo", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "lacks east, west, markers.csv" in result.stderr
+
+
+def test_version_and_help() -> None:
+    assert pomona("--version").stdout.startswith("pomona 0.")
+    for command in ("run", "demo", "segment", "reconstruct", "fuse", "measure", "report", "evaluate", "train", "view"):
+        assert pomona(command, "--help").exit_code == 0
+
+
+def test_python_m_pomona_runs() -> None:
+    done = subprocess.run([sys.executable, "-m", "pomona", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("pomona 0.")
+
+
+def test_progress_in_a_file_is_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(0, 10_000, 20))
+    text = io.StringIO()
+    console = Console(file=text, width=120)
+    with TerminalProgress(console, lambda: float(next(clock))) as progress:
+        progress.stage("sfm")
+        progress.start("Matching", 10)
+        for _ in range(5):
+            progress.advance()
+        progress.warn("IMG_1 is dark")
+    lines = text.getvalue().splitlines()
+    assert any("Matching: 2 of 10" in line for line in lines)
+    assert "Warning: IMG_1 is dark" in lines
+    assert lines[-1].startswith(" 3/10 Cameras")
+    assert lines[-1].endswith("s")
+
+
+def test_progress_in_a_terminal_shows_stage_bar_and_remaining_time() -> None:
+    text = io.StringIO()
+    console = Console(file=text, width=120, force_terminal=True, color_system=None)
+    with TerminalProgress(console) as progress:
+        progress.stage("segment")
+        progress.start("segmenting", 4)
+        progress.advance(2)
+        progress._bar.refresh()
+    assert "2/10 Fruits in photos: segmenting" in text.getvalue()
+    assert "2/4" in text.getvalue()
+    assert "left" in text.getvalue()
+
+
+def test_progress_does_not_say_that_a_failed_stage_is_done() -> None:
+    text = io.StringIO()
+    progress = TerminalProgress(Console(file=text, width=120))
+    with pytest.raises(InputError):
+        _fail_in_a_stage(progress)
+    assert "Cameras" not in text.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.04, "0.0 s"), (12.3, "12 s"), (89, "89 s"), (100, "1 min 40 s"), (7260, "2 h 1 min")]
+)
+def test_durations(value: float, text: str) -> None:
+    assert seconds(value) == text

@@ -1,0 +1,219 @@
+"""The stages in order, and what is done again when something changes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pipeline_fakes import Fakes, make_photos
+from pomona.errors import InputError, MissingFileError, SurveyError
+from pomona.formats.tables import read_fruits, read_observations
+from pomona.pipeline import STAGES, RunOptions, go_on, run
+from pomona.survey import Survey
+
+ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "filter": 1, "measure": 1, "report": 1}
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
+    return Fakes().install(monkeypatch)
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    return make_photos(tmp_path / "photos")
+
+
+def stages_run(fakes: Fakes) -> dict[str, int]:
+    return {name: count for name, count in fakes.calls.items() if name in ONCE}
+
+
+def test_a_run_leaves_every_file_of_the_survey(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    summary = run([photos], tmp_path / "out")
+    names = {p.name for p in (tmp_path / "out").iterdir()}
+    assert names == {
+        "survey.json", "detections.json", "cameras", "cloud.laz", "fruits.csv", "fruits.geojson", "observations.csv",
+        "report.html", "contact_sheet.jpg", "work",
+    }  # fmt: skip
+    assert stages_run(fakes) == ONCE
+    assert (summary.fruits, summary.photos, summary.photos_used, summary.detections) == (1, 4, 4, 4)
+    assert summary.report == tmp_path / "out" / "report.html"
+    assert summary.approximate
+    assert "assumed fruit diameter" in (summary.scale or "")
+    assert len(read_fruits(tmp_path / "out" / "fruits.csv")) == 1
+    assert len(read_observations(tmp_path / "out" / "observations.csv")) == 4
+
+
+def test_survey_json_tells_of_the_run(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out", RunOptions(fruit_diameter_m=0.08))
+    manifest = json.loads((tmp_path / "out" / "survey.json").read_text())
+    assert manifest["options"]["fruit_diameter_m"] == 0.08
+    assert list(manifest["stages"]) == list(STAGES)
+    for record in manifest["stages"].values():
+        assert 0 <= record["wall_s"] < 60
+        assert 1 < record["peak_memory_mb"] < 100_000
+    assert len({photo["digest"] for photo in manifest["photos"]}) == 4
+    assert "a warning of fuse" in manifest["warnings"]
+
+
+def test_a_second_run_does_nothing_again(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    first = run([photos], tmp_path / "out")
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").glob("*.*") if p.name != "survey.json"}
+    tiles = fakes.calls["tiles"]
+    heard: list[str] = []
+    second = run([photos], tmp_path / "out", on_stage=heard.append)
+    assert stages_run(fakes) == ONCE
+    assert fakes.calls["tiles"] == tiles
+    assert heard == ["photos"]
+    assert all(stage.kept for stage in second.stages)
+    assert second.fruits == first.fruits
+    assert before == {p: p.stat().st_mtime_ns for p in before}
+
+
+def test_a_changed_option_redoes_what_depends_on_it(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    summary = run([photos], tmp_path / "out", RunOptions(filter_false_positives=False))
+    assert fakes.calls["sfm"] == fakes.calls["dense"] == fakes.calls["fuse"] == 1
+    kept = {stage.name for stage in summary.stages if stage.kept}
+    assert {"segment", "sfm", "scale", "dense", "fuse"} <= kept
+    assert "filter" not in kept
+
+
+def test_a_changed_photo_redoes_all_and_segments_only_that_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    tiles = fakes.calls["tiles"]
+    shutil.copy(photos / "IMG_0001.jpg", photos / "IMG_0000.jpg")
+    run([photos], tmp_path / "out")
+    assert fakes.calls["tiles"] == tiles + 1
+    assert stages_run(fakes) == dict.fromkeys(ONCE, 2)
+
+
+def test_a_touched_photo_changes_nothing(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    (photos / "IMG_0000.jpg").touch()
+    run([photos], tmp_path / "out")
+    assert stages_run(fakes) == ONCE
+
+
+def test_moved_photos_change_nothing(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    photos.rename(tmp_path / "elsewhere")
+    run([tmp_path / "elsewhere"], tmp_path / "out")
+    assert stages_run(fakes) == ONCE
+
+
+def test_without_its_work_folder_a_finished_survey_is_still_finished(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    run([photos], tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / "work")
+    (tmp_path / "out" / "report.html").unlink()
+    run([photos], tmp_path / "out")
+    assert stages_run(fakes) == {**ONCE, "report": 2}
+
+
+def test_a_lost_result_is_written_again(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    (tmp_path / "out" / "fruits.csv").unlink()
+    run([photos], tmp_path / "out")
+    assert (tmp_path / "out" / "fruits.csv").is_file()
+    assert fakes.calls["measure"] == 1
+
+
+def test_an_edited_result_is_kept_beside_the_new_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    (tmp_path / "out" / "fruits.csv").write_text("mine")
+    summary = run([photos], tmp_path / "out")
+    assert (tmp_path / "out" / "fruits.edited.csv").read_text() == "mine"
+    assert len(read_fruits(tmp_path / "out" / "fruits.csv")) == 1
+    assert any("fruits.edited.csv" in warning for warning in summary.warnings)
+
+
+@pytest.mark.parametrize("stage", ["sfm", "dense", "fuse", "measure", "report"])
+def test_ctrl_c_in_a_stage_goes_on_with_that_stage(fakes: Fakes, photos: Path, tmp_path: Path, stage: str) -> None:
+    fakes.raising[stage] = 1, KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        run([photos], tmp_path / "out")
+    record = Survey.open(tmp_path / "out").record_of(stage)
+    assert record is not None
+    assert not record.finished
+    assert not list((tmp_path / "out").rglob(".*.part*"))
+    summary = run([photos], tmp_path / "out")
+    assert stages_run(fakes) == {**ONCE, stage: 2}
+    assert summary.fruits == 1
+
+
+def test_ctrl_c_while_segmenting_goes_on_with_the_next_photo(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    fakes.raising["tiles"] = 3, KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        run([photos], tmp_path / "out")
+    run([photos], tmp_path / "out")
+    assert fakes.calls["tiles"] == 5  # two photos, the one that was stopped, and the two that were left
+    ids = [a["id"] for a in json.loads((tmp_path / "out" / "detections.json").read_text())["annotations"]]
+    assert len(set(ids)) == 4
+
+
+def test_overwrite_begins_anew_and_leaves_other_files(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    run([photos], tmp_path / "out", overwrite=True)
+    assert stages_run(fakes) == dict.fromkeys(ONCE, 2)
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
+
+
+def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    partial = run([photos], tmp_path / "out", until="segment")
+    assert (partial.detections, partial.photos_used, partial.fruits, partial.report) == (4, None, None, None)
+    assert go_on(tmp_path / "out", until="scale").photos_used == 4
+    assert go_on(tmp_path / "out", until="results").fruits == 1
+    assert go_on(tmp_path / "out", changed={"fruit_diameter_m": 0.06}).report is not None
+    assert fakes.calls["sfm"] == 1
+    assert Survey.open(tmp_path / "out").get("options")["fruit_diameter_m"] == 0.06
+
+
+def test_two_sides(fakes: Fakes, tmp_path: Path) -> None:
+    east, west = make_photos(tmp_path / "east"), make_photos(tmp_path / "west", seed=1)
+    summary = run([east, west], tmp_path / "out")
+    assert (summary.photos, summary.detections) == (8, 8)
+
+
+def test_given_cameras_need_no_reconstruction(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "first")
+    shutil.copytree(tmp_path / "first" / "cameras", tmp_path / "cameras")
+    (tmp_path / "cameras" / "frame.json").unlink(missing_ok=True)
+    summary = run([photos], tmp_path / "out", RunOptions(cameras=tmp_path / "cameras"))
+    assert fakes.calls["sfm"] == 1
+    assert summary.photos_used == 4
+    assert summary.scale == "metres as in the cameras given"
+    assert any("taken to be in metres" in warning for warning in summary.warnings)
+
+
+def test_given_cameras_of_other_photos(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "first")
+    other = tmp_path / "other"
+    other.mkdir()
+    for k, path in enumerate(sorted(photos.iterdir())):
+        shutil.copy(path, other / f"x{k}.jpg")
+    with pytest.raises(InputError, match="none of its 4 photos"):
+        run([other], tmp_path / "out", RunOptions(cameras=tmp_path / "first" / "cameras"))
+
+
+def test_go_on_needs_a_survey(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="not a survey"):
+        go_on(tmp_path)
+
+
+def test_the_survey_is_not_its_own_photos(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    with pytest.raises(InputError, match="is the survey itself"):
+        run([tmp_path / "out"], tmp_path / "out")
+
+
+def test_two_runs_at_once_do_not_mix(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    survey = Survey.create(tmp_path / "out")
+    with survey.locked(), pytest.raises(SurveyError, match="Another run is working"):
+        run([photos], tmp_path / "out")

@@ -1,0 +1,157 @@
+"""The survey folder: what it refuses, what it keeps, how files are written."""
+
+from __future__ import annotations
+
+import errno
+import json
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pytest
+
+from pomona.errors import FormatError, MissingFileError, SurveyError
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.survey import StageRecord, Survey
+from pomona.survey.digest import digest, file_digest
+from pomona.survey.files import disk_errors, write_file
+from pomona.survey.record import Meter
+from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
+
+
+@pytest.mark.parametrize("name", ["holiday.jpg", "fruits.csv", "work"])
+def test_a_folder_that_holds_something_else_is_refused_untouched(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(SurveyError, match=f"holds something else than a survey .*{name}"):
+        Survey.create(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_an_empty_folder_a_new_one_and_a_survey_are_taken(tmp_path: Path) -> None:
+    (tmp_path / ".DS_Store").write_text("")
+    Survey.create(tmp_path).note(answer=42)
+    assert Survey.create(tmp_path).get("answer") == 42
+    assert Survey.create(tmp_path / "new" / "deep").manifest_path.is_file()
+
+
+def test_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SurveyError, match="is a file"):
+        Survey.create(tmp_path / "file")
+
+
+@pytest.mark.parametrize("text", ['{"format": "other"}', "[]", "{}"])
+def test_a_foreign_survey_json_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "survey.json").write_text(text)
+    with pytest.raises(SurveyError, match="not written by Pomona"):
+        Survey.create(tmp_path)
+
+
+def test_a_damaged_survey_json_is_told_of(tmp_path: Path) -> None:
+    (tmp_path / "survey.json").write_text("{")
+    with pytest.raises(FormatError, match=r"survey\.json: expected JSON"):
+        Survey.create(tmp_path)
+
+
+def test_open_needs_a_survey(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="is not a survey"):
+        Survey.open(tmp_path)
+
+
+def test_a_folder_that_may_not_be_written_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path, *args: object, **kwargs: object) -> NoReturn:
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    with pytest.raises(SurveyError, match="cannot be written to"):
+        Survey.create(tmp_path / "out")
+
+
+def test_records_survive(tmp_path: Path) -> None:
+    survey = Survey.create(tmp_path)
+    record = StageRecord(fingerprint="f", wall_s=1.5, warnings=("w",), outputs={"a": "b"}, info={"n": 3, "x": [1.5]})
+    survey.set_record("sfm", record)
+    assert Survey.open(tmp_path).record_of("sfm") == record
+    assert Survey.open(tmp_path).record_of("scale") is None
+    assert list(Survey.open(tmp_path).records) == ["sfm"]
+
+
+def test_a_record_of_a_newer_version_is_understood() -> None:
+    record = StageRecord.from_json({"fingerprint": "f", "colour": "blue"})
+    assert record == StageRecord(fingerprint="f")
+
+
+def test_writing_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "fruits.csv"
+    path.write_text("old")
+
+    def write(temporary: Path) -> None:
+        assert temporary.suffix == ".csv"
+        temporary.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(SurveyError, match=r"disk is full.*free some space"), disk_errors(tmp_path):
+        write_file(path, write)
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["fruits.csv"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError("database or disk is full"), OSError(errno.EDQUOT, "quota")])
+def test_other_ways_of_a_full_disk(tmp_path: Path, error: Exception) -> None:
+    with pytest.raises(SurveyError, match="disk is full"), disk_errors(tmp_path):
+        raise error
+
+
+def test_other_errors_stay_what_they_are(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), disk_errors(tmp_path):
+        raise ZeroDivisionError
+
+
+def test_digests_tell_values_apart_and_know_equal_ones(tmp_path: Path) -> None:
+    assert digest({"a": 1, "b": (1, 2)}) == digest({"b": [1, 2], "a": 1})
+    assert len({digest(v) for v in (1, 1.5, "1", None, [1], {"1": 1}, True)}) == 7
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "x").write_text("1")
+    first = file_digest(tmp_path / "folder")
+    (tmp_path / "folder" / ".hidden").write_text("2")
+    assert file_digest(tmp_path / "folder") == first
+    (tmp_path / "folder" / "y").write_text("2")
+    assert file_digest(tmp_path / "folder") != first
+
+
+def test_values_come_back_as_they_were(tmp_path: Path) -> None:
+    fruits = Fruits(
+        [3, 1], [[0, 1, 2], [3, 4, 5]], [0.07, np.nan], [0.5, 1], [2, 0], sides=("e", ""), reasons=("", "é")
+    )
+    observations = Observations([3], ("east/ü.jpg",), [7], [[1.5, 2.5]])
+    cloud = FruitCloud([[0, 0, 1.0]], [[1, 2, 3]], [3])
+    arrays = {**arrays_of(fruits, "f/"), **arrays_of(observations, "o/"), **arrays_of(cloud, "c/")}
+    write_arrays(tmp_path / "v.npz", arrays)
+    back = read_arrays(tmp_path / "v.npz")
+    for value, kind, prefix in ((fruits, Fruits, "f/"), (observations, Observations, "o/"), (cloud, FruitCloud, "c/")):
+        again = arrays_of(columns_from(kind, back, prefix))
+        for name, array in arrays_of(value).items():
+            np.testing.assert_array_equal(again[name], array)
+    for empty in (Fruits.empty(), Observations.empty()):
+        assert len(columns_from(type(empty), arrays_of(empty))) == 0
+
+
+def test_damaged_arrays_are_told_of(tmp_path: Path) -> None:
+    (tmp_path / "v.npz").write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(FormatError, match=r"v\.npz"):
+        read_arrays(tmp_path / "v.npz")
+
+
+def test_the_meter_measures() -> None:
+    meter = Meter()
+    before = meter.peak_memory_mb
+    block = np.ones(8_000_000)  # 64 MB
+    assert 50 < meter.peak_memory_mb - before + 8 < 200
+    assert 0 < meter.wall_s < 30
+    del block
+
+
+def test_the_manifest_is_json_with_a_format(tmp_path: Path) -> None:
+    manifest = json.loads(Survey.create(tmp_path).manifest_path.read_text())
+    assert manifest["format"] == "pomona-survey"
