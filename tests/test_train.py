@@ -134,16 +134,18 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: li
     assert 0 < foreground[1] < 0.92 * foreground[0]
 
     model = tmp_path / "fruit.onnx"
-    export_onnx(network, model, fruit_px=(12, 120), typical_fruit_px=40, score_threshold=0.3)
+    export_onnx(network, model, fruit_px=(12, 120), typical_fruit_px=40, threshold=0.3)
     segmenter = OnnxSegmenter(model)
-    assert segmenter.traits.score_threshold == pytest.approx(0.3)
+    assert segmenter.traits.score_threshold == pytest.approx(0.5)
     pixels = samples[5].pixels()
     maps = segmenter.maps(pixels)
     assert maps.heatmap.shape == (56, 56)
     mine = segment(network, pixels, DecodeOptions(score_threshold=0.01))
-    theirs = OnnxSegmenter(model, score_floor=0.01).segment([pixels])[0]
+    floor = 0.01 / 0.99 / (0.3 / 0.7)  # odds
+    theirs = OnnxSegmenter(model, score_floor=floor / (1 + floor)).segment([pixels])[0]
     assert len(mine) == len(theirs)
-    np.testing.assert_allclose(np.sort(mine.scores), np.sort(theirs.scores), atol=1e-3)
+    odds = theirs.scores / (1 - theirs.scores) * 0.3 / 0.7
+    np.testing.assert_allclose(np.sort(mine.scores), np.sort(odds / (1 + odds)), atol=1e-3)
 
 
 def test_the_encoder_takes_the_published_weights() -> None:

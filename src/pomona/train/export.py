@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import torch
@@ -11,13 +12,16 @@ from pomona.train.network import STRIDE, FruitNet
 
 
 class _Probabilities(nn.Module):
-    def __init__(self, network: FruitNet) -> None:
+    """The network with its scores moved so that the threshold given comes to lie at one half."""
+
+    def __init__(self, network: FruitNet, threshold: float) -> None:
         super().__init__()
         self.network = network
+        self.log_odds = math.log(threshold / (1 - threshold))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         out = self.network(image)
-        return torch.sigmoid(out.heatmap), out.box, torch.sigmoid(out.foreground), out.offset
+        return torch.sigmoid(out.heatmap - self.log_odds), out.box, torch.sigmoid(out.foreground), out.offset
 
 
 def export_onnx(
@@ -26,12 +30,15 @@ def export_onnx(
     *,
     fruit_px: tuple[float, float],
     typical_fruit_px: float,
-    score_threshold: float,
+    threshold: float,
 ) -> None:
-    """Write the network with its metadata, as the contract in `segment.onnx` says."""
+    """Write the network with its metadata, as the contract in `segment.onnx` says.
+
+    `threshold` is the score that parts fruit from the rest best; in the file it becomes 0.5.
+    """
     import onnx
 
-    model = _Probabilities(network).eval()  # a wrapper in training mode would leave the network in it
+    model = _Probabilities(network, threshold).eval()  # a wrapper in training mode would leave the network in it
     names = ["heatmap", "box", "foreground", "offset"]
     torch.onnx.export(
         model,
@@ -49,7 +56,7 @@ def export_onnx(
         "pomona.stride": str(STRIDE),
         "pomona.fruit_px": f"{fruit_px[0]:g},{fruit_px[1]:g}",
         "pomona.typical_fruit_px": f"{typical_fruit_px:g}",
-        "pomona.score_threshold": f"{score_threshold:.3f}",
+        "pomona.score_threshold": "0.5",
     }
     for key, value in entries.items():
         entry = file.metadata_props.add()

@@ -82,5 +82,5 @@ def train(
     write_split(work / "split.json", training, validation)
     network = fit(training, validation, work, options=options.fit, progress=progress)
     scores = check(network, validation)
-    export_onnx(network, out, fruit_px=FRUIT_PX, typical_fruit_px=TYPICAL_FRUIT_PX, score_threshold=scores.threshold)
+    export_onnx(network, out, fruit_px=FRUIT_PX, typical_fruit_px=TYPICAL_FRUIT_PX, threshold=scores.threshold)
     return scores
