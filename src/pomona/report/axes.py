@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, checked
 from pomona.report.data import ReportData
 
 
@@ -72,5 +72,5 @@ def _main_direction(points: FloatArray) -> FloatArray:
     if len(flat) < 2 or not np.any(np.ptp(flat, axis=0) > 0):
         return np.array([1.0, 0.0, 0.0])
     directions = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2]
-    direction: FloatArray = directions[0]
+    direction: FloatArray = checked("direction of the row", directions[0], (3,), np.float64)
     return direction
