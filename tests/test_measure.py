@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import InputError
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Fused
+from pomona.measure import MeasureOptions, measure
+from pomona.measure.outlines import outline_px
+from pomona.measure.sphere import fit_sphere
+from pomona.photos import Photo, Photos
+from pomona.progress import Silent
+
+SIZE_PX = 600
+NAMES = ("east/1.jpg", "east/2.jpg", "east/3.jpg", "west/1.jpg")
+
+
+def row_cameras() -> Cameras:
+    """Three cameras 3 m before the row and one behind it, looking at it."""
+    poses = []
+    for x, y in ((-0.3, -3.0), (0.0, -3.0), (0.3, -3.0), (0.0, 3.0)):
+        forward = np.array([-x, -y, 0.0]) / np.hypot(x, y)
+        right = np.array([forward[1], -forward[0], 0.0])
+        rotation = np.array([right, [0.0, 0, -1], forward])
+        poses.append(np.column_stack([rotation, -rotation @ [x, y, 1.5]]))
+    lens = Intrinsics("SIMPLE_PINHOLE", SIZE_PX, SIZE_PX, np.array([1400.0, SIZE_PX / 2, SIZE_PX / 2]))
+    return Cameras(
+        NAMES, (lens,), np.zeros(4, int), np.array(poses), frame=WorldFrame(scale_source="markers", approximate=False)
+    )
+
+
+CAMERAS = row_cameras()
+
+
+def disc(photo_idx: int, center: np.ndarray, radius: float) -> np.ndarray:
+    """The pixels (H, W) whose rays meet the sphere."""
+    rows, columns = np.mgrid[:SIZE_PX, :SIZE_PX]
+    rays = CAMERAS.rays_in_world(photo_idx, np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5)
+    to_center = center - CAMERAS.centers_in_world[photo_idx]
+    off = np.linalg.norm(to_center - (rays @ to_center)[:, None] * rays, axis=1)
+    return (off < radius).reshape(SIZE_PX, SIZE_PX)
+
+
+def surface(center: np.ndarray, radius: float, photo_idx: int, n: int = 200, noise_m: float = 0.003) -> np.ndarray:
+    """Points on the half that a camera sees."""
+    rng = np.random.default_rng(photo_idx)
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign(normals @ (CAMERAS.centers_in_world[photo_idx] - center))[:, None]
+    return center + normals * (radius + rng.normal(0, noise_m, (n, 1)))
+
+
+def survey(
+    fruits: list[tuple[np.ndarray, float]], photo_idx: tuple[int, ...], *, hidden: float = 0.0, points: int = 200
+) -> tuple[Fused, SurveyDetections]:
+    """The fruits as fusion gives them: `hidden` is the share of each disc's width that a straight edge hides."""
+    masks: dict[str, list[Mask]] = {name: [] for name in NAMES}
+    ids: dict[str, list[int]] = {name: [] for name in NAMES}
+    rows, clouds = [], []
+    for fruit_id, (center, radius) in enumerate(fruits, start=1):
+        for i in photo_idx:
+            pixels = disc(i, center, radius)
+            columns = np.flatnonzero(pixels.any(0))
+            pixels[:, : columns[0] + round(hidden * len(columns))] = False
+            detection_id = 10 * fruit_id + i
+            masks[NAMES[i]].append(Mask.from_pixels(pixels))
+            ids[NAMES[i]].append(detection_id)
+            rows.append((fruit_id, NAMES[i], detection_id))
+        clouds.append(surface(center, radius, photo_idx[0], points))
+    found = {
+        name: Detections(
+            name, SIZE_PX, SIZE_PX, tuple(masks[name]), np.ones(len(masks[name])), np.array(ids[name], int)
+        )
+        for name in NAMES
+    }
+    n = len(fruits)
+    cloud = np.concatenate(clouds)
+    fused = Fused(
+        # A first estimate that is 2 cm off towards the cameras.
+        Fruits(
+            np.arange(1, n + 1), np.array([c for c, _ in fruits]) + np.array([0.005, -0.02, 0]), np.full(n, 0.06), np.ones(n),
+            np.full(n, len(photo_idx)),
+        ),
+        Observations(np.array([r[0] for r in rows]), tuple(r[1] for r in rows), np.array([r[2] for r in rows]),
+                     np.zeros((len(rows), 2))),
+        FruitCloud(cloud, np.zeros((len(cloud), 3), np.uint8), np.repeat(np.arange(1, n + 1), points)),
+    )  # fmt: skip
+    return fused, SurveyDetections(found)
+
+
+PLACE = np.array([0.05, 0.1, 1.45])
+
+
+@pytest.mark.parametrize(("hidden", "within_m"), [(0.0, 0.0015), (0.25, 0.004), (0.4, 0.006)])
+def test_diameter_and_centre_from_one_side(hidden: float, within_m: float) -> None:
+    fused, detections = survey([(PLACE, 0.037)], (0, 1, 2), hidden=hidden)
+    fruits = measure(fused, detections, CAMERAS)
+    assert fruits.reasons == ("",)
+    assert abs(fruits.diameters_m[0] - 0.074) < within_m
+    assert 0 < np.linalg.norm(fruits.centers_in_world[0] - PLACE) < 0.006
+    assert 0.001 < fruits.diameter_sds_m[0] < 0.01
+    # The share of a disc beside a chord: all of it, 0.80 and 0.63.
+    expected = {0.0: 1.0, 0.25: 0.804, 0.4: 0.626}[hidden]
+    assert abs(fruits.visibilities[0] - expected) < 0.12
+
+
+def test_outlines_alone_are_enough_from_several_places() -> None:
+    fused, detections = survey([(PLACE, 0.037)], (0, 1, 2))
+    bare = Fused(
+        fused.fruits, fused.observations, FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0))
+    )
+    fruits = measure(bare, detections, CAMERAS)
+    assert abs(fruits.diameters_m[0] - 0.074) < 0.002
+    assert np.linalg.norm(fruits.centers_in_world[0] - PLACE) < 0.02
+
+
+def test_masks_of_two_fruits_in_one_photo_do_not_spoil_the_measure() -> None:
+    fused, detections = survey([(PLACE, 0.037)], (0, 1, 2, 3))
+    merged = Mask.from_pixels(disc(1, PLACE, 0.037) | disc(1, PLACE + np.array([0.075, 0, 0]), 0.037))
+    by_photo = dict(detections)
+    by_photo[NAMES[1]] = Detections(NAMES[1], SIZE_PX, SIZE_PX, (merged,), np.ones(1), detections[NAMES[1]].ids)
+    fruits = measure(fused, SurveyDetections(by_photo), CAMERAS)
+    assert abs(fruits.diameters_m[0] - 0.074) < 0.005
+
+
+def test_sides_tell_whose_photos_saw_a_fruit() -> None:
+    photos = Photos(tuple(Photo(name, None, SIZE_PX, SIZE_PX, name.split("/")[0]) for name in NAMES))  # type: ignore[arg-type]
+    for photo_idx, side in (((0, 1), "east"), ((3,), "west"), ((1, 3), "both")):
+        fused, detections = survey([(PLACE, 0.037)], photo_idx)
+        assert measure(fused, detections, CAMERAS, photos).sides == (side,)
+
+
+def test_what_cannot_be_measured_has_a_reason_and_keeps_its_centre() -> None:
+    places = [(PLACE + np.array([x, 0, 0]), 0.037) for x in (-0.3, 0.0, 0.3)]
+    fused, detections = survey(places, (0, 1, 2))
+    seen = fused.observations
+    # Fruit 1 has no detection left; fruit 2 is one photo's, without points.
+    kept = (seen.fruit_id == 3) | ((seen.fruit_id == 2) & (np.array(seen.photo) == NAMES[0]))
+    points = fused.cloud.fruit_id != 2
+    cloud = FruitCloud(*(a[points] for a in (fused.cloud.points_in_world, fused.cloud.rgb, fused.cloud.fruit_id)))
+    fruits = measure(Fused(fused.fruits, seen[kept], cloud), detections, CAMERAS)
+    assert "no mask" in fruits.reasons[0]
+    assert "one photo only" in fruits.reasons[1]
+    assert fruits.reasons[2] == ""
+    assert np.isnan(fruits.diameters_m).tolist() == [True, True, False]
+    assert np.isnan(fruits.visibilities).tolist() == [True, True, False]
+    assert np.array_equal(fruits.centers_in_world[:2], fused.fruits.centers_in_world[:2])
+    assert np.isfinite(fruits.diameter_sds_m[2])
+
+
+def test_a_fruit_far_from_the_median_is_no_measurement() -> None:
+    fused, detections = survey(
+        [(PLACE + np.array([x, 0, 0]), r) for x, r in ((-0.2, 0.037), (0.0, 0.036), (0.25, 0.1))], (0, 1, 2)
+    )
+    fruits = measure(fused, detections, CAMERAS)
+    assert fruits.reasons[:2] == ("", "")
+    assert "far from the median" in fruits.reasons[2]
+
+
+def test_no_fruits_and_progress() -> None:
+    nothing = Fused(Fruits.empty(), Observations.empty(), FruitCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)))
+    assert len(measure(nothing, SurveyDetections({}), CAMERAS, progress=Silent())) == 0
+    with pytest.raises(InputError, match="rays_per_photo"):
+        MeasureOptions(rays_per_photo=1)
+
+
+def test_outlines_lie_on_the_masks_edge_and_not_on_the_photos() -> None:
+    mask = Mask.from_pixels(np.ones((10, 10), bool), 5, 5)
+    xy_px = outline_px(mask, 100, 100)
+    off = np.abs(xy_px - 10).max(1)
+    assert off.min() > 4.8
+    assert off.max() <= 5
+    cut = outline_px(Mask.from_pixels(np.ones((10, 10), bool), 0, 5), 100, 100)
+    assert cut[:, 0].min() > 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.005, 0.2), st.integers(0, 1000), st.floats(0, 0.3))
+def test_exact_spheres_are_found_at_any_size_and_place(radius: float, seed: int, wrong: float) -> None:
+    rng = np.random.default_rng(seed)
+    center = rng.normal(size=3)
+    eyes = center + np.array([[3.0, 0.5, 0], [3, -0.5, 0.2], [3, 0, -0.5]])
+    origins, rays = [], []
+    for eye in eyes:
+        sight = (center - eye) / np.linalg.norm(center - eye)
+        across = np.linalg.svd(sight[None])[2][1:]
+        angle = np.arcsin(radius / np.linalg.norm(center - eye))
+        turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
+        ring = np.cos(turn) * across[0] + np.sin(turn) * across[1]
+        rays.append(np.cos(angle) * sight + np.sin(angle) * ring)
+        origins.append(np.broadcast_to(eye, (24, 3)))
+    normals = rng.normal(size=(100, 3))
+    points = center + radius * normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    start = center + wrong * radius * np.array([0.6, 0.8, 0])
+    sphere = fit_sphere(
+        points, np.concatenate(origins), np.concatenate(rays), center=start, radius=1.1 * radius, views=3
+    )
+    assert sphere is not None
+    # The centre is tied to its start a little.
+    assert abs(sphere.radius - radius) < 0.01 * radius
+    assert np.linalg.norm(sphere.center - center) < 0.03 * radius
+    assert sphere.support > 0.9
