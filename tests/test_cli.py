@@ -255,3 +255,9 @@ def test_progress_does_not_say_that_a_failed_stage_is_done() -> None:
 )
 def test_durations(value: float, text: str) -> None:
     assert seconds(value) == text
+
+
+def _fail_in_a_stage(progress: TerminalProgress) -> None:
+    with progress:
+        progress.stage("sfm")
+        raise InputError("no")

@@ -68,15 +68,16 @@ class Stage(Generic[T]):
         self._survey, self._key, self._work, self._progress = survey, key, work, progress
         self._on_start = on_start
         self._value: list[T] = []
+        self._record: StageRecord | None = None
 
     def ensure(self) -> StageRecord:
-        """Make sure that the result is there; returns what the manifest keeps of it."""
-        record = self._valid_record()
-        if record is None or not self._intact(record, public_only=True):
-            self._run(record)
+        """Make sure that the result is there; returns what the manifest keeps of it. Looked at once in a run."""
+        if self._record is None:
             record = self._valid_record()
-            assert record is not None
-        return record
+            usable = record is not None and self._intact(record, public_only=True)
+            self._record = record if usable else self._run()
+        assert self._record is not None
+        return self._record
 
     @property
     def token(self) -> str:
@@ -87,11 +88,11 @@ class Stage(Generic[T]):
     def value(self) -> T:
         """The result, read back or worked out."""
         if not self._value:
-            record = self._valid_record()
-            if record is not None and self._intact(record, public_only=False):
+            record = self.ensure()
+            if not self._value and self._intact(record, public_only=False):
                 self._value.append(self._work.load(record.info))
-            else:
-                self._run(record)
+            elif not self._value:
+                self._record = self._run()
         return self._value[0]
 
     def _fingerprint(self) -> str:
@@ -111,10 +112,10 @@ class Stage(Generic[T]):
                 return False
         return True
 
-    def _run(self, record: StageRecord | None) -> None:
-        fingerprint = self._fingerprint()  # before the clock starts: earlier stages may have to run for it
-        for earlier in self._work.needs:
+    def _run(self) -> StageRecord:
+        for earlier in self._work.needs:  # before the clock starts
             _ = earlier.value
+        fingerprint = self._fingerprint()
         self._on_start(self.name)
         before = self._survey.record_of(self.name)
         earlier_s = before.wall_s if before and not before.finished and before.fingerprint == fingerprint else 0.0
@@ -142,6 +143,7 @@ class Stage(Generic[T]):
             self._survey.set_record(self.name, done)
         self.ran = True
         self._value = [value]
+        return done
 
     def _note_stopped(self, record: StageRecord) -> None:
         """Keep the time spent; on a full disk there is no room for that, and it does not matter."""
@@ -157,7 +159,7 @@ class Stage(Generic[T]):
             path = self._survey.folder / name
             if work in path.parents or not path.exists() or file_digest(path) == expected:
                 continue
-            aside = path.with_name(f"{path.stem}.edited{path.suffix}")
-            if not aside.exists():
-                path.rename(aside)
-                self._progress.warn(f"{path.name} was changed since Pomona wrote it: kept as {aside.name}")
+            names = (f"{path.stem}.edited{number}{path.suffix}" for number in ("", *range(2, 1000)))
+            aside = next(path.with_name(name) for name in names if not path.with_name(name).exists())
+            path.rename(aside)
+            self._progress.warn(f"{path.name} was changed since Pomona wrote it: kept as {aside.name}")
