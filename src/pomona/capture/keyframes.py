@@ -12,6 +12,7 @@ from pomona.arrays import Array, ByteArray
 
 _LEAST_POINTS = 8
 _MOST_LOST = 3
+_UNRANKED = (False, -1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,27 +56,30 @@ def choose(frames: Iterable[Frame], options: KeyFrameOptions) -> Iterator[Frame]
 
     Moves are measured against the last key frame, not summed from frame to frame, so that a trembling hand at rest
     adds up to nothing. A frame in which the picture cannot be found again (a blur) may be passed over, but a cut or a
-    jump is not: after `_MOST_LOST` such frames a key frame is taken.
+    jump is not: after `_MOST_LOST` such frames a key frame is taken, from before them where there is one.
     """
     key: Frame | None = None
     best: Frame | None = None
+    best_rank = _UNRANKED
     points: Array = np.zeros((0, 1, 2), np.float32)
     earliest, latest, lost = 0.0, 0.5 * options.step, 0
     for frame in frames:
         if key is None:
             key = best = frame
+            best_rank = True, frame.sharpness
             points = corners(frame.grey)
             continue
         while frame is not key:
             move, found = picture_move(key.grey, frame.grey, points)
             lost = lost + 1 if np.isnan(move) or found < options.least_found else 0
-            if (lost or move >= earliest) and (best is None or frame.sharpness > best.sharpness):
-                best = frame
+            rank = not lost, frame.sharpness
+            if (lost or move >= earliest) and rank > best_rank:
+                best, best_rank = frame, rank
             if best is None or not (lost >= _MOST_LOST or move >= latest):
                 break
             yield best
             key, points = best, corners(best.grey)
-            best = None
+            best, best_rank = None, _UNRANKED
             earliest, latest, lost = options.earliest * options.step, options.latest * options.step, 0
     if best is not None:
         yield best

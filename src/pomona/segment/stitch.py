@@ -26,12 +26,14 @@ class StitchOptions:
 
     `min_iou` is the intersection over union in the zone that both tiles see; `min_share` the intersection over the
     smaller, which counts where a tile's border cut one of the two. A mask is cut when it comes within
-    `border_px` of a border of its tile that lies inside the photo.
+    `border_px` of a border of its tile that lies inside the photo. A mask that reaches no further than `sliver_px` into
+    its tile from such a border is dropped where another tile sees it with room around: that one knows better.
     """
 
     min_iou: float = 0.5
     min_share: float = 0.7
     border_px: int = 3
+    sliver_px: int = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,7 @@ def stitch(
     options = options or StitchOptions()
     assert len(windows) == len(detections)
     tiles = sorted(zip(windows, detections, strict=True), key=lambda tile: tile[0])
-    pieces = _pieces(tiles, width_px, height_px, options.border_px)
+    pieces = _pieces(tiles, width_px, height_px, options)
     fruits = [_joined([pieces[i] for i in group]) for group in _groups(tiles, pieces, options)]
     fruits = _without_duplicates(fruits, options.min_share)
     fruits.sort(key=lambda fruit: (*fruit.key, -fruit.score, fruit.mask.packed))
@@ -72,22 +74,47 @@ def stitch(
 
 
 def _pieces(
-    tiles: Sequence[tuple[Window, TileDetections]], width_px: int, height_px: int, border_px: int
+    tiles: Sequence[tuple[Window, TileDetections]], width_px: int, height_px: int, options: StitchOptions
 ) -> list[_Piece]:
-    """All detections in photo pixels, in an order that depends on nothing but themselves."""
+    """All detections in photo pixels, slivers dropped, in an order that depends on nothing but themselves."""
     pieces = []
     for index, (window, found) in enumerate(tiles):
-        x0, y0, x1, y1 = window.box_px
-        # Only borders inside the photo cut: what ends at the photo's edge is whole, as far as anyone can know.
-        low_x, high_x = x0 + border_px if x0 > 0 else -1, x1 - border_px if x1 < width_px else width_px + 1
-        low_y, high_y = y0 + border_px if y0 > 0 else -1, y1 - border_px if y1 < height_px else height_px + 1
         for mask, score in zip(found.masks, found.scores, strict=True):
-            moved = mask.moved(x0, y0)
-            mx0, my0, mx1, my1 = moved.box_px
-            assert min(mx0 - x0, my0 - y0, x1 - mx1, y1 - my1) >= 0, "a segmenter's mask leaves its tile"
-            cut = mx0 < low_x or my0 < low_y or mx1 > high_x or my1 > high_y
+            moved = mask.moved(window.x_px, window.y_px)
+            x0, y0, x1, y1 = moved.box_px
+            assert _holds(window.box_px, moved.box_px), "a segmenter's mask leaves its tile"
+            cut = _reaches(moved.box_px, window.box_px, width_px, height_px, options.border_px)
+            if cut and _is_sliver(moved.box_px, window.box_px, width_px, height_px, options.sliver_px):
+                room = options.sliver_px
+                wider = max(x0 - room, 0), max(y0 - room, 0), min(x1 + room, width_px), min(y1 + room, height_px)
+                if any(_holds(other.box_px, wider) for other, _ in tiles):
+                    continue
             pieces.append(_Piece(index, float(score), moved, cut))
     return sorted(pieces, key=lambda p: (p.tile, *p.key, -p.score, p.mask.packed))
+
+
+def _reaches(box: Box, window: Box, width_px: int, height_px: int, border_px: int) -> bool:
+    """Whether a box comes near a border of its tile that lies inside the photo (the photo's edge cuts for good)."""
+    return (
+        (window[0] > 0 and box[0] < window[0] + border_px)
+        or (window[1] > 0 and box[1] < window[1] + border_px)
+        or (window[2] < width_px and box[2] > window[2] - border_px)
+        or (window[3] < height_px and box[3] > window[3] - border_px)
+    )
+
+
+def _is_sliver(box: Box, window: Box, width_px: int, height_px: int, sliver_px: int) -> bool:
+    """Whether a box lies wholly near one border of its tile that is inside the photo."""
+    return (
+        (window[0] > 0 and box[2] <= window[0] + sliver_px)
+        or (window[1] > 0 and box[3] <= window[1] + sliver_px)
+        or (window[2] < width_px and box[0] >= window[2] - sliver_px)
+        or (window[3] < height_px and box[1] >= window[3] - sliver_px)
+    )
+
+
+def _holds(outer: Box, inner: Box) -> bool:
+    return outer[0] <= inner[0] and outer[1] <= inner[1] and outer[2] >= inner[2] and outer[3] >= inner[3]
 
 
 def _groups(

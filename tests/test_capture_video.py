@@ -1,0 +1,132 @@
+"""Key frames of videos: a step apart, the sharp ones, made once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.capture import KeyFrameOptions, load_photos, read_pixels
+from pomona.capture.keyframes import Frame, choose, corners, picture_move, sharpness
+from pomona.errors import InputError
+from pomona.progress import Silent
+
+WIDTH, HEIGHT = 128, 96
+
+
+def scene(width: int = 1200) -> np.ndarray:
+    """A textured wall (HEIGHT, width), grey."""
+    noise = np.random.default_rng(0).integers(0, 255, (HEIGHT // 6, width // 6), np.uint8)
+    return cv2.resize(noise, (width, HEIGHT), interpolation=cv2.INTER_CUBIC)
+
+
+def frames_at(positions: list[float], blurred: set[int] = frozenset()) -> list[Frame]:  # type: ignore[assignment]
+    """Frames of a camera that moves along the wall, some of them blurred."""
+    wall = scene(round(max(positions)) + WIDTH + 12)
+    frames = []
+    for i, x in enumerate(positions):
+        shift = np.array([[1, 0, -x], [0, 1, 0]], float)
+        grey = cv2.warpAffine(wall, shift, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REFLECT)
+        if i in blurred:
+            grey = cv2.GaussianBlur(grey, (0, 0), 2.5)
+        frames.append(Frame(i, i / 30, np.repeat(grey[:, :, None], 3, 2), grey, sharpness(grey)))
+    return frames
+
+
+def test_picture_move_is_measured_as_share_of_the_width() -> None:
+    one, other = frames_at([0.0, 8.0])
+    move, found = picture_move(one.grey, other.grey, corners(one.grey))
+    assert move == pytest.approx(8 / WIDTH, rel=0.05)
+    assert found > 0.8
+
+
+def test_key_frames_are_a_step_apart_however_fast_the_walk() -> None:
+    options = KeyFrameOptions(step=0.05)
+    for pixels_per_frame in (1.0, 2.0, 4.0):
+        positions = list(np.arange(0, 30 * pixels_per_frame + 60, pixels_per_frame))
+        chosen = [positions[frame.frame_idx] for frame in choose(frames_at(positions), options)]
+        steps = np.diff(chosen) / WIDTH
+        assert steps.min() > 0.6 * options.step
+        assert steps.max() < 1.4 * options.step + pixels_per_frame / WIDTH
+
+
+def test_standing_still_with_a_trembling_hand_gives_one_key_frame() -> None:
+    tremble = np.random.default_rng(1).normal(0, 0.4, 30)
+    assert len(list(choose(frames_at(list(200 + tremble)), KeyFrameOptions()))) == 1
+
+
+def test_blurred_frames_are_passed_over() -> None:
+    positions = list(np.arange(0, 90, 1.0))
+    blurred = {i for i in range(90) if i % 4}
+    chosen = [frame.frame_idx for frame in choose(frames_at(positions, blurred), KeyFrameOptions(step=8 / WIDTH))]
+    assert 9 <= len(chosen) <= 14
+    assert not blurred & set(chosen)
+
+
+def test_a_cut_gives_a_key_frame() -> None:
+    chosen = [frame.frame_idx for frame in choose(frames_at([0.0] * 6 + [700.0] * 6), KeyFrameOptions())]
+    assert len(chosen) == 2
+    assert chosen[0] < 6 <= chosen[1]
+
+
+def write_video(path: Path, positions: list[float]) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30, (WIDTH, HEIGHT))
+    for frame in frames_at(positions):
+        writer.write(frame.pixels)
+    writer.release()
+    return path
+
+
+def test_a_video_becomes_photos_once(tmp_path: Path) -> None:
+    video, frames = write_video(tmp_path / "row.mp4", list(np.arange(0, 60, 1.5))), tmp_path / "frames"
+    photos = load_photos([video], frames_dir=frames)
+    assert photos.from_video
+    assert 8 < len(photos) < 30
+    assert photos.names[0].startswith("frame_0000")
+    assert all(photo.path.parent == frames for photo in photos)
+    assert read_pixels(photos.items[0]).shape == (HEIGHT, WIDTH, 3)
+    manifest = json.loads((frames / "frames.json").read_text())
+    assert [frame["time_s"] for frame in manifest["frames"]] == pytest.approx(
+        [frame["frame_idx"] / 30 for frame in manifest["frames"]], abs=1e-3
+    )
+    made = [photo.path.stat().st_mtime_ns for photo in photos]
+    again = load_photos([video], frames_dir=frames)
+    assert again.names == photos.names
+    assert [photo.path.stat().st_mtime_ns for photo in again] == made
+    fewer = load_photos([video], frames_dir=frames, key_frames=KeyFrameOptions(step=0.1))
+    assert len(fewer) < len(photos)
+    assert len(list(frames.glob("*.jpg"))) == len(fewer)
+
+
+def test_two_videos_are_two_sides(tmp_path: Path) -> None:
+    videos = [write_video(tmp_path / f"{name}.mp4", list(np.arange(0, 40, 2.0))) for name in ("east", "west")]
+    photos = load_photos(videos, frames_dir=tmp_path / "frames")
+    assert photos.sides == ("east", "west")
+    assert photos.names[0].startswith("east/frame_")
+
+
+@pytest.mark.parametrize("content", [b"", b"\0\0\0\x18ftypmp42" + bytes(5000), b"nothing like a video" * 99])
+def test_a_video_that_cannot_be_decoded_is_named(tmp_path: Path, content: bytes) -> None:
+    video = tmp_path / "walk.mp4"
+    video.write_bytes(content)
+    with pytest.raises(InputError, match=r"walk\.mp4 cannot be decoded as a video"):
+        load_photos([video], frames_dir=tmp_path / "frames", progress=Silent())
+
+
+def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    table = tmp_path / "markers.csv"
+    table.write_text("id,x,y,z")
+    with pytest.raises(InputError, match="neither a folder of photos nor a video"):
+        load_photos([table])
+    with pytest.raises(InputError, match="frames_dir"):
+        load_photos([write_video(tmp_path / "a.mp4", [0.0, 1.0])])
+
+
+@pytest.mark.slow
+def test_apple_tree_video(shared_data: Path, tmp_path: Path) -> None:
+    photos = load_photos([shared_data / "apple-tree-video" / "apple-tree.mp4"], frames_dir=tmp_path)
+    assert 40 <= len(photos) <= 90
+    assert {(photo.width_px, photo.height_px) for photo in photos} == {(720, 1280)}
