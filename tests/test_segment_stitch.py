@@ -6,11 +6,11 @@ import time
 
 import numpy as np
 import pytest
-from segment_scenes import IdSegmenter, disc, id_image, masks_of
 
 from pomona.detections import Mask
 from pomona.segment import TileDetections, Window, segment_tiled, stitch, tile_windows
 from pomona.segment.overlap import keep_best, overlapping_pairs, pair_iou
+from segment_scenes import IdSegmenter, disc, id_image, masks_of
 
 
 def random_discs(rng: np.random.Generator, count: int, width: int, height: int) -> list[tuple[float, float, float]]:

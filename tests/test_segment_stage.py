@@ -1,0 +1,164 @@
+"""The stage: scale by the fruits' size, masks back in the photo's pixels, ids, photos that cannot be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.detections import Mask
+from pomona.errors import InputError
+from pomona.photos import Photo, Photos
+from pomona.progress import Silent
+from pomona.segment import SegmenterTraits, SegmentOptions, iter_detections, segment_photos
+from pomona.segment.fruit_size import reading_scales
+from pomona.segment.protocol import TileDetections
+from pomona.segment.resize import resized_detections, resized_mask
+from segment_scenes import RedSegmenter, disc, red_photo, red_photos
+
+
+def test_every_photo_has_its_fruits_and_ids_count_on(tmp_path: Path) -> None:
+    photos = red_photos(tmp_path)
+    found = segment_photos(photos, RedSegmenter())
+    assert list(found) == list(photos.names)
+    assert [len(found[name]) for name in found] == [1, 2, 3]
+    assert np.concatenate([d.ids for d in found.values()]).tolist() == [1, 2, 3, 4, 5, 6]
+    for k, mask in enumerate(sorted(found["p2.jpg"].masks, key=lambda m: m.x_px)):
+        assert mask.iou(Mask.from_pixels(disc(400, 300, 60 + 90 * k, 80 + 30 * k, 20))) > 0.9
+
+
+def test_done_photos_are_not_done_again(tmp_path: Path) -> None:
+    photos = red_photos(tmp_path)
+    first = next(iter_detections(photos, RedSegmenter()))
+    photos.items[0].path.unlink()
+    again = list(iter_detections(photos, RedSegmenter(), done={first.photo: first}))
+    assert again[0] is first
+    assert np.concatenate([d.ids for d in again]).tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_photo_that_breaks_is_named_and_left_out(tmp_path: Path) -> None:
+    photos = red_photos(tmp_path)
+    photos.items[1].path.write_bytes(photos.items[1].path.read_bytes()[:700])
+    progress = Silent()
+    found = segment_photos(photos, RedSegmenter(), progress=progress)
+    assert list(found) == ["p0.jpg", "p2.jpg"]
+    assert any("p1.jpg is left out" in warning for warning in progress.warnings)
+
+
+def test_no_fruit_in_any_photo_is_an_empty_valid_result(tmp_path: Path) -> None:
+    photos = Photos(tuple(red_photo(tmp_path / f"{k}.jpg", 200, 150, []) for k in range(2)))
+    progress = Silent()
+    found = segment_photos(photos, RedSegmenter(typical_fruit_px=40, fruit_px=(20, 80)), progress=progress)
+    assert list(found) == ["0.jpg", "1.jpg"]
+    assert found.total == 0
+    assert progress.warnings == ["No fruit was found in any of 2 photos."]
+
+
+@pytest.mark.parametrize("radius", [12, 35, 90])
+def test_photos_are_read_at_the_scale_at_which_fruits_are_known(tmp_path: Path, radius: int) -> None:
+    centres = [(200.0 + 250 * i, 200.0 + 250 * j, float(radius)) for i in range(2) for j in range(2)]
+    photos = Photos((red_photo(tmp_path / "a.jpg", 650, 620, centres),))
+    segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 100))
+    scales = reading_scales(photos, segmenter, sample_photos=4, score_threshold=0.5, progress=Silent())
+    assert scales["a.jpg"] == pytest.approx(min(40 / (2 * radius), 2.0), rel=0.25)
+    found = segment_photos(photos, segmenter)["a.jpg"]
+    assert len(found) == 4
+    truth = [Mask.from_pixels(disc(650, 620, *c)) for c in centres]
+    assert min(max(m.iou(t) for m in found.masks) for t in truth) > 0.8
+
+
+def test_sides_and_cameras_have_scales_of_their_own(tmp_path: Path) -> None:
+    near = [(150.0 + 200 * k, 150.0, 60.0) for k in range(3)]
+    far = [(60.0 + 80 * k, 150.0, 20.0) for k in range(8)]
+    photos = Photos(
+        (
+            red_photo(tmp_path / "a.jpg", 800, 300, near, side="east"),
+            red_photo(tmp_path / "b.jpg", 800, 300, far, side="west"),
+        )
+    )
+    segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 150))
+    scales = reading_scales(photos, segmenter, sample_photos=2, score_threshold=0.5, progress=Silent())
+    assert scales["b.jpg"] / scales["a.jpg"] == pytest.approx(3, rel=0.25)
+
+
+def test_segmenters_without_a_typical_width_read_photos_at_full_size(tmp_path: Path) -> None:
+    segmenter = RedSegmenter(tile_px=128, min_overlap_px=32)
+    segment_photos(red_photos(tmp_path, 1), segmenter)
+    assert set(segmenter.sizes) == {(128, 128)}
+    assert len(segmenter.sizes) == 4 * 3
+
+
+def test_scale_can_be_given(tmp_path: Path) -> None:
+    segmenter = RedSegmenter()
+    found = segment_photos(red_photos(tmp_path, 1), segmenter, options=SegmentOptions(scale=0.5))
+    assert segmenter.sizes == [(150, 200)]
+    (mask,) = found["p0.jpg"].masks
+    assert mask.iou(Mask.from_pixels(disc(400, 300, 60, 80, 20))) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"score_threshold": 1.5}, "score_threshold: expected 0 to 1, found 1.5"),
+        ({"tile_px": 10}, "tile_px: expected at least 64"),
+        ({"scale": 0.0}, "scale: expected over 0"),
+        ({"scale": 5.0}, "scale: expected over 0"),
+        ({"sample_photos": 0}, "sample_photos"),
+    ],
+)
+def test_unknown_option_values_are_refused(fields: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        SegmentOptions(**fields)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"score_threshold": -0.1}, "score_threshold"),
+        ({"typical_fruit_px": 0.0}, "typical_fruit_px"),
+        ({"fruit_px": (30.0, 20.0)}, "smallest and a larger"),
+    ],
+)
+def test_senseless_traits_are_refused(fields: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        SegmenterTraits(**fields)  # type: ignore[arg-type]
+
+
+def test_score_threshold_of_the_options_counts(tmp_path: Path) -> None:
+    photos = red_photos(tmp_path, 1)
+    assert segment_photos(photos, RedSegmenter(), options=SegmentOptions(score_threshold=0.95)).total == 0
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.7, 4.0])
+def test_resized_masks_keep_place_and_area(factor: float) -> None:
+    mask = Mask.from_pixels(disc(100, 80, 43.3, 37.7, 15))
+    to = round(100 * factor), round(80 * factor)
+    found = resized_mask(mask, (100, 80), to)
+    assert found is not None
+    assert found.area_px == pytest.approx(mask.area_px * factor**2, rel=0.04)
+    np.testing.assert_allclose(found.center_px / factor, mask.center_px, atol=0.3)
+
+
+def test_resized_masks_stay_cut_straight_at_the_photos_edge() -> None:
+    mask = Mask.from_pixels(disc(100, 80, 2, 40, 15))
+    found = resized_mask(mask, (100, 80), (300, 240))
+    assert found is not None
+    assert found.x_px == 0
+    assert abs(found.pixels[:, 0].sum() - 3 * mask.pixels[:, 0].sum()) <= 3
+
+
+def test_masks_of_less_than_a_pixel_vanish() -> None:
+    dot = Mask.from_pixels(np.ones((1, 1), bool), 10, 10)
+    found = TileDetections(np.zeros((1, 4)), np.array([0.9]), (dot,))
+    assert len(resized_detections(found, (100, 100), (10, 10))) == 0
+    assert resized_detections(found, (100, 100), (100, 100)) is found
+
+
+def test_photos_that_are_gone_leave_the_others(tmp_path: Path) -> None:
+    gone = Photo(name="gone.jpg", path=tmp_path / "gone.jpg", width_px=400, height_px=300)
+    photos = Photos((gone, *red_photos(tmp_path, 1).items))
+    progress = Silent()
+    found = segment_photos(photos, RedSegmenter(typical_fruit_px=40, fruit_px=(10, 90)), progress=progress)
+    assert list(found) == ["p0.jpg"]
+    assert "gone.jpg" in progress.warnings[0]
