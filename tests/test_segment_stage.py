@@ -55,7 +55,7 @@ def test_no_fruit_in_any_photo_is_an_empty_valid_result(tmp_path: Path) -> None:
     assert progress.warnings == ["No fruit was found in any of 2 photos."]
 
 
-@pytest.mark.parametrize("radius", [12, 35, 90])
+@pytest.mark.parametrize("radius", [14, 35, 90])
 def test_photos_are_read_at_the_scale_at_which_fruits_are_known(tmp_path: Path, radius: int) -> None:
     centres = [(200.0 + 250 * i, 200.0 + 250 * j, float(radius)) for i in range(2) for j in range(2)]
     photos = Photos((red_photo(tmp_path / "a.jpg", 650, 620, centres),))

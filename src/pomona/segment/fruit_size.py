@@ -22,6 +22,7 @@ from pomona.segment.tiled import segment_tiled
 MAX_ENLARGEMENT = 2.0
 _PASS_SIDES_PX = (512, 1024)
 _FINE_SIDES_PX = (2048, 4096)
+_CLOSE_UP_SIDE_PX = 256
 _ENOUGH = 3
 _REFINEMENTS = 3
 _CLOSE = 1.2
@@ -83,6 +84,8 @@ def _scale_of(sample: Sequence[Photo], segmenter: Segmenter, typical_px: float, 
     for side in _FINE_SIDES_PX:
         if best.evidence < _ENOUGH * len(images) and side / 2 < longer_px:
             best = max(best, look(min(side, longer_px)), key=lambda seen: seen.evidence)
+    if best.evidence == 0:
+        best = look(min(_CLOSE_UP_SIDE_PX, longer_px))
     if best.evidence == 0:
         return min(1.0, _FINE_SIDES_PX[0] / longer_px)
     scale = min(typical_px / best.median_px, MAX_ENLARGEMENT)
