@@ -4,27 +4,29 @@ import * as three from "three";
 import { drawnRadii, type Colouring } from "./colours";
 import { decodeF32, decodeU16, decodeU8, type Fruit, type PackedCloud, type Payload } from "./payload";
 
-const CAMERA_COLOUR = 0x8fb3d9;
-const SIGHT_COLOUR = 0xffd479;
+const CAMERA_COLOUR = 0x5b7fa6;
+const SIGHT_COLOUR = 0xe8960c;
 
 /** sRGB bytes to the linear values that three.js works with. */
 const LINEAR = Float32Array.from({ length: 256 }, (_, i) => new three.Color().setRGB(i / 255, 0, 0, three.SRGBColorSpace).r);
 
-export function points(cloud: PackedCloud, sizeOnScene: number): three.Points {
+/** Points, as large as fills a scene of this radius without hiding it. */
+export function points(cloud: PackedCloud, radius: number): three.Points {
   const geometry = new three.BufferGeometry();
   geometry.setAttribute("position", new three.BufferAttribute(decodeU16(cloud.positions), 3, true));
   const colours = Float32Array.from(decodeU8(cloud.colours), (byte) => LINEAR[byte]!);
   geometry.setAttribute("color", new three.BufferAttribute(colours, 3));
-  const material = new three.PointsMaterial({ size: sizeOnScene, vertexColors: true, sizeAttenuation: true });
+  const size = radius * Math.min(1 / 35, Math.max(1 / 180, 4 / Math.sqrt(cloud.count + 1)));
+  const material = new three.PointsMaterial({ size, vertexColors: true, sizeAttenuation: true });
   material.onBeforeCompile = (shader) => {
     // Points are discs which grow as one comes near, and stay visible from afar.
     shader.vertexShader = shader.vertexShader.replace(
       "#include <logdepthbuf_vertex>",
-      `gl_PointSize = clamp(gl_PointSize, ${(1.6 * window.devicePixelRatio).toFixed(1)}, ${(9 * window.devicePixelRatio).toFixed(1)});\n#include <logdepthbuf_vertex>`,
+      `gl_PointSize = clamp(gl_PointSize, ${(2 * window.devicePixelRatio).toFixed(1)}, ${(9 * window.devicePixelRatio).toFixed(1)});\n#include <logdepthbuf_vertex>`,
     );
     shader.fragmentShader = shader.fragmentShader.replace(
       "#include <clipping_planes_fragment>",
-      "if (length(gl_PointCoord - 0.5) > 0.5) discard;\n#include <clipping_planes_fragment>",
+      "if (length(gl_PointCoord - 0.5) > 0.58) discard;\n#include <clipping_planes_fragment>",
     );
   };
   const object = new three.Points(geometry, material);
@@ -48,6 +50,15 @@ export class FruitBalls {
       const r = this.radii[i]!;
       this.object.setMatrixAt(i, matrix.makeScale(r, r, r).setPosition(fruit.x, fruit.y, fruit.z));
     });
+  }
+
+  /** See-through balls show the points in them. */
+  seeThrough(yes: boolean): void {
+    const material = this.object.material as three.Material;
+    material.transparent = yes;
+    material.opacity = yes ? 0.35 : 1;
+    material.depthWrite = !yes;
+    material.needsUpdate = true;
   }
 
   colour(colouring: Colouring): void {
@@ -121,7 +132,8 @@ export function halo(): three.Mesh {
 export function ground(payload: Payload): three.GridHelper {
   const { target, radius, ground: height, grid } = payload.view;
   const cells = Math.min(200, Math.max(4, 2 * Math.ceil(radius / grid)));
-  const helper = new three.GridHelper(cells * grid, cells, 0x5a6660, 0x36403b);
+  const helper = new three.GridHelper(cells * grid, cells);
+  helper.material = new three.LineBasicMaterial({ color: 0x8a948c, transparent: true, opacity: 0.4 });
   helper.rotateX(Math.PI / 2);
   helper.position.set(Math.round(target[0]! / grid) * grid, Math.round(target[1]! / grid) * grid, height);
   return helper;

@@ -38,7 +38,6 @@ export class View {
     box.prepend(this.renderer.domElement);
 
     const { radius } = payload.view;
-    this.world.background = new three.Color(0x161b19);
     this.camera = new three.PerspectiveCamera(FOV_DEG, 1, radius / 500, radius * 60);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
@@ -53,13 +52,16 @@ export class View {
     this.balls = new FruitBalls(fruits);
     this.frusta = new Frusta(payload);
     this.layers = {
-      scene: points(payload.scene, radius / 350),
-      fruitPoints: points(payload.fruitPoints, radius / 500),
+      scene: points(payload.scene, radius),
+      fruitPoints: points(payload.fruitPoints, radius),
       fruits: this.balls.object,
       cameras: this.frusta.object,
       ground: ground(payload),
     };
-    this.world.add(...Object.values(this.layers), this.halo, this.lamp, new three.HemisphereLight(0xffffff, 0x6b6a60, 1.5));
+    this.world.add(...Object.values(this.layers), this.halo, this.lamp, new three.HemisphereLight(0xffffff, 0x8c8a80, 2.2));
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    dark.addEventListener("change", () => this.paper());
+    this.paper();
     this.listen();
     this.resize();
     this.look("front", false);
@@ -67,6 +69,7 @@ export class View {
 
   show(layer: Layer, visible: boolean): void {
     this.layers[layer].visible = visible;
+    if (layer === "fruitPoints") this.balls.seeThrough(visible);
     this.draw();
   }
 
@@ -108,6 +111,11 @@ export class View {
       this.world.add(this.sight);
       if (fly) this.flyTo(fruit, radius);
     }
+    this.draw();
+  }
+
+  private paper(): void {
+    this.world.background = new three.Color(getComputedStyle(this.box).backgroundColor);
     this.draw();
   }
 

@@ -19,7 +19,7 @@ class RowAxes:
 
     def along_row(self, points_in_world: FloatArray) -> FloatArray:
         """Return for points (n, 3) their place along the row (n,), in the unit of the world frame."""
-        places: FloatArray = points_in_world @ self.along
+        places: FloatArray = np.asarray(points_in_world @ self.along, np.float64)
         return places
 
 
@@ -50,9 +50,9 @@ def scene_points(data: ReportData) -> FloatArray:
         data.cameras.points_in_world,
         data.cameras.centers_in_world,
     ):
-        points = points[np.isfinite(points).all(axis=1)]
-        if len(points):
-            return points
+        kept: FloatArray = points[np.isfinite(points).all(axis=1)]
+        if len(kept):
+            return kept
     return np.zeros((1, 3))
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from pomona.report.data import ReportData
 from pomona.report.plots import plots
@@ -31,6 +32,7 @@ def write_report(data: ReportData, path: Path) -> None:
 
 def report_html(data: ReportData) -> str:
     """Return the page that `write_report` writes."""
+    values = payload(data)
     script = _static("viewer.js").replace("</script", "<\\/script")
     return Template(_ROOM.joinpath("template.html").read_text(encoding="utf-8")).substitute(
         title=escape(data.title),
@@ -42,13 +44,13 @@ def report_html(data: ReportData) -> str:
         totals=totals(data),
         notices=notices(data),
         colour_choices=_colour_choices(data),
-        view_note=_view_note(data),
+        view_note=escape(_view_note(data, values)),
         table=fruits_table(data),
         plots=plots(data),
         trees=trees_table(data),
         stages=stage_times(data),
         photos=photos_table(data),
-        payload=as_script(payload(data)),
+        payload=as_script(values),
         footer=escape(f"Made by Pomona {data.version}".strip() + ". This file needs no network; share it as it is."),
     )
 
@@ -91,6 +93,8 @@ def _colour_choices(data: ReportData) -> str:
     return "".join(f'<option value="{value}">{label}</option>' for value, label in choices)
 
 
-def _view_note(data: ReportData) -> str:
-    total = len(data.cloud)
-    return f"{total:,} points" if total else "no points"
+def _view_note(data: ReportData, values: Mapping[str, Any]) -> str:
+    """How many points there are, how many of them are shown, and how large the grid's cells are."""
+    shown, total = values["scene"]["count"] + values["fruitPoints"]["count"], len(data.cloud)
+    points = f"{shown:,} of {total:,} points" if shown < total else f"{total:,} points"
+    return f"{points} · grid {values['view']['grid']:g} {values['unit']}"

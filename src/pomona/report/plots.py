@@ -48,7 +48,7 @@ def along_row(data: ReportData) -> str:
     places = row_axes(data).along_row(data.fruits.centers_in_world)
     places = places - places.min()
     unit = _length_unit(data)
-    edges = bin_edges(places)
+    edges = bin_edges(places, _MOST_BINS)
     chart = column_chart(_bars(places, edges, unit, "leaf"), Axis(name=f"along the row, {unit}", ticks=_ticks(edges)))
     return _caption("Fruits along the row", "from the first fruit") + chart
 
@@ -56,7 +56,7 @@ def along_row(data: ReportData) -> str:
 def heights(data: ReportData) -> str:
     """Return how many fruits hang at which height (z of the world frame)."""
     values, unit = data.fruits.centers_in_world[:, 2], _length_unit(data)
-    edges = bin_edges(values, most=16)
+    edges = bin_edges(values, 14)
     axis = Axis(name=f"z, {unit}", ticks=_ticks(edges))
     note = "" if data.cameras.frame.up_is_known else "which way is up is a guess"
     return _caption("Fruits by height", note) + row_chart(_bars(values, edges, unit, "leaf"), axis)
@@ -83,13 +83,14 @@ def photos(data: ReportData) -> str:
     return _caption("Fruits seen in each photo") + column_chart(bars, axis)
 
 
-def bin_edges(values: FloatArray, *, most: int = _MOST_BINS) -> FloatArray:
-    """Return at least two equally spaced round edges which hold all values, for at most about `most` bins."""
+def bin_edges(values: FloatArray, bins: int | None = None) -> FloatArray:
+    """Return at least two equally spaced round edges which hold all values, about `bins` of them."""
     low, high = float(values.min()), float(values.max())
-    # Freedman and Diaconis' width, but never more bins than can be told apart.
-    spread = float(np.subtract(*np.percentile(values, [75, 25])))
-    wish = 2 * spread / len(values) ** (1 / 3)
-    bins = most if wish <= 0 else min(most, max(4, round((high - low) / wish)))
+    if bins is None:
+        # Freedman and Diaconis' width, but never more bins than can be told apart.
+        spread = float(np.subtract(*np.percentile(values, [75, 25])))
+        wish = 2 * spread / len(values) ** (1 / 3)
+        bins = _MOST_BINS if wish <= 0 else min(_MOST_BINS, max(8, round((high - low) / wish)))
     step = nice_step(high - low, bins) if high > low else max(abs(high) / 10, 1e-3)
     first = np.floor(low / step + 1e-9)
     count = max(1, int(np.floor(high / step - first + 1e-9)) + 1)

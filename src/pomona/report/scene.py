@@ -116,9 +116,9 @@ def _fruits(data: ReportData, middle: FloatArray) -> dict[str, Any]:
 
 
 def _frustum_depth(data: ReportData, middle: FloatArray) -> float:
-    """How deep a drawn frustum is: a twelfth of the distance to the fruits."""
+    """How deep a drawn frustum is: a twentieth of the distance to the fruits."""
     centers = data.cameras.centers_in_world
-    return float(np.median(np.linalg.norm(centers - middle, axis=1))) / 12 if len(centers) else 0.1
+    return float(np.median(np.linalg.norm(centers - middle, axis=1))) / 20 if len(centers) else 0.1
 
 
 def _cameras(cameras: Cameras, middle: FloatArray, depth: float) -> dict[str, Any]:

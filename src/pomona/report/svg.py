@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-WIDTH, HEIGHT = 440.0, 210.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 38.0, 8.0, 18.0, 36.0
+WIDTH, HEIGHT = 400.0, 220.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 34.0, 14.0, 18.0, 36.0
 
 
 @dataclass(frozen=True)
