@@ -1,4 +1,4 @@
-"""A sphere fitted to points on its surface and to rays that touch it, where much of both is hidden or wrong."""
+"""A sphere, perhaps flattened, fitted to surface points and to rays that touch it, where much is hidden or wrong."""
 
 from __future__ import annotations
 
@@ -6,71 +6,101 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import BoolArray, FloatArray
 
 _ROUNDS = 25
 # Cauchy scales as shares of the radius. A ray inside the sphere is likely a leaf's edge, one outside a bad mask.
-_POINT_SCALE, _INSIDE_SCALE, _OUTSIDE_SCALE = 0.15, 0.05, 0.12
-# All points together say as much as this many rays for each photo: neighbouring points err together.
-_POINTS_AS_RAYS = 8.0
+_POINT_SCALE, _INSIDE_SCALE, _OUTSIDE_SCALE = 0.15, 0.04, 0.12
+# All points together say as much as this many rays of each photo: neighbouring points err together, and stereo
+# flattens round things. Points tell how far away a fruit is, outlines how large.
+_POINTS_AS_RAYS = 1.0
 # The centre is tied to its start as by this many rays: keeps what is not seen from running away.
-_TIE = 0.3
+_CENTER_TIE = 0.03
+# Rays that lie beside each other on an outline err together: so many of them are as good as one.
+_RAYS_AS_ONE = 6.0
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What the other fruits say: flattening (1 − height / width) along the z axis, and a radius worth `rays` rays."""
+
+    flattening: float = 0.0
+    radius: float = 0.0
+    rays: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is seen of one fruit: `points` on it (m, 3), and unit `rays` (k, 3) from `eyes` (k, 3) along outlines."""
+
+    points: FloatArray
+    eyes: FloatArray
+    rays: FloatArray
+    views: int
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A fitted sphere: `center` (3,), `radius` and its standard deviation; `support`: share of rays that touch it."""
+    """A fitted sphere: `center` (3,), largest `radius` and its standard deviation.
+
+    Of each ray (k,): whether it touches the sphere, how far it passes from the centre in radii, and the z component of
+    the direction in which it does.
+    """
 
     center: FloatArray
     radius: float
     radius_sd: float
-    support: float
+    touching: BoolArray
+    off_radii: FloatArray
+    off_z: FloatArray
 
 
-def fit_sphere(
-    points: FloatArray, eyes: FloatArray, rays: FloatArray, *, center: FloatArray, radius: float, views: int
-) -> Sphere | None:
-    """Return the sphere near `points` (m, 3) that rays (k, 3, unit) from `eyes` (k, 3) touch; None where none fits.
+def fit_sphere(seen: Evidence, *, center: FloatArray, radius: float, prior: Prior | None = None) -> Sphere | None:
+    """Return the sphere that the evidence speaks for; None where none fits.
 
     Gauss–Newton, each residual weighted anew each round (Cauchy): distances of points from the surface, and of rays
-    from the centre less the radius. `center`, `radius` is where to start, from above: rays that pass inside the
-    sphere count less than rays that pass outside. `views` is the number of photos.
+    from the centre less the radius. `center`, `radius` is where to start, the radius from above: rays that pass inside
+    the sphere count less than rays that pass outside.
     """
+    prior = prior or Prior()
     start, first_radius = center, radius
-    point_weight = _POINTS_AS_RAYS * max(views, 1) / max(len(points), 1)
+    m = len(seen.points)
+    weights = np.ones(m + len(seen.rays))
     for _ in range(_ROUNDS):
-        residuals, jacobian, scales = _residuals(points, eyes, rays, center, radius)
+        residuals, jacobian, scales = _residuals(seen, center, radius, prior.flattening)
         weights = 1 / (1 + (residuals / (scales * first_radius)) ** 2)
-        touching = weights[len(points) :] > 0.5
-        weights[: len(points)] *= point_weight
-        normal = jacobian.T @ (jacobian * weights[:, None])
-        normal[:3, :3] += _TIE * np.eye(3)
+        weights[:m] *= _POINTS_AS_RAYS * max(seen.views, 1) / max(m, 1)
+        normal = jacobian.T @ (jacobian * weights[:, None]) + np.diag([_CENTER_TIE] * 3 + [prior.rays + 1e-6])
         gradient = jacobian.T @ (weights * residuals)
-        gradient[:3] += _TIE * (center - start)
-        step = np.linalg.solve(normal + 1e-6 * np.eye(4), -gradient)
+        gradient += [*(_CENTER_TIE * (center - start)), prior.rays * (radius - prior.radius)]
+        step = np.linalg.solve(normal, -gradient)
         step *= min(1.0, 0.5 * first_radius / max(float(np.abs(step).max()), 1e-12))
         center, radius = center + step[:3], radius + float(step[3])
         if not 0.2 * first_radius < radius < 3 * first_radius:
             return None
         if np.abs(step).max() < 1e-4 * first_radius:
             break
-    freedom = max(float(weights.sum()) - 4, 1.0)
-    noise = float((weights * residuals**2).sum()) / freedom
-    variance = float(np.linalg.inv(normal + 1e-6 * np.eye(4))[3, 3]) * noise
-    return Sphere(center, radius, float(np.sqrt(variance)), float(touching.mean()) if len(touching) else 0.0)
+    noise = float((weights * residuals**2).sum()) / max(float(weights.sum()) - 4, 1.0)
+    radius_sd = float(np.sqrt(np.linalg.inv(normal)[3, 3] * noise * _RAYS_AS_ONE))
+    off = (residuals[m:] - radius * jacobian[m:, 3]) / radius
+    return Sphere(center, radius, radius_sd, weights[m:] > 0.5, off, jacobian[m:, 2])
 
 
 def _residuals(
-    points: FloatArray, eyes: FloatArray, rays: FloatArray, center: FloatArray, radius: float
+    seen: Evidence, center: FloatArray, radius: float, flattening: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return residuals (m + k,), their derivatives by centre and radius (m + k, 4), and their scales (m + k,)."""
-    from_points = center - points
-    apart = np.maximum(np.linalg.norm(from_points, axis=1), 1e-12)
-    from_eyes = center - eyes
-    beside = from_eyes - (from_eyes * rays).sum(1, keepdims=True) * rays
-    off = np.maximum(np.linalg.norm(beside, axis=1), 1e-12)
-    residuals = np.concatenate([apart, off]) - radius
-    directions = np.concatenate([from_points / apart[:, None], beside / off[:, None]])
-    jacobian = np.concatenate([directions, np.full((len(residuals), 1), -1.0)], axis=1)
-    ray_scales = np.where(residuals[len(points) :] < 0, _INSIDE_SCALE, _OUTSIDE_SCALE)
-    return residuals, jacobian, np.concatenate([np.full(len(points), _POINT_SCALE), ray_scales])
+    """Return residuals (m + k,), their derivatives by centre and radius (m + k, 4), and their scales (m + k,).
+
+    A spheroid flattened by a small e along z has its tangents radius (1 − e u²) away in direction u from the centre.
+    """
+    from_points = center - seen.points
+    from_eyes = center - seen.eyes
+    beside = from_eyes - (from_eyes * seen.rays).sum(1, keepdims=True) * seen.rays
+    to_center = np.concatenate([from_points, beside])
+    off = np.maximum(np.linalg.norm(to_center, axis=1), 1e-12)
+    directions = to_center / off[:, None]
+    shape = 1 - flattening * directions[:, 2] ** 2
+    residuals = off - radius * shape
+    jacobian = np.concatenate([directions, -shape[:, None]], axis=1)
+    ray_scales = np.where(residuals[len(seen.points) :] < 0, _INSIDE_SCALE, _OUTSIDE_SCALE)
+    return residuals, jacobian, np.concatenate([np.full(len(seen.points), _POINT_SCALE), ray_scales])

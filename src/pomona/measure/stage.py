@@ -14,9 +14,9 @@ from pomona.filter.features import fruit_points
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure.outlines import Sight, sight_of
-from pomona.measure.sphere import fit_sphere
+from pomona.measure.sphere import Evidence, Prior, Sphere, fit_sphere
 from pomona.photos import Photos
-from pomona.progress import Progress, Silent, track
+from pomona.progress import Progress, Silent
 
 BOTH_SIDES = "both"
 
@@ -27,7 +27,9 @@ class MeasureOptions:
 
     `rays_per_photo`, `points_per_fruit`: how much of each mask's outline and of the cloud is used. A diameter outside
     `smallest` to `largest` median diameters of the survey is no measurement. `relative_sd` is what a sphere leaves
-    unsaid of a fruit that is none, as a share of its diameter.
+    unsaid of a fruit that is none, as a share of its diameter. Fruits of which a photo shows at least
+    `clear_visibility`, if there are `fewest_clear`, say how flat fruits are (at most `most_flattening`) and, as if by
+    `prior_rays` rays more, how large: that steadies fruits of which little is seen.
     """
 
     rays_per_photo: int = 24
@@ -35,6 +37,10 @@ class MeasureOptions:
     smallest: float = 0.4
     largest: float = 2.0
     relative_sd: float = 0.03
+    clear_visibility: float = 0.7
+    fewest_clear: int = 10
+    prior_rays: float = 6.0
+    most_flattening: float = 0.3
 
     def __post_init__(self) -> None:
         if self.rays_per_photo < 4 or self.points_per_fruit < 4:
@@ -52,6 +58,7 @@ class _Measured:
     sd_m: float
     visibility: float
     reason: str
+    sphere: Sphere | None = None
 
 
 def measure(
@@ -74,11 +81,39 @@ def measure(
         return fused.fruits
     sights = _sights(fused.observations, detections, cameras, options)
     points = _points(fused.cloud, options)
-    measured = [
-        _measure_one(fused.fruits.centers_in_world[i], points.get(fruit_id, np.zeros((0, 3))), sights.get(fruit_id, []))
-        for i, fruit_id in enumerate(track(fused.fruits.ids.tolist(), progress, "measure"))
+    each = [
+        (fused.fruits.centers_in_world[i], points.get(fruit_id, np.zeros((0, 3))), sights.get(fruit_id, []))
+        for i, fruit_id in enumerate(fused.fruits.ids.tolist())
     ]
+    progress.start("measure", 2 * len(each))
+    alone = [_advanced(progress, _measure_one(*one, None)) for one in each]
+    prior = _prior(alone, cameras.frame.up_is_known, options)
+    measured = [_advanced(progress, _measure_one(*one, prior)) for one in each]
     return _fruits(fused, _plausible(measured, options), photos, options)
+
+
+def _advanced(progress: Progress, measured: _Measured) -> _Measured:
+    progress.advance()
+    return measured
+
+
+def _prior(measured: list[_Measured], up_is_known: bool, options: MeasureOptions) -> Prior:
+    """Return what the fruits that are well seen say of the others: their size, and how flat they are.
+
+    Apples hang upright and are wider than high, so a sphere would measure them too small.
+    """
+    clear = [m for m in measured if m.sphere and m.visibility >= options.clear_visibility]
+    if len(clear) < options.fewest_clear:
+        return Prior()
+    spheres = [m.sphere for m in clear if m.sphere]
+    radius = float(np.median([sphere.radius for sphere in spheres]))
+    if not up_is_known:
+        return Prior(0.0, radius, options.prior_rays)
+    off = np.concatenate([s.off_radii[s.touching] for s in spheres])
+    z_square = np.concatenate([s.off_z[s.touching] for s in spheres]) ** 2
+    slope, level = np.polyfit(z_square, off, 1)
+    flattening = float(np.clip(-slope / level, 0, options.most_flattening))
+    return Prior(flattening, radius * float(level), options.prior_rays)
 
 
 def _sights(
@@ -113,7 +148,7 @@ def _points(cloud: FruitCloud, options: MeasureOptions) -> dict[int, FloatArray]
     return result
 
 
-def _measure_one(center: FloatArray, points: FloatArray, sights: list[Sight]) -> _Measured:
+def _measure_one(center: FloatArray, points: FloatArray, sights: list[Sight], prior: Prior | None) -> _Measured:
     nothing = _Measured(center, np.nan, np.nan, np.nan, "")
     views = len({sight.photo_idx for sight in sights})
     if views == 0:
@@ -125,19 +160,18 @@ def _measure_one(center: FloatArray, points: FloatArray, sights: list[Sight]) ->
     radius = float(np.percentile(widths_m, 75)) / 2
     if not radius > 0:
         return replace(nothing, reason="its points lie behind the cameras that saw it")
-    sphere = fit_sphere(
+    seen = Evidence(
         points,
         np.concatenate([np.broadcast_to(s.eye_in_world, s.rays_in_world.shape) for s in sights]),
         np.concatenate([s.rays_in_world for s in sights]),
-        center=center,
-        radius=radius,
-        views=views,
+        views,
     )
+    sphere = fit_sphere(seen, center=center, radius=radius, prior=prior)
     if sphere is None:
         return replace(nothing, reason="no sphere fits its points and outlines")
-    disc_m2 = np.pi * sphere.radius**2
+    disc_m2 = np.pi * sphere.radius**2 * (1 - (prior.flattening if prior else 0.0))
     shown = max(sight.area * sight.depth_m(sphere.center) ** 2 / disc_m2 for sight in sights)
-    return _Measured(sphere.center, 2 * sphere.radius, 2 * sphere.radius_sd, min(1.0, float(shown)), "")
+    return _Measured(sphere.center, 2 * sphere.radius, 2 * sphere.radius_sd, min(1.0, float(shown)), "", sphere)
 
 
 def _plausible(measured: list[_Measured], options: MeasureOptions) -> list[_Measured]:
