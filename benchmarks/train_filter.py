@@ -1,0 +1,152 @@
+"""Train the support vector machine that tells fruits from false positives.
+
+python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--segmenter] [--repeats N]
+
+A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
+Detections are the true masks made worse and joined by false ones, `--repeats` times with other chances; with
+`--segmenter` those of the shipped segmenter besides. The dense cloud and the fusion are the pipeline's own.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.capture import load_photos
+from pomona.dense import fruit_cloud
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.evaluate import Truth, evaluate, read_truth
+from pomona.filter import LinearSvm, apply, resized, training_table
+from pomona.fuse import Fused
+from pomona.fuse.paper import fuse
+from pomona.measure import measure
+from pomona.photos import Photos
+from pomona.synth.truth import RowFolder, read_cameras, read_mask
+
+REFERENCE_M = 0.075
+# Masks smaller than this share of a fruit's disc are not looked for by a segmenter.
+SMALLEST_SHARE = 0.08
+
+
+def cameras_of(row: RowFolder, photos: Photos) -> Cameras:
+    by_name = {c.name: c for c in read_cameras(row.truth("cameras.json"))}
+    true = [by_name[Path(name).stem] for name in photos.names]
+    lens = true[0]
+    params = np.array([lens.focal_px, lens.width_px / 2, lens.height_px / 2])
+    poses = [np.column_stack([c.rotation_cam_from_world, c.translation_m]) for c in true]
+    frame = WorldFrame(scale_source="given", approximate=False, up_is_known=True)
+    intrinsics = (Intrinsics("SIMPLE_PINHOLE", lens.width_px, lens.height_px, params),)
+    return Cameras(photos.names, intrinsics, np.zeros(len(true), int), np.array(poses), frame=frame)
+
+
+def false_objects(truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and half widths (m) of leaves that pass for fruits: among the fruits, and in none of them."""
+    count = max(8, len(truth) // 3)
+    beside = truth.centers_in_world[rng.integers(0, len(truth), 4 * count)] + rng.normal(0, 0.15, (4 * count, 3))
+    apart = np.linalg.norm(beside[:, None] - truth.centers_in_world[None], axis=2).min(1)
+    centers = beside[apart > 0.9 * np.median(truth.diameters_m)][:count]
+    return centers, rng.uniform(0.15, 0.5, len(centers)) * np.median(truth.diameters_m)
+
+
+def ellipse(shape: tuple[int, int], center: np.ndarray, half_px: float, rng: np.random.Generator) -> np.ndarray:
+    canvas = np.zeros(shape, np.uint8)
+    axes = (max(1, round(half_px)), max(1, round(half_px * rng.uniform(0.4, 1))))
+    at = (round(float(center[0])), round(float(center[1])))
+    return cv2.ellipse(canvas, at, axes, float(rng.uniform(0, 180)), 0, 360, 1, -1).astype(bool)
+
+
+def worse(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    change = rng.choice([cv2.MORPH_ERODE, cv2.MORPH_DILATE, cv2.MORPH_CLOSE])
+    return cv2.morphologyEx(mask.astype(np.uint8), int(change), kernel).astype(bool)
+
+
+def photo_masks(
+    ids: np.ndarray, fruit_px: float, projected: list[tuple[np.ndarray, float]], rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, float]]:
+    """Yield masks (H, W) and scores: true ones, some missed and all a little wrong; then false ones."""
+    whole_px = np.pi / 4 * fruit_px**2
+    for i in np.unique(ids[ids > 0]):
+        share = (ids == i).sum() / whole_px
+        if share > SMALLEST_SHARE and rng.random() < min(0.95, 0.5 + share):
+            yield worse(ids == i, rng), rng.uniform(0.6, 1)
+    alone = [(rng.uniform((0, 0), ids.shape[::-1]), rng.uniform(0.15, 0.5) * fruit_px) for _ in range(3)]
+    for center, half_px in [*(p for p in projected if rng.random() < 0.35), *alone]:
+        yield ellipse(ids.shape, center, half_px, rng) & (ids == 0), rng.uniform(0.5, 0.9)
+
+
+def worse_detections(row: RowFolder, cameras: Cameras, truth: Truth, rng: np.random.Generator) -> SurveyDetections:
+    centers, halves_m = false_objects(truth, rng)
+    by_photo, next_id = {}, 1
+    for i, name in enumerate(cameras.photos):
+        ids = read_mask(row.mask(Path(name).stem))
+        focal_px = cameras.intrinsics_of(i).focal_px
+        xy_px, depth_m = cameras.project(i, centers)
+        inside = np.isfinite(xy_px).all(1) & (xy_px > 0).all(1) & (xy_px < ids.shape[::-1]).all(1)
+        projected = [(xy_px[k], focal_px * halves_m[k] / depth_m[k]) for k in np.flatnonzero(inside)]
+        typical_m = np.median(cameras.project(i, truth.centers_in_world)[1])
+        found = photo_masks(ids, focal_px * np.median(truth.diameters_m) / typical_m, projected, rng)
+        kept = [(Mask.from_pixels(m), score) for m, score in found if m.sum() >= 20]
+        scores = np.array([score for _, score in kept])
+        new_ids = np.arange(next_id, next_id + len(kept))
+        by_photo[name] = Detections(name, ids.shape[1], ids.shape[0], tuple(m for m, _ in kept), scores, new_ids)
+        next_id += len(kept)
+    return SurveyDetections(by_photo)
+
+
+def surveys(folder: Path, repeats: int, segmenter: bool) -> Iterator[tuple[str, Fused, Fused, Truth]]:
+    row, truth = RowFolder(folder), read_truth(folder)
+    photos = load_photos([folder / "images"])
+    cameras = cameras_of(row, photos)
+    kinds = [f"true masks made worse {r}" for r in range(repeats)] + ["the shipped segmenter's masks"] * segmenter
+    for r, kind in enumerate(kinds):
+        if r < repeats:
+            detections = worse_detections(row, cameras, truth, np.random.default_rng(r))
+        else:
+            from pomona.segment import load_segmenter, segment_photos
+
+            detections = segment_photos(photos, load_segmenter(None))
+        cloud = fruit_cloud(photos, detections, cameras)
+        fused = fuse(detections, cameras, cloud)
+        # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
+        measured = Fused(measure(fused, detections, cameras), fused.observations, fused.cloud)
+        yield f"{folder.name}, {kind}", fused, measured, truth
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("out", type=Path)
+    parser.add_argument("rows", type=Path, nargs="+")
+    parser.add_argument("--segmenter", action="store_true")
+    parser.add_argument("--repeats", type=int, default=2)
+    arguments = parser.parse_args()
+    tables, done = [], []
+    for folder in arguments.rows:
+        for label, fused, measured, truth in surveys(folder, arguments.repeats, arguments.segmenter):
+            values, is_fruit = training_table(measured, truth)
+            tables.append((resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m))), is_fruit))
+            done.append((label, fused, measured, truth))
+            print(f"{label}: {is_fruit.sum()} fruits, {(~is_fruit).sum()} false positives", flush=True)
+    values, is_fruit = (np.concatenate(column) for column in zip(*tables, strict=True))
+    rows = ", ".join(folder.name for folder in arguments.rows)
+    source = f"true masks made worse and joined by false ones, {arguments.repeats} times a row"
+    trained_on = (
+        f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
+        f"cameras; detections: {source}"
+        f"{', and those of the shipped segmenter' if arguments.segmenter else ''}. No real orchard."
+    )
+    svm = LinearSvm.train(values, is_fruit, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
+    svm.save(arguments.out)
+    print(trained_on, svm.weights, f"accuracy {((svm.probability(values) > 0.5) == is_fruit).mean():.3f}")
+    for label, fused, measured, truth in done:
+        kept = np.isin(fused.fruits.ids, apply(fused, svm).fruits.ids)
+        before, after = evaluate(measured.fruits, truth).all, evaluate(measured.fruits[kept], truth).all
+        print(f"{label}: F1 {before.f1:.3f} -> {after.f1:.3f}, FDR {before.false_detection_rate:.3f} -> "
+              f"{after.false_detection_rate:.3f}, R {before.recall:.3f} -> {after.recall:.3f}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
