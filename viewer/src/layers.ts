@@ -22,11 +22,11 @@ export function points(cloud: PackedCloud, radius: number): three.Points {
     // Points are discs which grow as one comes near, and stay visible from afar.
     shader.vertexShader = shader.vertexShader.replace(
       "#include <logdepthbuf_vertex>",
-      `gl_PointSize = clamp(gl_PointSize, ${(2 * window.devicePixelRatio).toFixed(1)}, ${(9 * window.devicePixelRatio).toFixed(1)});\n#include <logdepthbuf_vertex>`,
+      `gl_PointSize = clamp(gl_PointSize, ${(2 * window.devicePixelRatio).toFixed(1)}, ${(7 * window.devicePixelRatio).toFixed(1)});\n#include <logdepthbuf_vertex>`,
     );
     shader.fragmentShader = shader.fragmentShader.replace(
       "#include <clipping_planes_fragment>",
-      "if (length(gl_PointCoord - 0.5) > 0.58) discard;\n#include <clipping_planes_fragment>",
+      "if (length(gl_PointCoord - 0.5) > 0.53) discard;\n#include <clipping_planes_fragment>",
     );
   };
   const object = new three.Points(geometry, material);

@@ -46,6 +46,7 @@ function fillCard(card: HTMLElement, fruit: Fruit, row: HTMLTableRowElement | nu
   const facts = document.createElement("dl");
   const headings = row?.closest("table")?.tHead?.rows[0]?.cells;
   for (const cell of row ? [...row.cells].slice(1) : []) {
+    if (!cell.textContent) continue;
     const label = headings?.[cell.cellIndex]?.dataset.label ?? "";
     facts.append(element("dt", label), element("dd", cell.textContent ?? ""));
   }

@@ -32,7 +32,10 @@ export class View {
 
   /** Throws where the browser gives no WebGL. */
   constructor(private readonly box: HTMLElement, private readonly payload: Payload, private readonly fruits: Fruit[]) {
-    this.renderer = new three.WebGLRenderer({ antialias: true, powerPreference: "high-performance" });
+    const canvas = document.createElement("canvas");
+    const context = canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
+    if (!context) throw new Error("This browser gives no WebGL 2");
+    this.renderer = new three.WebGLRenderer({ canvas, context });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.domElement.setAttribute("aria-label", "3D view of points, fruits and cameras");
     box.prepend(this.renderer.domElement);

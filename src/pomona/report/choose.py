@@ -47,8 +47,9 @@ def _best(names: Sequence[str], shown: Mapping[str, set[int]], count: int) -> li
         best = max(rest, key=lambda name: len(shown.get(name, set()) - covered))
         gain = shown.get(best, set()) - covered
         if not gain:
-            evenly = np.linspace(0, len(rest) - 1, count - len(chosen) + 2).round().astype(int)[1:-1]
-            return chosen + [rest[i] for i in dict.fromkeys(evenly.tolist())][: count - len(chosen)]
+            missing = count - len(chosen)
+            evenly = (np.arange(missing) + 0.5) / missing * len(rest)
+            return chosen + [rest[i] for i in evenly.astype(int)]
         chosen.append(best)
         covered |= gain
     return chosen

@@ -47,8 +47,8 @@ def sphere_outlines_px(
         towards = towards / distance
         middle = centers_in_world + towards * radius**2 / distance
         seen_radius = np.where(distance > radius, radius * np.sqrt(np.maximum(1 - (radius / distance) ** 2, 0)), np.nan)
-    across = np.cross(towards, cameras.cam_from_world[photo_idx][1, :3])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+        across = np.cross(towards, cameras.cam_from_world[photo_idx][1, :3])
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
     upward = np.cross(across, towards)
     angle = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
     circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * upward[:, None]

@@ -18,11 +18,12 @@ _SIDE_COLOURS = ("sky", "leaf", "")
 
 
 def plots(data: ReportData) -> str:
-    """Return the plots as HTML figures; none of fruits where there are no fruits."""
+    """Return the plots as HTML figures; none where there are no fruits."""
     figures = []
     if len(data.fruits):
         figures += [diameters(data), along_row(data), heights(data)]
-    figures.append(photos(data))
+    if len(data.observations):
+        figures.append(photos(data))
     return "".join(f'<figure class="sheet">{figure}</figure>' for figure in figures if figure)
 
 
@@ -49,8 +50,10 @@ def along_row(data: ReportData) -> str:
     places = places - places.min()
     unit = _length_unit(data)
     edges = bin_edges(places, _MOST_BINS)
-    chart = column_chart(_bars(places, edges, unit, "leaf"), Axis(name=f"along the row, {unit}", ticks=_ticks(edges)))
-    return _caption("Fruits along the row", "from the first fruit") + chart
+    chart = column_chart(
+        _bars(places, edges, unit, "leaf"), Axis(name=f"{unit} from the first fruit", ticks=_ticks(edges))
+    )
+    return _caption("Fruits along the row") + chart
 
 
 def heights(data: ReportData) -> str:

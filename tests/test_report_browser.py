@@ -1,0 +1,145 @@
+"""The report in a real browser, opened from disk: no error, nothing fetched, a picture in 3D, a table that sorts."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.report import write_report
+from report_scenes import row_report
+
+_SOFTWARE_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_QUIET = (
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@dataclass
+class Opened:
+    """A page, and what it said and asked for."""
+
+    page: Any
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+
+def _open(browser: Any, path: Path, before: str = "") -> Opened:
+    opened = Opened(browser.new_page(viewport={"width": 900, "height": 600}, reduced_motion="reduce"))
+    opened.page.on("console", lambda message: opened.said.append(f"{message.type}: {message.text}"))
+    opened.page.on("pageerror", lambda error: opened.said.append(str(error)))
+    opened.page.on("request", lambda request: opened.asked.append(request.url))
+    opened.page.add_init_script(before)
+    opened.page.goto(path.as_uri())
+    opened.page.wait_for_selector("html.has-webgl, html.no-webgl")
+    return opened
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("no Chromium found: install Debian's package chromium to test the report in a browser")
+    driver = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra `dev`)")
+    with driver.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=program, args=[*_QUIET, *_SOFTWARE_3D])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(row_report(60, scene_points=1000, title="<script>alert(1)</script>"), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, report: Path) -> Opened:
+    return _open(browser, report)
+
+
+def test_opens_from_disk_without_error_or_network(opened: Opened, report: Path) -> None:
+    assert opened.page.locator("html.has-webgl").count() == 1
+    assert opened.said == []
+    assert opened.asked == [report.as_uri()]
+    assert opened.page.inner_text("h1") == "<script>alert(1)</script>"
+    assert opened.page.locator("#fruits tbody tr").count() == 60
+
+
+def _red_px(page: Any) -> int:
+    # Two frames pass, so that the picture is of what was last asked for.
+    page.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 50))))")
+    encoded = np.frombuffer(page.locator("#view canvas").screenshot(), np.uint8)
+    pixels = cv2.imdecode(encoded, cv2.IMREAD_COLOR).astype(int)
+    return int(((pixels[:, :, 2] > 110) & (pixels[:, :, 2] > 2 * pixels[:, :, 1])).sum())
+
+
+def test_view_shows_red_fruits_that_can_be_hidden(opened: Opened) -> None:
+    shown = _red_px(opened.page)
+    assert 300 < shown < 100_000
+    opened.page.uncheck("[data-layer=fruits]")
+    assert _red_px(opened.page) < 0.1 * shown
+    opened.page.check("[data-layer=fruits]")
+
+
+def test_table_sorts_with_unmeasured_last(opened: Opened) -> None:
+    column = opened.page.locator("#fruits th button", has_text="diameter")
+    shown = "[...document.querySelectorAll('#fruits tbody td:nth-child(5)')].map(cell => cell.textContent)"
+    for sign in (1, -1):
+        column.click()
+        cells = opened.page.evaluate(shown)
+        assert cells[-1] == "–"
+        values = [sign * float(cell) for cell in cells[:-1]]
+        assert values == sorted(values)
+        assert len(values) == 59
+
+
+def test_row_and_fruit_are_selected_together(opened: Opened) -> None:
+    page = opened.page
+    page.click("tr[data-id='40']")
+    assert page.inner_text("#card h3") == "Fruit 40"
+    # A click on a row brings its fruit to the middle of the view, where it can be clicked after it was left.
+    page.keyboard.press("Escape")
+    assert page.is_hidden("#card")
+    assert page.locator("tr[aria-selected]").count() == 0
+    page.locator("#view canvas").scroll_into_view_if_needed()
+    box = page.locator("#view canvas").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    selected = page.locator("tr[aria-selected]")
+    assert selected.count() == 1
+    assert page.inner_text("#card h3") == f"Fruit {selected.get_attribute('data-id')}"
+    assert opened.said == []
+
+
+def test_fits_a_phone(opened: Opened) -> None:
+    opened.page.set_viewport_size({"width": 360, "height": 640})
+    assert opened.page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
+def test_no_fruit_opens_without_error(browser: Any, tmp_path: Path) -> None:
+    write_report(row_report(0, scene_points=0), tmp_path / "empty.html")
+    opened = _open(browser, tmp_path / "empty.html")
+    assert opened.page.locator("html.has-webgl").count() == 1
+    assert opened.said == []
+    assert opened.page.is_visible("text=No fruit was found")
+    opened.page.close()
+
+
+def test_without_webgl_it_says_so_and_the_table_works(browser: Any, report: Path) -> None:
+    opened = _open(browser, report, before="HTMLCanvasElement.prototype.getContext = () => null")
+    assert opened.page.is_visible("text=This browser gives no WebGL")
+    opened.page.click("#fruits th button >> nth=0")
+    assert opened.page.locator("#fruits th").first.get_attribute("aria-sort") == "ascending"
+    assert opened.said == []
+    opened.page.close()
