@@ -115,6 +115,8 @@ class _Draft:
             reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
         ids = {}
         for (kind, key), track in self._tracks.items():
+            if track.length() < 2:  # pycolmap refuses to adjust what one photo alone sees.
+                continue
             place = self._points[key] if kind == "scene" else places[key]
             ids[kind, key] = reconstruction.add_point3D(place, track)
         return reconstruction, ids

@@ -12,7 +12,7 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.errors import InputError
 from pomona.geometry import Similarity
-from pomona.scale.adjust import hold_markers, share_lenses
+from pomona.scale.adjust import hold_markers, point_errors_px, share_lenses
 from pomona.scale.align import (
     PlacedMarker,
     on_one_line,
@@ -172,5 +172,5 @@ def _is_better(
 
 
 def _scene_px(cameras: Cameras) -> float:
-    errors = cameras.points_error_px[np.isfinite(cameras.points_error_px)]
-    return float(errors.mean()) if len(errors) else 0.0
+    errors_px = point_errors_px(cameras)
+    return float(np.nanmean(errors_px)) if np.isfinite(errors_px).any() else 0.0

@@ -95,11 +95,10 @@ def _check_units(work: Work, idx: int, places: dict[int, FloatArray], centers: F
         )
 
 
-def scale_by_bar(work: Work, sightings: Sequence[Sighting], options: ScaleOptions) -> bool:
+def scale_by_bar(work: Work, sightings: Sequence[Sighting], options: ScaleOptions) -> None:
     """Give metres from the scale bar to every piece that sees both of its markers."""
     if options.scale_bar is None:
-        return False
-    some = False
+        return
     for idx in work.unscaled():
         piece = work.pieces[idx]
         found = bar_scale(piece.cameras, sightings, options.scale_bar, piece.side)
@@ -110,8 +109,6 @@ def scale_by_bar(work: Work, sightings: Sequence[Sighting], options: ScaleOption
             continue
         work.scale(idx, "scale-bar", found[0])
         work.markers += found[1]
-        some = True
-    return some
 
 
 def tie_by_gnss(work: Work, photos: Photos) -> WorldFrame | None:
@@ -140,23 +137,20 @@ def tie_by_gnss(work: Work, photos: Photos) -> WorldFrame | None:
     return WorldFrame(source, approximate=False, up_is_known=up_is_known, crs=frame.crs, origin=frame.origin)
 
 
-def scale_by_fruit(work: Work, detections: SurveyDetections | None, options: ScaleOptions) -> bool:
+def scale_by_fruit(work: Work, detections: SurveyDetections | None, options: ScaleOptions) -> None:
     """Give approximate metres from the fruits' diameter to every piece without better ones."""
-    some = False
     for idx in work.unscaled():
         found = "no fruit was looked for" if detections is None else fruit_size(work.pieces[idx].cameras, detections)
         if isinstance(found, str):
             work.fail(idx, found)
             continue
         work.scale(idx, "fruit-diameter", options.fruit_diameter_m / found.diameter)
-        some = True
         if work.is_main(idx):
             work.tell(
                 f"{work.name(idx)}: metres are approximate. They come from {found.count} fruits taken to be "
                 f"{1000 * options.fruit_diameter_m:.0f} mm in diameter (--fruit-diameter); use markers or a scale bar "
                 "for exact ones"
             )
-    return some
 
 
 def scale_by_distance(work: Work) -> None:

@@ -1,0 +1,292 @@
+"""Markers of known places: both sides in one metric frame; tables and markers that do not fit are told of."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.cameras import Cameras, Intrinsics
+from pomona.capture import load_photos
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.photos import Photo
+from pomona.progress import Silent
+from pomona.scale import ScaleOptions, place_in_world
+from pomona.scale.adjust import share_lenses
+from pomona.scale.align import robust_similarity
+from pomona.scale.aruco import find_markers
+from pomona.scale.markers import read_markers
+from pomona.scale.triangulate import triangulate
+from pomona.sfm import Reconstruction
+from scale_scenes import (
+    LENS,
+    PLACES,
+    as_piece,
+    marker_table,
+    photographed,
+    photos_of,
+    rms_m,
+    show_markers,
+    sighted,
+    some_frame,
+)
+
+EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)
+BOTH = Reconstruction((as_piece(EAST, "east", 3), as_piece(WEST, "west", 4)))
+
+
+def test_both_sides_come_into_the_markers_frame(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    options, progress = ScaleOptions(markers=marker_table(tmp_path / "markers.csv")), Silent()
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    assert progress.warnings == []
+    assert placed.cameras.photos == (*EAST.photos, *WEST.photos)
+    assert 0 < rms_m(placed.cameras, EAST, WEST) < 0.002
+    assert placed.cameras.frame.scale_source == "markers"
+    assert placed.cameras.frame.up_is_known
+    assert not placed.cameras.frame.approximate
+    report = placed.residuals
+    assert (report.source, report.tied_pieces, report.sides_are_tied, report.unseen_markers) == ("markers", 2, True, ())
+    assert 0 < report.markers_rms_mm < 2
+    assert [(r.marker_id, r.side) for r in report.markers] == [(i, s) for s in ("east", "west") for i in range(6)]
+    assert all(0 < r.reprojection_px < 0.6 for r in report.markers)
+    for scale, seed in zip(report.pieces, (3, 4), strict=True):
+        assert scale.metres_per_unit == pytest.approx(1 / some_frame(seed).scale, rel=2e-3)
+
+
+def test_a_lens_that_is_off_is_put_right_by_the_markers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    pieces = []
+    for seed, (side, world) in enumerate((("east", EAST), ("west", WEST))):
+        # A longer lens and a scene drawn apart in depth look alike from a row of parallel cameras.
+        away = world.points_in_world - [0, world.centers_in_world[:, 1].mean(), 0]
+        lens = Intrinsics(LENS.model, LENS.width_px, LENS.height_px, LENS.params * [1.007, 1, 1, 1])
+        drawn = world.points_in_world + away * [0, 0.007, 0]
+        pieces.append(as_piece(replace(world, intrinsics=(lens,), points_in_world=drawn), side, seed))
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    photos = photos_of(EAST, WEST)
+    rough = place_in_world(Reconstruction(tuple(pieces)), photos, options=replace(options, refine=False))
+    fine = place_in_world(Reconstruction(tuple(pieces)), photos, options=options)
+    assert rms_m(rough.cameras, EAST, WEST) > 0.008
+    assert rms_m(fine.cameras, EAST, WEST) < 0.003
+    assert {round(lens.focal_px / LENS.focal_px, 3) for lens in fine.cameras.intrinsics} <= {0.999, 1.0, 1.001}
+
+
+def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], {i: PLACES[i] for i in (0, 1, 2, 3)}))
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    assert placed.residuals.unseen_markers == (4, 5)
+    assert rms_m(placed.cameras, EAST, WEST) < 0.004
+    (warning,) = progress.warnings
+    assert warning.startswith(f"2 of 6 markers named in {options.markers} were not seen in any photo: 4, 5.")
+    assert "--marker-dictionary" in warning
+    assert placed.residuals.notes == tuple(progress.warnings)
+
+
+def test_no_marker_seen_loses_no_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, [])
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    assert len(placed.cameras) == 16
+    assert placed.cameras.frame.scale_source == "none"
+    assert any("6 of 6 markers named in" in warning for warning in progress.warnings)
+    assert sum("has no place from the markers: 0 of the markers" in warning for warning in progress.warnings) == 2
+    assert any("no common frame" in warning for warning in progress.warnings)
+
+
+def test_a_marker_that_the_table_has_elsewhere_is_left_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    wrong = PLACES | {3: (1.9, 0.45, 1.3)}
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", wrong))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    assert rms_m(placed.cameras, EAST, WEST) < 0.003
+    assert [r.marker_id for r in placed.residuals.markers if not r.used] == [3, 3]
+    assert all(re.search(r"marker 3 was left out: seen 0\.(3[5-9]|4[0-5])", warning) for warning in progress.warnings)
+    assert len(progress.warnings) == 2
+
+
+def test_a_table_of_another_row_is_refused_by_the_photos(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST], PLACES))
+    mixed = dict(zip(PLACES, np.random.default_rng(0).permutation(list(PLACES.values())).tolist(), strict=True))
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", mixed))
+    placed = place_in_world(Reconstruction(BOTH.pieces[:1]), photos_of(EAST), options=options, progress=progress)
+    assert placed.cameras.frame.scale_source == "none"
+    assert any("are seen where the table does not have them" in warning for warning in progress.warnings)
+
+
+def test_places_in_millimetres_are_asked_about(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST], PLACES))
+    places = {i: tuple(1000 * v for v in place) for i, place in PLACES.items()}
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", places))
+    place_in_world(Reconstruction(BOTH.pieces[:1]), photos_of(EAST), options=options, progress=progress)
+    assert any("are the places in metres?" in warning for warning in progress.warnings)
+
+
+def test_markers_on_one_line_take_the_tilt_from_the_cameras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    line = {i: (0.5 * i, -0.45, 1.2) for i in range(5)}
+    show_markers(monkeypatch, sighted([WEST], line))
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", line))
+    placed = place_in_world(Reconstruction(BOTH.pieces[1:]), photos_of(WEST), options=options, progress=progress)
+    assert not placed.cameras.frame.up_is_known
+    assert 0.001 < rms_m(placed.cameras, WEST) < 0.15
+    assert "on one line" in progress.warnings[0]
+
+
+def test_a_side_without_markers_is_set_beside_with_a_warning(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST], PLACES))
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    east, west = placed.cameras.centers_in_world[:8], placed.cameras.centers_in_world[8:]
+    assert east[:, 0].max() < west[:, 0].min()
+    assert np.ptp(west[:, 0]) == pytest.approx(np.ptp(WEST.centers_in_world[:, 0]), rel=0.1), "as far away as the east"
+    assert placed.cameras.frame.approximate
+    assert not placed.residuals.sides_are_tied
+    assert any("counted twice" in warning for warning in progress.warnings)
+
+
+def test_robust_similarity_leaves_out_what_does_not_fit() -> None:
+    random = np.random.default_rng(0)
+    target = random.normal(0, 1, (9, 3))
+    source = some_frame(7).apply(target + random.normal(0, 0.001, (9, 3)))
+    target[[2, 5]] += [0.3, -0.2, 0.4]
+    similarity, good = robust_similarity(source, target)
+    assert np.flatnonzero(~good).tolist() == [2, 5]
+    assert similarity.scale == pytest.approx(1 / some_frame(7).scale, rel=5e-3)
+    with pytest.raises(InputError, match="not on one line"):
+        robust_similarity(source[:2], target[:2])
+
+
+def test_triangulation_leaves_out_a_wrong_pixel_and_tells_of_too_few() -> None:
+    place = np.array([1.0, -0.3, 1.5])
+    idx = list(range(8))
+    xy = np.concatenate([EAST.project(i, place[None])[0] for i in idx])
+    xy[3] += [50, 60]
+    found = triangulate(EAST, idx, xy, most_error_px=3.0)
+    assert not isinstance(found, str)
+    np.testing.assert_allclose(found.point, place, atol=1e-4)
+    assert np.flatnonzero(~found.inliers).tolist() == [3]
+    assert triangulate(EAST, [2, 2], xy[[2, 2]], most_error_px=3.0) == "seen in one photo only"
+    assert "no two photos agree" in str(triangulate(EAST, [2, 3], xy[[2, 3]], most_error_px=3.0))
+
+
+def test_lenses_of_one_camera_are_shared_unless_it_zoomed() -> None:
+    def lens(focal: float) -> Intrinsics:
+        return Intrinsics("SIMPLE_RADIAL", 864, 1296, np.array([focal, 432, 648, 0.0]))
+
+    poses = np.tile(np.eye(3, 4), (6, 1, 1))
+    cameras = Cameras(tuple("abcdef"), (lens(1400), lens(1410), lens(1700)), np.array([0, 1, 1, 1, 2, 2]), poses)
+    shared = share_lenses(cameras, dict.fromkeys("abcdef", "one camera"))
+    assert [shared.intrinsics_of(i).focal_px for i in range(6)] == [1410] * 4 + [1700] * 2
+    apart = share_lenses(cameras, dict(zip("abcdef", "xyyyyy", strict=True)))
+    assert [apart.intrinsics_of(i).focal_px for i in range(6)] == [1400] + [1410] * 3 + [1700] * 2
+
+
+def plate_photo(path: Path, marker_id: int, corners_px: np.ndarray, size: tuple[int, int]) -> Photo:
+    """A photo of one plate with a white margin, its corners at these pixels (COLMAP's)."""
+    side = 60
+    plate = np.pad(cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(0), marker_id, 6 * side), side,
+                   constant_values=255)  # fmt: skip
+    low, high = side, 7 * side
+    from_px = np.float32([[low, low], [high, low], [high, high], [low, high]]) - 0.5
+    homography = cv2.getPerspectiveTransform(from_px, np.float32(corners_px) - 0.5)
+    background = np.full((4 * size[1], 4 * size[0]), 110, np.uint8)
+    # Drawn four times as large and averaged, so that edges are as soft as a lens makes them.
+    fourfold = np.array([[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]) @ homography
+    cv2.warpPerspective(plate, fourfold, (4 * size[0], 4 * size[1]), background, cv2.INTER_LINEAR,
+                        cv2.BORDER_TRANSPARENT)  # fmt: skip
+    cv2.imwrite(str(path), cv2.resize(background, size, interpolation=cv2.INTER_AREA))
+    return Photo(path.name, path, *size)
+
+
+@pytest.mark.parametrize("size", [(640, 480), (2600, 900)])
+def test_plates_are_found_to_a_fraction_of_a_pixel(tmp_path: Path, size: tuple[int, int]) -> None:
+    corners = np.array([[203.4, 151.2], [262.9, 158.8], [259.3, 220.4], [199.6, 209.7]])
+    photo = plate_photo(tmp_path / "plate.png", 7, corners, size)
+    (sighting,) = find_markers([photo], {7, 8}, "DICT_4X4_50", Silent())
+    assert (sighting.photo, sighting.marker_id) == ("plate.png", 7)
+    assert np.abs(sighting.corners_px - corners).max() < 1.0
+    # Where the diagonals cross.
+    homography = cv2.getPerspectiveTransform(np.float32([[0, 0], [1, 0], [1, 1], [0, 1]]), np.float32(corners))
+    centre = cv2.perspectiveTransform(np.float32([[[0.5, 0.5]]]), homography)[0, 0]
+    assert np.linalg.norm(sighting.center_px - centre) < 0.25
+    assert find_markers([photo], {8}, "DICT_4X4_50", Silent()) == []
+
+
+def test_wrong_dictionaries_and_ids_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"'DICT_9X9' is not known; expected one of .*DICT_4X4_50"):
+        find_markers([], {1}, "DICT_9X9", Silent())
+    with pytest.raises(InputError, match=r"Markers \[50, 99\] are not in DICT_4X4_50, which holds ids 0 to 49"):
+        find_markers([], {1, 50, 99}, "DICT_4X4_50", Silent())
+    progress = Silent()
+    assert find_markers([Photo("gone.jpg", tmp_path / "gone.jpg", 64, 48)], {1}, "DICT_4X4_50", progress) == []
+    assert "gone.jpg" in progress.warnings[0]
+
+
+def test_tables_are_read_whatever_their_separator(tmp_path: Path) -> None:
+    table = tmp_path / "markers.csv"
+    for text in (
+        "\ufeffid,x,y,z,size\n3,1,2,0.5,0.14\n\n# gate\n7,0,-1e-1,2,0.14\n",
+        "ID; X; Y; Z\n3;1;2;0.5\n7;0;-.1;2\n",
+    ):
+        table.write_text(text, encoding="utf-8")
+        places = read_markers(table).places()
+        assert {i: place.tolist() for i, place in places.items()} == {3: [1, 2, 0.5], 7: [0, -0.1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the file is empty"),
+        ("id,x,y\n1,2,3\n", r"line 1: expected the columns id,x,y,z, found id,x,y: z missing"),
+        ("id,x,y,z\n", "at least one marker below the header"),
+        ("id,x,y,z\n1,0,0,zero\n", r"line 2, column z: expected a number, found 'zero'"),
+        ("id,x,y,z\n1,0,0\n", r"line 2, column z: expected a number, found ''"),
+        ("id,x,y,z\n1,0,0,0\n\n1,1,0,0\n", r"line 4, column id: marker 1 stands there twice"),
+        ("id,x,y,z\n1.5,0,0,0\n", r"column id: expected a whole number of 0 or more, found '1.5'"),
+        ("id,x,y,z\n-1,0,0,0\n", r"column id: expected a whole number of 0 or more"),
+        ("id,x,y,z\n1,0,0,inf\n", r"column z: expected a number, found 'inf'"),
+    ],
+)
+def test_wrong_tables_name_line_and_column(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "markers.csv").write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_markers(tmp_path / "markers.csv")
+
+
+def test_a_table_that_is_none_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match=r"--markers .*no such file"):
+        read_markers(tmp_path / "nowhere.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(FormatError, match="expected a text file"):
+        place_in_world(BOTH, photos_of(EAST, WEST), options=ScaleOptions(markers=tmp_path / "binary.csv"))
+
+
+@pytest.mark.slow
+def test_orchard_dev_comes_within_15_mm(shared_data: Path, tmp_path: Path) -> None:
+    from pomona.sfm import reconstruct
+
+    folder = shared_data / "orchard-dev"
+    photos = load_photos([folder / "images"])
+    reconstruction = reconstruct(photos, work_dir=tmp_path, progress=Silent())
+    options = ScaleOptions(markers=folder / "truth" / "markers.csv")
+    placed = place_in_world(reconstruction, photos, options=options)
+    assert len(placed.cameras) == 34
+    truth = json.loads((folder / "truth" / "cameras.json").read_text())
+    poses = [truth[Path(name).stem] for name in placed.cameras.photos]
+    centers = np.array([-np.array(pose["R"]).T @ pose["t"] for pose in poses])
+    errors = np.linalg.norm(placed.cameras.centers_in_world - centers, axis=1)
+    assert 0.0001 < np.sqrt((errors**2).mean()) < 0.015
+    assert not placed.cameras.frame.approximate
