@@ -12,8 +12,9 @@ from pyproj import Transformer
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.errors import InputError
-from pomona.geometry import Similarity, estimate_similarity
+from pomona.geometry import Similarity
 from pomona.photos import Photo
+from pomona.scale.align import robust_similarity
 from pomona.scale.upright import estimate_upright_similarity, up_direction
 
 _LEAST_POSITIONS = 5
@@ -73,34 +74,50 @@ def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray
 def fit_gnss(cameras: Cameras, positions: FloatArray, *, scale: float | None = None) -> GnssFit | str:
     """Return a piece's place from its cameras' positions (n, 3), NaN where unknown, or why they do not tell it.
 
-    Up is taken from how the cameras were held, and scale (unless given), heading and place are fitted, since
-    positions along a row say nothing of its roll. Only where they are spread well in two directions, as from a
-    drone, all of the rotation is fitted to them.
+    Where positions are spread well in two directions, as from a drone, all of the similarity is fitted to them.
+    Positions along a row say nothing of its roll: there up is taken from how the cameras were held, and scale (unless
+    given), heading and place are fitted.
     """
     known = np.isfinite(positions).all(1)
     distinct = len(np.unique(positions[known].round(2), axis=0))
     if distinct < _LEAST_POSITIONS:
         return f"{distinct} different GNSS positions, expected at least {_LEAST_POSITIONS}"
     source, target = cameras.centers_in_world[known], positions[known]
-    up = up_direction(cameras)
-    try:
-        similarity, good = _robust_upright(source, target, up, scale)
-    except InputError as error:
-        return str(error)
-    rms_m = _scatter(similarity, source[good], target[good], unknowns=5)
-    spread = np.linalg.svd(target[good, :2] - target[good, :2].mean(0), compute_uv=False) / np.sqrt(good.sum())
-    if spread[0] < _LEAST_SPREAD * rms_m:
+    fit = _fit_all(source, target) if scale is None else None
+    up_is_known = fit is not None
+    if fit is None:
+        try:
+            fit = _robust_upright(source, target, up_direction(cameras), scale)
+        except InputError as error:
+            return str(error)
+    similarity, good = fit
+    rms_m = _scatter(similarity, source[good], target[good], unknowns=7 if up_is_known else 5)
+    length_m = _spread(target[good])[0]
+    if length_m < _LEAST_SPREAD * rms_m:
         return (
-            f"GNSS positions scatter by {rms_m:.1f} m around the cameras' path, which is only {spread[0]:.1f} m (RMS) "
+            f"GNSS positions scatter by {rms_m:.1f} m around the cameras' path, which is only {length_m:.1f} m (RMS) "
             "long: too little to tell a scale"
         )
-    up_is_known = False
-    if scale is None and spread[1] > _LEAST_SPREAD * rms_m:
-        similarity, up_is_known = estimate_similarity(source[good], target[good]), True
-        rms_m = _scatter(similarity, source[good], target[good], unknowns=7)
     inliers = np.zeros(len(positions), bool)
     inliers[np.flatnonzero(known)[good]] = True
     return GnssFit(similarity, inliers, rms_m, up_is_known)
+
+
+def _fit_all(source: FloatArray, target: FloatArray) -> tuple[Similarity, BoolArray] | None:
+    """A similarity without regard to how the cameras were held; None where positions are too nearly on one line."""
+    try:
+        similarity, good = robust_similarity(source, target)
+    except InputError:
+        return None
+    across_m = _spread(target[good])[1]
+    scatter_m = _scatter(similarity, source[good], target[good], unknowns=7)
+    return (similarity, good) if across_m > _LEAST_SPREAD * scatter_m else None
+
+
+def _spread(positions: FloatArray) -> FloatArray:
+    """The RMS distances (2,) from the middle, along and across, on the ground."""
+    flat = positions[:, :2] - positions[:, :2].mean(0)
+    return np.asarray(np.linalg.svd(flat, compute_uv=False) / np.sqrt(len(flat)))
 
 
 def _robust_upright(

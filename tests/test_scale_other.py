@@ -1,0 +1,367 @@
+"""Metres without a marker table: a scale bar, GNSS in EXIF, the fruits' own size, or nothing at all."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyproj import Transformer
+
+from pomona.cameras import Cameras, concatenate
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import InputError, ReconstructionError
+from pomona.geometry import Similarity
+from pomona.photos import Gnss, Photos
+from pomona.progress import Silent
+from pomona.scale import Placed, ScaleOptions, place_in_world
+from pomona.scale.beside import set_beside
+from pomona.scale.gnss import fit_gnss, local_frame, positions_in_local
+from pomona.scale.upright import estimate_upright_similarity, leveling_rotation, row_frame, up_direction
+from pomona.sfm import Piece, Reconstruction
+from scale_scenes import (
+    FOCAL,
+    HEIGHT,
+    PLACES,
+    WIDTH,
+    as_piece,
+    marker_table,
+    photographed,
+    photos_of,
+    rms_m,
+    seeing,
+    show_markers,
+    sighted,
+    some_frame,
+)
+
+EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)
+BOTH = Reconstruction((as_piece(EAST, "east", 3), as_piece(WEST, "west", 4)))
+ORIGIN = 41.5012, 0.8713, 240.0
+
+
+def lengths(cameras: Cameras) -> np.ndarray:
+    """Distances of the cameras from the first of their side."""
+    return np.asarray(np.linalg.norm(cameras.centers_in_world - cameras.centers_in_world[0], axis=1))
+
+
+# A scale bar.
+
+
+def test_a_scale_bar_gives_metres_to_each_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    length = float(np.linalg.norm(np.subtract(PLACES[0], PLACES[5])))
+    progress = Silent()
+    options = ScaleOptions(scale_bar=(0, 5, length))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    for found, truth in ((placed.cameras.centers_in_world[:8], EAST), (placed.cameras.centers_in_world[8:], WEST)):
+        np.testing.assert_allclose(np.linalg.norm(found - found[0], axis=1), lengths(truth), rtol=5e-3, atol=1e-3)
+    assert placed.cameras.frame.scale_source == "scale-bar"
+    assert not placed.cameras.frame.approximate
+    assert [(r.marker_id, r.side, np.isnan(r.residual_mm)) for r in placed.residuals.markers] == [
+        (0, "east", True), (5, "east", True), (0, "west", True), (5, "west", True),
+    ]  # fmt: skip
+    assert np.isnan(placed.residuals.markers_rms_mm)
+    assert len(progress.warnings) == 1, "sides without a common frame"
+    assert "no common frame" in progress.warnings[0]
+
+
+def test_a_scale_bar_of_which_one_end_is_never_seen_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    show_markers(monkeypatch, sighted([EAST], {0: PLACES[0]}))
+    progress = Silent()
+    one = Reconstruction(BOTH.pieces[:1])
+    placed = place_in_world(one, photos_of(EAST), options=ScaleOptions(scale_bar=(0, 9, 1.0)), progress=progress)
+    assert placed.cameras.frame.scale_source == "none"
+    assert placed.cameras.frame.approximate
+    assert "1 of 2 markers named in --scale-bar were not seen in any photo: 9." in progress.warnings[0]
+    assert "marker 9 of the scale bar: not seen in any photo" in progress.warnings[1]
+
+
+def test_a_scale_bar_serves_pieces_that_the_table_does_not(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bar = {10: (0.5, -0.4, 1.0), 11: (1.5, -0.4, 1.0)}
+    show_markers(monkeypatch, sighted([EAST], PLACES) + sighted([WEST], bar))
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"), scale_bar=(10, 11, 1.0))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options)
+    assert [piece.source for piece in placed.residuals.pieces] == ["markers", "scale-bar"]
+    west = placed.cameras.centers_in_world[8:]
+    np.testing.assert_allclose(np.linalg.norm(west - west[0], axis=1), lengths(WEST), rtol=5e-3, atol=1e-3)
+
+
+# GNSS.
+
+
+def located(world: Cameras, noise_m: float = 0.0, seed: int = 0) -> Photos:
+    """The cameras' photos with the positions that they have when the world frame is east-north-up at `ORIGIN`."""
+    crs = f"+proj=tmerc +lat_0={ORIGIN[0]} +lon_0={ORIGIN[1]} +datum=WGS84 +units=m"
+    to_degrees = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    noise = np.random.default_rng(seed).normal(0, noise_m, (len(world), 3)) if noise_m else np.zeros((len(world), 3))
+    items = []
+    for photo, (x, y, z) in zip(photos_of(world), world.centers_in_world + noise, strict=True):
+        longitude, latitude = to_degrees.transform(x, y)
+        items.append(replace(photo, gnss=Gnss(latitude, longitude, ORIGIN[2] + z)))
+    return Photos(tuple(items))
+
+
+LONG = photographed("row", length_m=40.0, photos=30, seed=6, points=2000)
+
+
+def offset_m(placed: Placed) -> np.ndarray:
+    """From `ORIGIN` to the frame's origin, in metres east, north and up."""
+    assert placed.cameras.frame.origin is not None
+    latitude, longitude, altitude = placed.cameras.frame.origin
+    crs = f"+proj=tmerc +lat_0={ORIGIN[0]} +lon_0={ORIGIN[1]} +datum=WGS84 +units=m"
+    east, north = Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(longitude, latitude)
+    return np.array([east, north, altitude - ORIGIN[2]])
+
+
+def test_gnss_gives_an_east_north_up_frame_with_its_crs() -> None:
+    one = Reconstruction((as_piece(LONG, "row"),))
+    placed = place_in_world(one, located(LONG))
+    frame = placed.cameras.frame
+    assert (frame.scale_source, frame.approximate) == ("gnss", False)
+    errors = placed.cameras.centers_in_world + offset_m(placed) - LONG.centers_in_world
+    # Up comes from how the cameras were held (within 2° each), so that heights drift a little along the row.
+    assert 0 < np.sqrt((errors[:, :2] ** 2).sum(1).mean()) < 0.08
+    assert np.abs(errors[:, 2]).max() < 0.4
+    assert frame.crs is not None
+    to_degrees = Transformer.from_crs(frame.crs, "EPSG:4326", always_xy=True)
+    longitude, latitude = to_degrees.transform(*placed.cameras.centers_in_world[7, :2])
+    gnss = located(LONG).items[7].gnss
+    assert gnss is not None
+    assert (latitude, longitude) == pytest.approx((gnss.latitude_deg, gnss.longitude_deg), abs=2e-6)
+
+
+def test_gnss_of_a_metre_of_noise_and_some_wild_positions_still_gives_the_row() -> None:
+    photos = list(located(LONG, noise_m=0.8).items)
+    for k in (3, 11, 24):
+        wild = photos[k].gnss
+        assert wild is not None
+        photos[k] = replace(photos[k], gnss=replace(wild, latitude_deg=wild.latitude_deg + 4e-4))
+    placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), Photos(tuple(photos)))
+    found = placed.cameras.centers_in_world
+    assert np.linalg.norm(found[-1] - found[0]) == pytest.approx(40, rel=0.06)
+    assert 0.01 < np.sqrt(((found + offset_m(placed) - LONG.centers_in_world)[:, :2] ** 2).sum(1).mean()) < 1.2
+    assert 400 < placed.residuals.pieces[0].rms_mm < 1600
+
+
+def test_gnss_that_scatters_more_than_the_path_is_long_is_not_believed() -> None:
+    progress = Silent()
+    one = Reconstruction(BOTH.pieces[:1])
+    placed = place_in_world(one, located(EAST, noise_m=2.0), progress=progress)
+    assert placed.cameras.frame.scale_source == "none"
+    assert placed.cameras.frame.crs is None
+    assert re.search(r"no place from GNSS: GNSS positions scatter by \d", progress.warnings[0])
+
+
+def test_few_positions_and_switched_off_gnss_are_not_used() -> None:
+    photos = located(LONG)
+    few = Photos(tuple(p if i < 3 else replace(p, gnss=None) for i, p in enumerate(photos)))
+    one, progress = Reconstruction((as_piece(LONG, "row"),)), Silent()
+    assert place_in_world(one, few, progress=progress).cameras.frame.crs is None
+    assert "3 different GNSS positions, expected at least 5" in progress.warnings[0]
+    off = place_in_world(one, photos, options=ScaleOptions(use_gnss=False))
+    assert off.cameras.frame.scale_source == "none"
+
+
+def test_positions_spread_both_ways_tell_up_too() -> None:
+    random = np.random.default_rng(0)
+    centers = np.column_stack([random.uniform(0, 60, 40), random.uniform(0, 50, 40), random.uniform(28, 32, 40)])
+    down = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
+    poses = np.array([np.column_stack([down, -down @ c]) for c in centers])
+    drone = Cameras(tuple(f"row/{i}.jpg" for i in range(40)), EAST.intrinsics, np.zeros(40, np.int64), poses)
+    placed = place_in_world(Reconstruction((as_piece(drone, "row"),)), located(drone))
+    assert placed.cameras.frame.up_is_known
+    errors = placed.cameras.centers_in_world + offset_m(placed) - centers
+    assert np.abs(errors).max() < 0.03
+
+
+def test_photos_without_positions_have_no_local_frame() -> None:
+    assert local_frame(photos_of(EAST).items) is None
+    photos = located(EAST)
+    frame = local_frame(photos.items)
+    assert frame is not None
+    mixed = [replace(photos.items[0], gnss=None), *photos.items[1:]]
+    positions = positions_in_local(mixed, frame)
+    assert np.isnan(positions[0]).all()
+    assert np.isfinite(positions[1:]).all()
+    assert isinstance(fit_gnss(EAST, np.full((8, 3), np.nan)), str)
+
+
+def test_a_scale_bar_gives_the_scale_and_gnss_the_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = photographed("row", length_m=12.0, photos=30, seed=7)
+    bar = {0: (5.0, 0.0, 1.0), 1: (6.5, 0.3, 1.6)}
+    show_markers(monkeypatch, sighted([row], bar))
+    length = 1.01 * float(np.linalg.norm(np.subtract(bar[0], bar[1])))
+    one = Reconstruction((as_piece(row, "row"),))
+    placed = place_in_world(one, located(row), options=ScaleOptions(scale_bar=(0, 1, length)))
+    assert placed.cameras.frame.scale_source == "scale-bar"
+    assert placed.cameras.frame.crs is not None
+    np.testing.assert_allclose(lengths(placed.cameras)[1:], 1.01 * lengths(row)[1:], rtol=0.005)
+
+
+# The fruits' own diameter.
+
+
+def with_fruit(
+    world: Cameras, diameter_m: float, *, hidden: float = 0.0, seed: int = 0
+) -> tuple[Cameras, SurveyDetections]:
+    """The cameras with scene points on the faces of apples, and the apples' masks; a share of which leaves cut."""
+    random = np.random.default_rng(seed)
+    radius = diameter_m / 2
+    places = random.uniform([0, -0.4, 0.7], [2, 0.4, 2.3], (25, 3))
+    towards = np.sign(world.centers_in_world[:, 1].mean())
+    around = random.uniform(-1, 1, (len(places), 40, 2))
+    inside = (around**2).sum(2) < 1
+    depth = np.sqrt(np.clip(1 - (around**2).sum(2), 0, None)) * towards
+    faces = places[:, None] + radius * np.stack([around[:, :, 0], depth, around[:, :, 1]], axis=2)
+    tracked = seeing(world, faces[inside], 0.2, random)
+    by_photo, next_id = {}, 1
+    for i, name in enumerate(world.photos):
+        xy, away = world.project(i, places)
+        masks = []
+        for (x, y), distance in zip(xy, away, strict=True):
+            r = FOCAL * radius / distance
+            if r < x < WIDTH - r and r < y < HEIGHT - r:
+                rows, columns = np.ogrid[int(y - r) - 1 : int(y + r) + 2, int(x - r) - 1 : int(x + r) + 2]
+                pixels = (columns + 0.5 - x) ** 2 + (rows + 0.5 - y) ** 2 <= r**2
+                if random.uniform() < hidden:
+                    pixels[:, : int(pixels.shape[1] * random.uniform(0.3, 0.6))] = False
+                masks.append(Mask.from_pixels(pixels, int(x - r) - 1, int(y - r) - 1))
+        ids = np.arange(next_id, next_id + len(masks))
+        by_photo[name] = Detections(name, WIDTH, HEIGHT, tuple(masks), np.ones(len(masks)), ids)
+        next_id += len(masks)
+    return tracked, SurveyDetections(by_photo)
+
+
+@pytest.mark.parametrize(("diameter_m", "hidden"), [(0.075, 0.0), (0.075, 0.6), (0.06, 0.3)])
+def test_fruit_diameter_gives_approximate_metres_and_says_so(diameter_m: float, hidden: float) -> None:
+    world, detections = with_fruit(WEST, diameter_m, hidden=hidden)
+    progress = Silent()
+    options = ScaleOptions(fruit_diameter_m=diameter_m)
+    one = Reconstruction((as_piece(world, "west"),))
+    placed = place_in_world(one, photos_of(WEST), options=options, detections=detections, progress=progress)
+    np.testing.assert_allclose(lengths(placed.cameras)[1:], lengths(WEST)[1:], rtol=0.06)
+    frame = placed.cameras.frame
+    assert (frame.scale_source, frame.approximate, frame.metric, frame.up_is_known) == (
+        "fruit-diameter", True, True, False,
+    )  # fmt: skip
+    (warning,) = progress.warnings
+    assert "metres are approximate" in warning
+    assert f"taken to be {1000 * diameter_m:.0f} mm in diameter (--fruit-diameter)" in warning
+    assert placed.residuals.pieces[0].source == "fruit-diameter"
+
+
+def test_mostly_hidden_fruits_give_a_rougher_scale() -> None:
+    world, detections = with_fruit(WEST, 0.075, hidden=1.0)
+    placed = place_in_world(Reconstruction((as_piece(world, "west"),)), photos_of(WEST), detections=detections)
+    np.testing.assert_allclose(lengths(placed.cameras)[1:], lengths(WEST)[1:], rtol=0.25)
+
+
+def test_too_few_fruits_are_said_and_lengths_have_no_unit() -> None:
+    world, detections = with_fruit(WEST, 0.075)
+    few = SurveyDetections(
+        {name: found[:1] if i < 4 else found[:0] for i, (name, found) in enumerate(detections.items())}
+    )
+    progress = Silent()
+    placed = place_in_world(
+        Reconstruction((as_piece(world, "west"),)), photos_of(WEST), detections=few, progress=progress
+    )
+    assert not placed.cameras.frame.metric
+    assert "expected at least 10" in progress.warnings[0]
+    assert "not metres" in progress.warnings[0]
+
+
+# Nothing at all, pieces, options.
+
+
+def test_without_anything_sides_are_level_beside_each_other_and_said_to_have_no_metres() -> None:
+    progress = Silent()
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), progress=progress)
+    assert len(placed.cameras) == 16
+    assert (placed.cameras.frame.metric, placed.cameras.frame.approximate) == (False, True)
+    assert any("not metres. Use markers, a scale bar, or photos with fruits" in w for w in progress.warnings)
+    assert any("Sides east and west have no common frame" in w for w in progress.warnings)
+    up = [-pose[1, :3] for pose in placed.cameras.cam_from_world]
+    assert min(direction[2] for direction in up) > np.cos(np.radians(8))
+    assert placed.cameras.centers_in_world[:8, 0].max() < placed.cameras.centers_in_world[8:, 0].min()
+
+
+def test_small_pieces_that_nothing_ties_are_lost_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST], PLACES))
+    stray = photographed("east", photos=3, seed=9)
+    stray = replace(stray, photos=("east/a.jpg", "east/b.jpg", "east/c.jpg"))
+    pieces = Reconstruction((BOTH.pieces[0], as_piece(stray, "east", 5)))
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    placed = place_in_world(pieces, photos_of(EAST, stray), options=options)
+    assert placed.cameras.photos == EAST.photos
+    assert [lost.photo for lost in placed.lost] == list(stray.photos)
+    assert "separate piece of 3 photos" in placed.lost[0].reason
+    assert "between this place and its neighbours" in placed.lost[0].advice
+
+
+def test_no_piece_is_an_error_with_advice() -> None:
+    with pytest.raises(ReconstructionError, match="overlapping the one before"):
+        place_in_world(Reconstruction(()), photos_of(EAST))
+    nothing = Cameras((), (), np.zeros(0, np.int64), np.zeros((0, 3, 4)))
+    with pytest.raises(ReconstructionError):
+        place_in_world(Reconstruction((Piece("east", nothing, 0.0),)), photos_of(EAST))
+
+
+@pytest.mark.parametrize("diameter", [0.0, -1.0, 75.0, float("nan")])
+def test_senseless_fruit_diameters_are_refused(diameter: float) -> None:
+    with pytest.raises(InputError, match=r"--fruit-diameter: expected metres between 0\.001 and 2"):
+        ScaleOptions(fruit_diameter_m=diameter)
+
+
+@pytest.mark.parametrize("bar", [(1, 1, 0.5), (1, 2, 0.0), (1, 2, -1.0), (1, 2, float("inf"))])
+def test_senseless_scale_bars_are_refused(bar: tuple[int, int, float]) -> None:
+    with pytest.raises(InputError, match="--scale-bar ID,ID,METRES: expected two different marker ids"):
+        ScaleOptions(scale_bar=bar)
+
+
+def test_up_is_told_from_how_cameras_are_held() -> None:
+    for seed in range(4):
+        frame = some_frame(seed)
+        up = up_direction(EAST.transformed(frame))
+        assert up @ frame.rotation @ [0, 0, 1] > np.cos(np.radians(3))
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, -0.64, 0.48)])
+def test_leveling_turns_up_to_z(up: tuple[float, float, float]) -> None:
+    rotation = leveling_rotation(np.array(up, float))
+    np.testing.assert_allclose(rotation @ up, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_upright_fits_of_two_points_are_exact() -> None:
+    target = np.array([[0.0, 0, 1], [3, 1, 1.2]])
+    frame = some_frame(2)
+    found = estimate_upright_similarity(frame.apply(target), target, frame.rotation @ [0, 0, 1])
+    np.testing.assert_allclose(found.apply(frame.apply(target)), target, atol=1e-9)
+    with pytest.raises(InputError, match="do not tell a heading"):
+        estimate_upright_similarity(np.array([[0, 0, 0.0], [0, 0, 1]]), target, np.array([0, 0, 1.0]))
+
+
+def test_a_row_frame_runs_along_the_row_and_looks_along_y() -> None:
+    for world in (EAST, WEST):
+        level = world.transformed(some_frame(1)).transformed(row_frame(world.transformed(some_frame(1))))
+        centers = level.centers_in_world / some_frame(1).scale
+        assert np.ptp(centers[:, 0]) == pytest.approx(2, rel=0.1)
+        assert np.ptp(centers[:, 1]) < 0.4
+        assert (level.cam_from_world[:, 2, :3] @ [0, 1, 0] > 0.95).all()
+
+
+def test_pieces_set_beside_do_not_mix_and_fixed_ones_stay() -> None:
+    shifted = EAST.transformed(Similarity(1.0, np.eye(3), np.array([5.0, 0, 0])))
+    placed = set_beside([shifted], [EAST, WEST])
+    assert len(placed) == 2
+    ends = [shifted, *placed]
+    for one, other in pairwise(ends):
+        assert one.centers_in_world[:, 0].max() < other.centers_in_world[:, 0].min()
+    joined = concatenate(placed, EAST.frame)
+    assert len(joined) == 16
+    assert rms_m(set_beside([], [shifted])[0], shifted) > 1, "the first piece alone gets an origin of its own"
