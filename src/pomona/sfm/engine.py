@@ -20,6 +20,8 @@ from pomona.sfm.features import Features
 from pomona.sfm.options import SfmOptions
 
 _MODEL = "SIMPLE_RADIAL"
+# Global mapping begins with so many tracks a photo, and triangulates the others when all photos have their places.
+_TRACKS_TO_START = 300
 pycolmap.logging.minloglevel = 2
 pycolmap.logging.logtostderr = True
 
@@ -139,14 +141,66 @@ def read_overlaps(path: Path) -> list[Overlap]:
     return overlaps
 
 
-def map_incremental(path: Path, out: Path, options: SfmOptions, on_photo: Callable[[], None]) -> None:
-    """Place photos one after the other, and write the models found to `out`/0, `out`/1, ..."""
+def create_mapping_database(
+    source: Path, path: Path, cameras: Sequence[CameraEntry], images: Sequence[ImageEntry], overlaps: Sequence[Overlap]
+) -> None:
+    """Write what the mappers read: a database without descriptors, with the matches of `overlaps` alone.
+
+    Focal lengths that are not known are estimated from the matches before anything is placed: a mapper that begins
+    with a wrong one (a video that is cropped has twice that of its camera) often ends with a few photos.
+    """
+    create_database(path, cameras, images)
+    with pycolmap.Database.open(source) as full, pycolmap.Database.open(path) as database:
+        for i in range(len(images)):
+            if full.exists_keypoints(i + 1):
+                database.write_keypoints(i + 1, full.read_keypoints(i + 1))
+        for overlap in overlaps:
+            first, second = overlap.first + 1, overlap.second + 1
+            geometry = full.read_two_view_geometry(first, second)
+            geometry.inlier_matches = overlap.idx.astype(np.uint32)
+            database.write_matches(first, second, geometry.inlier_matches)
+            database.write_two_view_geometry(first, second, geometry)
+    if not all(camera.focal_is_known for camera in cameras):
+        settings = pycolmap.ViewGraphCalibrationOptions(random_seed=0, cross_validate_prior_focal_lengths=False)
+        # False where the matches do not tell: then the prior stays, and mapping refines it.
+        pycolmap.calibrate_view_graph(path, settings)
+
+
+def seed_cameras(path: Path, folder: Path, cameras: Sequence[CameraEntry]) -> list[int]:
+    """Give cameras of unknown focal length what the largest model in `folder` found; return which ones (indices)."""
+    models = [pycolmap.Reconstruction(sub) for sub in _model_folders(folder)]
+    if not models:
+        return []
+    largest = max(models, key=lambda model: model.num_reg_images())
+    used = {largest.image(image_id).camera_id for image_id in largest.reg_image_ids()}
+    seeded = [i for i, camera in enumerate(cameras) if not camera.focal_is_known and i + 1 in used]
+    with pycolmap.Database.open(path) as database:
+        for i in seeded:
+            camera = largest.camera(i + 1)
+            camera.has_prior_focal_length = True
+            database.update_camera(camera)
+    return seeded
+
+
+def map_incremental(
+    path: Path, out: Path, options: SfmOptions, fixed: Sequence[int], on_photo: Callable[[], None]
+) -> None:
+    """Place photos one after the other, and write the models found to `out`/0, `out`/1, ...
+
+    `fixed` cameras keep the intrinsics that they have in the database: on the first two or three photos, focal length
+    and distortion that nobody knows are often refined to nonsense, from which nothing recovers.
+    """
     settings = pycolmap.IncrementalPipelineOptions(
         min_num_matches=options.min_matches,
         min_model_size=options.min_piece_photos,
         num_threads=options.threads or -1,
         random_seed=options.seed,
         extract_colors=False,
+        constant_cameras={i + 1 for i in fixed},
+        # Refining all less often than COLMAP does by default costs no precision: all is refined at the end.
+        ba_global_frames_ratio=1.2,
+        ba_global_points_ratio=1.2,
+        ba_global_max_refinements=3,
     )
     # A first pair seen under 16° (COLMAP's default) is rare where photos are taken at short steps along a row, or are
     # frames of a video: foliage seen under such an angle hardly matches.
@@ -166,6 +220,11 @@ def map_global(path: Path, out: Path, options: SfmOptions) -> None:
         num_threads=options.threads or -1,
         random_seed=options.seed,
     )
+    mapper = settings.mapper
+    mapper.track_required_tracks_per_view = _TRACKS_TO_START
+    mapper.ba_num_iterations = 2
+    mapper.global_positioning.use_gpu = mapper.bundle_adjustment.ceres.use_gpu = False
+    mapper.bundle_adjustment.ceres.solver_options.max_num_iterations = 50
     pycolmap.set_random_seed(options.seed)
     pycolmap.global_mapping(path, path.parent, out, settings)
 
@@ -184,8 +243,11 @@ class Model:
 
 def read_models(folder: Path, cameras: Sequence[CameraEntry], colours: Callable[[int], ByteArray]) -> list[Model]:
     """Read the models in `folder`; `cameras` as in `create_database`, `colours(i)` (n, 3) of photo i's keypoints."""
-    found = [sub for sub in folder.glob("*") if (sub / "images.bin").is_file()] if folder.is_dir() else []
-    return [_read_model(sub, cameras, colours) for sub in sorted(found)]
+    return [_read_model(sub, cameras, colours) for sub in _model_folders(folder)]
+
+
+def _model_folders(folder: Path) -> list[Path]:
+    return sorted(sub for sub in folder.glob("*") if (sub / "images.bin").is_file()) if folder.is_dir() else []
 
 
 def _read_model(folder: Path, entries: Sequence[CameraEntry], colours: Callable[[int], ByteArray]) -> Model:

@@ -20,28 +20,37 @@ class SfmOptions:
     `exhaustive_below`: sides of at most so many photos are matched all with all.
     `loops`: each photo is matched with so many photos which look alike, wherever they are in the order.
     `gnss_neighbours`: the same with photos taken nearby, where the photos have GNSS positions.
+    `enough_tracks`: mapping uses about so many points of each photo where there are more.
     `min_matches`: fewer verified matches than this do not make two photos overlap.
     `min_piece_photos`: smaller pieces of a broken reconstruction are not to be trusted, and dropped.
     `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `choose`).
-    `focal_prior`: focal length, as a multiple of the longer side, of cameras whose EXIF has none; refined later.
+    `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
     `threads`: None takes all processors.
     """
 
     max_side_px: int = 1600
-    max_features: int = 8000
+    max_features: int = 6000
     window: int = 6
     exhaustive_below: int = 20
     loops: int = 3
     gnss_neighbours: int = 4
+    enough_tracks: int = 1000
     min_matches: int = 15
     min_piece_photos: int = 3
     mappers: tuple[Mapper, ...] = get_args(Mapper)
-    focal_prior: float = 0.9
+    focal_prior: float = 1.2
     threads: int | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        least = {"max_side_px": 200, "max_features": 500, "window": 1, "min_matches": 8, "min_piece_photos": 3}
+        least = {
+            "max_side_px": 200,
+            "max_features": 500,
+            "window": 1,
+            "enough_tracks": 100,
+            "min_matches": 8,
+            "min_piece_photos": 3,
+        }
         for field in fields(self):
             value = getattr(self, field.name)
             floor = least.get(field.name, 0)

@@ -17,12 +17,13 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.sfm import engine
 from pomona.sfm.choose import explained
-from pomona.sfm.engine import Model
+from pomona.sfm.engine import Model, Overlap
 from pomona.sfm.features import Features, extract
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pairs import candidate_pairs
 from pomona.sfm.pieces import credible, distinct, mean_error_px
 from pomona.sfm.reasons import Evidence, explain
+from pomona.sfm.thin import thinned
 from pomona.sfm.values import Piece, Reconstruction, Unregistered
 from pomona.sfm.worker import MappingProcess
 from pomona.sfm.workspace import Workspace
@@ -119,11 +120,12 @@ def _map(
     """Run the mappers, and keep the result whose cameras explain most; see `choose.explained`."""
     count = len(workspace.photos)
     overlaps = engine.read_overlaps(workspace.database)
-    scale = [workspace.cameras[camera].scale for camera in workspace.camera_idx]
+    scale = [workspace.cameras[image.camera_idx].scale for image in workspace.images]
     keypoints = [xy / s for xy, s in zip(engine.read_keypoints(workspace.database, count), scale, strict=True)]
     best: list[Model] = []
     best_sum, mapped = -1.0, set[int]()
-    for folder in _run_mappers(workspace, bool(overlaps), label, progress):
+    fewer = thinned(overlaps, [len(xy) for xy in keypoints], workspace.options.enough_tracks, workspace.options.seed)
+    for folder in _run_mappers(workspace, fewer, label, progress):
         models = engine.read_models(folder, workspace.cameras, workspace.colours)
         mapped |= {int(photo) for model in models for photo in model.photo_idx}
         models = distinct(models, workspace.options.min_piece_photos)
@@ -141,24 +143,28 @@ def _map(
     return best, evidence
 
 
-def _run_mappers(workspace: Workspace, possible: bool, label: str, progress: Progress) -> Iterator[Path]:
-    """Run the mappers at the same time; yield the folders with their models."""
-    if not possible:
+def _run_mappers(workspace: Workspace, overlaps: Sequence[Overlap], label: str, progress: Progress) -> Iterator[Path]:
+    """Run the mappers one after the other; yield the folders with their models.
+
+    Global mapping comes first: it finds focal lengths that are not known better than incremental mapping does, which
+    then begins with them.
+    """
+    if not overlaps:
         return
-    progress.start(f"Placing photos{label}", len(workspace.photos))
-    with ExitStack() as stack:
-        running = []
-        for mapper in workspace.options.mappers:
-            process = MappingProcess(mapper, workspace.database, workspace.folder / mapper, workspace.options)
+    database, fixed = workspace.mapping_database(overlaps), list[int]()
+    for mapper in sorted(workspace.options.mappers):
+        progress.start(f"Placing photos, {mapper}{label}", len(workspace.photos))
+        process = MappingProcess(mapper, database, workspace.folder / mapper, workspace.options, fixed)
+        with ExitStack() as stack:
             stack.callback(process.stop)
-            running.append(process)
             process.listen(progress.advance)
-        for process in running:
             failure = process.wait()
-            if failure is None:
-                yield process.out
-            else:
-                progress.warn(f"The {process.mapper} mapper failed{label}: {failure}")
+        if failure is not None:
+            progress.warn(f"The {mapper} mapper failed{label}: {failure}")
+            continue
+        if mapper == "global":
+            fixed = engine.seed_cameras(database, process.out, workspace.cameras)
+        yield process.out
 
 
 def _warn_of_cameras(workspace: Workspace, label: str, progress: Progress) -> None:

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,14 +19,16 @@ _RUN = "import sys; from pomona.sfm.worker import main; main(sys.argv[1:])"
 class MappingProcess:
     """A mapper at work in another process."""
 
-    def __init__(self, mapper: Mapper, database: Path, out: Path, options: SfmOptions) -> None:
+    def __init__(
+        self, mapper: Mapper, database: Path, out: Path, options: SfmOptions, fixed: Sequence[int] = ()
+    ) -> None:
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir(parents=True)
         self.mapper = mapper
         self.out = out
         self._log = out.with_suffix(".log")
         with self._log.open("wb") as log:
-            arguments = [mapper, str(database), str(out), json.dumps(asdict(options))]
+            arguments = [mapper, str(database), str(out), json.dumps(asdict(options)), json.dumps(list(fixed))]
             self._process = subprocess.Popen(
                 [sys.executable, "-c", _RUN, *arguments], stdout=subprocess.PIPE, stderr=log, text=True
             )
@@ -62,13 +64,15 @@ class MappingProcess:
 
 
 def main(arguments: list[str]) -> None:
-    """Run one mapper (MAPPER DATABASE OUT OPTIONS_JSON), printing a line for each photo that it places."""
+    """Run one mapper (MAPPER DATABASE OUT OPTIONS_JSON FIXED_JSON), printing a line for each photo that it places."""
     from pomona.sfm import engine
 
-    mapper, database, out, options_json = arguments
+    mapper, database, out, options_json, fixed_json = arguments
     values = json.loads(options_json)
     options = SfmOptions(**{**values, "mappers": tuple(values["mappers"])})
     if mapper == "global":
         engine.map_global(Path(database), Path(out), options)
     else:
-        engine.map_incremental(Path(database), Path(out), options, lambda: print("photo", flush=True))
+        engine.map_incremental(
+            Path(database), Path(out), options, json.loads(fixed_json), lambda: print("photo", flush=True)
+        )

@@ -1,7 +1,8 @@
 """What the work folder of one side holds, so that a stopped run goes on where it was.
 
 `settings.json` (photos and options that the rest was made with), `features.db` (COLMAP's database: features, matches),
-`features/*.npz` (colours of the keypoints, sharpness), `incremental/`, `global/` (models) and their logs.
+`features/*.npz` (colours of the keypoints, sharpness), `mapping.db` (what the mappers read), `incremental/`, `global/`
+(models) and their logs.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from pomona.arrays import ByteArray
 from pomona.photos import Photo
 from pomona.sfm import engine
-from pomona.sfm.engine import CameraEntry, ImageEntry
+from pomona.sfm.engine import CameraEntry, ImageEntry, Overlap
 from pomona.sfm.features import Features, working_scale
 from pomona.sfm.options import SfmOptions
 
@@ -33,16 +34,21 @@ class Workspace:
         self.photos = photos
         self.options = options
         self.database = folder / "features.db"
-        self.cameras, images = _entries(photos, options)
-        self.camera_idx = [image.camera_idx for image in images]
+        self.cameras, self.images = _entries(photos, options)
         settings, stored = folder / "settings.json", json.dumps(self._settings(), indent=1)
         if self.database.is_file() and settings.is_file() and settings.read_text(encoding="utf-8") == stored:
             return
         shutil.rmtree(folder, ignore_errors=True)
         (folder / "features").mkdir(parents=True)
-        engine.create_database(self.database, self.cameras, images)
+        engine.create_database(self.database, self.cameras, self.images)
         # Written last: without it, the folder is begun anew.
         settings.write_text(stored, encoding="utf-8")
+
+    def mapping_database(self, overlaps: Sequence[Overlap]) -> Path:
+        """Write the database that the mappers read, with these overlaps alone; return its path."""
+        path = self.folder / "mapping.db"
+        engine.create_mapping_database(self.database, path, self.cameras, self.images, overlaps)
+        return path
 
     def save_features(self, batch: dict[int, Features]) -> None:
         """Store the features of some photos, by photo index."""
