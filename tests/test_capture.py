@@ -339,6 +339,23 @@ def test_exif_position_and_time() -> None:
     assert exif.plane_width_mm == pytest.approx(20.0)
 
 
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "heic"])
+def test_exif_is_read_from_every_format(tmp_path: Path, suffix: str) -> None:
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110] = "Acme", "Acme One"
+    exif.get_ifd(_DETAILS).update({0x9003: "2020:06:01 09:30:00", 0xA405: 36})
+    exif.get_ifd(_GPS).update({1: "N", 2: (41.0, 30.0, 36.0), 3: "E", 4: (0.0, 52.0, 12.0), 5: b"\0", 6: 212.5})
+    for i in range(2):
+        _save(painted((90, 60), i), tmp_path / f"{i}.{suffix}", exif.tobytes())
+    photo = load_photos([tmp_path]).items[0]
+    assert photo.taken_at == datetime(2020, 6, 1, 9, 30)
+    assert photo.focal_px == pytest.approx(90, rel=1e-3)
+    assert photo.camera_key.startswith("Acme One")
+    assert photo.gnss is not None
+    assert (photo.gnss.latitude_deg, photo.gnss.longitude_deg) == pytest.approx((41.51, 0.87), abs=1e-6)
+    assert photo.gnss.altitude_m == 212.5
+
+
 def test_orchard_dev_photos(shared_data: Path) -> None:
     progress = Silent()
     photos = load_photos([shared_data / "orchard-dev" / "images"], progress=progress)
@@ -350,8 +367,8 @@ def test_orchard_dev_photos(shared_data: Path) -> None:
 
 
 def _save(image: Image.Image, path: Path, exif: bytes | None = None) -> None:
+    options = {} if exif is None else {"exif": exif}
     if path.suffix.lower() == ".heic":
-        heif = pillow_heif.from_pillow(image)
-        heif.save(path, quality=95, **({"exif": exif} if exif else {}))
+        pillow_heif.from_pillow(image).save(path, quality=95, **options)
     else:
-        image.save(path)
+        image.save(path, **options)

@@ -144,7 +144,7 @@ def _links(
     boxes = np.array([piece.mask.box_px for piece in pieces], float).reshape(-1, 4)
     windows = np.array([window.box_px for window, _ in tiles], float).reshape(-1, 4)
     for a, b in zip(*overlapping_pairs(windows, windows), strict=True):
-        zone = tiles[a][0].intersection(tiles[b][0]) if a < b else None
+        zone = _box_intersection(tiles[a][0].box_px, tiles[b][0].box_px) if a < b else None
         if zone is None:
             continue
         in_a, in_b = (first[t] + np.flatnonzero(_meets(boxes[first[t] : first[t + 1]], zone)) for t in (a, b))

@@ -22,13 +22,6 @@ class Window:
         """(x0, y0, x1, y1), the edges."""
         return self.x_px, self.y_px, self.x_px + self.width_px, self.y_px + self.height_px
 
-    def intersection(self, other: Window) -> tuple[int, int, int, int] | None:
-        """Return the edges (x0, y0, x1, y1) of what both cover, or None."""
-        x0, y0 = max(self.x_px, other.x_px), max(self.y_px, other.y_px)
-        x1 = min(self.x_px + self.width_px, other.x_px + other.width_px)
-        y1 = min(self.y_px + self.height_px, other.y_px + other.height_px)
-        return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
-
 
 def tile_windows(
     width_px: int, height_px: int, *, tile_px: int = 1024, min_overlap_px: int = 128, fit: bool = False
