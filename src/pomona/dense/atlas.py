@@ -36,7 +36,7 @@ class Crop:
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """The packed crops: `x_px`, `y_px` (h, w) float32, places in the view; `mask` (h, w) bool, a crop's own mask only."""
+    """The packed crops: `x_px`, `y_px` (h, w) float32, places in the view; `mask` (h, w): a crop's own mask only."""
 
     crops: tuple[Crop, ...]
     x_px: Array

@@ -55,8 +55,8 @@ def agreed_points(
 ) -> tuple[FloatArray, ByteArray, BoolArray]:
     """Return the points (m, 3) and colours (m, 3) on which enough neighbours agree, and which pixels (n,) they are.
 
-    A neighbour agrees where its own surface, on the pixel that the point falls on, is within `tolerance_m` in depth. The
-    point returned is the mean of the view's own and the agreeing ones.
+    A neighbour agrees where its own surface, on the pixel that the point falls on, is within `tolerance_m` in depth.
+    The point returned is the mean of the view's own and the agreeing ones.
     """
     points = depth_map.points_in_world()
     total, count = points.copy(), np.ones(len(points))

@@ -17,7 +17,7 @@ _WHOLE_FRUIT_PERCENTILE = 80
 
 @dataclass(frozen=True, eq=False)
 class Ranges:
-    """`fruit_px`: width of a whole fruit in the photos; `fruit_m`: in metres; for each photo (n,): near, typical, far (m)."""
+    """`fruit_px`: width of a whole fruit in the photos; `fruit_m`: in metres; per photo (n,): near to far depth."""
 
     fruit_px: float
     fruit_m: float

@@ -30,7 +30,7 @@ class MatchOptions:
 
     window_px: int
     noise: float = 4.0
-    mask_weight: float = 0.5
+    mask_weight: float = 0.25
     best: int = 2
 
 
@@ -96,7 +96,7 @@ class _Window:
         return summed
 
     def score(self, other: Array, other_mask: Array) -> Array:
-        """Return the score (h, w): share of the window on both masks × (correlation + mask_weight)."""
+        """Return the score (h, w): √(share of the window on both masks) × (correlation + mask_weight)."""
         both = self._mask * other_mask
         mine, theirs = self._gray * both, (other - self._mean) * both
         count = self._sum(both)
@@ -107,7 +107,9 @@ class _Window:
         covariance = self._sum(mine * theirs) / safe - mine_mean * theirs_mean
         spread = np.sqrt(np.maximum(mine_variance, 0) * np.maximum(theirs_variance, 0))
         correlation = covariance / (spread + self._options.noise**2)
-        score: Array = count / self._area * (correlation + self._options.mask_weight)
+        # The outline of a half-hidden fruit moves with the leaf in front of it: asking for whole overlap (without the
+        # root) would draw the fruit forward to the leaf.
+        score: Array = np.sqrt(count / self._area) * (correlation + self._options.mask_weight)
         return np.where(self._mask > 0, score, 0)
 
 

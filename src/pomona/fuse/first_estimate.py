@@ -14,8 +14,8 @@ _SCATTER = 0.1
 def first_estimate(points_in_world: FloatArray, views_in_world: FloatArray) -> tuple[FloatArray, float]:
     """Return the centre (3,) and the diameter (m) of a fruit from n ≥ 1 points on its surface.
 
-    `views_in_world` (k, 3) are the centres of the cameras that saw it. A sphere is fitted where the points bend enough to
-    tell one; else the diameter is the width of what is seen, and the centre lies behind the middle of the surface.
+    `views_in_world` (k, 3) are the centres of the cameras that saw it. A sphere is fitted where the points bend enough
+    to tell one; else the diameter is the width of what is seen, and the centre lies behind the middle of the surface.
     """
     middle = points_in_world.mean(0)
     width = visible_width(points_in_world)

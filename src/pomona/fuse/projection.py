@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras
+from pomona.cameras import Cameras, Intrinsics
 from pomona.dense.views import paint_labels
 from pomona.detections import Detections
 from pomona.fuse.options import Projection
@@ -33,9 +33,7 @@ class CellGrid:
         intrinsics, pose = cameras.intrinsics_of(photo_idx), cameras.cam_from_world[photo_idx]
         if len(self._centers) == 0:
             return np.zeros(0, np.int64)
-        edges = np.array([[x, y] for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
-        rays = intrinsics.cam_from_px(edges * [intrinsics.width_px, intrinsics.height_px])
-        half_angle = np.arccos(1 / np.linalg.norm(rays, axis=1)).max()
+        half_angle = _half_angle(intrinsics)
         centers_in_cam = self._centers @ pose[:, :3].T + pose[:, 3]
         distance = np.linalg.norm(centers_in_cam, axis=1)
         off_axis = np.arctan2(np.hypot(centers_in_cam[:, 0], centers_in_cam[:, 1]), centers_in_cam[:, 2])
@@ -54,7 +52,7 @@ class Projector:
 
     def points_in_masks(self, photo_idx: int, detections: Detections) -> Iterator[tuple[int, IntArray, FloatArray]]:
         """Yield for each detection with points: its index, its points' indices in the cloud, their depths (m)."""
-        candidates = self._grid.in_sight(self._cameras, photo_idx)
+        candidates = self._in_cone(photo_idx, self._grid.in_sight(self._cameras, photo_idx))
         xy_px, depth_m = self._project(photo_idx, self._grid.points_in_world[candidates])
         size = np.array([detections.width_px, detections.height_px])
         with np.errstate(invalid="ignore"):
@@ -70,6 +68,14 @@ class Projector:
             if len(mine):
                 yield k, candidates[mine], depth_m[mine]
 
+    def _in_cone(self, photo_idx: int, points_idx: IntArray) -> IntArray:
+        """Keep the points within the photo's angle of view: beyond it a lens polynomial may fold them back in."""
+        pose = self._cameras.cam_from_world[photo_idx]
+        points_in_cam = self._grid.points_in_world[points_idx] @ pose[:, :3].T + pose[:, 3]
+        off_axis = np.arctan2(np.hypot(points_in_cam[:, 0], points_in_cam[:, 1]), points_in_cam[:, 2])
+        kept: IntArray = points_idx[off_axis <= 1.02 * _half_angle(self._cameras.intrinsics_of(photo_idx))]
+        return kept
+
     def _project(self, photo_idx: int, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         if self._projection == "dlt":
             matrix = dlt_camera(self._cameras, photo_idx)
@@ -83,8 +89,8 @@ class Projector:
 def dlt_camera(cameras: Cameras, photo_idx: int) -> FloatArray | None:
     """Return the camera matrix (3, 4) that fits a photo's sparse points best, or None where it sees too few.
 
-    Third row scaled so that depths are metres. Source: direct linear transformation with normalised coordinates, Hartley
-    and Zisserman 2004, algorithm 7.1 without its last step; the authors' published code re-estimates cameras so.
+    Third row scaled so that depths are metres. Source: direct linear transformation with normalised coordinates,
+    Hartley and Zisserman 2004, algorithm 7.1 without its last step; the authors' code re-estimates cameras so.
     """
     seen = cameras.track_photo_idx == photo_idx
     if seen.sum() < _MIN_DLT_POINTS:
@@ -98,12 +104,18 @@ def dlt_camera(cameras: Cameras, photo_idx: int) -> FloatArray | None:
     rows = np.concatenate(
         [np.hstack([world, zero, -x[:, None] * world]), np.hstack([zero, world, -y[:, None] * world])]
     )
-    matrix: FloatArray = (
-        np.linalg.inv(from_px) @ np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4) @ from_world
-    )
+    solution = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, 4)
+    matrix: FloatArray = np.linalg.inv(from_px) @ solution @ from_world
     matrix /= np.linalg.norm(matrix[2, :3])
     depths = points @ matrix[2, :3] + matrix[2, 3]
     return matrix if np.median(depths) > 0 else -matrix
+
+
+def _half_angle(intrinsics: Intrinsics) -> float:
+    """Return the angle (radians) between the optical axis and the photo's furthest edge."""
+    edges = np.array([[x, y] for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
+    rays = intrinsics.cam_from_px(edges * np.array([intrinsics.width_px, intrinsics.height_px], float))
+    return float(np.arccos(1 / np.linalg.norm(rays, axis=1)).max())
 
 
 def _normalising(coordinates: FloatArray) -> FloatArray:

@@ -88,4 +88,5 @@ class Unifier:
 
     def _members(self, label: int) -> IntArray:
         taken = np.unique(np.concatenate(self._fruits[label].taken))
-        return taken[self._label[taken] == label]
+        members: IntArray = taken[self._label[taken] == label]
+        return members

@@ -1,0 +1,68 @@
+"""Clouds as LAS and LAZ: what is written is read back, by us and by laspy alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from pomona.cameras import WorldFrame
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.las import read_crs, read_las, write_las
+from pomona.fruits import FruitCloud
+
+
+@pytest.fixture
+def cloud() -> FruitCloud:
+    rng = np.random.default_rng(0)
+    return FruitCloud(rng.normal(0, 5, (200, 3)), rng.integers(0, 256, (200, 3)), rng.integers(0, 400, 200))
+
+
+@pytest.mark.parametrize("name", ["cloud.laz", "cloud.las"])
+def test_places_colours_and_fruits_come_back(tmp_path: Path, cloud: FruitCloud, name: str) -> None:
+    write_las(tmp_path / name, cloud)
+    back = read_las(tmp_path / name)
+    np.testing.assert_allclose(back.points_in_world, cloud.points_in_world, atol=0.000051)
+    np.testing.assert_array_equal(back.rgb, cloud.rgb)
+    np.testing.assert_array_equal(back.fruit_id, cloud.fruit_id)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_other_programs_find_the_extra_dimension(tmp_path: Path, cloud: FruitCloud) -> None:
+    write_las(tmp_path / "cloud.laz", cloud)
+    las = laspy.read(tmp_path / "cloud.laz")
+    assert "fruit_id" in las.point_format.extra_dimension_names
+    assert int(las.red.max()) > 60_000
+    assert read_crs(tmp_path / "cloud.laz") is None
+
+
+@pytest.mark.parametrize("crs", ["EPSG:25831", "+proj=tmerc +lat_0=41.6 +lon_0=0.6 +datum=WGS84 +units=m +type=crs"])
+def test_the_crs_of_the_frame_is_kept(tmp_path: Path, cloud: FruitCloud, crs: str) -> None:
+    write_las(tmp_path / "cloud.laz", cloud, frame=WorldFrame("gnss", False, True, crs, (41.6, 0.6, 100.0)))
+    found = read_crs(tmp_path / "cloud.laz")
+    assert found is not None
+    assert found.is_projected
+
+
+def test_an_empty_cloud_is_a_valid_file(tmp_path: Path) -> None:
+    write_las(tmp_path / "cloud.laz", FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)))
+    assert len(read_las(tmp_path / "cloud.laz")) == 0
+
+
+def test_bad_input_is_named(tmp_path: Path, cloud: FruitCloud) -> None:
+    with pytest.raises(MissingFileError, match="no such file"):
+        read_las(tmp_path / "none.laz")
+    (tmp_path / "text.laz").write_text("not a cloud")
+    with pytest.raises(FormatError, match=r"text\.laz"):
+        read_las(tmp_path / "text.laz")
+    write_las(tmp_path / "whole.laz", cloud)
+    (tmp_path / "cut.laz").write_bytes((tmp_path / "whole.laz").read_bytes()[:900])
+    with pytest.raises(FormatError, match=r"cut\.laz"):
+        read_las(tmp_path / "cut.laz")
+    broken = FruitCloud(np.full((1, 3), np.nan), np.zeros((1, 3), np.uint8), np.zeros(1))
+    with pytest.raises(InputError, match="finite"):
+        write_las(tmp_path / "nan.laz", broken)
+    with pytest.raises(InputError, match="CRS"):
+        write_las(tmp_path / "crs.laz", cloud, frame=WorldFrame(crs="nowhere"))
