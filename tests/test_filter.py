@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.evaluate import Truth
+from pomona.filter import FEATURE_NAMES, LinearSvm, apply, features, resized, training_table
+from pomona.filter.features import hull_volume_m3, psi
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Fused
+
+RADIUS_M = 0.04
+
+
+def sphere(n: int = 4000, radius_m: float = RADIUS_M) -> np.ndarray:
+    """Even points on a sphere (Fibonacci)."""
+    i = np.arange(n) + 0.5
+    polar, turn = np.arccos(1 - 2 * i / n), np.pi * (1 + math.sqrt(5)) * i
+    return radius_m * np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], axis=1)
+
+
+def cloud_of(*groups: np.ndarray, ids: tuple[int, ...] | None = None) -> FruitCloud:
+    ids = ids or tuple(range(1, len(groups) + 1))
+    points = np.concatenate(groups)
+    fruit_id = np.repeat(ids, [len(g) for g in groups])
+    return FruitCloud(points, np.zeros((len(points), 3), np.uint8), fruit_id)
+
+
+def fused_of(*groups: np.ndarray) -> Fused:
+    """A fruit of each group, seen by two detections, its centre the middle of its points."""
+    n = len(groups)
+    fruits = Fruits(
+        np.arange(1, n + 1), np.array([g.mean(0) for g in groups]), np.full(n, 0.08), np.full(n, 0.9), np.full(n, 2)
+    )
+    seen = Observations(np.repeat(fruits.ids, 2), ("a", "b") * n, np.arange(2 * n), np.zeros((2 * n, 2)))
+    return Fused(fruits, seen, cloud_of(*groups))
+
+
+def test_psi_of_known_shapes() -> None:
+    line = np.outer(np.linspace(0, 1, 50), [1.0, 2, 3])
+    plane = np.random.default_rng(0).random((500, 3)) * [1, 1, 0]
+    cube = np.array(np.meshgrid(*[np.linspace(-1, 1, 6)] * 3)).reshape(3, -1).T
+    assert psi(sphere()) == pytest.approx(1, abs=1e-4)
+    assert psi(cube) == pytest.approx(1, abs=1e-9)
+    assert psi(line) == pytest.approx(0, abs=1e-9)
+    assert psi(plane) == pytest.approx(0, abs=1e-9)
+    assert psi(np.zeros((1, 3))) == psi(np.zeros((5, 3))) == psi(np.eye(3)[:2]) == 0
+
+
+def test_psi_of_an_ellipsoid_is_that_of_its_half_axes() -> None:
+    # The singular values of an even sphere stretched by (a, b, c) are as a : b : c.
+    a, b, c = 1.0, 2.0, 4.0
+    assert psi(sphere() * [a, b, c]) == pytest.approx(27 * a * b * c / (a + b + c) ** 3, abs=1e-3)
+
+
+def test_psi_of_half_a_sphere() -> None:
+    # Variances r²/3, r²/3 and r²/12: singular values as 1 : 1 : 1/2.
+    points = sphere(8000)
+    assert psi(points[points[:, 2] > 0]) == pytest.approx(27 * 0.5 / 2.5**3, abs=2e-3)
+
+
+def test_volume_of_known_shapes() -> None:
+    assert hull_volume_m3(sphere()) == pytest.approx(4 / 3 * math.pi * RADIUS_M**3, rel=0.01)
+    points = sphere()
+    assert hull_volume_m3(points[points[:, 2] > 0]) == pytest.approx(2 / 3 * math.pi * RADIUS_M**3, rel=0.03)
+    assert hull_volume_m3(np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T) == pytest.approx(1)
+    assert hull_volume_m3(np.eye(3)) == hull_volume_m3(sphere() * [1, 1, 0]) == 0
+
+
+def test_features_are_in_order_of_id_and_leave_out_what_is_no_fruit() -> None:
+    found = features(cloud_of(sphere(500) + 5, sphere(800), sphere(90), ids=(7, 3, 0)))
+    assert found.names == FEATURE_NAMES
+    assert found.ids.tolist() == [3, 7]
+    assert found.values[:, 0].tolist() == [800, 500]
+    assert found.values[:, 2] == pytest.approx(found.values[:, 1] / found.values[:, 0])
+    assert len(features(cloud_of(sphere(10), ids=(0,)))) == 0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(4, 40), st.integers(0, 10_000), st.floats(0.01, 100), st.tuples(*[st.floats(-3, 3)] * 3))
+def test_features_move_and_grow_as_they_should(n: int, seed: int, factor: float, shift: tuple[float, ...]) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(n, 3))
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    before = features(cloud_of(points)).values
+    assume(before[0, 1] > 1e-3)
+    after = features(cloud_of(factor * points @ rotation.T + np.array(shift))).values
+    assert 0 <= before[0, 3] <= 1
+    np.testing.assert_allclose(after, resized(before, factor), rtol=1e-5)
+
+
+def examples(n: int = 60, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Half spheres of many points, and flat patches of few."""
+    rng = np.random.default_rng(seed)
+    good = [sphere(300)[150:] + rng.normal(0, 0.001, (150, 3)) for _ in range(n)]
+    bad = [rng.normal(0, (0.02, 0.01, 0.001), (int(rng.integers(15, 60)), 3)) for _ in range(n)]
+    return features(cloud_of(*good, *bad)).values, np.arange(2 * n) < n
+
+
+def test_training_tells_fruits_from_patches_and_survives_the_disk(tmp_path: Path) -> None:
+    values, is_fruit = examples()
+    svm = LinearSvm.train(values, is_fruit, fruit_diameter_m=0.08, trained_on="half spheres")
+    values, is_fruit = examples(seed=1)
+    probability = svm.probability(values)
+    assert ((probability > 0.5) == is_fruit).mean() > 0.98
+    assert probability.min() >= 0
+    assert probability.max() <= 1
+    assert np.all(np.diff(probability[np.argsort(svm.decision(values))]) >= 0)
+    svm.save(tmp_path / "svm.json")
+    again = LinearSvm.load(tmp_path / "svm.json")
+    assert np.array_equal(again.probability(values), probability)
+    assert (again.trained_on, again.fruit_diameter_m) == ("half spheres", 0.08)
+
+
+def test_training_needs_both_kinds() -> None:
+    values, _ = examples(10)
+    with pytest.raises(InputError, match="found 20 and 0"):
+        LinearSvm.train(values, np.ones(20, bool))
+
+
+def test_the_shipped_machine_says_what_it_was_trained_on() -> None:
+    svm = LinearSvm.load()
+    assert svm.names == FEATURE_NAMES
+    assert len(svm.trained_on) > 40
+    good, bad = examples(5)[0][:5], examples(5)[0][5:]
+    assert svm.probability(good).mean() > svm.probability(bad).mean()
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", '{"format": "something"}', '{"format": "pomona linear svm 1", "names": []}']
+)
+def test_what_is_no_machine_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "svm.json").write_text(text)
+    with pytest.raises(FormatError, match=r"svm\.json"):
+        LinearSvm.load(tmp_path / "svm.json")
+    with pytest.raises(MissingFileError):
+        LinearSvm.load(tmp_path / "none.json")
+
+
+def test_a_machine_of_wrong_numbers_is_refused(tmp_path: Path) -> None:
+    values, is_fruit = examples(10)
+    LinearSvm.train(values, is_fruit).save(tmp_path / "svm.json")
+    table = json.loads((tmp_path / "svm.json").read_text())
+    (tmp_path / "svm.json").write_text(json.dumps({**table, "sds": [1, 1, 0, 1]}))
+    with pytest.raises(FormatError, match="positive"):
+        LinearSvm.load(tmp_path / "svm.json")
+    with pytest.raises(InputError, match="psi"):
+        LinearSvm.train(values, is_fruit).probability(values[:, :3])
+
+
+def by_points(limit: float, diameter_m: float = float("nan")) -> LinearSvm:
+    """A machine that only counts points."""
+    return LinearSvm(FEATURE_NAMES, np.array([limit, 0, 0, 0]), np.ones(4), np.eye(4)[0], 0, (-1, 0), 1, diameter_m, "")
+
+
+def test_apply_drops_false_positives_everywhere() -> None:
+    fused = fused_of(sphere(200), sphere(20) + 1, sphere(150) + 2)
+    kept = apply(fused, by_points(100))
+    assert kept.fruits.ids.tolist() == [1, 3]
+    assert kept.fruits.scores.min() > 0.99
+    assert kept.observations.fruit_id.tolist() == [1, 1, 3, 3]
+    assert kept.observations.detection_id.tolist() == [0, 1, 4, 5]
+    assert np.unique(kept.cloud.fruit_id).tolist() == [0, 1, 3]
+    assert (kept.cloud.fruit_id[200:220] == 0).all()
+    assert len(apply(fused, by_points(100), threshold=0).fruits) == 3
+    with pytest.raises(InputError, match="threshold"):
+        apply(fused, by_points(100), threshold=2)
+
+
+def test_apply_leaves_fruits_without_points_alone() -> None:
+    fused = fused_of(sphere(200), sphere(20) + 1)
+    cloud = FruitCloud(fused.cloud.points_in_world[:200], fused.cloud.rgb[:200], fused.cloud.fruit_id[:200])
+    kept = apply(Fused(fused.fruits, fused.observations, cloud), by_points(100))
+    assert kept.fruits.ids.tolist() == [1, 2]
+    assert kept.fruits.scores[1] == 0.9
+
+
+def test_apply_to_nothing() -> None:
+    nothing = Fused(Fruits.empty(), Observations.empty(), cloud_of(sphere(5), ids=(0,)))
+    assert len(apply(nothing, by_points(100)).fruits) == 0
+
+
+def test_apply_judges_other_sizes_as_the_size_trained_on() -> None:
+    by_volume = LinearSvm(
+        FEATURE_NAMES, np.array([0, 1e-4, 0, 0]), np.array([1, 1e-6, 1, 1]), np.eye(4)[1], 0, (-1, 0), 1, 0.08, ""
+    )
+    fused = fused_of(sphere(200), sphere(200, 0.02) + 1)
+    assert apply(fused, by_volume).fruits.ids.tolist() == [1]
+    half = Fused(
+        Fruits(fused.fruits.ids, fused.fruits.centers_in_world / 2, fused.fruits.diameters_m / 2, np.ones(2), [2, 2]),
+        fused.observations,
+        FruitCloud(fused.cloud.points_in_world / 2, fused.cloud.rgb, fused.cloud.fruit_id),
+    )
+    assert apply(half, by_volume).fruits.ids.tolist() == [1]
+
+
+def test_training_table_knows_true_fruits() -> None:
+    fused = fused_of(sphere(100), sphere(20) + 1, sphere(30) + np.array([0.02, 0, 0]))
+    values, is_fruit = training_table(fused, Truth(np.array([5]), np.zeros((1, 3)), np.array([0.08])))
+    assert values.shape == (3, 4)
+    assert is_fruit.tolist() == [True, False, True]
