@@ -17,6 +17,7 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.sfm import Reconstruction, SfmOptions, reconstruct
 from pomona.sfm.store import read_reconstruction, write_reconstruction
+from pomona.sfm.worker import MappingProcess
 from sfm_scenes import FOCAL, HEIGHT, WIDTH, boards, centres, photograph, render, row_poses, save, texture
 
 COUNT = 8
@@ -209,6 +210,32 @@ def _run() -> str:
     from pomona.sfm import worker
 
     return worker._RUN
+
+
+def test_ctrl_c_stops_the_mapper_and_a_second_call_goes_on(
+    row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped = []
+
+    def press(process: MappingProcess) -> None:
+        stopped.append(process)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MappingProcess, "wait", press)
+        with pytest.raises(KeyboardInterrupt):
+            reconstruct(Photos(tuple(row[0][:5])), options=QUICK, work_dir=tmp_path)
+    assert [process._process.poll() is not None for process in stopped] == [True]
+    monkeypatch.setattr("pomona.sfm.reconstruction.extract", lambda *_: pytest.fail("features were found already"))
+    result = reconstruct(Photos(tuple(row[0][:5])), options=QUICK, work_dir=tmp_path)
+    assert len(result.pieces[0].cameras) == 5
+
+
+def test_incremental_mapping_alone_places_a_row(row, tmp_path: Path) -> None:
+    options = replace(QUICK, mappers=("incremental",))
+    result = reconstruct(Photos(tuple(row[0])), options=options, work_dir=tmp_path)
+    assert len(result.pieces[0].cameras) == COUNT
+    assert 1e-6 < rms_m(result, row[1]) < 0.01
 
 
 def test_options_are_checked() -> None:

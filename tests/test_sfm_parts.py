@@ -16,6 +16,7 @@ from pomona.sfm.features import root_sift
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
 from pomona.sfm.pieces import credible, distinct, take
 from pomona.sfm.reasons import Evidence, explain
+from pomona.sfm.thin import thinned
 from sfm_scenes import as_photos, centres, row_poses, with_gnss
 
 LENS = Intrinsics("SIMPLE_RADIAL", 400, 300, np.array([350.0, 200.0, 150.0, 0.02]))
@@ -153,6 +154,26 @@ def test_taking_photos_keeps_points_that_two_of_them_see() -> None:
         mine = cameras.track_photo_idx == i
         seen, _ = cameras.project(i, cameras.points_in_world[cameras.track_point_idx[mine]])
         np.testing.assert_allclose(seen, cameras.track_xy_px[mine], atol=1e-9)
+
+
+def test_thinning_keeps_whole_tracks_and_enough_of_each_photo() -> None:
+    whole = model(6, points=400)
+    overlaps, keypoints = overlaps_of(whole)
+    counts = [len(xy) for xy in keypoints]
+    fewer = thinned(overlaps, counts, 40)
+    assert [(o.first, o.second) for o in fewer] == [(o.first, o.second) for o in overlaps]
+    for photo in range(6):
+        mine = [o.idx[:, 0] for o in fewer if o.first == photo] + [o.idx[:, 1] for o in fewer if o.second == photo]
+        assert 40 <= len(np.unique(np.concatenate(mine))) < 0.7 * counts[photo]
+    # A track that is kept is kept in every overlap that has it.
+    kept = {(photo, int(k)) for o in fewer for photo, k in zip((o.first,) * len(o.idx), o.idx[:, 0], strict=True)}
+    for before, after in zip(overlaps, fewer, strict=True):
+        assert {int(k) for k in before.idx[:, 0] if (before.first, int(k)) in kept} == set(after.idx[:, 0].tolist())
+
+
+def test_few_matches_are_not_thinned() -> None:
+    overlaps, keypoints = overlaps_of(model(4))
+    assert thinned(overlaps, [len(xy) for xy in keypoints], 1000) == overlaps
 
 
 def evidence(overlaps: list[tuple[int, int, int]], **changes: object) -> Evidence:

@@ -24,6 +24,7 @@ class SfmOptions:
     `min_matches`: fewer verified matches than this do not make two photos overlap.
     `min_piece_photos`: smaller pieces of a broken reconstruction are not to be trusted, and dropped.
     `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `choose`).
+    `good_enough`: a result that explains this share of the overlaps ends the search for a better one (1: never).
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
     `threads`: None takes all processors.
     """
@@ -38,6 +39,7 @@ class SfmOptions:
     min_matches: int = 15
     min_piece_photos: int = 3
     mappers: tuple[Mapper, ...] = get_args(Mapper)
+    good_enough: float = 0.95
     focal_prior: float = 1.2
     threads: int | None = None
     seed: int = 0

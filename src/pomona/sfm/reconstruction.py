@@ -134,6 +134,8 @@ def _map(
         total = float(explained(models, overlaps, keypoints).sum())
         if models and total > best_sum:
             best, best_sum = models, total
+        if best_sum >= workspace.options.good_enough * len(overlaps):
+            break
     placed = frozenset(int(photo) for model in best for photo in model.photo_idx)
     sharpness = [np.nan if i in unreadable else workspace.sharpness(i) for i in range(count)]
     features = np.array([len(xy) for xy in keypoints])
