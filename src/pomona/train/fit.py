@@ -69,7 +69,7 @@ def fit(
     options: FitOptions = FitOptions(),
     progress: Progress | None = None,
 ) -> FruitNet:
-    """Train and return the network of averaged weights; `folder` holds `last.pt`, `best.pt` and `log.csv`.
+    """Train and return the best network of averaged weights; `folder` holds `last.pt`, `best.pt` and `log.csv`.
 
     Goes on from `last.pt` where there is one. Every source has the same say, however many photos it has.
     """
@@ -85,8 +85,7 @@ def fit(
         progress.advance()
         if run.step % options.check_every == 0 or run.step == options.steps:
             run.conclude(check(run.average, validation[: options.checked_photos]))
-    run.average.eval()
-    return run.average
+    return load_average(folder / "best.pt")
 
 
 class _Run:
