@@ -71,7 +71,7 @@ def fit(
 ) -> FruitNet:
     """Train and return the best network of averaged weights; `folder` holds `last.pt`, `best.pt` and `log.csv`.
 
-    Goes on from `last.pt` where there is one. Every source has the same say, however many photos it has.
+    Goes on from `last.pt` where there is one. A source is drawn from in proportion to the square root of its photos.
     """
     progress = progress or Silent()
     folder.mkdir(parents=True, exist_ok=True)
