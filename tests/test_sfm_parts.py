@@ -10,7 +10,7 @@ import pytest
 from pomona.cameras import Cameras, Intrinsics
 from pomona.photos import Photo
 from pomona.sfm import SfmOptions
-from pomona.sfm.choose import explained, sampson_distance
+from pomona.sfm.choose import explained, sampson_distance, support
 from pomona.sfm.engine import Model, Overlap
 from pomona.sfm.features import root_sift
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
@@ -135,6 +135,14 @@ def test_a_photo_is_in_the_largest_piece_only_and_leftovers_are_dropped() -> Non
     assert [m.photo_idx.tolist() for m in kept] == [list(range(8)), [20, 21, 22]]
     kept = distinct([large, model(6, first=5, seed=2)], 3)
     assert [m.photo_idx.tolist() for m in kept] == [list(range(8)), [8, 9, 10]]
+
+
+def test_small_overlaps_weigh_less() -> None:
+    overlaps = [Overlap(0, 1, np.zeros((k, 2), int)) for k in (20, 100, 5000)]
+    assert support(np.ones(3), overlaps) == 1.0
+    assert np.isclose(support(np.array([0.0, 1, 1]), overlaps), 200 / 220)
+    assert np.isclose(support(np.array([1.0, 1, 0]), overlaps), 120 / 220)
+    assert support(np.zeros(0), []) == 0.0
 
 
 def test_a_piece_at_odds_with_its_matches_is_dropped() -> None:

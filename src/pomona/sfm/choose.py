@@ -12,6 +12,7 @@ from pomona.sfm.engine import Model, Overlap
 
 # Two cameras that are right explain a match to within the error (working px) that verification allowed it.
 _TOLERANCE_PX = 4.0
+_FULL_WEIGHT = 100
 
 
 def explained(models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: Sequence[FloatArray]) -> FloatArray:
@@ -19,9 +20,7 @@ def explained(models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: S
 
     A match counts `max(0, 1 - (e / 4 px)²)`, e being its Sampson distance to the epipolar line that the two placed
     cameras give, in working pixels; matches between photos that are not in one model count 0. `keypoints` (n, 2) of
-    each photo are in pixels of the whole photo. The sum over overlaps is the criterion by which one mapper's result is
-    kept: it falls with each photo that is missing and with each photo that is at the wrong place, and it was not what
-    the mappers minimise. Each pair of photos weighs the same, else a few photos rich in matches would decide.
+    each photo are in pixels of the whole photo.
 
     Sources: MSAC, Torr and Zisserman 2000, section 4; Sampson distance, Hartley and Zisserman 2003, section 11.4.3.
     """
@@ -38,6 +37,17 @@ def explained(models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: S
                 error_px = (focals_px[i] + focals_px[j]) / 2 * sampson_distance(pose1, pose2, first, second)
                 shares[k] = np.clip(1 - (error_px / _TOLERANCE_PX) ** 2, 0, None).mean()
     return shares
+
+
+def support(shares: FloatArray, overlaps: Sequence[Overlap]) -> float:
+    """Return the mean of `shares` over the overlaps, 0 to 1: the criterion by which one mapper's result is kept.
+
+    It falls with each photo that is missing and with each that is at the wrong place, and it is not what the mappers
+    themselves minimise. Overlaps of 100 matches and more weigh the same, else a few photos rich in matches would
+    decide; smaller ones weigh less, because the smallest that pass verification are often accidents.
+    """
+    weights = np.array([min(len(overlap.idx), _FULL_WEIGHT) for overlap in overlaps], float)
+    return float((weights * shares).sum() / weights.sum()) if len(weights) else 0.0
 
 
 def sampson_distance(pose1: FloatArray, pose2: FloatArray, rays1: FloatArray, rays2: FloatArray) -> FloatArray:

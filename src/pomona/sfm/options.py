@@ -24,19 +24,19 @@ class SfmOptions:
     `min_matches`: fewer verified matches than this do not make two photos overlap.
     `min_piece_photos`: smaller pieces of a broken reconstruction are not to be trusted, and dropped.
     `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `choose`).
-    `good_enough`: a result that explains this share of the overlaps ends the search for a better one (1: never).
+    `good_enough`: a result with this much support (0 to 1, see `choose`) ends the search for a better one (1: never).
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
     `threads`: None takes all processors.
     """
 
     max_side_px: int = 1600
-    max_features: int = 6000
+    max_features: int = 8000
     window: int = 6
     exhaustive_below: int = 20
     loops: int = 3
     gnss_neighbours: int = 4
     enough_tracks: int = 1000
-    min_matches: int = 15
+    min_matches: int = 20
     min_piece_photos: int = 3
     mappers: tuple[Mapper, ...] = get_args(Mapper)
     good_enough: float = 0.95

@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
+from pomona.sfm.choose import support
 from pomona.sfm.engine import Model, Overlap
 
 # A piece whose cameras explain less than this of its photos' verified matches is an accident, not a place.
@@ -33,8 +34,8 @@ def credible(models: Sequence[Model], overlaps: Sequence[Overlap], shares: Float
     kept = []
     for model in models:
         inside = set(model.photo_idx.tolist())
-        own = [share for o, share in zip(overlaps, shares, strict=True) if o.first in inside and o.second in inside]
-        if own and float(np.mean(own)) >= _LEAST_EXPLAINED:
+        own = [k for k, overlap in enumerate(overlaps) if overlap.first in inside and overlap.second in inside]
+        if own and support(shares[own], [overlaps[k] for k in own]) >= _LEAST_EXPLAINED:
             kept.append(model)
     return kept
 

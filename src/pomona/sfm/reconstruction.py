@@ -16,7 +16,7 @@ from pomona.errors import InputError, MissingFileError, ReconstructionError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.sfm import engine
-from pomona.sfm.choose import explained
+from pomona.sfm.choose import explained, support
 from pomona.sfm.engine import Model, Overlap
 from pomona.sfm.features import Features, extract
 from pomona.sfm.options import SfmOptions
@@ -123,7 +123,7 @@ def _map(
     scale = [workspace.cameras[image.camera_idx].scale for image in workspace.images]
     keypoints = [xy / s for xy, s in zip(engine.read_keypoints(workspace.database, count), scale, strict=True)]
     best: list[Model] = []
-    best_sum, mapped = -1.0, set[int]()
+    most, mapped = -1.0, set[int]()
     fewer = thinned(overlaps, [len(xy) for xy in keypoints], workspace.options.enough_tracks, workspace.options.seed)
     for folder in _run_mappers(workspace, fewer, label, progress):
         models = engine.read_models(folder, workspace.cameras, workspace.colours)
@@ -131,10 +131,10 @@ def _map(
         models = distinct(models, workspace.options.min_piece_photos)
         shares = explained(models, overlaps, keypoints)
         models = credible(models, overlaps, shares)
-        total = float(explained(models, overlaps, keypoints).sum())
-        if models and total > best_sum:
-            best, best_sum = models, total
-        if best_sum >= workspace.options.good_enough * len(overlaps):
+        supported = support(explained(models, overlaps, keypoints), overlaps)
+        if models and supported > most:
+            best, most = models, supported
+        if most >= workspace.options.good_enough:
             break
     placed = frozenset(int(photo) for model in best for photo in model.photo_idx)
     sharpness = [np.nan if i in unreadable else workspace.sharpness(i) for i in range(count)]
