@@ -115,7 +115,7 @@ def _cell(photo: Photo, drawn: _Drawn, options: ContactSheetOptions) -> ByteArra
     scale = pixels.shape[1] / photo.width_px
     left, top = _window(pixels.shape[:2], drawn, scale, options.photo_side_px)
     side = options.photo_side_px
-    picture = np.ascontiguousarray(pixels[top : top + side, left : left + side])
+    picture = pixels[top : top + side, left : left + side].copy()  # what is read may be read-only
     _draw(picture, drawn, scale, np.array([left, top]))
     caption = np.full((_CAPTION_PX, picture.shape[1], 3), _PAPER, np.uint8)
     inside = np.isfinite(drawn.centers_px).all(axis=1) & _within(drawn.centers_px, photo)
