@@ -62,7 +62,7 @@ def reconstruct(
 def _reconstruct_side(
     photos: Photos, side: str, options: SfmOptions, work_dir: Path, progress: Progress
 ) -> tuple[list[Piece], list[Unregistered]]:
-    label = f", {side}" if side else ""
+    label = f" (side {side})" if side else ""
     if len(photos) < options.min_piece_photos:
         reason = f"side {side or 'of the row'} has {len(photos)} photos, fewer than {options.min_piece_photos}"
         advice = "Take more photos of this side, or check how the photos were divided into sides (--sides)."
