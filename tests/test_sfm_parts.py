@@ -11,8 +11,9 @@ from pomona.cameras import Cameras, Intrinsics
 from pomona.photos import Photo
 from pomona.sfm import SfmOptions
 from pomona.sfm.choose import explained, sampson_distance, support
-from pomona.sfm.engine import Model, Overlap
+from pomona.sfm.engine import Overlap
 from pomona.sfm.features import root_sift
+from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
 from pomona.sfm.pieces import credible, distinct, take
 from pomona.sfm.reasons import Evidence, explain

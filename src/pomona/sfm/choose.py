@@ -8,7 +8,8 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
-from pomona.sfm.engine import Model, Overlap
+from pomona.sfm.engine import Overlap
+from pomona.sfm.models import Model
 
 # Two cameras that are right explain a match to within the error (working px) that verification allowed it.
 _TOLERANCE_PX = 4.0

@@ -1,4 +1,4 @@
-"""COLMAP, by way of pycolmap, which is touched here alone: the database, matching, mapping, reading models.
+"""COLMAP, by way of pycolmap, which is touched here alone: the database, matching, mapping.
 
 Everything in the database is in working pixels (`features.working_scale`), so that COLMAP's thresholds, all given in
 pixels, mean the same for photos of any size; what comes out is in pixels of the whole photo.
@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from pomona.arrays import Array, ByteArray, FloatArray, IntArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.arrays import ByteArray, FloatArray, IntArray
 from pomona.sfm.features import Features
 from pomona.sfm.options import SfmOptions
 
-_MODEL = "SIMPLE_RADIAL"
+CAMERA_MODEL = "SIMPLE_RADIAL"
 # Global mapping begins with so many tracks a photo, and triangulates the others when all photos have their places.
 _TRACKS_TO_START = 300
 pycolmap.logging.minloglevel = 2
@@ -63,7 +62,7 @@ def create_database(path: Path, cameras: Sequence[CameraEntry], images: Sequence
         for i, entry in enumerate(cameras):
             width, height = entry.width_px * entry.scale, entry.height_px * entry.scale
             camera = pycolmap.Camera(
-                model=_MODEL,
+                model=CAMERA_MODEL,
                 width=round(width),
                 height=round(height),
                 params=[entry.focal_px * entry.scale, width / 2, height / 2, 0.0],
@@ -168,7 +167,7 @@ def create_mapping_database(
 
 def seed_cameras(path: Path, folder: Path, cameras: Sequence[CameraEntry]) -> list[int]:
     """Give cameras of unknown focal length what the largest model in `folder` found; return which ones (indices)."""
-    models = [pycolmap.Reconstruction(sub) for sub in _model_folders(folder)]
+    models = open_models(folder)
     if not models:
         return []
     largest = max(models, key=lambda model: model.num_reg_images())
@@ -229,82 +228,10 @@ def map_global(path: Path, out: Path, options: SfmOptions) -> None:
     pycolmap.global_mapping(path, path.parent, out, settings)
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A model as COLMAP wrote it, in pixels of the whole photos.
-
-    `photo_idx` (n,) says which photos of the database those of `cameras` are; `scale` (n,) makes working pixels.
-    """
-
-    cameras: Cameras
-    photo_idx: IntArray
-    scale: FloatArray
-
-
-def read_models(folder: Path, cameras: Sequence[CameraEntry], colours: Callable[[int], ByteArray]) -> list[Model]:
-    """Read the models in `folder`; `cameras` as in `create_database`, `colours(i)` (n, 3) of photo i's keypoints."""
-    return [_read_model(sub, cameras, colours) for sub in _model_folders(folder)]
+def open_models(folder: Path) -> list[Any]:
+    """Return the models in `folder` as pycolmap's `Reconstruction` objects, in COLMAP's order."""
+    return [pycolmap.Reconstruction(sub) for sub in _model_folders(folder)]
 
 
 def _model_folders(folder: Path) -> list[Path]:
     return sorted(sub for sub in folder.glob("*") if (sub / "images.bin").is_file()) if folder.is_dir() else []
-
-
-def _read_model(folder: Path, entries: Sequence[CameraEntry], colours: Callable[[int], ByteArray]) -> Model:
-    model = pycolmap.Reconstruction(folder)
-    image_ids = sorted(model.reg_image_ids())
-    images = [model.image(image_id) for image_id in image_ids]
-    camera_ids = sorted({image.camera_id for image in images})
-    photo_scale = np.array([entries[image.camera_id - 1].scale for image in images])
-    points = [model.point3D(point_id) for point_id in sorted(model.point3D_ids())]
-    tracks = [_track(point, {image_id: i for i, image_id in enumerate(image_ids)}) for point in points]
-    sizes = np.array([len(track) for track in tracks], int)
-    elements = np.concatenate(tracks) if tracks else np.zeros((0, 2), int)
-    point_idx, photo_idx = np.repeat(np.arange(len(points)), sizes), elements[:, 0]
-    xy, rgb = _observed(images, elements, colours)
-    error = np.array([point.error for point in points])
-    mean_scale = np.bincount(point_idx, photo_scale[photo_idx], len(points)) / np.maximum(sizes, 1)
-    cameras = Cameras(
-        photos=tuple(image.name for image in images),
-        intrinsics=tuple(_intrinsics(model.camera(c).params, entries[c - 1]) for c in camera_ids),
-        intrinsics_idx=np.array([camera_ids.index(image.camera_id) for image in images]),
-        cam_from_world=np.array([image.cam_from_world().matrix() for image in images]),
-        points_in_world=np.array([point.xyz for point in points]).reshape(-1, 3),
-        points_rgb=_mean_by(point_idx, rgb, len(points)),
-        points_error_px=error / np.where(mean_scale > 0, mean_scale, 1.0),
-        track_point_idx=point_idx,
-        track_photo_idx=photo_idx,
-        track_xy_px=xy / photo_scale[photo_idx, None],
-    )
-    return Model(cameras, np.array(image_ids, int) - 1, photo_scale)
-
-
-def _track(point: Any, photo_of: Mapping[int, int]) -> IntArray:
-    """(k, 2): index of the photo in the model, index of its keypoint."""
-    pairs = [(photo_of[e.image_id], e.point2D_idx) for e in point.track.elements if e.image_id in photo_of]
-    return np.array(pairs, np.int64).reshape(-1, 2)
-
-
-def _observed(
-    images: Sequence[Any], elements: IntArray, colours: Callable[[int], ByteArray]
-) -> tuple[FloatArray, Array]:
-    """Places (k, 2), in working pixels, and colours (k, 3) of the keypoints of tracks."""
-    xy, rgb = np.zeros((len(elements), 2)), np.zeros((len(elements), 3))
-    for i, image in enumerate(images):
-        mine = np.flatnonzero(elements[:, 0] == i)
-        keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-        xy[mine] = keypoints[elements[mine, 1]]
-        rgb[mine] = colours(image.image_id - 1)[elements[mine, 1]]
-    return xy, rgb
-
-
-def _mean_by(group: IntArray, values: Array, count: int) -> ByteArray:
-    sizes = np.maximum(np.bincount(group, minlength=count), 1)
-    sums = np.stack([np.bincount(group, values[:, c], count) for c in range(values.shape[1])], axis=1)
-    return np.asarray(np.round(sums / sizes[:, None]), np.uint8)
-
-
-def _intrinsics(params: Array, entry: CameraEntry) -> Intrinsics:
-    focal, cx, cy, k1 = params
-    whole = np.array([focal / entry.scale, cx / entry.scale, cy / entry.scale, k1])
-    return Intrinsics(_MODEL, entry.width_px, entry.height_px, whole)

@@ -10,7 +10,8 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.sfm.choose import support
-from pomona.sfm.engine import Model, Overlap
+from pomona.sfm.engine import Overlap
+from pomona.sfm.models import Model
 
 # A piece whose cameras explain less than this of its photos' verified matches is an accident, not a place.
 _LEAST_EXPLAINED = 0.3

@@ -17,8 +17,9 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.sfm import engine
 from pomona.sfm.choose import explained, support
-from pomona.sfm.engine import Model, Overlap
+from pomona.sfm.engine import Overlap
 from pomona.sfm.features import Features, extract
+from pomona.sfm.models import Model, read_models
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pairs import candidate_pairs
 from pomona.sfm.pieces import credible, distinct, mean_error_px
@@ -126,7 +127,7 @@ def _map(
     most, mapped = -1.0, set[int]()
     fewer = thinned(overlaps, [len(xy) for xy in keypoints], workspace.options.enough_tracks, workspace.options.seed)
     for folder in _run_mappers(workspace, fewer, label, progress):
-        models = engine.read_models(folder, workspace.cameras, workspace.colours)
+        models = read_models(folder, workspace.cameras, workspace.colours)
         mapped |= {int(photo) for model in models for photo in model.photo_idx}
         models = distinct(models, workspace.options.min_piece_photos)
         shares = explained(models, overlaps, keypoints)
