@@ -12,16 +12,25 @@ from pomona.train.network import STRIDE, FruitNet
 
 
 class _Probabilities(nn.Module):
-    """The network with its scores moved so that the threshold given comes to lie at one half."""
+    """The network with its maps moved so that the thresholds given come to lie at one half."""
 
-    def __init__(self, network: FruitNet, threshold: float) -> None:
+    def __init__(self, network: FruitNet, threshold: float, foreground_threshold: float) -> None:
         super().__init__()
         self.network = network
-        self.log_odds = math.log(threshold / (1 - threshold))
+        self.centre_odds, self.foreground_odds = _log_odds(threshold), _log_odds(foreground_threshold)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         out = self.network(image)
-        return torch.sigmoid(out.heatmap - self.log_odds), out.box, torch.sigmoid(out.foreground), out.offset
+        return (
+            torch.sigmoid(out.heatmap - self.centre_odds),
+            out.box,
+            torch.sigmoid(out.foreground - self.foreground_odds),
+            out.offset,
+        )
+
+
+def _log_odds(probability: float) -> float:
+    return math.log(probability / (1 - probability))
 
 
 def export_onnx(
@@ -31,14 +40,18 @@ def export_onnx(
     fruit_px: tuple[float, float],
     typical_fruit_px: float,
     threshold: float,
+    foreground_threshold: float = 0.5,
 ) -> None:
     """Write the network with its metadata, as the contract in `segment.onnx` says.
 
-    `threshold` is the score that parts fruit from the rest best; in the file it becomes 0.5.
+    `threshold` is the score that parts fruit from the rest best; and `foreground_threshold` the
+    probability at which a pixel is fruit; in the file both become 0.5.
     """
     import onnx
 
-    model = _Probabilities(network, threshold).eval()  # a wrapper in training mode would leave the network in it
+    model = _Probabilities(
+        network, threshold, foreground_threshold
+    ).eval()  # a wrapper in training mode would leave the network in it
     names = ["heatmap", "box", "foreground", "offset"]
     torch.onnx.export(
         model,

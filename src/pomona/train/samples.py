@@ -28,6 +28,7 @@ _FEWEST_PIXELS = 30  # a fruit of which less is seen is doubtful
 @dataclass(frozen=True)
 class Sample:
     """A photo on disk with its fruits; `group` names the photo that a tile was cut from, so that splits respect it.
+    `weak`: its masks were made from boxes.
 
     `boxes_px` (n, 4) x0, y0, x1, y1; `labels` is a PNG of int16 stored as uint16 with −1 as 65535.
     """
@@ -37,6 +38,7 @@ class Sample:
     boxes_px: FloatArray
     group: str
     source: str
+    weak: bool = False
 
     def pixels(self) -> ByteArray:
         """Read the photo, uint8 (h, w, 3) RGB."""
@@ -64,10 +66,11 @@ def samples_from_coco(coco: Path, images: Path, cache: Path) -> list[Sample]:
         if not image.is_file():
             raise MissingFileError(f"{image}: named in {coco}, but there is no such file")
         labels = cache / coco.parent.name / f"{image.stem}.png"
-        sample = Sample(image, labels, boxes, group_of(image.stem), coco.parent.name)
+        weak = any(a.from_box for a in fruits)
+        sample = Sample(image, labels, boxes, group_of(image.stem), coco.parent.name, weak)
         if not labels.is_file():
             labels.parent.mkdir(parents=True, exist_ok=True)
-            if any(a.from_box for a in fruits):
+            if weak:
                 made = label_image_from_boxes(sample.pixels(), boxes)
             else:
                 made = _labels_from_masks([a.mask for a in fruits], entry.width_px, entry.height_px)
