@@ -232,7 +232,13 @@ def test_our_conventions_are_those_of_the_shared_row(shared_data):
 def test_a_tiny_row_is_rendered_and_its_masks_lie_on_its_fruits(tmp_path):
     pytest.importorskip("bpy")
     options = RowOptions(
-        seed=5, trees=1, fruits_per_tree=25, leaves_per_tree=150, photos_per_side=1, width_px=200, height_px=300,
+        seed=5,
+        trees=1,
+        fruits_per_tree=25,
+        leaves_per_tree=150,
+        photos_per_side=1,
+        width_px=200,
+        height_px=300,
         samples=2,
     )
     out = render_row(options, tmp_path / "row")

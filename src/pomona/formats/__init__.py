@@ -1,0 +1,1 @@
+"""Files of other programs: COCO, COLMAP, LAS, PLY, CSV, GeoJSON."""
