@@ -137,3 +137,21 @@ def test_without_fruits_photos_are_taken_evenly() -> None:
 def test_options_are_checked() -> None:
     with pytest.raises(InputError, match="columns: expected at least 1, found 0"):
         ContactSheetOptions(columns=0)
+
+
+def test_photos_that_are_shown_whole_are_drawn_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is read may be read-only, and a photo shown whole is not copied on the way."""
+
+    def read_only(photo: object, **_: object) -> np.ndarray:
+        pixels = np.zeros((LENS.height_px, LENS.width_px, 3), np.uint8)
+        pixels.setflags(write=False)
+        return pixels
+
+    monkeypatch.setattr("pomona.report.contact_sheet.read_pixels", read_only)
+    cameras, fruits = row_cameras(1), row_fruits(4)
+    photos = row_photos(cameras, tmp_path)
+    for photo in photos:
+        cv2.imwrite(str(photo.path), np.zeros((LENS.height_px, LENS.width_px, 3), np.uint8))
+    options = ContactSheetOptions(photo_side_px=LENS.width_px)
+    write_contact_sheet(photos, cameras, fruits, Observations.empty(), tmp_path / "sheet.jpg", options=options)
+    assert (cv2.imread(str(tmp_path / "sheet.jpg")) > 60).any()
