@@ -179,12 +179,6 @@ def _warn_of_cameras(workspace: Workspace, label: str, progress: Progress) -> No
             f"The photos{label} were taken with {len(kinds)} cameras, lenses or zooms ({listing}). Each gets "
             "intrinsics of its own; one camera at one zoom gives better places."
         )
-    unknown = sum(photo.focal_px is None for photo in workspace.photos)
-    if unknown:
-        progress.warn(
-            f"{unknown} of {len(workspace.photos)} photos{label} do not say their focal length (no EXIF): it is "
-            "estimated from the photos, and sizes may be less exact."
-        )
 
 
 def _tell(pieces: Sequence[Piece], lost: Sequence[Unregistered], label: str, progress: Progress) -> None:
