@@ -11,9 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
-from PIL import Image
-from pycocotools import mask as coco_rle
+from pomona.synth.truth import write_masks_as_coco
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 
@@ -31,19 +29,8 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
 
 
 def true_masks(row: Path, out: Path) -> Path:
-    """Write a rendered row's true masks as COCO."""
     path = out / f"{row.name}-true-masks.json"
-    images, annotations = [], []
-    for k, file in enumerate(sorted((row / "truth" / "masks").glob("*.png")), start=1):
-        ids = np.asarray(Image.open(file))
-        images.append({"id": k, "file_name": f"{file.stem}.jpg", "width": ids.shape[1], "height": ids.shape[0]})
-        for fruit in np.unique(ids[ids > 0]):
-            rle = coco_rle.encode(np.asfortranarray(ids == fruit))
-            rle["counts"] = rle["counts"].decode()
-            annotation = {"id": len(annotations) + 1, "image_id": k, "category_id": 1, "segmentation": rle}
-            annotations.append({**annotation, "bbox": coco_rle.toBbox(rle).tolist(), "area": int(coco_rle.area(rle))})
-    categories = [{"id": 1, "name": "fruit"}]
-    path.write_text(json.dumps({"images": images, "annotations": annotations, "categories": categories}))
+    write_masks_as_coco(row, path)
     return path
 
 

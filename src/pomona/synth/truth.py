@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, MissingFileError
+from pomona.photos import Photo, Photos
 from pomona.synth.cameras import RowCamera
 from pomona.synth.encoding import visible_pixels
 from pomona.synth.layout import Fruits, Plates
@@ -130,3 +132,22 @@ def write_visible_pixels(folder: RowFolder, names: list[str]) -> None:
     """Write {photo: {fruit id: visible pixels}} from the masks."""
     counts = {name: visible_pixels(read_mask(folder.mask(name))) for name in names}
     folder.truth("visible_pixels.json").write_text(json.dumps(counts))
+
+
+def write_masks_as_coco(row: Path, path: Path) -> None:
+    """Write a row's true masks as a COCO file, as `pomona run --detections` takes them; `row` is its folder."""
+    from pomona.formats.coco import write_coco
+
+    photos, detections, next_id = [], {}, 1
+    for file in sorted((row / "truth" / "masks").glob("*.png")):
+        ids = read_mask(file)
+        masks = tuple(Mask.from_pixels(ids == fruit) for fruit in np.unique(ids[ids > 0]))
+        photo = Photo(f"{file.stem}.jpg", row / "images" / f"{file.stem}.jpg", ids.shape[1], ids.shape[0])
+        numbers = np.arange(next_id, next_id + len(masks))
+        next_id += len(masks)
+        photos.append(photo)
+        found = Detections(photo.name, photo.width_px, photo.height_px, masks, np.ones(len(masks)), numbers)
+        detections[photo.name] = found
+    if not photos:
+        raise MissingFileError(f"{row / 'truth' / 'masks'} holds no masks; expected those of a rendered row")
+    write_coco(path, Photos(tuple(photos)), SurveyDetections(detections))
