@@ -61,7 +61,11 @@ def triangulate(
     inliers = best[3]
     kept = np.flatnonzero(inliers)
     idx, xy = [photo_idx[i] for i in kept], xy_px[kept]
-    fit = least_squares(lambda p: np.nan_to_num(_errors(cameras, idx, xy, p), nan=1e3).ravel(), best[2], x_scale="jac")
+
+    def residuals(point_in_world: FloatArray) -> FloatArray:
+        return np.asarray(np.nan_to_num(_errors(cameras, idx, xy, point_in_world), nan=1e3)).ravel()
+
+    fit = least_squares(residuals, best[2], x_scale="jac")
     errors = _errors(cameras, idx, xy, fit.x)
     return Triangulated(fit.x, inliers, float(np.sqrt((errors**2).sum(1).mean())), _angle_deg(rays[kept]))
 

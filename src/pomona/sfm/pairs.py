@@ -43,7 +43,8 @@ def spatial_pairs(photos: Sequence[Photo], neighbours: int) -> set[Pair]:
     if np.ptp(places, axis=0).max() < 1e-3:
         return set()
     _, nearest = cKDTree(places).query(places, k=min(neighbours + 1, len(located)))
-    return {_ordered(located[i], located[int(j)]) for i, row in enumerate(nearest) for j in row if int(j) != i}
+    rows = np.asarray(nearest).reshape(len(located), -1)
+    return {_ordered(located[i], located[int(j)]) for i, row in enumerate(rows) for j in row if int(j) != i}
 
 
 def lookalike_pairs(descriptors: Sequence[ByteArray], count: int, *, apart: int, seed: int = 0) -> set[Pair]:
