@@ -8,7 +8,7 @@ from sklearn.cluster import DBSCAN
 
 from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
-from pomona.fuse.first_estimate import first_estimate
+from pomona.fuse.first_estimate import first_estimates
 from pomona.fuse.groups import connected_groups, nearest_group
 from pomona.fuse.projection import CellGrid, dlt_camera
 from pomona.fuse.unify import Sighting, Unifier
@@ -124,13 +124,22 @@ def test_the_first_estimate_of_a_half_seen_sphere(shift: float) -> None:
     eye = np.array([[shift, -2.0, 0.0]])
     front = points[points[:, 1] < -0.01] + rng.normal(0, 0.001, (int((points[:, 1] < -0.01).sum()), 3))
     front = np.concatenate([front, front[:40] + np.array([0, 0.06, 0.02])])  # strays
-    center, diameter = first_estimate(front, eye)
-    assert np.linalg.norm(center - [shift, 0, 0]) < 0.006
+    (center,), (diameter,) = first_estimates([front], [eye])
+    assert np.linalg.norm(center - np.array([shift, 0, 0])) < 0.006
     assert 0.074 < diameter < 0.088
 
 
-def test_the_first_estimate_of_a_flat_patch_lies_behind_it() -> None:
-    patch = np.stack(np.meshgrid(np.linspace(-0.03, 0.03, 9), [0.0], np.linspace(-0.03, 0.03, 9)), -1).reshape(-1, 3)
-    center, diameter = first_estimate(patch, np.array([[0.0, -2, 0]]))
-    assert 0.055 < diameter < 0.09  # the square's side to its diagonal
-    assert 0.01 < center[1] < 0.025
+def test_a_patch_is_completed_to_the_usual_size_of_the_row() -> None:
+    whole = [sphere_points(np.array([0.2 * k, 0, 0]), 0.08, 1000) for k in range(3)]
+    ball = sphere_points(np.array([0.6, 0, 0]), 0.08, 1000)
+    patch = ball[np.linalg.norm(ball - np.array([0.6, -0.04, 0]), axis=1) < 0.02]
+    eyes = [np.array([[0.2 * k, -2.0, 0.0]]) for k in range(4)]
+    centers, diameters = first_estimates([*whole, patch], eyes)
+    assert np.linalg.norm(centers[3] - np.array([0.6, 0, 0])) < 0.012
+    assert 0.065 < diameters[3] < 0.09
+
+
+def test_no_fruits_have_no_estimates() -> None:
+    centers, diameters = first_estimates([], [])
+    assert centers.shape == (0, 3)
+    assert diameters.shape == (0,)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from pomona.cameras import Cameras
+from pomona.dense import patchmatch
 from pomona.dense.options import DenseOptions
-from pomona.dense.planesweep import plane_sweep_cloud
+from pomona.dense.planesweep import plane_sweep_map
+from pomona.dense.scene import Scene, cloud_of_maps
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
 from pomona.photos import Photos
@@ -23,7 +27,18 @@ def fruit_cloud(
     options: DenseOptions | None = None,
     progress: Progress | None = None,
 ) -> FruitCloud:
-    """Return a point cloud of what the detections cover, in the world frame, `fruit_id` 0 throughout."""
+    """Return a point cloud of what the detections cover, in the world frame, `fruit_id` 0 throughout.
+
+    Engine "patchmatch" falls back to the plane sweep, with a warning, where COLMAP's cannot run.
+    """
     options, progress = options or DenseOptions(), progress or Silent()
-    points, rgb = plane_sweep_cloud(photos, detections, cameras, options, progress)
+    scene = Scene(photos, detections, cameras, options)
+    missing = patchmatch.what_is_missing() if options.engine != "opencv" else "not asked for"
+    if options.engine == "patchmatch" and missing:
+        progress.warn(f"COLMAP's PatchMatch cannot run: {missing}. The cloud is made on the CPU instead.")
+    if missing:
+        points, rgb = cloud_of_maps(scene, partial(plane_sweep_map, scene), progress)
+    else:
+        with patchmatch.depth_maps(scene, progress) as depth_map:
+            points, rgb = cloud_of_maps(scene, depth_map, progress)
     return FruitCloud(points, rgb, np.zeros(len(points), np.int64))

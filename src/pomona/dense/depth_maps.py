@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.arrays import Array, BoolArray, ByteArray, FloatArray, IntArray
+from pomona.dense.views import View
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,13 @@ class DepthMap:
         return np.where(self.flat_idx[place] == wanted, place, -1), depth
 
 
+def empty_map(view: View) -> DepthMap:
+    """Return the map of a view in which no fruit has a depth."""
+    none, shape = np.zeros(0, np.int64), (view.label.shape[0], view.label.shape[1])
+    rgb = np.zeros((0, 3), np.uint8)
+    return DepthMap(view.photo_idx, shape, view.matrix, view.cam_from_world, none, np.zeros(0, np.float32), rgb)
+
+
 def agreed_points(
     depth_map: DepthMap, neighbours: Sequence[DepthMap], *, tolerance_m: float, min_agreeing: int
 ) -> tuple[FloatArray, ByteArray, BoolArray]:
@@ -61,6 +69,8 @@ def agreed_points(
     points = depth_map.points_in_world()
     total, count = points.copy(), np.ones(len(points))
     for neighbour in neighbours:
+        if len(neighbour.flat_idx) == 0:
+            continue
         found, depth = neighbour.find(points)
         agrees = found >= 0
         agrees[agrees] = np.abs(neighbour.depth_m[found[agrees]] - depth[agrees]) <= tolerance_m

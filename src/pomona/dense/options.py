@@ -23,8 +23,8 @@ class DenseOptions:
 
     engine: Engine = "auto"
     fruit_diameter_m: float = 0.075
-    work_fruit_px: float = 48.0
-    neighbours: int = 4
+    work_fruit_px: float = 36.0
+    neighbours: int = 10
     min_agreeing: int = 2
     agreement_diameters: float = 0.15
     voxel_diameters: float = 1 / 40

@@ -1,61 +1,77 @@
-"""A first centre and diameter of a fruit from its points alone; `measure` refines them with the masks."""
+"""First centres and diameters of fruits from their points alone; `measure` refines them with the masks."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from pomona.arrays import FloatArray
 
-_ROUNDS = 15
-# Points further than this share of the radius from the sphere hardly count (Cauchy weights).
-_SCATTER = 0.1
+_ROUNDS = 25
+_MAX_POINTS = 400
+# In shares of the usual radius: how far points scatter about a fruit's surface, and how much fruits of a row differ.
+_SCATTER, _SPREAD = 0.12, 0.12
+# Errors of neighbouring points are not independent: all together count as this many.
+_INDEPENDENT = 40.0
 
 
-def first_estimate(points_in_world: FloatArray, views_in_world: FloatArray) -> tuple[FloatArray, float]:
-    """Return the centre (3,) and the diameter (m) of a fruit from n ≥ 1 points on its surface.
+def first_estimates(parts: Sequence[FloatArray], eyes: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the centres (n, 3) and diameters (n,) in metres of n fruits.
 
-    `views_in_world` (k, 3) are the centres of the cameras that saw it. A sphere is fitted where the points bend enough
-    to tell one; else the diameter is the width of what is seen, and the centre lies behind the middle of the surface.
+    `parts[i]` (m, 3) are the points on fruit i, m ≥ 1, `eyes[i]` (k, 3) the centres of the cameras that saw it. Each
+    is a sphere fitted to its points, drawn to the usual diameter of this row where the points say little: of a fruit
+    behind leaves only a patch is seen.
     """
-    middle = points_in_world.mean(0)
-    width = visible_width(points_in_world)
-    fitted = fit_sphere(points_in_world, width / 2) if len(points_in_world) >= 10 else None
-    if fitted is not None:
-        center, radius = fitted
-        if 0.4 * width < radius < 0.75 * width and np.linalg.norm(center - middle) < 0.75 * width:
-            return center, 2 * radius
-    sight = middle - views_in_world
-    sight = (sight / np.linalg.norm(sight, axis=1, keepdims=True)).mean(0)
-    # The mean of a half sphere's surface is half a radius before its centre; seen from all around it is the centre.
-    return middle + sight * width / 4, width
+    if not parts:
+        return np.zeros((0, 3)), np.zeros(0)
+    widths = np.array([visible_width(points) for points in parts])
+    counts = np.array([len(points) for points in parts])
+    # The fruits with the most points are seen best: the upper half says what is usual.
+    usual_m = float(np.median(widths[counts >= np.median(counts)]))
+    fits = [fit_sphere(points, eye, usual_m / 2) for points, eye in zip(parts, eyes, strict=True)]
+    return np.array([center for center, _ in fits]), np.array([2 * radius for _, radius in fits])
 
 
 def visible_width(points_in_world: FloatArray) -> float:
-    """Return the width (m) of the points along their second widest axis, without the outermost hundredths."""
+    """Return the width (m) of the points along their second widest axis, which strays lengthen less, without the ends."""
     if len(points_in_world) < 4:
         return float(np.ptp(points_in_world, axis=0).max())
     centred = points_in_world - points_in_world.mean(0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2]
-    low, high = np.percentile(centred @ axes[1], [2, 98])
+    axis = np.linalg.eigh(centred.T @ centred)[1][:, 1]
+    low, high = np.percentile(centred @ axis, [2, 98])
     return float(high - low)
 
 
-def fit_sphere(points: FloatArray, first_radius: float) -> tuple[FloatArray, float] | None:
-    """Return the centre and radius of the sphere through points (n, 3), robust to outliers; None where there is none.
+def fit_sphere(points: FloatArray, eyes: FloatArray, usual_radius_m: float) -> tuple[FloatArray, float]:
+    """Return the centre (3,) and radius (m) of the likeliest sphere for points (n, 3) seen from `eyes` (k, 3).
 
-    Linear least squares on |x|² = 2 c·x + r² − |c|², reweighted by the distance from the sphere.
+    Gauss-Newton on the points' distances from the sphere, with Cauchy weights against strays, and a normal prior on
+    the radius. It begins behind the points, so that the sphere bulges towards the cameras.
     """
-    origin = points.mean(0)
-    centred = points - origin
-    system = np.concatenate([2 * centred, np.ones((len(points), 1))], axis=1)
-    squares = (centred**2).sum(1)
-    weights, radius, center = np.ones(len(points)), first_radius, np.zeros(3)
+    if len(points) > _MAX_POINTS:
+        points = points[np.linspace(0, len(points) - 1, _MAX_POINTS).astype(int)]
+    middle = points.mean(0)
+    sight = middle - eyes
+    sight = (sight / np.linalg.norm(sight, axis=1, keepdims=True)).mean(0)
+    scatter, spread = _SCATTER * usual_radius_m, _SPREAD * usual_radius_m
+    center, radius = middle + sight * usual_radius_m / 2, usual_radius_m
+    share = min(1.0, _INDEPENDENT / len(points))
     for _ in range(_ROUNDS):
-        solution, _, rank, _ = np.linalg.lstsq(system * weights[:, None], squares * weights, rcond=None)
-        square = float(solution[3] + solution[:3] @ solution[:3])
-        if rank < 4 or square <= 0:
-            return None
-        center, radius = solution[:3], float(np.sqrt(square))
-        off = np.linalg.norm(centred - center, axis=1) - radius
-        weights = 1 / (1 + (off / (_SCATTER * first_radius)) ** 2)
-    return center + origin, radius
+        outward = points - center
+        distance = np.maximum(np.linalg.norm(outward, axis=1), 1e-9)
+        off = distance - radius
+        weight = share / (1 + (off / scatter) ** 2) / scatter**2
+        slopes = np.concatenate([-outward / distance[:, None], -np.ones((len(points), 1))], axis=1)
+        normal = (slopes * weight[:, None]).T @ slopes
+        target = -(slopes * weight[:, None]).T @ off
+        normal[3, 3] += 1 / spread**2
+        target[3] += (usual_radius_m - radius) / spread**2
+        # A patch says nothing of where the centre is sideways to it: a weak pull to where it began keeps it.
+        normal[:3, :3] += np.eye(3) / usual_radius_m**2
+        target[:3] += (middle + sight * usual_radius_m / 2 - center) / usual_radius_m**2
+        step = np.linalg.solve(normal, target)
+        center, radius = center + step[:3], max(radius + float(step[3]), 0.3 * usual_radius_m)
+        if np.abs(step).max() < 1e-6:
+            break
+    return center, radius

@@ -9,7 +9,7 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse.first_estimate import first_estimate
+from pomona.fuse.first_estimate import first_estimates
 from pomona.fuse.groups import nearest_group, split_in_two
 from pomona.fuse.options import PaperOptions
 from pomona.fuse.projection import Projector
@@ -82,23 +82,22 @@ def _split(members: list[_Member], cloud: FruitCloud, above_points: int | None) 
 
 def _fused(members: list[_Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud) -> Fused:
     fruit_id = np.zeros(len(cloud), np.int64)
-    centers, diameters, scores, views = [], [], [], []
+    scores, views = [], []
     rows: list[tuple[int, str, int, np.ndarray[tuple[int], np.dtype[np.float64]]]] = []
     eyes = cameras.centers_in_world
+    centers, diameters = first_estimates(
+        [cloud.points_in_world[points_idx] for points_idx, _ in members],
+        [eyes[[sighting.photo_idx for sighting in sightings]] for _, sightings in members],
+    )
     for new_id, (points_idx, sightings) in enumerate(members, start=1):
         fruit_id[points_idx] = new_id
-        center, diameter = first_estimate(cloud.points_in_world[points_idx], eyes[[s.photo_idx for s in sightings]])
-        centers.append(center)
-        diameters.append(diameter)
         views.append(len({s.photo_idx for s in sightings}))
         seen_by = [(cameras.photos[s.photo_idx], s.detection_idx) for s in sightings]
         scores.append(float(np.mean([detections[photo].scores[k] for photo, k in seen_by])))
         rows += [(new_id, p, int(detections[p].ids[k]), detections[p].masks[k].center_px) for p, k in seen_by]
     if not members:
         return Fused(Fruits.empty(), Observations.empty(), FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id))
-    fruits = Fruits(
-        np.arange(1, len(members) + 1), np.array(centers), np.array(diameters), np.array(scores), np.array(views)
-    )
+    fruits = Fruits(np.arange(1, len(members) + 1), centers, diameters, np.array(scores), np.array(views))
     ids, photos, detection_ids, xy_px = zip(*rows, strict=True)
     observations = Observations(np.array(ids), tuple(photos), np.array(detection_ids), np.array(xy_px))
     return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id))

@@ -1,0 +1,73 @@
+"""What both engines of stereo share: views at working scale, who is compared with whom, and the check between views."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray
+from pomona.cameras import Cameras
+from pomona.capture import read_pixels
+from pomona.dense.depth_maps import DepthMap, agreed_points, thin
+from pomona.dense.neighbours import choose_neighbours
+from pomona.dense.options import DenseOptions
+from pomona.dense.ranges import Ranges, measure_ranges
+from pomona.dense.views import View, ViewCache, make_view
+from pomona.detections import Detections, SurveyDetections
+from pomona.photos import Photos
+from pomona.progress import Progress, track
+
+
+class Scene:
+    """The photos of a survey as stereo sees them: `ranges` of depth, `neighbours` of each photo, and its views."""
+
+    def __init__(self, photos: Photos, detections: SurveyDetections, cameras: Cameras, options: DenseOptions) -> None:
+        self._detections, self.cameras, self.options = detections, cameras, options
+        by_name = photos.by_name()
+        self._photos = [by_name[name] for name in cameras.photos]
+        self.ranges: Ranges = measure_ranges(detections, cameras, options.fruit_diameter_m)
+        self._scale = min(1.0, options.work_fruit_px / self.ranges.fruit_px)
+        sides = tuple(photo.side for photo in self._photos)
+        self.neighbours = choose_neighbours(cameras, sides, self.ranges.typical_m, options.neighbours)
+        self.view = ViewCache(self._load, capacity=2 * options.neighbours + 3)
+
+    def _load(self, i: int) -> View:
+        photo = self._photos[i]
+        rgb = read_pixels(photo, max_side_px=round(self._scale * max(photo.width_px, photo.height_px)))
+        found = self._detections.get(photo.name)
+        if found is None:
+            found = Detections.empty(photo.name, photo.width_px, photo.height_px)
+        return make_view(i, rgb, found, self.cameras.intrinsics_of(i), self.cameras.cam_from_world[i])
+
+
+def cloud_of_maps(
+    scene: Scene, depth_map: Callable[[int], DepthMap], progress: Progress
+) -> tuple[FloatArray, ByteArray]:
+    """Return points (m, 3) and colours (m, 3) of the surfaces on which the depth maps of neighbours agree.
+
+    `depth_map` gives the map of a photo; each is asked for once, and dropped when no later photo needs it.
+    """
+    options, fruit_m = scene.options, scene.ranges.fruit_m
+    uses = Counter(int(j) for i, js in enumerate(scene.neighbours) for j in (i, *js))
+    maps: dict[int, DepthMap] = {}
+    parts: list[tuple[FloatArray, ByteArray]] = [(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))]
+    for i in track(range(len(scene.cameras)), progress, "dense"):
+        needed = (i, *map(int, scene.neighbours[i]))
+        for j in needed:
+            if j not in maps:
+                maps[j] = depth_map(j)
+        points, rgb, _ = agreed_points(
+            maps[i],
+            [maps[j] for j in needed[1:]],
+            tolerance_m=options.agreement_diameters * fruit_m,
+            min_agreeing=min(options.min_agreeing, max(1, len(needed) - 1)),
+        )
+        parts.append(thin(points, rgb, options.voxel_diameters * fruit_m))
+        for j in needed:
+            uses[j] -= 1
+            if uses[j] == 0:
+                del maps[j]
+    points, rgb = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return thin(points, rgb, options.voxel_diameters * fruit_m)
