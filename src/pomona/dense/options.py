@@ -26,7 +26,7 @@ class DenseOptions:
     work_fruit_px: float = 36.0
     neighbours: int = 10
     min_agreeing: int = 2
-    agreement_diameters: float = 0.15
+    agreement_diameters: float = 0.12
     voxel_diameters: float = 1 / 40
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ from pomona.dense.views import View
 # Windows as a share of a fruit's width, coarse and fine, and the fine pass's reach in fruit diameters.
 _COARSE_WINDOW, _FINE_WINDOW, _FINE_REACH = 0.7, 0.35, 0.6
 # Steps in pixels of the median neighbour's parallax, at the pass's own scale.
-_COARSE_STEP_PX, _FINE_STEP_PX = 0.7, 0.7
+_COARSE_STEP_PX, _FINE_STEP_PX = 1.0, 0.7
 _MIN_SCORE = 0.1
 # By how much the best depth of a detection must lead, for a detection as large as a whole fruit, and how far away (in
 # fruit diameters) another depth is a rival.
@@ -42,7 +42,7 @@ def _coarse(view: View, neighbours: Sequence[View], ranges: Ranges) -> tuple[Atl
     near, far, typical = (float(m[view.photo_idx]) for m in (ranges.near_m, ranges.far_m, ranges.typical_m))
     fruit_px = ranges.fruit_m * view.matrix[0, 0] / typical / 2
     window = _odd(_COARSE_WINDOW * fruit_px)
-    atlas = pack(view.halved(), window)
+    atlas = pack(view.halved(), window // 2)
     steps = int((1 / near - 1 / far) * _parallax_px_m(view, neighbours) / 2 / _COARSE_STEP_PX) + 2
     inverse_depths = np.linspace(1 / far, 1 / near, steps).astype(np.float32)
     match = MatchOptions(window_px=window, noise=2.0, best=_COARSE_BEST)
@@ -58,7 +58,7 @@ def _fine(
     """Search again at full working scale near the coarse depths, with smaller windows; leave out what is unsure."""
     typical = float(ranges.typical_m[view.photo_idx])
     window = _odd(_FINE_WINDOW * ranges.fruit_m * view.matrix[0, 0] / typical)
-    atlas = pack(view, window)
+    atlas = pack(view, window // 2)
     base = _smoothed(coarse_atlas, coarse, atlas, window)
     reach = _FINE_REACH * ranges.fruit_m / typical**2
     steps = 2 * int(reach * _parallax_px_m(view, neighbours) / _FINE_STEP_PX) + 3

@@ -8,7 +8,9 @@ would draw a square window to their own depth, have no say.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -51,12 +53,21 @@ def sweep(
     scores = np.empty((len(offsets), *atlas.mask.shape), np.float32)
     base = np.asarray(base_inverse_depth, np.float32)
     best = min(options.best, len(warps))
-    for i, offset in enumerate(offsets):
-        each = np.stack([window.score(*warp(base + np.float32(offset))) for warp in warps])
+
+    def try_one(i: int) -> None:
+        each = np.stack([window.score(*warp(base + np.float32(offsets[i]))) for warp in warps])
         if best < len(each):
             each = np.partition(each, len(each) - best, axis=0)[-best:]
         scores[i] = each.mean(0)
+
+    # OpenCV and numpy let go of the interpreter's lock: threads do.
+    with ThreadPoolExecutor(_cores()) as pool:
+        list(pool.map(try_one, range(len(offsets))))
     return scores
+
+
+def _cores() -> int:
+    return min(8, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 class _Warp:

@@ -16,31 +16,19 @@ _SCATTER, _SPREAD = 0.12, 0.12
 _INDEPENDENT = 40.0
 
 
-def first_estimates(parts: Sequence[FloatArray], eyes: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+def first_estimates(
+    parts: Sequence[FloatArray], eyes: Sequence[FloatArray], usual_m: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the centres (n, 3) and diameters (n,) in metres of n fruits.
 
     `parts[i]` (m, 3) are the points on fruit i, m ≥ 1, `eyes[i]` (k, 3) the centres of the cameras that saw it. Each
-    is a sphere fitted to its points, drawn to the usual diameter of this row where the points say little: of a fruit
-    behind leaves only a patch is seen.
+    is a sphere fitted to its points, drawn to `usual_m`, the usual diameter of this row, where the points say little:
+    of a fruit behind leaves only a patch is seen.
     """
     if not parts:
         return np.zeros((0, 3)), np.zeros(0)
-    widths = np.array([visible_width(points) for points in parts])
-    counts = np.array([len(points) for points in parts])
-    # The fruits with the most points are seen best: the upper half says what is usual.
-    usual_m = float(np.median(widths[counts >= np.median(counts)]))
     fits = [fit_sphere(points, eye, usual_m / 2) for points, eye in zip(parts, eyes, strict=True)]
     return np.array([center for center, _ in fits]), np.array([2 * radius for _, radius in fits])
-
-
-def visible_width(points_in_world: FloatArray) -> float:
-    """Return the width (m) of the points along their second widest axis, which strays lengthen less, without the ends."""
-    if len(points_in_world) < 4:
-        return float(np.ptp(points_in_world, axis=0).max())
-    centred = points_in_world - points_in_world.mean(0)
-    axis = np.linalg.eigh(centred.T @ centred)[1][:, 1]
-    low, high = np.percentile(centred @ axis, [2, 98])
-    return float(high - low)
 
 
 def fit_sphere(points: FloatArray, eyes: FloatArray, usual_radius_m: float) -> tuple[FloatArray, float]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from pomona.arrays import IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse.first_estimate import first_estimates
+from pomona.fruits import FruitCloud
+from pomona.fuse.assemble import Member, assemble
 from pomona.fuse.groups import nearest_group, split_in_two
 from pomona.fuse.options import PaperOptions
 from pomona.fuse.projection import Projector
@@ -19,8 +16,6 @@ from pomona.progress import Progress, Silent, track
 
 # Side of the cubes that the cloud is sorted into, in DBSCAN distances: about a tree's branch.
 _CELL_EPS = 20
-
-_Member = tuple[IntArray, list[Sighting]]
 
 
 def fuse(
@@ -59,18 +54,18 @@ def fuse(
             if len(group):
                 unifier.add(points_idx[group], Sighting(photo_idx, k))
     members = _split([m for m in unifier.fruits() if _kept(m, options)], cloud, options.split_above_points)
-    return _fused(members, detections, cameras, cloud)
+    return assemble(members, detections, cameras, cloud)
 
 
-def _kept(member: _Member, options: PaperOptions) -> bool:
+def _kept(member: Member, options: PaperOptions) -> bool:
     points_idx, sightings = member
     views = len({sighting.photo_idx for sighting in sightings})
     return len(points_idx) >= options.min_points and views >= options.min_views
 
 
-def _split(members: list[_Member], cloud: FruitCloud, above_points: int | None) -> list[_Member]:
+def _split(members: list[Member], cloud: FruitCloud, above_points: int | None) -> list[Member]:
     """Split what has too many points for one fruit; both halves were seen by all of its detections."""
-    result: list[_Member] = []
+    result: list[Member] = []
     for points_idx, sightings in members:
         if above_points is None or len(points_idx) <= above_points:
             result.append((points_idx, sightings))
@@ -78,26 +73,3 @@ def _split(members: list[_Member], cloud: FruitCloud, above_points: int | None) 
         half = split_in_two(cloud.points_in_world[points_idx])
         result += [(points_idx[half == h], sightings) for h in (0, 1)]
     return result
-
-
-def _fused(members: list[_Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud) -> Fused:
-    fruit_id = np.zeros(len(cloud), np.int64)
-    scores, views = [], []
-    rows: list[tuple[int, str, int, np.ndarray[tuple[int], np.dtype[np.float64]]]] = []
-    eyes = cameras.centers_in_world
-    centers, diameters = first_estimates(
-        [cloud.points_in_world[points_idx] for points_idx, _ in members],
-        [eyes[[sighting.photo_idx for sighting in sightings]] for _, sightings in members],
-    )
-    for new_id, (points_idx, sightings) in enumerate(members, start=1):
-        fruit_id[points_idx] = new_id
-        views.append(len({s.photo_idx for s in sightings}))
-        seen_by = [(cameras.photos[s.photo_idx], s.detection_idx) for s in sightings]
-        scores.append(float(np.mean([detections[photo].scores[k] for photo, k in seen_by])))
-        rows += [(new_id, p, int(detections[p].ids[k]), detections[p].masks[k].center_px) for p, k in seen_by]
-    if not members:
-        return Fused(Fruits.empty(), Observations.empty(), FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id))
-    fruits = Fruits(np.arange(1, len(members) + 1), centers, diameters, np.array(scores), np.array(views))
-    ids, photos, detection_ids, xy_px = zip(*rows, strict=True)
-    observations = Observations(np.array(ids), tuple(photos), np.array(detection_ids), np.array(xy_px))
-    return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id))
