@@ -109,7 +109,8 @@ def explain(fused: Fused, truth: Truth, cloud: FruitCloud) -> list[str]:
             nearest = int(distance.argmin())
             apart = distance[nearest] / truth.diameters_m[nearest]
             lines.append(
-                f"{outcome.kind:7s} found {outcome.fruit_id:4d}: {points:5d} points, {fused.fruits.views[k]:2d} photos, "
+                f"{outcome.kind:7s} found {outcome.fruit_id:4d}: {points:5d} points, "
+                f"{fused.fruits.views[k]:2d} photos, "
                 f"diameter {1000 * fused.fruits.diameters_m[k]:.0f} mm, "
                 f"{apart:.2f} diameters from true {truth.ids[nearest]}"
             )
