@@ -16,7 +16,7 @@ from pomona.filter.features import FEATURE_NAMES
 
 _FORMAT = "pomona linear svm 1"
 _FOLDS = 5
-_SHIPPED = Path(__file__).parent / "weights" / "paper_svm.json"
+SHIPPED_SVM = Path(__file__).parent / "weights" / "paper_svm.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class LinearSvm:
 
         Raises `MissingFileError`, and `FormatError` where the file holds something else.
         """
-        path = _SHIPPED if path is None else Path(path)
+        path = SHIPPED_SVM if path is None else Path(path)
         if not path.is_file():
             raise MissingFileError(f"{path} does not exist; expected a support vector machine saved as JSON")
         try:

@@ -79,8 +79,9 @@ def filter_stage(context: Context, fuse: Stage[Fused]) -> Stage[Fused]:
         return filtered(fuse.value, options, progress)
 
     def key() -> Any:
-        model = None if options.filter_model is None else file_digest(options.filter_model)
-        return [options.filter_false_positives, model, fuse.token]
+        from pomona.filter.svm import SHIPPED_SVM
+
+        return [options.filter_false_positives, file_digest(options.filter_model or SHIPPED_SVM), fuse.token]
 
     return _fused_stage(context, "filter", key, compute, needs=(fuse,), rooms=("filter",))
 
