@@ -20,9 +20,6 @@ _COARSE_WINDOW, _FINE_WINDOW, _FINE_REACH = 0.7, 0.35, 0.6
 # Steps in pixels of the median neighbour's parallax, at the pass's own scale.
 _COARSE_STEP_PX, _FINE_STEP_PX = 1.0, 0.7
 _MIN_SCORE = 0.1
-# By how much the best depth of a detection must lead, for a detection as large as a whole fruit, and how far away (in
-# fruit diameters) another depth is a rival.
-_MIN_LEAD, _RIVAL = 0.03, 2 / 3
 # Coarse: a fruit hidden in most photos is still found where this many show it. Fine: the nearest photos do.
 _COARSE_BEST, _FINE_NEIGHBOURS, _FINE_BEST = 4, 6, 4
 
@@ -33,12 +30,12 @@ def plane_sweep_map(scene: Scene, photo_idx: int) -> DepthMap:
     if len(scene.neighbours[photo_idx]) == 0 or not view.label.any():
         return empty_map(view)
     neighbours = [scene.view(int(j)) for j in scene.neighbours[photo_idx]]
-    coarse_atlas, coarse, unsure = _coarse(view, neighbours, scene.ranges)
-    return _fine(view, neighbours[:_FINE_NEIGHBOURS], scene.ranges, coarse_atlas, coarse, unsure)
+    coarse_atlas, coarse = _coarse(view, neighbours, scene.ranges)
+    return _fine(view, neighbours[:_FINE_NEIGHBOURS], scene.ranges, coarse_atlas, coarse)
 
 
-def _coarse(view: View, neighbours: Sequence[View], ranges: Ranges) -> tuple[Atlas, Array, set[int]]:
-    """Return, at half scale, an atlas, its pixels' inverse depths (h, w), and the labels whose depth is not sure."""
+def _coarse(view: View, neighbours: Sequence[View], ranges: Ranges) -> tuple[Atlas, Array]:
+    """Return, at half scale, an atlas and its pixels' inverse depths (h, w)."""
     near, far, typical = (float(m[view.photo_idx]) for m in (ranges.near_m, ranges.far_m, ranges.typical_m))
     fruit_px = ranges.fruit_m * view.matrix[0, 0] / typical / 2
     window = _odd(_COARSE_WINDOW * fruit_px)
@@ -47,15 +44,12 @@ def _coarse(view: View, neighbours: Sequence[View], ranges: Ranges) -> tuple[Atl
     inverse_depths = np.linspace(1 / far, 1 / near, steps).astype(np.float32)
     match = MatchOptions(window_px=window, noise=2.0, best=_COARSE_BEST)
     scores = sweep(atlas, view.halved(), [n.halved() for n in neighbours], 0.0, inverse_depths, match)
-    rival = _RIVAL * ranges.fruit_m / typical**2 / (inverse_depths[1] - inverse_depths[0])
-    unsure = _add_detection_means(scores, atlas, rival, fruit_px**2)
-    return atlas, best_inverse_depth(scores, 0.0, inverse_depths)[0], unsure
+    _add_detection_means(scores, atlas)
+    return atlas, best_inverse_depth(scores, 0.0, inverse_depths)[0]
 
 
-def _fine(
-    view: View, neighbours: Sequence[View], ranges: Ranges, coarse_atlas: Atlas, coarse: Array, unsure: set[int]
-) -> DepthMap:
-    """Search again at full working scale near the coarse depths, with smaller windows; leave out what is unsure."""
+def _fine(view: View, neighbours: Sequence[View], ranges: Ranges, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
+    """Search again at full working scale near the coarse depths, with smaller windows."""
     typical = float(ranges.typical_m[view.photo_idx])
     window = _odd(_FINE_WINDOW * ranges.fruit_m * view.matrix[0, 0] / typical)
     atlas = pack(view, window // 2)
@@ -66,9 +60,6 @@ def _fine(
     scores = sweep(atlas, view, neighbours, base, offsets, MatchOptions(window_px=window, best=_FINE_BEST))
     inverse_depth, score = best_inverse_depth(scores, base, offsets)
     kept = atlas.mask & (score > _MIN_SCORE) & (inverse_depth > 0)
-    for crop in atlas.crops:
-        if crop.label in unsure:
-            kept[crop.in_atlas] = False
     return _to_map(view, atlas, inverse_depth, kept)
 
 
@@ -84,24 +75,12 @@ def _odd(width_px: float) -> int:
     return max(3, 2 * round((width_px - 1) / 2) + 1)
 
 
-def _add_detection_means(scores: Array, atlas: Atlas, reach: float, fruit_area_px: float) -> set[int]:
-    """Add to every pixel's scores (k, h, w) the mean of its detection's: a fruit is mostly at one depth.
-
-    Return the labels of the detections whose depth is not sure: another depth, more than `reach` hypotheses away, is
-    nearly as good, the more nearly the smaller the detection.
-    """
-    unsure = set()
+def _add_detection_means(scores: Array, atlas: Atlas) -> None:
+    """Add to every pixel's scores (k, h, w) the mean of its detection's: a fruit is mostly at one depth."""
     for crop in atlas.crops:
         block = scores[(slice(None), *crop.in_atlas)]
         mask = atlas.mask[crop.in_atlas]
-        mean = block[:, mask].mean(1)
-        block[:, mask] += mean[:, None]
-        peak = int(mean.argmax())
-        rivals = mean[np.abs(np.arange(len(mean)) - peak) > reach]
-        lead = float(mean[peak] - rivals.max(initial=0.0))
-        if lead * np.sqrt(mask.sum() / fruit_area_px) < _MIN_LEAD:
-            unsure.add(crop.label)
-    return unsure
+        block[:, mask] += block[:, mask].mean(1)[:, None]
 
 
 def _smoothed(coarse_atlas: Atlas, coarse: Array, atlas: Atlas, window: int) -> Array:
