@@ -20,7 +20,7 @@ from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, write_report
 from pomona.report.axes import row_axes
 from pomona.report.page import report_html
-from pomona.report.plots import bin_edges
+from pomona.report.plots import bin_edges, heights
 from pomona.report.scene import payload
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
@@ -240,6 +240,14 @@ def test_bins_hold_all_values(values: list[float]) -> None:
     edges = bin_edges(np.array(values))
     assert 2 <= len(edges) <= 40
     assert np.histogram(values, edges)[0].sum() == len(values)
+
+
+def test_zero_height_is_written_as_zero(data: ReportData) -> None:
+    centers = np.array([[0.0, 0.0, -0.83], [0.0, 0.0, 0.79]])
+    fruits = Fruits(np.array([1, 2]), centers, np.full(2, 0.07), np.ones(2), np.ones(2, np.int64))
+    chart = heights(replace(data, fruits=fruits))
+    assert ">0<" in chart
+    assert not re.search(r"\de-\d", chart)
 
 
 @pytest.mark.parametrize(

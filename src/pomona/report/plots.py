@@ -111,8 +111,8 @@ def _ticks(edges: FloatArray) -> Sequence[tuple[float, str]]:
     """Labels at round numbers, at most about eight."""
     width = float(edges[1] - edges[0])
     step = nice_step(float(edges[-1] - edges[0]), 8)
-    first = np.ceil(edges[0] / step - 1e-6) * step
-    places = np.arange(first, edges[-1] + 1e-6 * step, step)
+    # Whole numbers of steps: a sum of steps would write 0 as 5e-16.
+    places = np.arange(np.ceil(edges[0] / step - 1e-6), edges[-1] / step + 1e-6) * step
     return [(float(place - edges[0]) / width, number(float(place))) for place in places]
 
 
