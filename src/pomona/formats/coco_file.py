@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ class CocoAnnotation:
     """An entry of `annotations`, its mask decoded; `box_px` is x0, y0, x1, y1.
 
     `mask` is None where what the file gives covers no pixel. `from_box`: the file gives a box alone, and the mask is
-    the ellipse in it. `crowd`: the mask is of many objects.
+    the ellipse in it. `crowd`: the mask is of many objects. `ignored`: marked (`"ignore": 1`) as not to be scored.
     """
 
     id: int
@@ -42,6 +42,7 @@ class CocoAnnotation:
     box_px: tuple[float, float, float, float] | None
     from_box: bool
     crowd: bool
+    ignored: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +54,16 @@ class CocoFile:
     categories: tuple[str, ...]
 
 
-def parse_coco(path: Path) -> CocoFile:
+def parse_coco(path: Path, *, results_of: Sequence[CocoImage] = ()) -> CocoFile:
     """Read a COCO instance file with masks in any form.
 
     Scores are 1 where the file has none. Fields that COCO does not know are ignored, but not inside `segmentation`.
+    With `results_of`, the images of another file, a list of results (COCO's form for them) may be in the file instead:
+    annotations without ids, of one category, whose `image_id` is the other file's.
 
     Raises `MissingFileError`, and `FormatError` naming file, entry and what was expected.
     """
-    content = _load(path)
+    content = _load(path, results_of)
     images = tuple(_image(path, k, entry) for k, entry in enumerate(content["images"]))
     _check_unique(path, "image", [image.id for image in images])
     categories = {_whole(path, f"category {k}", e, "id"): str(e.get("name", "")) for k, e in _listed(path, content)}
@@ -72,7 +75,7 @@ def parse_coco(path: Path) -> CocoFile:
     return CocoFile(images, annotations, tuple(categories.values()))
 
 
-def _load(path: Path) -> dict[str, Any]:
+def _load(path: Path, results_of: Sequence[CocoImage] = ()) -> dict[str, Any]:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -83,10 +86,23 @@ def _load(path: Path) -> dict[str, Any]:
         content = json.loads(text)
     except json.JSONDecodeError as error:
         raise FormatError(f"{path}: expected a COCO file, but it is no JSON: {error}") from None
+    if isinstance(content, list) and results_of:
+        return _with_images(path, content, results_of)
     keys = ("images", "annotations")
     if not isinstance(content, dict) or not all(isinstance(content.get(key), list) for key in keys):
         raise FormatError(f"{path}: expected a COCO file: an object with the lists 'images' and 'annotations'")
     return content
+
+
+def _with_images(path: Path, results: list[Any], images: Sequence[CocoImage]) -> dict[str, Any]:
+    """A list of results as the content of a file of its own."""
+    categories = {str(entry.get("category_id", 1)) for entry in results if isinstance(entry, dict)}
+    if len(categories) > 1:
+        found = ", ".join(sorted(categories))
+        raise FormatError(f"{path}: category_id: expected results of one category, found {found}: keep the fruit")
+    entries = [{**e, "id": k} if isinstance(e, dict) else e for k, e in enumerate(results, start=1)]
+    sizes = [{"id": i.id, "file_name": i.file_name, "width": i.width_px, "height": i.height_px} for i in images]
+    return {"images": sizes, "annotations": entries, "categories": []}
 
 
 def _listed(path: Path, content: Mapping[str, Any]) -> list[tuple[int, Mapping[str, Any]]]:
@@ -132,7 +148,8 @@ def _annotation(
     except InputError as error:
         raise FormatError(f"{path}: {place}: {error}") from None
     category = categories.get(category_id, CATEGORY)
-    return CocoAnnotation(id_, image_id, category, float(score), mask, box_px, from_box, crowd)
+    ignored = bool(entry.get("ignore", 0))
+    return CocoAnnotation(id_, image_id, category, float(score), mask, box_px, from_box, crowd, ignored)
 
 
 def _shape(
