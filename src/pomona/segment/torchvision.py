@@ -19,7 +19,13 @@ from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_fil
 ARCHITECTURES = ("maskrcnn-r101", "maskrcnn-r50", "maskrcnn-r34", "maskrcnn-r18", "maskrcnn-mobilenet")
 """Feature pyramids on ResNets of 101, 50, 34 and 18 layers and on MobileNetV3-Large."""
 _DETECTIONS_PER_TILE = 400
-_COCO_CLASSES, _COCO_FRUITS = 91, (53, 55)  # apple and orange among COCO's 91 labels
+COCO_CLASSES, COCO_FRUITS = 91, (53, 55)
+"""How many labels COCO has, and its apple and orange."""
+_OLD_NAMES = (
+    (r"^(backbone\.fpn\.(?:inner|layer)_blocks\.\d+)\.(weight|bias)$", r"\1.0.\2"),
+    (r"^rpn\.head\.conv\.(weight|bias)$", r"rpn.head.conv.0.0.\1"),
+    *((rf"^roi_heads\.mask_head\.mask_fcn{k + 1}\.", f"roi_heads.mask_head.{k}.0.") for k in range(4)),
+)
 
 
 class MaskRcnnSegmenter:
@@ -32,22 +38,20 @@ class MaskRcnnSegmenter:
     """
 
     def __init__(self, path: Path, *, score_floor: float | None = None) -> None:
-        self._torch = _torch()
-        self._path = Path(path)
-        checkpoint = _load(self._path, self._torch)
-        state = _state_of(self._path, checkpoint)
-        arch = _stored_arch(self._path, checkpoint) or architecture_of(self._path, state)
+        torch, path = _torch(), Path(path)
+        checkpoint = read_checkpoint(path, _expected())
+        state = _state_of(path, checkpoint)
+        arch = _stored_arch(path, checkpoint) or architecture_of(path, state)
         classes = state["roi_heads.box_predictor.cls_score.weight"].shape[0]
-        self._labels = _COCO_FRUITS if classes == _COCO_CLASSES else tuple(range(1, classes))
+        self._labels = COCO_FRUITS if classes == COCO_CLASSES else tuple(range(1, classes))
         self._model = build_mask_rcnn(arch, classes)
-        _fill(self._path, self._model, state, arch)
-        self._device = "cuda" if self._torch.cuda.is_available() else "cpu"
-        self._model.to(self._device).eval()
+        _fill(path, self._model, state, arch)
+        self._model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
         threshold = float(checkpoint.get("score_threshold", 0.5)) if "model" in checkpoint else 0.5
         typical = checkpoint.get("typical_fruit_px") if "model" in checkpoint else None
         self._traits = SegmenterTraits(score_threshold=threshold, typical_fruit_px=typical)
         self._model.roi_heads.score_thresh = threshold / 2 if score_floor is None else score_floor
-        self._name = f"{arch}:{name_of_file(self._path)}"
+        self._name = f"{arch}:{name_of_file(path)}"
 
     @property
     def name(self) -> str:
@@ -61,28 +65,31 @@ class MaskRcnnSegmenter:
 
     def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
         """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
-        with self._torch.inference_mode():
-            return [self._of_tile(tile) for tile in tiles]
+        return [segment_tile(self._model, tile, self._labels) for tile in tiles]
 
-    def _of_tile(self, tile: ByteArray) -> TileDetections:
-        height, width = tile.shape[:2]
-        model = self._model
-        model.transform.min_size, model.transform.max_size = (min(height, width),), max(height, width)
-        image = self._torch.from_numpy(np.ascontiguousarray(tile.transpose(2, 0, 1))).to(self._device).float() / 255
+
+def segment_tile(model: Any, tile: ByteArray, fruit_labels: Sequence[int] = (1,)) -> TileDetections:
+    """Return what a Mask R-CNN in evaluation mode finds of some labels in a tile, uint8 (h, w, 3) RGB, not resized."""
+    torch = _torch()
+    height, width = tile.shape[:2]
+    model.transform.min_size, model.transform.max_size = (min(height, width),), max(height, width)
+    device = next(model.parameters()).device
+    image = torch.from_numpy(np.ascontiguousarray(tile.transpose(2, 0, 1))).to(device).float() / 255
+    with torch.inference_mode():
         # The model's own last step would lay out every mask at the size of the tile; ours pastes crops.
         images, _ = model.transform([image])
         features = model.backbone(images.tensors)
         proposals, _ = model.rpn(images, features)
         (found,), _ = model.roi_heads(features, proposals, images.image_sizes)
-        boxes, scores, labels, masks = (found[key].cpu().numpy() for key in ("boxes", "scores", "labels", "masks"))
-        fruit = np.isin(labels, self._labels)
-        pasted = [_paste(m, b, width, height) for m, b in zip(masks[fruit, 0], boxes[fruit], strict=True)]
-        kept = [k for k, mask in enumerate(pasted) if mask is not None]
-        return TileDetections(
-            boxes[fruit][kept].astype(float),
-            scores[fruit][kept].astype(float),
-            tuple(mask for mask in pasted if mask is not None),
-        )
+    boxes, scores, labels, masks = (found[key].cpu().numpy() for key in ("boxes", "scores", "labels", "masks"))
+    fruit = np.isin(labels, fruit_labels)
+    pasted = [_paste(m, b, width, height) for m, b in zip(masks[fruit, 0], boxes[fruit], strict=True)]
+    kept = [k for k, mask in enumerate(pasted) if mask is not None]
+    return TileDetections(
+        boxes[fruit][kept].astype(float),
+        scores[fruit][kept].astype(float),
+        tuple(mask for mask in pasted if mask is not None),
+    )
 
 
 def build_mask_rcnn(arch: str, classes: int) -> Any:
@@ -156,25 +163,43 @@ def _torch() -> Any:
     return torch
 
 
-def _load(path: Path, torch: Any) -> Mapping[str, Any]:
+def read_checkpoint(path: Path, expected: str) -> Mapping[str, Any]:
+    """Return the content of a file of PyTorch, on the CPU; nothing but data is unpacked.
+
+    Raises `MissingFileError`, and `FormatError`, which says that `expected` was expected.
+    """
     if not path.is_file():
         raise MissingFileError(f"Checkpoint {path}: no such file")
     try:
-        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+        checkpoint = _torch().load(path, map_location="cpu", weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, KeyError, OSError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise FormatError(f"{path}: expected {_expected()}, but PyTorch cannot load it: {reason}") from None
+        raise FormatError(f"{path}: expected {expected}, but PyTorch cannot load it: {reason}") from None
     if not isinstance(checkpoint, Mapping):
-        raise FormatError(f"{path}: expected {_expected()}, found an object of {type(checkpoint).__name__}")
+        raise FormatError(f"{path}: expected {expected}, found an object of {type(checkpoint).__name__}")
     return checkpoint
 
 
+def with_present_names(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a state dict without the prefix of data-parallel training, tensors named as torchvision names them now.
+
+    The weights that it publishes have the names of its first versions.
+    """
+    renamed = {}
+    for key, value in state.items():
+        name = str(key).removeprefix("module.")
+        for old, new in _OLD_NAMES:
+            name = re.sub(old, new, name)
+        renamed[name] = value
+    return renamed
+
+
 def _state_of(path: Path, checkpoint: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The state dict in a checkpoint, without the prefix that data-parallel training adds."""
+    """The state dict in a checkpoint, its tensors named as they are now."""
     state = checkpoint.get("model", checkpoint)
     if not isinstance(state, Mapping):
         raise FormatError(f"{path}: expected {_expected()}, with tensors by name under 'model'")
-    state = {str(key).removeprefix("module."): value for key, value in state.items()}
+    state = with_present_names(state)
     if "roi_heads.box_predictor.cls_score.weight" not in state:
         raise FormatError(f"{path}: expected {_expected()}; it has no box head, its first tensors are {_few(state)}")
     if not any(key.startswith("roi_heads.mask_predictor.") for key in state):

@@ -2,40 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
-from pomona.train.samples import IGNORED, Labels, Sample, boxes_of
+from pomona.errors import InputError
+from pomona.train.copy_paste import paste_fruits
+from pomona.train.crop import FEWEST_SEEN, Crop, too_small, with_doubts
+from pomona.train.samples import Labels, Sample, boxes_of
 
-_FEWEST_SEEN = 0.3  # of a fruit's box; less of it in the crop is doubtful
 _PADDING = 114
 
 
 @dataclass(frozen=True, kw_only=True)
 class AugmentOptions:
-    """How crops are made. `fruit_px` is the range of the sample's median fruit width, drawn log-uniformly.
+    """How crops are made.
 
-    A share `mosaics` of crops is four quarters of different photos, shown smaller, `mosaic_fruit_px`.
+    `fruit_px` is the range of the sample's median fruit width, drawn log-uniformly; None leaves photos at their own
+    size. Width over height changes by up to a factor exp(±2 `stretch`). A share `mosaics` of crops is four quarters of
+    different photos, shown smaller, `mosaic_fruit_px`. Into a share `copy_paste` of crops, `pasted` fruits of another
+    photo are pasted. `recolours`: light, colour, blur, noise and compression change too. All are mirrored at random.
     """
 
     crop_px: int = 320
-    fruit_px: tuple[float, float] = (24.0, 110.0)
+    fruit_px: tuple[float, float] | None = (24.0, 110.0)
+    stretch: float = 0.1
     mosaic_fruit_px: tuple[float, float] = (12.0, 48.0)
     mosaics: float = 0.35
     typical_fruit_px: float = 50.0  # of a photo without fruit
     at_a_fruit: float = 0.8  # share of crops which are placed around a fruit
+    copy_paste: float = 0.0
+    pasted: tuple[int, int] = (1, 6)
+    recolours: bool = True
 
-
-@dataclass(frozen=True, eq=False)
-class Crop:
-    """`pixels` uint8 (s, s, 3) RGB, `labels` int16 (s, s), `boxes_px` (n, 4) of labels 1 … n, NaN where doubtful."""
-
-    pixels: ByteArray
-    labels: Labels
-    boxes_px: FloatArray
+    def __post_init__(self) -> None:
+        if self.crop_px < 32 or self.crop_px % 32:
+            raise InputError(f"crop_px: expected a multiple of 32, found {self.crop_px}")
+        for name in ("mosaics", "at_a_fruit", "copy_paste"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"{name}: expected a share of 0 to 1, found {getattr(self, name)}")
 
 
 def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentOptions) -> Crop:
@@ -47,18 +54,23 @@ def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentO
         half = size // 2
         picked = [samples[k] for k in rng.integers(len(samples), size=4)]
         crop = _mosaic([_cut(sample, half, options.mosaic_fruit_px, rng, options) for sample in picked])
-    return Crop(recolour(crop.pixels, rng), crop.labels, crop.boxes_px)
+    # Asked for nothing, nothing is drawn: crops stay the same as before there was copy-paste.
+    if options.copy_paste > 0 and rng.random() < options.copy_paste:
+        donor = _cut(samples[rng.integers(len(samples))], size, options.fruit_px, rng, options)
+        low, high = options.pasted
+        crop = paste_fruits(crop, donor, int(rng.integers(low, high + 1)), rng)
+    return replace(crop, pixels=recolour(crop.pixels, rng)) if options.recolours else crop
 
 
 def _cut(
-    sample: Sample, size: int, fruit_px: tuple[float, float], rng: np.random.Generator, options: AugmentOptions
+    sample: Sample, size: int, fruit_px: tuple[float, float] | None, rng: np.random.Generator, options: AugmentOptions
 ) -> Crop:
     """A scaled, perhaps mirrored crop of one photo, without any change of colour."""
     pixels, labels, boxes = sample.pixels(), sample.label_image(), sample.boxes_px
     widths = boxes[:, 2:] - boxes[:, :2]
     typical = float(np.median(widths.max(1))) if len(boxes) else options.typical_fruit_px
-    scale = np.exp(rng.uniform(*np.log(fruit_px))) / typical
-    stretch = np.exp(rng.uniform(-0.1, 0.1))
+    scale = np.exp(rng.uniform(*np.log(fruit_px))) / typical if fruit_px else 1.0
+    stretch = np.exp(rng.uniform(-options.stretch, options.stretch))
     sx, sy = min(scale * stretch, 2.5), min(scale / stretch, 2.5)
     span = np.array([size / sx, size / sy])
     room = np.array([pixels.shape[1], pixels.shape[0]]) - span
@@ -91,30 +103,25 @@ def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) 
     clipped = boxes_of(labels, len(whole)) if exact else np.clip(whole, 0, size)
     sides, all_sides = clipped[:, 2:] - clipped[:, :2], whole[:, 2:] - whole[:, :2]
     seen = np.nan_to_num(sides.prod(1)) / np.maximum(all_sides.prod(1), 1e-9)
-    doubtful = (seen < _FEWEST_SEEN) | (np.nan_to_num(sides).min(1, initial=np.inf) < 5)
-    clipped[doubtful] = np.nan
-    unknown = np.concatenate([[False], doubtful])
-    labels = labels.copy()
-    labels[(labels > 0) & unknown[np.maximum(labels, 0)]] = IGNORED
-    for x0, y0, x1, y1 in np.clip(whole[doubtful & (seen > 0)], 0, size).round().astype(int):
-        part = labels[y0:y1, x0:x1]
-        part[part == 0] = IGNORED
-    return Crop(pixels, labels, clipped)
+    doubtful = (seen < FEWEST_SEEN) | too_small(clipped)
+    hardly_seen = np.clip(whole[doubtful & (seen > 0)], 0, size)
+    return with_doubts(Crop(pixels, labels, clipped), doubtful, hardly_seen)
 
 
 def _mosaic(quarters: list[Crop]) -> Crop:
     half = quarters[0].pixels.shape[0]
     pixels = np.zeros((2 * half, 2 * half, 3), np.uint8)
     labels = np.zeros((2 * half, 2 * half), np.int16)
-    boxes, count = [], 0
+    boxes, doubtful, count = [], [], 0
     for k, quarter in enumerate(quarters):
         y, x = divmod(k, 2)
         at = np.s_[y * half : (y + 1) * half, x * half : (x + 1) * half]
         pixels[at] = quarter.pixels
         labels[at] = np.where(quarter.labels > 0, quarter.labels + count, quarter.labels)
         boxes.append(quarter.boxes_px + half * np.array([x, y, x, y]))
+        doubtful.append(quarter.doubtful_px + half * np.array([x, y, x, y]))
         count += len(quarter.boxes_px)
-    return Crop(pixels, labels, np.concatenate(boxes))
+    return Crop(pixels, labels, np.concatenate(boxes), np.concatenate(doubtful))
 
 
 def recolour(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:

@@ -1,0 +1,55 @@
+"""What a kind of network does in its own way in training; the loop in `fit` does the rest for all of them alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from torch import Tensor, nn
+
+from pomona.arrays import ByteArray
+from pomona.progress import Progress
+from pomona.segment.protocol import TileDetections
+from pomona.train.crop import Crop
+
+
+class Learner(Protocol):
+    """One architecture: how it begins, what it learns from crops, how it finds fruits, and its model file."""
+
+    @property
+    def arch(self) -> str:
+        """The architecture's name on the command line."""
+
+    @property
+    def weights(self) -> str:
+        """What training starts from."""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """The names of its losses, in the log's order."""
+
+    @property
+    def suffix(self) -> str:
+        """The ending of its model file's name."""
+
+    def build(self, *, start: bool, progress: Progress) -> nn.Module:
+        """Return the network, with the weights that training starts from, or to be filled from a checkpoint."""
+
+    def rate_share(self, name: str) -> float:
+        """Return the share of the learning rate by which the parameter of this name learns."""
+
+    def batch_of(self, crops: Sequence[Crop]) -> Any:
+        """Return crops of one size as `loss` wants them, on the CPU."""
+
+    def loss(self, network: nn.Module, batch: Any) -> tuple[Tensor, dict[str, float]]:
+        """Return the loss of a batch, to be made smaller, and each loss by its name in `losses`."""
+
+    def segment(self, network: nn.Module, pixels: ByteArray) -> TileDetections:
+        """Find fruits in a photo (h, w, 3), from a score of 0.05 up; the network is in evaluation mode."""
+
+    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool) -> None:
+        """Write the model file.
+
+        `threshold` is the score that parts fruit from the rest best; `weak`: all masks were made from boxes.
+        """
