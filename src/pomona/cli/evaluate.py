@@ -10,12 +10,49 @@ import typer
 from rich.console import Console
 
 from pomona.cli import options as shared
-from pomona.errors import MissingFileError
+from pomona.cli.evaluate_detections import Pictures, evaluate_detections
+from pomona.errors import InputError, MissingFileError
 from pomona.formats.tables import read_fruits
 from pomona.survey import Survey
 
 if TYPE_CHECKING:
     from pomona.evaluate import Scores
+
+_SURVEY = Annotated[
+    Path,
+    typer.Argument(metavar="SURVEY", help="A folder that `pomona run` wrote; with --detections also a COCO file."),
+]
+_TRUTH = Annotated[
+    Path,
+    typer.Option(
+        metavar="FILE",
+        help="The true fruits: a table of centres and diameters, or boxes. With --detections: a COCO file, or a "
+        "rendered row's folder (truth/masks).",
+    ),
+]
+_MATCH = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|centers|boxes|masks", help="What makes a found fruit a true one (masks: with --detections)."
+    ),
+]
+_DETECTIONS = Annotated[
+    bool, typer.Option("--detections", help="Score the detections in photos (AP, Table 2), not the fruits in 3D.")
+]
+_MIN_SIZE = Annotated[
+    float, typer.Option(metavar="PX", min=0, help="True fruits narrower than this are not scored. [--detections]")
+]
+_MIN_VISIBLE = Annotated[
+    int, typer.Option(metavar="PX", min=0, help="Nor those whose mask has fewer pixels. [--detections]")
+]
+_PICTURES = Annotated[
+    Path | None,
+    typer.Option(metavar="FOLDER", help="Draw right, false and missed detections into photos. [--detections]"),
+]
+_WORST = Annotated[int | None, typer.Option(metavar="N", help="Only of the N worst photos. [--pictures]")]
+_PHOTOS = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not beside the truth. [--pictures]")
+]
 
 
 def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
@@ -38,17 +75,31 @@ def show_scores(scores: Scores) -> None:
 
 
 def evaluate(
-    survey: shared.SurveyFolder,
-    truth: Annotated[
-        Path, typer.Option(metavar="FILE", help="The true fruits: a table of centres and diameters, or boxes.")
-    ],
-    match: Annotated[
-        str, typer.Option(metavar="auto|centers|boxes", help="What makes a found fruit a true one.")
-    ] = "auto",
+    survey: _SURVEY,
+    truth: _TRUTH,
+    match: _MATCH = "auto",
+    detections: _DETECTIONS = False,
+    min_size: _MIN_SIZE = 12.0,
+    min_visible: _MIN_VISIBLE = 0,
+    pictures: _PICTURES = None,
+    worst: _WORST = None,
+    photos: _PHOTOS = None,
     outcomes: Annotated[bool, typer.Option("--outcomes", help="With --json: what became of each fruit.")] = False,
     as_json: shared.Json = False,
 ) -> None:
-    """Compare the fruits found with the true ones: DR, R, P, FDR, MDR and F1 as the paper defines them."""
+    """Compare the fruits found with the true ones: DR, R, P, FDR, MDR and F1 as the paper defines them.
+
+    With --detections, compare the detections in photos: AP, and R, P and F1 by confidence.
+    """
+    if detections:
+        from pomona.evaluate.detections import EvaluateDetectionsOptions
+
+        options = EvaluateDetectionsOptions(match=match, min_size_px=min_size, min_visible_px=min_visible)  # type: ignore[arg-type]
+        drawing = Pictures(folder=pictures, worst=worst, photos=photos) if pictures else None
+        evaluate_detections(survey, truth, options, pictures=drawing, outcomes=outcomes, as_json=as_json)
+        return
+    if pictures is not None:
+        raise InputError("--pictures are of detections: add --detections")
     scores = scores_of(survey, truth, match=match)
     if as_json:
         typer.echo(json.dumps(scores.to_json(outcomes=outcomes), indent=1))

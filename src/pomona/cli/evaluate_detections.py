@@ -1,0 +1,116 @@
+"""`pomona evaluate --detections`: the detections of a survey, or of a COCO file, against true fruits in photos."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+
+from pomona.cli.progress import TerminalProgress
+from pomona.errors import InputError, MissingFileError
+from pomona.survey import Survey
+
+if TYPE_CHECKING:
+    from pomona.evaluate.detections import DetectionScores, DetectionTruth, EvaluateDetectionsOptions, FoundDetections
+    from pomona.photos import Photo
+    from pomona.progress import Progress
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pictures:
+    """What was asked for by `--pictures`: the folder to write, how many photos (None: all), where the photos lie."""
+
+    folder: Path
+    worst: int | None = None
+    photos: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.worst is not None and self.worst < 1:
+            raise InputError(f"--worst: expected at least 1 photo, found {self.worst}")
+
+
+def evaluate_detections(
+    source: Path,
+    truth_path: Path,
+    options: EvaluateDetectionsOptions,
+    *,
+    pictures: Pictures | None = None,
+    outcomes: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Print the scores of a survey's detections, or of those in a COCO file, and draw what was asked for."""
+    from pomona.evaluate.detections import detections_table, outcomes_json
+
+    with TerminalProgress() as progress:
+        scores, found, truth = _scored(source, truth_path, options, progress)
+        drawn = _drawn(source, truth_path, scores, found, truth, pictures, progress) if pictures else ()
+    if as_json:
+        content = scores.to_json()
+        if outcomes:
+            ids = [(m, found.by_photo[m.photo].ids.tolist(), truth[m.photo].ids.tolist()) for m in scores.matches]
+            content["outcomes"] = [outcomes_json(*of_photo) for of_photo in ids]
+        typer.echo(json.dumps(content, indent=1))
+        return
+    Console(highlight=False).print(detections_table(scores, options))
+    if pictures:
+        typer.echo(f"{len(drawn)} pictures, the worst photo first, in {pictures.folder}")
+
+
+def _scored(
+    source: Path, truth_path: Path, options: EvaluateDetectionsOptions, progress: Progress
+) -> tuple[DetectionScores, FoundDetections, DetectionTruth]:
+    from pomona.evaluate import detections as room
+
+    whole = room.read_detection_truth(truth_path, progress=progress)
+    found = room.read_found(_file_of(source), truth=whole, progress=progress)
+    truth = whole.of_photos(tuple(found.by_photo), progress=progress)
+    scores = room.evaluate_detections(
+        found.by_photo, truth, found_masks=found.masks, options=options, progress=progress
+    )
+    return scores, found, truth
+
+
+def _drawn(
+    source: Path,
+    truth_path: Path,
+    scores: DetectionScores,
+    found: FoundDetections,
+    truth: DetectionTruth,
+    pictures: Pictures,
+    progress: Progress,
+) -> Sequence[Path]:
+    from pomona.evaluate.detections.pictures import PictureOptions, write_pictures
+
+    photos = _photos(source, truth_path, tuple(truth), pictures)
+    options = PictureOptions(worst=pictures.worst)
+    return write_pictures(pictures.folder, photos, found.by_photo, truth, scores, options=options, progress=progress)
+
+
+def _file_of(source: Path) -> Path:
+    """The COCO file that was named itself, or that of the survey that was named."""
+    if source.is_file():
+        return source
+    file = Survey.open(source).detections
+    if not file.is_file():
+        raise MissingFileError(f"{file} does not exist: `pomona segment PHOTOS --out {source}` writes it")
+    return file
+
+
+def _photos(source: Path, truth: Path, names: Sequence[str], pictures: Pictures) -> dict[str, Photo]:
+    from pomona.evaluate.detections.photo_files import photos_beside, photos_named
+
+    sources = Survey.open(source).get("sources") if source.is_dir() and pictures.photos is None else None
+    if not sources:
+        return photos_beside(truth, names, pictures.photos)
+    from pomona.capture import load_photos
+
+    survey = Survey.open(source)
+    sides = survey.get("options", {}).get("sides", "auto")
+    places = [Path(place) for place in sources]
+    photos = load_photos(places, sides=sides, frames_dir=survey.work("frames"), min_photos=1)
+    return photos_named(photos, names)

@@ -1,0 +1,57 @@
+"""Which photo is meant where two files name the same photos differently."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import PurePosixPath
+
+from pomona.errors import InputError
+
+
+def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
+    """Return the photo that each of `names` means, for those that mean one.
+
+    A name means the photo of that very name; else the one with the same end of the path, without suffix and in any
+    letter case: the last three parts, two, or the stem alone.
+
+    Raises `InputError` where several photos, or several names, fit.
+    """
+    pairs: dict[str, str] = {}
+    for form in (_whole, _end(3), _end(2), _end(1)):
+        rest = [name for name in names if name not in pairs]
+        taken = set(pairs.values())
+        pairs |= _paired(rest, [photo for photo in photos if photo not in taken], form)
+    return pairs
+
+
+def _paired(names: Sequence[str], photos: Sequence[str], form: Callable[[str], str]) -> dict[str, str]:
+    by_form: dict[str, list[str]] = defaultdict(list)
+    for photo in photos:
+        by_form[form(photo)].append(photo)
+    pairs: dict[str, str] = {}
+    owner: dict[str, str] = {}
+    for name in names:
+        fitting = by_form.get(form(name), [])
+        if len(fitting) > 1:
+            raise InputError(f"'{name}' fits several photos, {', '.join(fitting[:3])}: give their names in full")
+        if fitting and fitting[0] in owner:
+            raise InputError(f"'{owner[fitting[0]]}' and '{name}' both fit the photo {fitting[0]}: give full names")
+        if fitting:
+            pairs[name] = fitting[0]
+            owner[fitting[0]] = name
+    return pairs
+
+
+def _whole(name: str) -> str:
+    return PurePosixPath(name.replace("\\", "/")).as_posix()
+
+
+def _end(parts: int) -> Callable[[str], str]:
+    """The form of a name that is its last `parts` parts, without suffix, in lower case."""
+
+    def form(name: str) -> str:
+        path = PurePosixPath(_whole(name)).with_suffix("")
+        return "/".join(path.parts[-parts:]).lower()
+
+    return form

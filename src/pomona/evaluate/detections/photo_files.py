@@ -1,0 +1,39 @@
+"""Where the photos lie that a truth speaks of, for pictures of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pomona.errors import InputError
+from pomona.evaluate.detections.names import pair_names
+from pomona.photos import Photo, Photos
+
+
+def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None) -> dict[str, Photo]:
+    """Return the photos of `names` in `folder`, or else in `images/` beside the truth, or beside it.
+
+    Names that fit no photo are left out; raises `InputError` where none does.
+    """
+    from pomona.capture import load_photos
+
+    place = truth if truth.is_dir() else truth.parent
+    around = [place / "images", place.parent / "images", place.parent.parent / "images"]
+    tried = [folder] if folder else [f for f in (*around, place) if f.is_dir()]
+    for candidate in tried:
+        try:
+            photos = load_photos([candidate], sides="none", min_photos=1)
+        except InputError:  # no photo in there
+            continue
+        if known := photos_named(photos, names):
+            return known
+    raise InputError(
+        f"The photos named in {truth} were not found in {', '.join(map(str, tried)) or place}: "
+        "say where they are with --photos FOLDER"
+    )
+
+
+def photos_named(photos: Photos, names: Sequence[str]) -> dict[str, Photo]:
+    """Return the photos that `names` mean, by these names; those that mean none are left out."""
+    by_name = photos.by_name()
+    return {name: by_name[photo] for name, photo in pair_names(names, photos.names).items()}

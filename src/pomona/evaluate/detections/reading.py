@@ -1,0 +1,152 @@
+"""Reading true fruits of photos, and detections: COCO files, and images of fruit ids as rendered rows have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import FormatError, MissingFileError
+from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
+from pomona.formats.coco import detections_by_image
+from pomona.formats.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
+from pomona.progress import Progress, Silent, track
+
+
+@dataclass(frozen=True, eq=False)
+class FoundDetections:
+    """The detections of photos by name. `masks`: False where the file gave boxes alone, of which masks were made."""
+
+    by_photo: SurveyDetections
+    masks: bool
+
+
+def read_detection_truth(path: Path, *, progress: Progress | None = None) -> DetectionTruth:
+    """Read the true fruits of photos from one of these:
+
+    - a COCO file of one category (or a folder with one `*.json`), with masks or boxes; annotations with `iscrowd` or
+      `ignore` are not scored;
+    - a rendered row's folder, its `truth` folder, or a folder of images (PNG, 8 or 16 bits, one channel) that are 0
+      where there is no fruit, else the fruit's id; named as the photos are.
+
+    Raises `MissingFileError`, and `FormatError` naming the file, the place and what was expected.
+    """
+    path, progress = Path(path), progress or Silent()
+    if path.is_file():
+        return _from_coco(path, progress)
+    if not path.is_dir():
+        raise MissingFileError(f"No truth found: expected a COCO file or a folder of masks, but {path} does not exist")
+    for folder in (path / "truth" / "masks", path / "masks", path):
+        if images := sorted(folder.glob("*.png")):
+            return DetectionTruth(
+                {image.stem: _from_ids(image) for image in track(images, progress, "reading true masks")}
+            )
+    files = sorted(path.glob("*.json"))
+    if len(files) != 1:
+        raise MissingFileError(
+            f"No truth found in {path}: expected one COCO file (*.json), or masks (*.png) in truth/masks/, masks/ or "
+            f"the folder itself; found {len(files)} files *.json"
+        )
+    return _from_coco(files[0], progress)
+
+
+def read_found(path: Path, *, truth: DetectionTruth | None = None, progress: Progress | None = None) -> FoundDetections:
+    """Read detections from a survey's `detections.json` or another COCO file with scores, of one category.
+
+    A list of results without images of its own is of the images of `truth`'s COCO file, all of which were searched.
+
+    Raises `MissingFileError`, and `FormatError` naming the file, the place and what was expected.
+    """
+    progress = progress or Silent()
+    content = parse_coco(Path(path), results_of=() if truth is None else truth.images)
+    _check_one_category(path, content)
+    boxes = sum(annotation.from_box for annotation in content.annotations)
+    if 0 < boxes < len(content.annotations):
+        progress.warn(f"{path}: {boxes} of {len(content.annotations)} detections are boxes: boxes are compared.")
+    by_photo: dict[str, Detections] = {}
+    for image, found in detections_by_image(content):
+        if image.file_name in by_photo:
+            raise FormatError(f"{path}: image {image.id} '{image.file_name}': this photo is given twice")
+        by_photo[image.file_name] = found
+    return FoundDetections(SurveyDetections(by_photo), boxes == 0)
+
+
+def _from_coco(path: Path, progress: Progress) -> DetectionTruth:
+    content = parse_coco(path)
+    _check_one_category(path, content)
+    scored = [a for a in content.annotations if not (a.crowd or a.ignored)]
+    boxes = sum(annotation.from_box for annotation in scored)
+    if 0 < boxes < len(scored):
+        progress.warn(f"{path}: {boxes} of {len(scored)} true fruits are boxes without masks: boxes are compared.")
+    of_image: dict[int, list[CocoAnnotation]] = {image.id: [] for image in content.images}
+    for annotation in content.annotations:
+        of_image[annotation.image_id].append(annotation)
+    empty = [str(a.id) for a in content.annotations if a.mask is None and (boxes == 0 or a.box_px is None)]
+    if empty:
+        progress.warn(f"{path}: {len(empty)} annotations cover no pixel and are left out: {', '.join(empty[:5])}.")
+    by_photo: dict[str, PhotoTruth] = {}
+    for image in content.images:
+        if image.file_name in by_photo:
+            raise FormatError(f"{path}: image {image.id} '{image.file_name}': this photo is given twice")
+        by_photo[image.file_name] = _of_image(image, of_image[image.id], with_masks=boxes == 0)
+    if not content.annotations:
+        raise FormatError(f"{path}: expected the true fruits of photos, found {len(by_photo)} images and no annotation")
+    return DetectionTruth(by_photo, content.images)
+
+
+def _of_image(image: CocoImage, annotations: list[CocoAnnotation], *, with_masks: bool) -> PhotoTruth:
+    kept, boxes = [], []
+    for annotation in annotations:
+        box = annotation.box_px or (annotation.mask.box_px if annotation.mask else None)
+        if box is not None and (annotation.mask is not None or not with_masks):
+            kept.append(annotation)
+            boxes.append(box)
+    return PhotoTruth(
+        image.file_name,
+        image.width_px,
+        image.height_px,
+        np.array([a.id for a in kept], np.int64),
+        np.array(boxes, float).reshape(-1, 4),
+        tuple(a.mask for a in kept if a.mask is not None) if with_masks else None,
+        np.array([a.ignored for a in kept], bool),
+        np.array([a.crowd for a in kept], bool),
+    )
+
+
+def _from_ids(path: Path) -> PhotoTruth:
+    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if stored is None:
+        raise FormatError(f"{path}: expected an image of fruit ids (PNG), but it cannot be read")
+    if stored.ndim != 2 or stored.dtype.kind != "u":
+        raise FormatError(
+            f"{path}: expected an image of fruit ids: one channel of 8 or 16 bits, found "
+            f"{1 if stored.ndim == 2 else stored.shape[2]} channels of {8 * stored.itemsize} bits"
+        )
+    return truth_from_ids(path.stem, np.asarray(stored))
+
+
+def truth_from_ids(photo: str, ids: npt.NDArray[np.uint8 | np.uint16]) -> PhotoTruth:
+    """Return the fruits of an image (h, w) that is 0 where there is no fruit, else the fruit's id."""
+    known, places = [], []
+    for k, place in enumerate(ndimage.find_objects(ids.astype(np.int32)), start=1):
+        if place is not None:
+            known.append(k)
+            places.append(place)
+    masks = tuple(
+        Mask.from_pixels(ids[rows, columns] == k, columns.start, rows.start)
+        for k, (rows, columns) in zip(known, places, strict=True)
+    )
+    boxes = np.array([mask.box_px for mask in masks], float).reshape(-1, 4)
+    height, width = ids.shape
+    return PhotoTruth(photo, width, height, np.array(known, np.int64), boxes, masks)
+
+
+def _check_one_category(path: Path, content: CocoFile) -> None:
+    used = sorted({annotation.category for annotation in content.annotations})
+    if len(used) > 1:
+        raise FormatError(f"{path}: expected annotations of one category, found {', '.join(used)}: keep the fruit")
