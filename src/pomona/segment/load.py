@@ -1,23 +1,28 @@
-"""Which segmenter: the shipped one, a model file, or one that another package brings."""
+"""Which segmenter: the shipped one, a model file, words for what to look for, or one that another package brings."""
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
+import re
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from pomona.errors import InputError, MissingFileError
-from pomona.segment.protocol import Segmenter
+from pomona.errors import InputError, MissingFileError, PomonaError
+from pomona.segment.protocol import Segmenter, SegmenterTraits
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "fruit.onnx"
 PLUGIN_GROUP = "pomona.segmenters"
+OPEN_VOCABULARY = "open"
 
 
 def load_segmenter(model: str | Path | None = None, *, score_floor: float | None = None) -> Segmenter:
     """Return the segmenter that `model` means.
 
-    None: the weights shipped with Pomona; a file `*.onnx`, or `*.pt` or `*.pth` (a torchvision Mask R-CNN, which needs
-    the `train` extra); or the name of an entry point of group `pomona.segmenters`, a callable without arguments that
-    returns a `Segmenter`. `score_floor` is the least score that the segmenter is to report, where it can be chosen.
+    None: the weights shipped with Pomona; a file `*.onnx` (Pomona's own, or an exported YOLO-seg or RF-DETR-seg),
+    or `*.onnx:CLASS,CLASS` where only some classes are fruit; `*.pt` or `*.pth` (a torchvision Mask R-CNN, which needs
+    the `train` extra); `open:WORDS` or `open:WORDS@WEIGHTS` (open-vocabulary, needs the `open-vocabulary` extra); or
+    `NAME` or `NAME:ARGUMENT`, an entry point of group `pomona.segmenters`, a callable that takes no argument, or that
+    one, and returns a `Segmenter`. `score_floor` is the least score that the segmenter is to report, where it can be
+    chosen.
 
     Raises `MissingFileError`, `FormatError`, `MissingExtraError`, or `InputError` for a name that nothing answers to.
     """
@@ -28,18 +33,82 @@ def load_segmenter(model: str | Path | None = None, *, score_floor: float | None
                 "or name a model file"
             )
         model = SHIPPED_WEIGHTS
-    path = Path(model)
+    path, classes = _file_and_classes(model)
     if path.suffix == ".onnx":
-        from pomona.segment.onnx import OnnxSegmenter
+        from pomona.segment.onnx_layouts import load_onnx
 
-        return OnnxSegmenter(path, score_floor=score_floor)
+        return load_onnx(path, classes=classes, score_floor=score_floor)
     if path.suffix in (".pt", ".pth"):
         from pomona.segment.torchvision import MaskRcnnSegmenter
 
         return MaskRcnnSegmenter(path, score_floor=score_floor)
+    name, colon, argument = str(model).partition(":")
+    if name == OPEN_VOCABULARY:
+        from pomona.segment.open_vocabulary import OpenVocabularySegmenter
+
+        return OpenVocabularySegmenter.named(argument, score_floor=score_floor)
     plugins = {entry.name: entry for entry in entry_points(group=PLUGIN_GROUP)}
-    if str(model) in plugins:
-        loaded: Segmenter = plugins[str(model)].load()()
-        return loaded
-    names = f" or one of the installed segmenters: {', '.join(sorted(plugins))}" if plugins else ""
-    raise InputError(f"Model '{model}': expected a file ending in .onnx, .pt or .pth{names}")
+    if name in plugins:
+        return _plugin(plugins[name], argument if colon else None)
+    names = f", or one of the installed segmenters: {', '.join(sorted(plugins))}" if plugins else ""
+    raise InputError(f"Model '{model}': expected a file ending in .onnx, .pt or .pth, or open:WORDS{names}")
+
+
+def files_of(model: str | Path | None) -> tuple[Path, ...]:
+    """Return the files here that `model` names, sorted: what a result made with it depends on.
+
+    None for an installed segmenter and for weights that come from a hub.
+    """
+    if model is None:
+        return (SHIPPED_WEIGHTS,)
+    path, _ = _file_and_classes(model)
+    if path.is_file():
+        return (path,)
+    name, _, argument = str(model).partition(":")
+    if name != OPEN_VOCABULARY:
+        return ()
+    from pomona.segment.open_vocabulary import Wish
+
+    wish = Wish.parse(argument)
+    folders = [Path(source) for source in (wish.detector, wish.masks)]
+    return tuple(sorted(file for folder in folders if folder.is_dir() for file in folder.rglob("*") if file.is_file()))
+
+
+def _file_and_classes(model: str | Path) -> tuple[Path, tuple[str, ...]]:
+    """The path, and the classes after a colon behind an ONNX file's name."""
+    match = re.fullmatch(r"(.+\.onnx):(.*)", str(model))
+    if match is None or Path(model).exists():
+        return Path(model), ()
+    classes = tuple(part.strip() for part in match[2].split(",") if part.strip())
+    if not classes:
+        raise InputError(f"Model '{model}': expected the classes that are fruit behind the colon, by name or number")
+    return Path(match[1]), classes
+
+
+def _plugin(entry: EntryPoint, argument: str | None) -> Segmenter:
+    """What an entry point makes; whatever goes wrong in it is said as an error of the package that it comes from."""
+    package = f" of package {entry.dist.name}" if entry.dist is not None else ""
+    where = f"Segmenter '{entry.name}'{package} (entry point {entry.value})"
+    try:
+        factory = entry.load()
+    except Exception as error:  # Another package's code may raise anything.
+        raise InputError(f"{where} cannot be imported: {_said(error)}. Reinstall or update that package") from error
+    if not callable(factory):
+        raise InputError(f"{where}: expected a function or class, found an object of type {type(factory).__name__}")
+    try:
+        made = factory() if argument is None else factory(argument)
+    except PomonaError:
+        raise
+    except Exception as error:
+        given = "without an argument" if argument is None else f"with the argument '{argument}'"
+        raise InputError(f"{where} could not be made {given}: {_said(error)}") from error
+    if not isinstance(made, Segmenter) or not isinstance(made.traits, SegmenterTraits):
+        raise InputError(
+            f"{where}: expected a pomona.segment.Segmenter (name, traits, segment), "
+            f"found an object of type {type(made).__name__}"
+        )
+    return made
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"

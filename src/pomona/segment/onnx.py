@@ -1,4 +1,4 @@
-"""The default segmenter: a centre-offset network in ONNX Runtime, which is imported here alone.
+"""The default segmenter: a centre-offset network, in an ONNX file.
 
 A model file's contract: input `image`, float32 (1, 3, H, W), RGB 0 to 255, H and W multiples of 32, both free;
 outputs `heatmap` (1, 1, h, w), `box` (1, 4, h, w), `foreground` (1, 1, h, w) and `offset` (1, 2, h, w) with
@@ -12,13 +12,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pomona.arrays import ByteArray
-from pomona.errors import FormatError, MissingFileError
+from pomona.errors import FormatError
 from pomona.segment.decode import DecodeOptions, Float32Array, Maps, decode
+from pomona.segment.onnx_file import OnnxFile, positive_numbers
 from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
 
 KIND = "center-offset"
@@ -43,12 +43,12 @@ class ModelMetadata:
                 f"{path}: expected an ONNX model with metadata pomona.kind = '{KIND}', found {kind!r}: "
                 "this is a network of another kind, or it was not exported by `pomona train`"
             )
-        (stride,) = _numbers(path, entries, "pomona.stride", 1)
-        smallest, largest = _numbers(path, entries, "pomona.fruit_px", 2)
-        (typical,) = _numbers(path, entries, "pomona.typical_fruit_px", 1)
+        (stride,) = positive_numbers(path, entries, "pomona.stride", 1)
+        smallest, largest = positive_numbers(path, entries, "pomona.fruit_px", 2)
+        (typical,) = positive_numbers(path, entries, "pomona.typical_fruit_px", 1)
         threshold = 0.4
         if "pomona.score_threshold" in entries:
-            (threshold,) = _numbers(path, entries, "pomona.score_threshold", 1)
+            (threshold,) = positive_numbers(path, entries, "pomona.score_threshold", 1)
         if stride != int(stride) or not 1 <= stride <= _MULTIPLE or _MULTIPLE % int(stride):
             raise FormatError(f"{path}: metadata pomona.stride: expected a divisor of {_MULTIPLE}, found {stride:g}")
         if not smallest < typical < largest:
@@ -71,21 +71,20 @@ class ModelMetadata:
 
 
 class OnnxSegmenter:
-    """A `Segmenter` that runs a model file on the GPU where ONNX Runtime has one, else on the CPU.
+    """A `Segmenter` that runs a model file of this contract, given by its path or already open.
 
     `score_floor` is the least score of a detection that is worth making a mask of.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when it is not a model of this contract.
     """
 
-    def __init__(self, path: Path, *, score_floor: float | None = None, threads: int | None = None) -> None:
-        self._path = Path(path)
-        if not self._path.is_file():
-            raise MissingFileError(f"Model {path}: no such file")
-        self._session = _open(self._path, threads)
-        entries = dict(self._session.get_modelmeta().custom_metadata_map)
-        self._metadata = ModelMetadata.parse(self._path, entries)
-        _check_signature(self._path, self._session)
+    def __init__(
+        self, source: Path | OnnxFile, *, score_floor: float | None = None, threads: int | None = None
+    ) -> None:
+        self._file = source if isinstance(source, OnnxFile) else OnnxFile(source, threads=threads)
+        self._path = self._file.path
+        self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
+        _check_signature(self._file)
         floor = self.traits.score_threshold / 2 if score_floor is None else score_floor
         self._decoding = replace(DecodeOptions(), score_threshold=floor)
         self._name = f"onnx:{name_of_file(self._path)}"
@@ -110,7 +109,7 @@ class OnnxSegmenter:
         padded_size = tuple(_MULTIPLE * math.ceil(side / _MULTIPLE) for side in (height, width))
         image = np.full((1, 3, *padded_size), _PADDING, np.float32)
         image[0, :, :height, :width] = tile.transpose(2, 0, 1)
-        outputs = dict(zip(_CHANNELS, self._session.run(list(_CHANNELS), {"image": image}), strict=True))
+        outputs = dict(zip(_CHANNELS, self._file.run(image, list(_CHANNELS)), strict=True))
         cells = tuple(side // self._metadata.stride for side in padded_size)
         for name, channels in _CHANNELS.items():
             if outputs[name].shape != (1, channels, *cells):
@@ -119,7 +118,7 @@ class OnnxSegmenter:
                     f"{padded_size[0]} × {padded_size[1]} pixels, found {outputs[name].shape}"
                 )
         stride = self._metadata.stride
-        heatmap, box, foreground, offset = (np.asarray(outputs[name][0], np.float32) for name in _CHANNELS)
+        heatmap, box, foreground, offset = (outputs[name][0] for name in _CHANNELS)
         return Maps(_only(heatmap), box, _only(foreground), offset, stride)
 
 
@@ -127,47 +126,15 @@ def _only(channels: Float32Array) -> Float32Array:
     return np.ascontiguousarray(channels[0])
 
 
-def _open(path: Path, threads: int | None) -> Any:
-    import onnxruntime as ort
-
-    options = ort.SessionOptions()
-    options.log_severity_level = 3
-    if threads is not None:
-        options.intra_op_num_threads = threads
-    wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
-    available = ort.get_available_providers()
-    try:
-        return ort.InferenceSession(
-            path.read_bytes(), sess_options=options, providers=[name for name in wanted if name in available]
-        )
-    except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise FormatError(f"{path}: expected an ONNX model, but ONNX Runtime cannot load it: {reason}") from None
-
-
-def _check_signature(path: Path, session: Any) -> None:
+def _check_signature(file: OnnxFile) -> None:
     """Raise `FormatError` unless the model takes and gives what the contract says."""
-    inputs = session.get_inputs()
-    if [node.name for node in inputs] != ["image"] or inputs[0].type != "tensor(float)" or len(inputs[0].shape) != 4:
-        found = ", ".join(f"{node.name}: {node.type} {node.shape}" for node in inputs)
-        raise FormatError(f"{path}: expected one input 'image' of float32 (1, 3, H, W), found {found}")
-    names = {node.name for node in session.get_outputs()}
+    inputs = file.inputs
+    if [node.name for node in inputs] != ["image"] or inputs[0].kind != "tensor(float)" or len(inputs[0].shape) != 4:
+        found = "; ".join(map(str, inputs))
+        raise FormatError(f"{file.path}: expected one input 'image' of float32 (1, 3, H, W), found {found}")
+    names = {node.name for node in file.outputs}
     if missing := [name for name in _CHANNELS if name not in names]:
         raise FormatError(
-            f"{path}: expected the outputs {', '.join(_CHANNELS)}; "
+            f"{file.path}: expected the outputs {', '.join(_CHANNELS)}; "
             f"{', '.join(missing)} missing among {', '.join(sorted(names))}"
         )
-
-
-def _numbers(path: Path, entries: Mapping[str, str], key: str, count: int) -> list[float]:
-    """The positive numbers of a metadata entry, separated by commas."""
-    form = "a positive number" if count == 1 else f"{count} positive numbers separated by commas"
-    if key not in entries:
-        raise FormatError(f"{path}: metadata {key} is missing: expected {form}")
-    try:
-        numbers = [float(part) for part in entries[key].split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not all(math.isfinite(number) and number > 0 for number in numbers):
-        raise FormatError(f"{path}: metadata {key}: expected {form}, found '{entries[key]}'")
-    return numbers

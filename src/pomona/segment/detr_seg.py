@@ -1,0 +1,149 @@
+"""An RF-DETR segmenter that somebody trained and exported to ONNX; written from the layout of the file alone.
+
+What such a file holds: one square input (1, 3, S, S), RGB 0 to 1 less ImageNet's mean, by its deviation, the picture
+stretched over it; outputs `dets` (1, q, 4): centre x, centre y, width, height as shares of the input; `labels`
+(1, q, classes + 1): logits, the last for no object; `masks` (1, q, h, w): logits over the whole input (early exports
+give them a number for a name). Metadata `rfdetr_inference`, where there: JSON with `class_id_to_name`, `means`, `stds`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pomona.arrays import ByteArray
+from pomona.errors import FormatError
+from pomona.segment.decode import Float32Array
+from pomona.segment.fruit_classes import fruit_columns
+from pomona.segment.onnx_file import OnnxFile, Tensor
+from pomona.segment.overlap import keep_best
+from pomona.segment.placement import Placement, with_masks
+from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+
+LAYOUT = "RF-DETR-seg: dets (1, q, 4), labels (1, q, classes + 1), masks (1, q, h, w)"
+_IMAGENET = {"means": (0.485, 0.456, 0.406), "stds": (0.229, 0.224, 0.225)}
+_METADATA = "rfdetr_inference"
+_SCORE_THRESHOLD = 0.5
+_MAX_BOX_IOU = 0.7
+_MASK_BEYOND_BOX = 0.05
+
+
+def dets_labels_masks(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor] | None:
+    """Return the three outputs of an RF-DETR segmenter, or None if these outputs are not of one."""
+    by_name = {node.name: node for node in outputs}
+    masks = [node for node in outputs if len(node.shape) == 4]
+    if len(outputs) != 3 or not {"dets", "labels"} <= by_name.keys() or len(masks) != 1:
+        return None
+    dets, labels = by_name["dets"], by_name["labels"]
+    if len(dets.shape) != 3 or dets.shape[2] not in (4, None) or len(labels.shape) != 3:
+        return None
+    return dets, labels, masks[0]
+
+
+class DetrSegmenter:
+    """A `Segmenter` of an exported RF-DETR-seg file; `classes` are those that are fruit, by name or number.
+
+    Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
+    for a class that it has not.
+    """
+
+    def __init__(self, file: OnnxFile, *, classes: Sequence[str] = (), score_floor: float | None = None) -> None:
+        found = dets_labels_masks(file.outputs)
+        if found is None:
+            raise FormatError(f"{file.path}: expected {LAYOUT}; found {'; '.join(map(str, file.outputs))}")
+        self._file, self._outputs = file, [node.name for node in found]
+        self._input_px = file.image_size(None)
+        stored = _stored(file)
+        self._mean, self._deviation = (_channels(file, stored, key) for key in ("means", "stds"))
+        names = _stored_names(file, stored)
+        columns = found[1].shape[2]
+        if columns is None:
+            columns = max(names, default=0) + 2  # checked when the network has run
+        if columns < 2:
+            raise FormatError(f"{file.path}: expected {LAYOUT}, with two labels at least; found {found[1]}")
+        self._columns = columns
+        self._fruits = fruit_columns(file.path, columns - 1, names, classes)
+        self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
+        self._floor = self._traits.score_threshold / 2 if score_floor is None else score_floor
+        self._name = ":".join(["rf-detr-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
+
+    @property
+    def name(self) -> str:
+        """The file's stem, the digest of its content, and the numbers of the classes that count."""
+        return self._name
+
+    @property
+    def traits(self) -> SegmenterTraits:
+        """Tiles of the network's own size, so that the photo's scale is kept."""
+        return self._traits
+
+    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
+        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+        return [self._of_tile(tile) for tile in tiles]
+
+    def _of_tile(self, tile: ByteArray) -> TileDetections:
+        placement = Placement.stretched((tile.shape[1], tile.shape[0]), self._input_px)
+        image = (placement.image(tile, 0).astype(np.float32) / 255 - self._mean) / self._deviation
+        dets, labels, masks = self._file.run(image.transpose(2, 0, 1)[None], self._outputs)
+        self._check(dets, labels, masks)
+        logits = labels[0][:, self._fruits].max(1).astype(float)
+        scores = 1 / (1 + np.exp(-np.clip(logits, -60, 60)))
+        queries = np.flatnonzero(scores >= self._floor)
+        center, half = dets[0, queries, :2].astype(float), dets[0, queries, 2:].astype(float) / 2
+        boxes = np.concatenate([center - half, center + half], axis=1) * np.array(self._input_px * 2)
+        kept = np.flatnonzero(keep_best(boxes, scores[queries], _MAX_BOX_IOU))
+        queries, boxes = queries[kept], placement.boxes_in_tile(boxes[kept])
+        cell_px = self._input_px[0] / masks.shape[3], self._input_px[1] / masks.shape[2]
+        found = []
+        for query, box in zip(queries, boxes, strict=True):
+            margin = (box[2:] - box[:2]) * _MASK_BEYOND_BOX
+            grown = np.clip(np.concatenate([box[:2] - margin, box[2:] + margin]), 0, np.array(placement.tile_px * 2))
+            rows, columns = placement.cells_of(grown, cell_px, (masks.shape[2], masks.shape[3]))
+            part = np.ascontiguousarray(masks[0, query, rows, columns])
+            found.append(placement.mask_in_tile(part, (columns.start, rows.start), cell_px, grown))
+        return with_masks(boxes, scores[queries], found)
+
+    def _check(self, dets: Float32Array, labels: Float32Array, masks: Float32Array) -> None:
+        q = dets.shape[1]
+        if dets.shape != (1, q, 4) or labels.shape != (1, q, self._columns) or masks.shape[:2] != (1, q):
+            raise FormatError(
+                f"{self._file.path}: expected {LAYOUT}, here with {self._columns} labels; "
+                f"found dets {dets.shape}, labels {labels.shape}, masks {masks.shape}"
+            )
+
+
+def _stored(file: OnnxFile) -> Mapping[str, Any]:
+    if _METADATA not in file.metadata:
+        return {}
+    try:
+        stored = json.loads(file.metadata[_METADATA])
+    except json.JSONDecodeError as error:
+        raise FormatError(f"{file.path}: metadata {_METADATA}: expected JSON: {error}") from None
+    if not isinstance(stored, dict):
+        raise FormatError(f"{file.path}: metadata {_METADATA}: expected a JSON object, found {type(stored).__name__}")
+    return stored
+
+
+def _stored_names(file: OnnxFile, stored: Mapping[str, Any]) -> dict[int, str]:
+    names = stored.get("class_id_to_name") or dict(enumerate(stored.get("class_names") or ()))
+    try:
+        return {int(column): str(name) for column, name in names.items()}
+    except (AttributeError, ValueError):
+        raise FormatError(
+            f"{file.path}: metadata {_METADATA}: class_id_to_name: expected an object such as {{'0': 'apple'}}, "
+            f"found {str(names)[:80]}"
+        ) from None
+
+
+def _channels(file: OnnxFile, stored: Mapping[str, Any], key: str) -> Float32Array:
+    """Three numbers, one a channel: those stored, or ImageNet's."""
+    try:
+        values = np.asarray(stored.get(key, _IMAGENET[key]), np.float32)
+    except (TypeError, ValueError):
+        values = np.zeros(0, np.float32)
+    if values.shape != (3,) or not np.isfinite(values).all() or (key == "stds" and not (values > 0).all()):
+        raise FormatError(f"{file.path}: metadata {_METADATA}: {key}: expected 3 numbers, found {stored[key]}")
+    return values

@@ -1,0 +1,159 @@
+"""An ONNX file, opened once: what goes in, what comes out, what it says; ONNX Runtime is imported here alone."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pomona.arrays import Array
+from pomona.errors import FormatError, MissingFileError
+from pomona.segment.decode import Float32Array
+from pomona.segment.protocol import SegmenterTraits
+
+_FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """An input or output of a network; sizes that the file leaves free are None."""
+
+    name: str
+    kind: str
+    shape: tuple[int | None, ...]
+
+    def __str__(self) -> str:
+        sizes = ", ".join("?" if size is None else str(size) for size in self.shape)
+        return f"{self.name} {self.kind} ({sizes})"
+
+
+class OnnxFile:
+    """A network that runs on the GPU where ONNX Runtime has one, else on the CPU.
+
+    Raises `MissingFileError` when there is no such file and `FormatError` when ONNX Runtime cannot load it.
+    """
+
+    def __init__(self, path: Path, *, threads: int | None = None) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise MissingFileError(f"Model {path}: no such file")
+        self._session = _open(self.path, threads)
+        self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.inputs = tuple(map(_tensor, self._session.get_inputs()))
+        self.outputs = tuple(map(_tensor, self._session.get_outputs()))
+
+    def run(self, image: Array, outputs: Sequence[str]) -> list[Float32Array]:
+        """Run the network on its one input and return the outputs named, as float32."""
+        (node,) = self.inputs
+        feed = {node.name: np.ascontiguousarray(image, _FLOATS[node.kind])}
+        try:
+            found = self._session.run(list(outputs), feed)
+        except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
+            given = f"an image of shape {image.shape}"
+            raise FormatError(
+                f"{self.path}: ONNX Runtime cannot run this model on {given}: {_first_line(error)}"
+            ) from None
+        return [np.asarray(output, np.float32) for output in found]
+
+    def image_size(self, default_px: tuple[int, int] | None) -> tuple[int, int]:
+        """Return the (width, height) of the one image (1, 3, H, W) that the network takes.
+
+        `default_px`: what to take where the file leaves them free. Raises `FormatError` for other inputs.
+        """
+        expected = "one input of floats (1, 3, H, W)"
+        found = "; ".join(map(str, self.inputs))
+        if len(self.inputs) != 1 or len(self.inputs[0].shape) != 4 or self.inputs[0].kind not in _FLOATS:
+            raise FormatError(f"{self.path}: expected {expected}, found {found}")
+        batch, channels, height, width = self.inputs[0].shape
+        if batch not in (1, None) or channels not in (3, None):
+            raise FormatError(f"{self.path}: expected {expected}, found {found}: export it again for batches of one")
+        if width is not None and height is not None:
+            return width, height
+        if default_px is None:
+            raise FormatError(f"{self.path}: expected an input of fixed size, found {found}: export it again with one")
+        return default_px[0] if width is None else width, default_px[1] if height is None else height
+
+    def literal(self, key: str, expected: str) -> Any:
+        """Return a metadata entry that is written as a Python literal, or None where it is missing.
+
+        Raises `FormatError` saying what was `expected` when it is no literal.
+        """
+        if key not in self.metadata:
+            return None
+        try:
+            return ast.literal_eval(self.metadata[key])
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
+            raise FormatError(
+                f"{self.path}: metadata {key}: expected {expected}, found '{self.metadata[key][:80]}'"
+            ) from None
+
+    def numbers(self, key: str, count: int) -> list[float]:
+        """Return the positive numbers of a metadata entry, separated by commas; raises `FormatError`."""
+        return positive_numbers(self.path, self.metadata, key, count)
+
+    def traits(self, *, tile_px: int, score_threshold: float) -> SegmenterTraits:
+        """Return the traits of a network that takes tiles of `tile_px`.
+
+        Metadata `pomona.typical_fruit_px` and `pomona.score_threshold`, which anybody may add to a file, are heeded.
+        """
+        typical: float | None = None
+        if "pomona.typical_fruit_px" in self.metadata:
+            (typical,) = self.numbers("pomona.typical_fruit_px", 1)
+        if "pomona.score_threshold" in self.metadata:
+            (score_threshold,) = self.numbers("pomona.score_threshold", 1)
+        if score_threshold > 1:
+            raise FormatError(
+                f"{self.path}: metadata pomona.score_threshold: expected 0 to 1, found {score_threshold:g}"
+            )
+        # A quarter of a tile: fruits up to that width are seen whole by one of two tiles; larger ones are joined.
+        return SegmenterTraits(
+            score_threshold=score_threshold, typical_fruit_px=typical, tile_px=tile_px, min_overlap_px=tile_px // 4
+        )
+
+
+def positive_numbers(path: Path, entries: Mapping[str, str], key: str, count: int) -> list[float]:
+    """Return the positive numbers, separated by commas, of a metadata entry of model file `path`.
+
+    Raises `FormatError` naming the entry and what was expected.
+    """
+    form = "a positive number" if count == 1 else f"{count} positive numbers separated by commas"
+    if key not in entries:
+        raise FormatError(f"{path}: metadata {key} is missing: expected {form}")
+    try:
+        numbers = [float(part) for part in entries[key].split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(math.isfinite(number) and number > 0 for number in numbers):
+        raise FormatError(f"{path}: metadata {key}: expected {form}, found '{entries[key]}'")
+    return numbers
+
+
+def _tensor(node: Any) -> Tensor:
+    return Tensor(node.name, node.type, tuple(size if isinstance(size, int) else None for size in node.shape))
+
+
+def _open(path: Path, threads: int | None) -> Any:
+    import onnxruntime as ort
+
+    options = ort.SessionOptions()
+    options.log_severity_level = 3
+    if threads is not None:
+        options.intra_op_num_threads = threads
+    wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
+    available = ort.get_available_providers()
+    try:
+        return ort.InferenceSession(
+            str(path), sess_options=options, providers=[name for name in wanted if name in available]
+        )
+    except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
+        reason = _first_line(error)
+        raise FormatError(f"{path}: expected an ONNX model, but ONNX Runtime cannot load it: {reason}") from None
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

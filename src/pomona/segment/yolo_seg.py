@@ -1,0 +1,168 @@
+"""A YOLO segmenter that somebody trained and exported to ONNX; written from the layout of the file alone.
+
+What such a file holds (YOLOv8-seg, YOLO11-seg, YOLO26-seg): one input (1, 3, H, W), RGB 0 to 1, the picture letterboxed
+with grey; a tensor of candidates in pixels of the input, and prototypes (1, m, H / 4, W / 4), m being 32. Candidates
+are either (1, 4 + classes + m, anchors): centre x, centre y, width, height, a score for each class, and the weights of
+the prototypes in the logits of the mask; or, end to end, (1, k, 6 + m): x0, y0, x1, y1, score, class, weights.
+Metadata: `names`, a Python dict of the classes; `imgsz`, [H, W], needed where the input's size is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray
+from pomona.errors import FormatError
+from pomona.segment.decode import Float32Array
+from pomona.segment.fruit_classes import fruit_columns
+from pomona.segment.onnx_file import OnnxFile, Tensor
+from pomona.segment.overlap import keep_best
+from pomona.segment.placement import Placement, with_masks
+from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+
+LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
+_SCORE_THRESHOLD = 0.25
+_MAX_BOX_IOU = 0.7
+_GREY = 114
+
+
+def candidates_and_prototypes(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor] | None:
+    """Return the two outputs of a YOLO segmenter, or None if these outputs are not of one."""
+    candidates = [node for node in outputs if len(node.shape) == 3]
+    prototypes = [node for node in outputs if len(node.shape) == 4]
+    if len(outputs) != 2 or len(candidates) != 1 or len(prototypes) != 1 or prototypes[0].shape[1] is None:
+        return None
+    return candidates[0], prototypes[0]
+
+
+class YoloSegmenter:
+    """A `Segmenter` of an exported YOLO-seg file; `classes` are those that are fruit, by name or number.
+
+    Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
+    for a class that it has not.
+    """
+
+    def __init__(self, file: OnnxFile, *, classes: Sequence[str] = (), score_floor: float | None = None) -> None:
+        found = candidates_and_prototypes(file.outputs)
+        if found is None:
+            raise FormatError(f"{file.path}: expected {LAYOUT}; found {'; '.join(map(str, file.outputs))}")
+        candidates, prototypes = found
+        self._file, self._outputs = file, (candidates.name, prototypes.name)
+        self._input_px = file.image_size(_stored_size(file))
+        names = _stored_names(file)
+        self._rows = _Rows.of(file, candidates, prototypes, names)
+        self._fruits = fruit_columns(file.path, self._rows.classes, names, classes)
+        self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
+        self._floor = self._traits.score_threshold / 2 if score_floor is None else score_floor
+        self._name = ":".join(["yolo-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
+
+    @property
+    def name(self) -> str:
+        """The file's stem, the digest of its content, and the numbers of the classes that count."""
+        return self._name
+
+    @property
+    def traits(self) -> SegmenterTraits:
+        """Tiles of the network's own size, so that the photo's scale is kept."""
+        return self._traits
+
+    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
+        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+        return [self._of_tile(tile) for tile in tiles]
+
+    def _of_tile(self, tile: ByteArray) -> TileDetections:
+        placement = Placement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px)
+        image = placement.image(tile, _GREY).transpose(2, 0, 1)[None].astype(np.float32) / 255
+        candidates, prototypes = self._file.run(image, self._outputs)
+        boxes, scores, weights = self._rows.read(self._file, candidates, prototypes, self._fruits, self._floor)
+        kept = np.flatnonzero(keep_best(boxes, scores, _MAX_BOX_IOU))
+        boxes, scores = placement.boxes_in_tile(boxes[kept]), scores[kept]
+        grid = prototypes.shape[2], prototypes.shape[3]
+        cell_px = self._input_px[0] / grid[1], self._input_px[1] / grid[0]
+        masks = []
+        for box, weight in zip(boxes, weights[kept], strict=True):
+            rows, columns = placement.cells_of(box, cell_px, grid)
+            logits = np.tensordot(weight, prototypes[0, :, rows, columns], 1)
+            masks.append(placement.mask_in_tile(logits, (columns.start, rows.start), cell_px, box))
+        return with_masks(boxes, scores, masks)
+
+
+class _Rows:
+    """How candidates are laid out: `end_to_end` or one column an anchor, for `classes` classes and `masks` weights."""
+
+    def __init__(self, *, end_to_end: bool, classes: int, masks: int) -> None:
+        self.end_to_end, self.classes, self._masks = end_to_end, classes, masks
+
+    @classmethod
+    def of(cls, file: OnnxFile, candidates: Tensor, prototypes: Tensor, names: Mapping[int, str]) -> _Rows:
+        masks = prototypes.shape[1]
+        assert masks is not None
+        _, features, length = candidates.shape
+        by_names = max(names, default=-1) + 1
+        # The same size at the other place would be a coincidence, except where the names agree with it too.
+        if length == 6 + masks and features != 4 + by_names + masks:
+            if not names:
+                raise FormatError(f"{file.path}: metadata names is missing: expected a dict of the classes' names")
+            return cls(end_to_end=True, classes=by_names, masks=masks)
+        if features is None and names:
+            features = 4 + by_names + masks  # checked when the network has run
+        if features is None or features <= 4 + masks or (names and features != 4 + by_names + masks):
+            raise FormatError(
+                f"{file.path}: expected {LAYOUT}, here with m = {masks} and {by_names or 'an unknown number of'} "
+                f"classes; found {candidates}; {prototypes}"
+            )
+        return cls(end_to_end=False, classes=features - 4 - masks, masks=masks)
+
+    def read(
+        self,
+        file: OnnxFile,
+        candidates: Float32Array,
+        prototypes: Float32Array,
+        fruits: Sequence[int],
+        floor: float,
+    ) -> tuple[FloatArray, FloatArray, Float32Array]:
+        """Boxes (n, 4) in the input's pixels, scores (n,) and weights (n, m) of the candidates of at least `floor`."""
+        features = 6 + self._masks if self.end_to_end else 4 + self.classes + self._masks
+        rows = candidates[0] if self.end_to_end else candidates[0].T
+        if rows.shape[1] != features or prototypes.shape[1] != self._masks:
+            raise FormatError(
+                f"{file.path}: expected {LAYOUT}, here with m = {self._masks} and {self.classes} classes; "
+                f"found candidates {candidates.shape}, prototypes {prototypes.shape}"
+            )
+        if self.end_to_end:
+            scores = np.where(np.isin(np.round(rows[:, 5]), fruits), rows[:, 4], 0)
+        else:
+            scores = rows[:, 4 : -self._masks][:, list(fruits)].max(1)
+        kept = np.flatnonzero((scores >= floor) & (scores > 0))
+        boxes = rows[kept, :4].astype(float)
+        if not self.end_to_end:
+            center, half = boxes[:, :2], boxes[:, 2:] / 2
+            boxes = np.concatenate([center - half, center + half], axis=1)
+        return boxes, np.clip(scores[kept].astype(float), 0, 1), rows[kept, -self._masks :]
+
+
+def _stored_names(file: OnnxFile) -> dict[int, str]:
+    expected = "a dict of the classes' names such as {0: 'apple'}"
+    names = file.literal("names", expected)
+    if names is None:
+        return {}
+    if isinstance(names, list):
+        names = dict(enumerate(names))
+    if not isinstance(names, dict) or not names or not all(isinstance(key, int) and key >= 0 for key in names):
+        raise FormatError(f"{file.path}: metadata names: expected {expected}, found '{file.metadata['names'][:80]}'")
+    return {key: str(name) for key, name in names.items()}
+
+
+def _stored_size(file: OnnxFile) -> tuple[int, int] | None:
+    """The input's (width, height) by metadata `imgsz`."""
+    expected = "[height, width] in pixels"
+    size = file.literal("imgsz", expected)
+    if size is None:
+        return None
+    if isinstance(size, int):
+        size = [size, size]
+    if not isinstance(size, list | tuple) or len(size) != 2 or not all(isinstance(s, int) and s > 0 for s in size):
+        raise FormatError(f"{file.path}: metadata imgsz: expected {expected}, found '{file.metadata['imgsz'][:80]}'")
+    return size[1], size[0]
