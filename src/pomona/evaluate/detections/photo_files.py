@@ -19,7 +19,9 @@ def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None)
 
     place = truth if truth.is_dir() else truth.parent
     around = [place / "images", place.parent / "images", place.parent.parent / "images"]
-    tried = [folder] if folder else [f for f in (*around, place) if f.is_dir()]
+    if truth.is_file() or any(place.glob("*.json")):  # else it holds masks, which are no photos
+        around.append(place)
+    tried = [folder] if folder else [f for f in around if f.is_dir()]
     for candidate in tried:
         try:
             photos = load_photos([candidate], sides="none", min_photos=1)
