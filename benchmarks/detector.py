@@ -1,0 +1,149 @@
+"""Segmenters on photos that they were not trained on: AP50, F1, masks and time, as a table for docs/benchmarks.md.
+
+python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--only NAME ...] [--min-visible PX] [--json FILE]
+
+Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles of `apple-tiles` that training holds
+out (whole photos, 15 %, by the rule of `pomona train`). Photos are segmented as `pomona segment` does it, at the scale
+that is found in them, but from a score of 0.05 up. Boxes decide (IoU at least 0.5 for AP50, more for F1), fruits under
+12 px are not scored; where the truth has masks, a second line has what masks decide.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pomona.capture import load_photos
+from pomona.detections import Detections
+from pomona.evaluate.detections import (
+    DetectionScores,
+    DetectionTruth,
+    EvaluateDetectionsOptions,
+    evaluate_detections,
+    read_detection_truth,
+    score,
+)
+from pomona.photos import Photos
+from pomona.progress import Silent
+from pomona.segment import Segmenter, SegmentOptions, load_segmenter, segment_photos
+from pomona.segment.fruit_size import reading_scales
+from pomona.train.samples import Sample, group_of, split
+
+DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
+TILES = ("applebbch81", "applebbch76")
+HELD_OUT = 0.15
+LEAST_SCORE = 0.05
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A line of the table; `match` is what decides."""
+
+    data: str
+    model: str
+    match: str
+    scores: DetectionScores
+    seconds_a_photo: float
+
+    def cells(self) -> list[str]:
+        best, half = self.scores.best, self.scores.levels[0]
+        f1, confidence, mask_iou = (best.f1, best.confidence, best.mask_iou) if best else (0.0, np.nan, np.nan)
+        return [
+            self.data, self.model, self.match, f"{len(self.scores.matches)}", f"{self.scores.true_fruits}",
+            f"{self.scores.ap50:.3f}", f"{f1:.3f} at {confidence:.2f}", f"{half.f1:.3f}",
+            f"{half.recall:.3f}", f"{half.precision:.3f}", "" if np.isnan(mask_iou) else f"{mask_iou:.3f}",
+            f"{self.seconds_a_photo:.2f}",
+        ]  # fmt: skip
+
+
+COLUMNS = [
+    "photos of", "segmenter", "match", "photos", "fruits", "AP50", "best F1", "F1 at 0.5", "R at 0.5", "P at 0.5",
+    "mean mask IoU", "seconds a photo",
+]  # fmt: skip
+
+
+def held_out_tiles(folders: Sequence[Path]) -> dict[str, tuple[DetectionTruth, list[Path]]]:
+    """The truth and the files of the tiles of each folder that training never sees; all folders are split together."""
+    truths = {folder.name: read_detection_truth(folder) for folder in folders}
+    samples = [
+        Sample(folder / "images" / name, folder, photo.boxes_px, group_of(Path(name).stem), folder.name)
+        for folder in folders
+        for name, photo in truths[folder.name].items()
+    ]
+    _, held = split(samples, HELD_OUT)
+    return {name: (truth, [s.image for s in held if s.source == name]) for name, truth in truths.items()}
+
+
+def segmented(photos: Photos, segmenter: Segmenter) -> tuple[dict[str, Detections], float]:
+    """The detections of each photo, down to the least score, and the seconds a photo, reading and scale included."""
+    start = time.perf_counter()
+    threshold = segmenter.traits.score_threshold
+    # The scale is found from what the segmenter is sure of, as in a survey, not from all that it reports here.
+    scales = reading_scales(photos, segmenter, sample_photos=4, score_threshold=threshold, progress=Silent())
+    found: dict[str, Detections] = {}
+    for scale in sorted(set(scales.values())):
+        group = Photos(tuple(photo for photo in photos if scales[photo.name] == scale))
+        found |= segment_photos(group, segmenter, options=SegmentOptions(score_threshold=LEAST_SCORE, scale=scale))
+    return found, (time.perf_counter() - start) / len(photos)
+
+
+def measure(
+    name: str, model: str, truth: DetectionTruth, files: Sequence[Path], segmenter: Segmenter, min_visible_px: int
+) -> list[Measured]:
+    photos = load_photos(list(files), sides="none", min_photos=1)
+    found, seconds = segmented(photos, segmenter)
+    mine = truth.of_photos(photos.names)
+    lines = []
+    for match in ("boxes", "masks") if truth.has_masks else ("boxes",):
+        options = EvaluateDetectionsOptions(match=match, min_visible_px=min_visible_px)
+        lines.append(Measured(name, model, match, evaluate_detections(found, mine, options=options), seconds))
+    return lines
+
+
+def together(lines: Sequence[Measured]) -> Measured:
+    """All tiles as one set."""
+    matches = [match for line in lines for match in line.scores.matches]
+    seconds = sum(line.seconds_a_photo * len(line.scores.matches) for line in lines) / len(matches)
+    return Measured("all held-out tiles", lines[0].model, "boxes", score(matches, by_masks=False), seconds)
+
+
+def measured(model: Path | None, data: Path, only: Sequence[str], min_visible_px: int) -> list[Measured]:
+    name = "shipped" if model is None else model.name
+    segmenter = load_segmenter(model, score_floor=LEAST_SCORE)
+    lines = []
+    row = data / "orchard-dev"
+    if not only or row.name in only:
+        truth, files = read_detection_truth(row), sorted((row / "images").iterdir())
+        lines += measure(row.name, name, truth, files, segmenter, min_visible_px)
+    tiles = []
+    for folder, (truth, files) in held_out_tiles([data / "apple-tiles" / tile for tile in TILES]).items():
+        if not only or folder in only:
+            tiles += measure(f"{folder}, held out", name, truth, files, segmenter, 0)
+    return [*lines, *tiles, together(tiles)] if len(tiles) > 1 else [*lines, *tiles]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", type=Path, action="append", default=[], help="measured beside the shipped one")
+    parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--only", nargs="*", default=[], choices=["orchard-dev", *TILES])
+    parser.add_argument("--min-visible", type=int, default=120, help="pixels of a rendered fruit that is to be found")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n", flush=True)
+    results = []
+    for model in [None, *arguments.model]:
+        for line in measured(model, arguments.data, arguments.only, arguments.min_visible):
+            print("| " + " | ".join(line.cells()) + " |", flush=True)
+            about = {"data": line.data, "model": line.model, "seconds_a_photo": line.seconds_a_photo}
+            results.append(about | line.scores.to_json())
+    if arguments.json:
+        arguments.json.write_text(json.dumps(results, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
