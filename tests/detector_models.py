@@ -50,6 +50,7 @@ def write_yolo(
     return _write(
         path,
         constants={outputs[0]: candidates[None]},
+        shapes={outputs[0]: ["batch", candidates.shape[0], "anchors"]} if free_size else None,
         seen=(outputs[1], _red_minus_green(PROTOTYPES)),
         sizes=sizes,
         cells=["h", "w"] if free_size else [height // 4, width // 4],
@@ -103,6 +104,7 @@ def _write(
     path: Path,
     *,
     constants: Mapping[str, np.ndarray],
+    shapes: Mapping[str, Sequence[int | str]] | None = None,
     seen: tuple[str, np.ndarray],
     sizes: Sequence[int | str],
     cells: Sequence[int | str],
@@ -125,7 +127,10 @@ def _write(
         "detector",
         [helper.make_tensor_value_info(input_name, kind, [1, 3, *sizes])],
         [
-            *(helper.make_tensor_value_info(key, kind, value.shape) for key, value in constants.items()),
+            *(
+                helper.make_tensor_value_info(key, kind, (shapes or {}).get(key, value.shape))
+                for key, value in constants.items()
+            ),
             helper.make_tensor_value_info(name, kind, [1, len(kernel), *cells]),
         ],
         [numpy_helper.from_array(value, key) for key, value in fixed.items()],

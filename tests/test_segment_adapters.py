@@ -301,3 +301,18 @@ def test_files_that_a_model_depends_on(tmp_path: Path) -> None:
     assert files_of("mine:argument") == ()
     assert files_of("open:apple") == ()
     assert files_of(f"open:apple@{folder}") == (folder / "config.json",)
+
+
+def test_the_detector_of_the_documentation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    text = (Path(__file__).parent.parent / "docs" / "detectors.md").read_text()
+    (code,) = [block for block in text.split("```python\n")[1:] if "class RedThings" in block]
+    (tmp_path / "red_things.py").write_text(code.split("```")[0])
+    monkeypatch.syspath_prepend(tmp_path)
+    entry = EntryPoint("red-things", "red_things:RedThings", "pomona.segmenters")
+    monkeypatch.setattr("pomona.segment.load.entry_points", lambda group: [entry])
+    (found,) = load_segmenter("red-things").segment([red_tile(320, 240, FRUITS)])
+    assert_found(found, FRUITS, tolerance_px=0)
+    assert len(load_segmenter("red-things:2000").segment([red_tile(320, 240, FRUITS)])[0]) == 1
+    assert len(load_segmenter("red-things").segment([red_tile(32, 24, [])])[0]) == 0
+    with pytest.raises(InputError, match="could not be made with the argument 'many'"):
+        load_segmenter("red-things:many")

@@ -91,7 +91,7 @@ class DetrSegmenter:
         self._check(dets, labels, masks)
         logits = labels[0][:, self._fruits].max(1).astype(float)
         scores = 1 / (1 + np.exp(-np.clip(logits, -60, 60)))
-        queries = np.flatnonzero(scores >= self._floor)
+        queries = np.flatnonzero((scores >= self._floor) & np.isfinite(dets[0]).all(1))
         center, half = dets[0, queries, :2].astype(float), dets[0, queries, 2:].astype(float) / 2
         boxes = np.concatenate([center - half, center + half], axis=1) * np.array(self._input_px * 2)
         kept = np.flatnonzero(keep_best(boxes, scores[queries], _MAX_BOX_IOU))

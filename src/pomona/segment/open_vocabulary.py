@@ -50,11 +50,11 @@ class Wish:
         if not words:
             raise InputError(f"Model 'open:{text}': expected what to look for, such as 'open:ripe apple'")
         detector, masks = weights, ""
-        if "+" in weights and not Path(weights).is_dir():
+        if "+" in weights and not Path(weights).expanduser().is_dir():
             detector, _, masks = weights.partition("+")
-        elif weights and (Path(weights) / "detector").is_dir() and (Path(weights) / "masks").is_dir():
-            detector, masks = str(Path(weights) / "detector"), str(Path(weights) / "masks")
-        return cls(words, detector.strip() or DEFAULT_DETECTOR, masks.strip() or DEFAULT_MASKS)
+        elif weights and all((Path(weights).expanduser() / part).is_dir() for part in ("detector", "masks")):
+            detector, masks = f"{weights}/detector", f"{weights}/masks"
+        return cls(words, _at_home(detector) or DEFAULT_DETECTOR, _at_home(masks) or DEFAULT_MASKS)
 
 
 class OpenVocabularySegmenter:
@@ -162,6 +162,10 @@ class OpenVocabularySegmenter:
         return _loaded(source, "the settings of its processor", getattr(self._transformers, loader).from_pretrained)
 
 
+def _at_home(source: str) -> str:
+    return str(Path(source.strip()).expanduser()) if source.startswith("~") else source.strip()
+
+
 def _engines() -> tuple[Any, Any]:
     try:
         import torch
@@ -175,10 +179,10 @@ def _engines() -> tuple[Any, Any]:
 
 
 def _loaded(source: str, expected: str, load: Any, **options: Any) -> Any:
-    folder = Path(source).expanduser()
+    folder = Path(source)
     if folder.exists() and not folder.is_dir():
         raise FormatError(f"{source}: expected a folder with {expected} saved by transformers, found a file")
-    if not folder.is_dir() and (source.count("/") != 1 or source.startswith(("/", ".", "~"))):
+    if not folder.is_dir() and (source.count("/") != 1 or source.startswith(("/", "."))):
         raise MissingFileError(f"{source}: expected a folder, or a name on the hub such as {DEFAULT_DETECTOR}")
     try:
         return load(str(folder) if folder.is_dir() else source, local_files_only=folder.is_dir(), **options)
@@ -200,7 +204,7 @@ def _side_px(size: Any) -> int:
 
 def _named(source: str) -> str:
     """The hub's name, or the folder's with a digest of what it holds."""
-    folder = Path(source).expanduser()
+    folder = Path(source)
     if not folder.is_dir():
         return source
     digest = hashlib.sha256()

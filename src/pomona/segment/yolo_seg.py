@@ -10,6 +10,7 @@ Metadata: `names`, a Python dict of the classes; `imgsz`, [H, W], needed where t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -89,11 +90,13 @@ class YoloSegmenter:
         return with_masks(boxes, scores, masks)
 
 
+@dataclass(frozen=True)
 class _Rows:
     """How candidates are laid out: `end_to_end` or one column an anchor, for `classes` classes and `masks` weights."""
 
-    def __init__(self, *, end_to_end: bool, classes: int, masks: int) -> None:
-        self.end_to_end, self.classes, self._masks = end_to_end, classes, masks
+    end_to_end: bool
+    classes: int
+    masks: int
 
     @classmethod
     def of(cls, file: OnnxFile, candidates: Tensor, prototypes: Tensor, names: Mapping[int, str]) -> _Rows:
@@ -101,13 +104,14 @@ class _Rows:
         assert masks is not None
         _, features, length = candidates.shape
         by_names = max(names, default=-1) + 1
-        # The same size at the other place would be a coincidence, except where the names agree with it too.
-        if length == 6 + masks and features != 4 + by_names + masks:
+        # A file may leave either size free; what is taken for granted here is checked when the network has run.
+        may_be_end_to_end = length == 6 + masks or (length is None and features is not None and bool(names))
+        if may_be_end_to_end and features != 4 + by_names + masks:
             if not names:
                 raise FormatError(f"{file.path}: metadata names is missing: expected a dict of the classes' names")
             return cls(end_to_end=True, classes=by_names, masks=masks)
         if features is None and names:
-            features = 4 + by_names + masks  # checked when the network has run
+            features = 4 + by_names + masks
         if features is None or features <= 4 + masks or (names and features != 4 + by_names + masks):
             raise FormatError(
                 f"{file.path}: expected {LAYOUT}, here with m = {masks} and {by_names or 'an unknown number of'} "
@@ -124,23 +128,24 @@ class _Rows:
         floor: float,
     ) -> tuple[FloatArray, FloatArray, Float32Array]:
         """Boxes (n, 4) in the input's pixels, scores (n,) and weights (n, m) of the candidates of at least `floor`."""
-        features = 6 + self._masks if self.end_to_end else 4 + self.classes + self._masks
+        features = 6 + self.masks if self.end_to_end else 4 + self.classes + self.masks
         rows = candidates[0] if self.end_to_end else candidates[0].T
-        if rows.shape[1] != features or prototypes.shape[1] != self._masks:
+        if rows.shape[1] != features or prototypes.shape[1] != self.masks:
             raise FormatError(
-                f"{file.path}: expected {LAYOUT}, here with m = {self._masks} and {self.classes} classes; "
+                f"{file.path}: expected {LAYOUT}, here with m = {self.masks} and {self.classes} classes; "
                 f"found candidates {candidates.shape}, prototypes {prototypes.shape}"
             )
         if self.end_to_end:
             scores = np.where(np.isin(np.round(rows[:, 5]), fruits), rows[:, 4], 0)
         else:
-            scores = rows[:, 4 : -self._masks][:, list(fruits)].max(1)
-        kept = np.flatnonzero((scores >= floor) & (scores > 0))
+            scores = rows[:, 4 : -self.masks][:, list(fruits)].max(1)
+        # Rows of zeros fill up what an end-to-end network found; half precision may overflow.
+        kept = np.flatnonzero((scores >= floor) & (scores > 0) & np.isfinite(rows[:, :4]).all(1))
         boxes = rows[kept, :4].astype(float)
         if not self.end_to_end:
             center, half = boxes[:, :2], boxes[:, 2:] / 2
             boxes = np.concatenate([center - half, center + half], axis=1)
-        return boxes, np.clip(scores[kept].astype(float), 0, 1), rows[kept, -self._masks :]
+        return boxes, np.clip(scores[kept].astype(float), 0, 1), rows[kept, -self.masks :]
 
 
 def _stored_names(file: OnnxFile) -> dict[int, str]:
