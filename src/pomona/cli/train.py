@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,27 +12,64 @@ from pomona.cli.failures import Stopped
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingExtraError
 
-ARCHITECTURES = ("center-lite0",)
+if TYPE_CHECKING:
+    from pomona.train import TrainOptions
+
+_ARCHS = "center-lite0|maskrcnn-r101|maskrcnn-r50|maskrcnn-r34|maskrcnn-r18|maskrcnn-mobilenet"
 
 
 def train(
     data: Annotated[
-        list[Path], typer.Argument(metavar="DATA...", help="Folders of photos with a COCO file, or rendered rows.")
+        list[Path], typer.Argument(metavar="DATA...", help="Folders of labelled photos, or rendered rows.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The model file to write (.onnx).")],
-    arch: Annotated[str, typer.Option(metavar="|".join(ARCHITECTURES), help="The network.")] = ARCHITECTURES[0],
-    steps: Annotated[int, typer.Option(help="Batches of eight crops; 2000 take about an hour on two cores.")] = 2000,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The model file to write: .onnx, or .pt for Mask R-CNN.")
+    ],
+    arch: Annotated[
+        str | None, typer.Option(metavar=_ARCHS, help="The network; center-lite0 where no preset says otherwise.")
+    ] = None,
+    weights: Annotated[
+        str | None, typer.Option(metavar="coco|imagenet|none|FILE", help="What to start from (default: the best).")
+    ] = None,
+    preset: Annotated[
+        str | None, typer.Option(metavar="paper", help="The paper's Mask R-CNN: R101, its rate, 18 epochs, flips only.")
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(help="Batches to learn from: 2000; an hour on two cores for center-lite0.")
+    ] = None,
+    epochs: Annotated[int | None, typer.Option(help="Passes over the photos, instead of steps.")] = None,
+    batch: Annotated[int | None, typer.Option(help="Crops in a batch.")] = None,
+    crop: Annotated[int | None, typer.Option(metavar="PX", help="Width and height of crops.")] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="The highest rate.")] = None,
+    copy_paste: Annotated[
+        float | None, typer.Option(metavar="0..1", help="Share of crops into which fruits of other photos are pasted.")
+    ] = None,
+    check_every: Annotated[int | None, typer.Option(metavar="STEPS", help="How often to measure (250).")] = None,
+    patience: Annotated[
+        int | None, typer.Option(metavar="CHECKS", help="End early after so many without anything better.")
+    ] = None,
     held_out: Annotated[float, typer.Option(metavar="0..1", help="Share of photos kept aside to measure on.")] = 0.15,
+    split_by: Annotated[
+        str, typer.Option(metavar="folders|photos", help="Keep the sides that DATA names (train, val), or split anew.")
+    ] = "folders",
+    classes: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="The classes that are fruit (default: all).")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes that make crops (1); more help beside a GPU.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Another number, another course of chance.")] = None,
 ) -> None:
-    """Train a segmenter on your own labelled photos (needs the extra `train`)."""
-    if arch not in ARCHITECTURES:
-        raise InputError(f"--arch: expected {' or '.join(ARCHITECTURES)}, found '{arch}'")
+    """Train a segmenter on your labelled photos (needs the extra `train`); after a stop, the same command goes on."""
     try:
-        from pomona.train import FitOptions, TrainOptions
+        from pomona.train import options_for
         from pomona.train import train as train_segmenter
     except ImportError as error:
         raise MissingExtraError(f"{error}: install it with pip install 'pomona[train]'") from None
-    options = TrainOptions(fit=replace(FitOptions(), steps=steps), held_out=held_out)
+    fit = {"steps": steps, "batch": batch, "learning_rate": learning_rate, "check_every": check_every}
+    fit |= {"patience": patience, "workers": workers, "seed": seed}
+    options = _changed(
+        options_for(arch, preset), epochs, fit=_given(fit), augment=_given({"crop_px": crop, "copy_paste": copy_paste})
+    )
+    options = replace(options, weights=weights, held_out=held_out, split_by=split_by, classes=_names(classes))
     try:
         with TerminalProgress() as progress:
             scores = train_segmenter(data, out, options=options, progress=progress)
@@ -42,3 +79,24 @@ def train(
         f"{out}: on {scores.fruits} fruits of photos held out, AP50 {scores.ap50:.3f}, F1 {scores.f1:.3f} "
         f"(precision {scores.precision:.3f}, recall {scores.recall:.3f}) at score {scores.threshold:.2f}"
     )
+
+
+def _names(text: str | None) -> tuple[str, ...] | None:
+    return tuple(name.strip() for name in text.split(",")) if text is not None else None
+
+
+def _given(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _changed(
+    options: TrainOptions, epochs: int | None, *, fit: dict[str, Any], augment: dict[str, Any]
+) -> TrainOptions:
+    """The options with what was given in place of what the architecture or the preset says."""
+    if epochs is not None and "steps" in fit:
+        raise InputError(f"--steps {fit['steps']} and --epochs {epochs}: give one of them")
+    if "steps" in fit:
+        options = replace(options, epochs=None)
+    elif epochs is not None:
+        options = replace(options, epochs=epochs)
+    return replace(options, fit=replace(options.fit, **fit, augment=replace(options.fit.augment, **augment)))

@@ -80,6 +80,8 @@ def _cut(
     else:
         corner = rng.uniform(0, 1, 2) * room
     corner = np.clip(corner, np.minimum(room, 0), np.maximum(room, 0))
+    if fruit_px is None:
+        corner = np.round(corner)  # at its own size, a photo is not to be blurred by a part of a pixel
     mirrored = rng.random() < 0.5
     to_crop = np.array([[sx, 0, -corner[0] * sx], [0, sy, -corner[1] * sy]])
     if mirrored:

@@ -2,39 +2,54 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from pomona.errors import InputError
-from pomona.progress import Progress
-from pomona.train.export import export_onnx
-from pomona.train.fit import FitOptions, check, fit
+from pomona.progress import Progress, Silent
+from pomona.segment.torchvision import ARCHITECTURES as MASK_RCNNS
+from pomona.train.center import CENTER_LITE0, CenterLearner
+from pomona.train.fit import check, fit
 from pomona.train.gather import gather
-from pomona.train.samples import write_split
+from pomona.train.learner import Learner
+from pomona.train.mask_rcnn import MaskRcnnLearner
+from pomona.train.options import FitOptions
+from pomona.train.samples import Sample, write_split
 from pomona.train.validate import ValidationScores
 
-FRUIT_PX = (12.0, 120.0)
-TYPICAL_FRUIT_PX = 40.0
-"""Fruit widths that the crops show, and the width at which photos are read by this network."""
-
-# Masks made from boxes reach a pixel or two over the fruit. On rendered photos, whose masks are exact, areas are 1.18
-# of the true ones at 0.5 and 1.10 at 0.9, where they overlap the true masks best (docs/model-card.md).
-_FOREGROUND_OF_WEAK_MASKS = 0.9
+ARCHITECTURES = (CENTER_LITE0, *MASK_RCNNS)
+_UNMEASURED_THRESHOLD = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """`held_out` is the share of photos that the network is measured on and never learns from."""
+    """What is trained, from what, and how; `options_for` gives those that suit an architecture.
 
+    `weights`: `coco`, `imagenet`, `none` or a file; None: the best that can be had. `epochs` are passes over as many
+    crops as there are photos to train on, with a check after each; they take the place of `fit.steps`. `held_out` is
+    the share of photos that the network is measured on and never learns from; `classes` and `split_by` are those of
+    `gather`.
+    """
+
+    arch: str = CENTER_LITE0
+    weights: str | None = None
     fit: FitOptions = field(default_factory=FitOptions)
+    epochs: int | None = None
     held_out: float = 0.15
+    classes: tuple[str, ...] | None = None
+    split_by: str = "folders"
 
     def __post_init__(self) -> None:
+        if self.arch not in ARCHITECTURES:
+            raise InputError(f"--arch: expected {', '.join(ARCHITECTURES)}, found '{self.arch}'")
         if not 0 < self.held_out < 1:
             raise InputError(f"held_out: expected a share above 0 and below 1, found {self.held_out}")
-        if self.fit.steps < 1:
-            raise InputError(f"steps: expected at least 1, found {self.fit.steps}")
+        if self.epochs is not None and self.epochs < 1:
+            raise InputError(f"epochs: expected at least 1, found {self.epochs}")
 
 
 def train(
@@ -42,16 +57,55 @@ def train(
 ) -> ValidationScores:
     """Train on `data` and write the model file `out`; returns its scores on the photos held out.
 
-    What is needed to go on after a stop lies in `<out>.training/`, with the log and the split.
+    What is needed to go on after a stop lies in `<out>.training/`, with the log, its curves and the split.
+
+    Raises `InputError` for an `out` that does not suit the architecture, weights that it does not have or that cannot
+    be downloaded, or a folder of another training; and what `gather` raises.
     """
-    options = options or TrainOptions()
-    if out.suffix != ".onnx":
-        raise InputError(f"{out}: expected a file name ending in .onnx")
+    options, progress = options or TrainOptions(), progress or Silent()
+    suffix = CenterLearner.suffix if options.arch == CENTER_LITE0 else MaskRcnnLearner.suffix
+    if out.suffix != suffix:
+        raise InputError(f"{out}: expected a file name ending in {suffix} for --arch {options.arch}")
     work = out.with_suffix(".training")
     work.mkdir(parents=True, exist_ok=True)
-    training, validation = gather(data, work / "labels", options.held_out)
+    training, validation = gather(
+        data,
+        work / "labels",
+        options.held_out,
+        classes=options.classes,
+        split_by=options.split_by,
+        progress=progress,
+    )
     write_split(work / "split.json", training, validation)
-    network = fit(training, validation, work, options=options.fit, progress=progress)
-    scores = check(network, validation)
-    export_onnx(network, out, fruit_px=FRUIT_PX, typical_fruit_px=TYPICAL_FRUIT_PX, threshold=scores.threshold)
+    learner = _learner(options, training)
+    network = fit(learner, training, validation, work, options=_in_steps(options, len(training)), progress=progress)
+    scores = check(learner, network, validation)
+    threshold = scores.threshold
+    if not math.isfinite(threshold):
+        threshold = _UNMEASURED_THRESHOLD
+        progress.warn(f"{out}: finds no fruit on the photos held out; train for longer, or look at the labels")
+    learner.export(network, out, threshold=threshold, weak=all(sample.weak for sample in training))
     return scores
+
+
+def _learner(options: TrainOptions, training: Sequence[Sample]) -> Learner:
+    if options.arch == CENTER_LITE0:
+        return CenterLearner(weights=options.weights or "imagenet")
+    typical = _typical_fruit_px(options, training)
+    return MaskRcnnLearner(options.arch, weights=options.weights, typical_fruit_px=typical)
+
+
+def _typical_fruit_px(options: TrainOptions, training: Sequence[Sample]) -> float:
+    """The width of fruit in the middle of what the crops show."""
+    if options.fit.augment.fruit_px is not None:
+        return float(np.sqrt(np.prod(options.fit.augment.fruit_px)))
+    sides = [(sample.boxes_px[:, 2:] - sample.boxes_px[:, :2]).max(1) for sample in training]
+    widths = np.concatenate(sides)
+    return float(np.median(widths)) if len(widths) else options.fit.augment.typical_fruit_px
+
+
+def _in_steps(options: TrainOptions, photos: int) -> FitOptions:
+    if options.epochs is None:
+        return options.fit
+    epoch = math.ceil(photos / options.fit.batch)
+    return replace(options.fit, steps=options.epochs * epoch, check_every=epoch)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from pomona.train.augment import Crop
+from pomona.train.crop import Crop
 from pomona.train.network import STRIDE
 from pomona.train.samples import IGNORED, Labels
 
