@@ -99,13 +99,19 @@ def _plan(photo: LabelledPhoto, fruit_px: float | None) -> _Plan:
     if width * height <= _LARGEST_WHOLE_PX:
         in_place = orientation == 1 and photo.path.suffix.lower() in _READ_AS_THEY_ARE
         return _Plan(1.0, ((0, 0, width, height),), in_place, orientation)
-    scale = min(1.0, _LARGEST_FRUIT_PX / fruit_px) if fruit_px else 1.0
-    width, height = max(1, round(width * scale)), max(1, round(height * scale))
+    longest = round(max(width, height) * (min(1.0, _LARGEST_FRUIT_PX / fruit_px) if fruit_px else 1.0))
+    scale = longest / max(width, height)
+    width, height = _scaled(photo, scale)
     side = float(np.clip(_FRUITS_ACROSS * (fruit_px or 0) * scale, *_PART_PX))
     columns = np.linspace(0, width, math.ceil(width / side) + 1).round().astype(int).tolist()
     rows = np.linspace(0, height, math.ceil(height / side) + 1).round().astype(int).tolist()
     parts = tuple((x0, y0, x1, y1) for y0, y1 in itertools.pairwise(rows) for x0, x1 in itertools.pairwise(columns))
     return _Plan(scale, parts, False, orientation)
+
+
+def _scaled(photo: LabelledPhoto, scale: float) -> tuple[int, int]:
+    """The size that `read_pixels` gives a photo at a scale."""
+    return max(1, round(photo.width_px * scale)), max(1, round(photo.height_px * scale))
 
 
 def _digest(photo: LabelledPhoto, plan: _Plan) -> str:
@@ -171,8 +177,7 @@ def paint(
         x0, y0, x1, y1 = mask.box_px
         labels[y0:y1, x0:x1][mask.pixels] = k
     if scale != 1:
-        size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        labels = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)
+        labels = cv2.resize(labels, _scaled(photo, scale), interpolation=cv2.INTER_NEAREST)
     boxed = [k for k, fruit in enumerate(fruits, start=1) if fruit.mask is None]
     if boxed:
         assert pixels is not None

@@ -1,0 +1,297 @@
+"""From labelled photos to samples: label images, large photos in parts, splits by photo, classes, bad sets."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the train extra")
+
+from PIL import Image
+
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.shapes import ellipse_mask
+from pomona.progress import Silent
+from pomona.train.augment import AugmentOptions, draw_crop
+from pomona.train.gather import gather
+from pomona.train.groups import group_of
+from pomona.train.label_images import paint, samples_of, size_of
+from pomona.train.samples import IGNORED, Sample, boxes_of, split, write_split
+
+
+def write_photo(path: Path, width: int, height: int, discs: Sequence[tuple[float, float, float]] = ()) -> None:
+    """Red discs (x, y, r) on green noise."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(len(discs))
+    pixels = rng.integers(40, 110, (height, width, 3)).astype(np.uint8)
+    pixels[:, :, 0] //= 2
+    for x, y, r in discs:
+        cv2.circle(pixels, (round(x), round(y)), round(r), (200, 30, 30), -1)
+    cv2.imwrite(str(path), pixels[:, :, ::-1])
+
+
+def disc(x: float, y: float, r: float, size: tuple[int, int], *, boxed: bool = False) -> LabelledFruit:
+    mask = ellipse_mask((x, y), (r, r), 0, *size)
+    assert mask is not None
+    return LabelledFruit((x - r, y - r, x + r, y + r), None if boxed else mask)
+
+
+def coco_of(folder: Path, names: list[str], boxes: dict[str, list[list[float]]], label: str = "apple") -> None:
+    """A set of photos of 64 × 64 with boxes."""
+    for name in names:
+        write_photo(folder / name, 64, 64, [(x + w / 2, y + h / 2, w / 2) for x, y, w, h in boxes.get(name, [])])
+    images = [{"id": k, "file_name": name, "width": 64, "height": 64} for k, name in enumerate(names)]
+    numbered = [(names.index(name), box) for name, several in boxes.items() for box in several]
+    annotations = [{"id": k, "image_id": i, "category_id": 1, "bbox": b} for k, (i, b) in enumerate(numbered)]
+    content = {"images": images, "categories": [{"id": 1, "name": label}], "annotations": annotations}
+    (folder / "labels.json").write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("stem", "group"),
+    [
+        ("DSC_1047_17kv1r21k_10", "DSC_1047_17kv1r21k"),
+        ("IMG_0001", "IMG_0001"),
+        ("DSC_1047", "DSC_1047"),
+        ("20200101_123456", "20200101_123456"),
+        ("PXL_20230101_123456789", "PXL_20230101_123456789"),
+        ("frame_12", "frame_12"),
+        ("IMG_0001_3", "IMG_0001"),
+        ("DSC_1047_3", "DSC_1047"),
+        ("IMG_0001_0_1024", "IMG_0001"),
+        ("orchard_512_0", "orchard"),
+        ("tree_0_0_512_512", "tree"),
+        ("IMG_0001_512_0_1024_512", "IMG_0001"),
+        ("IMG_0001_r0_c1", "IMG_0001"),
+        ("IMG_0001_r02c11", "IMG_0001"),
+        ("IMG_0001_row2_col3", "IMG_0001"),
+        ("IMG_0001-x512-y0", "IMG_0001"),
+        ("IMG_0001_y0_x512", "IMG_0001"),
+        ("IMG_0001_tile_7", "IMG_0001"),
+        ("IMG_0001_patch12", "IMG_0001"),
+        ("IMG_0001_jpg.rf.0a1b2c3d4e5f60718293a4b5c6d7e8f9", "IMG_0001"),
+        ("IMG_0001_3_jpg.rf.0a1b2c3d4e5f60718293a4b5c6d7e8f9", "IMG_0001"),
+        ("east_000", "east_000"),
+        ("crop", "crop"),
+        ("7", "7"),
+    ],
+)
+def test_which_photo_a_tile_was_cut_from(stem: str, group: str) -> None:
+    assert group_of(stem) == group
+
+
+def test_splits_leave_no_side_empty_and_no_photo_on_both() -> None:
+    def sample(stem: str) -> Sample:
+        return Sample(Path(f"{stem}.jpg"), Path(), np.zeros((0, 4)), group_of(stem), "x")
+
+    for count in (2, 3, 12):
+        for held_out in (0.01, 0.15, 0.99):
+            samples = [sample(f"IMG_{k:04d}_r{r}_c{c}") for k in range(count) for r in range(2) for c in range(2)]
+            training, validation = split(samples, held_out)
+            assert training
+            assert validation
+            assert len(training) + len(validation) == 4 * count
+            assert not {s.group for s in training} & {s.group for s in validation}
+
+
+def test_labels_of_masks_boxes_crowds_and_what_is_hardly_seen(tmp_path: Path) -> None:
+    size = (120, 100)
+    shapes = [(30, 30, 16), (40, 34, 8), (90, 30, 12)]
+    write_photo(tmp_path / "a.png", *size, [(x, y, r) for x, y, r in shapes])
+    mask, small, boxed = (disc(x, y, r, size, boxed=k == 2) for k, (x, y, r) in enumerate(shapes))
+    speck = disc(10, 90, 2, size)
+    crowd = LabelledFruit((50, 70, 80, 95), None, ignored=True)
+    photo = LabelledPhoto(tmp_path / "a.png", "a.png", *size, (mask, small, speck, crowd, boxed))
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=24)
+    assert sample.image == tmp_path / "a.png"
+    assert sample.weak
+    assert sample.boxes_px.tolist() == [[14, 14, 46, 46], [32, 26, 48, 42], [78, 18, 102, 42]]
+    labels = sample.label_image()
+    assert labels[30, 20] == 1
+    assert labels[34, 40] == 2, "the smaller one is nearer"
+    assert labels[30, 90] == 3
+    assert labels[90, 10] == IGNORED
+    assert (labels[70:95, 50:80] == IGNORED).all()
+    assert labels[60, 10] == 0
+    assert (labels == 3).sum() == pytest.approx(np.pi * 144, rel=0.1)
+
+
+@pytest.mark.parametrize("radius", [30, 160])
+def test_a_large_photo_is_cut_once_and_fruits_stay_where_they_are(tmp_path: Path, radius: int) -> None:
+    size = (2200, 1500)
+    centers = [(x, y) for x in (250, 733, 1100, 1900) for y in (300, 750, 1200)]
+    write_photo(tmp_path / "a.jpg", *size, [(x, y, radius) for x, y in centers])
+    fruits = tuple(disc(x, y, radius, size) for x, y in centers)
+    photo = LabelledPhoto(tmp_path / "a.jpg", "sub/a.jpg", *size, fruits)
+    samples = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=2.0 * radius)
+    scale = min(1, 110 / (2 * radius))
+    assert len(samples) == (6 if scale == 1 else 1)
+    assert {s.group for s in samples} == {"a"}
+    assert {s.name for s in samples} == {"sub/a.jpg"}
+    fruit_pixels = 0
+    for sample in samples:
+        pixels, labels = sample.pixels(), sample.label_image()
+        assert pixels.shape[:2] == labels.shape
+        assert max(labels.shape) <= 1100
+        red = pixels[:, :, 0] > 150
+        assert (red == (labels != 0)).mean() > 0.995
+        assert set(np.unique(labels)) - {IGNORED, 0} == set(range(1, len(sample.boxes_px) + 1))
+        np.testing.assert_allclose(boxes_of(labels, len(sample.boxes_px)), sample.boxes_px, atol=1.5)
+        fruit_pixels += int((labels != 0).sum())
+    assert fruit_pixels == pytest.approx(12 * np.pi * radius**2 * scale**2, rel=0.03)
+    before = {s.labels: s.labels.stat().st_mtime_ns for s in samples}
+    again = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=2.0 * radius)
+    assert {s.labels: s.labels.stat().st_mtime_ns for s in again} == before
+    np.testing.assert_array_equal(again[0].boxes_px, samples[0].boxes_px)
+    crop = draw_crop(samples, np.random.default_rng(0), AugmentOptions(crop_px=96))
+    assert crop.pixels.shape == (96, 96, 3)
+
+
+def test_boxes_of_a_large_photo_become_the_same_weak_masks(tmp_path: Path) -> None:
+    size = (2000, 1400)
+    centers = [(300, 300), (1500, 900)]
+    write_photo(tmp_path / "a.jpg", *size, [(x, y, 40) for x, y in centers])
+    photo = LabelledPhoto(
+        tmp_path / "a.jpg", "a.jpg", *size, tuple(disc(x, y, 40, size, boxed=True) for x, y in centers)
+    )
+    samples = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=80)
+    areas = [int((s.label_image() == 1).sum()) for s in samples if len(s.boxes_px)]
+    assert areas == pytest.approx([np.pi * 1600] * 2, rel=0.1)
+
+
+def test_changed_labels_make_another_label_image(tmp_path: Path) -> None:
+    write_photo(tmp_path / "a.png", 64, 64)
+    photos = [
+        LabelledPhoto(tmp_path / "a.png", "a.png", 64, 64, (disc(x, 30, 10, (64, 64)),)) for x in (20, 40)
+    ]  # fmt: skip
+    one, other = (samples_of(p, tmp_path / "cache", source="s", part="", fruit_px=None)[0] for p in photos)
+    assert one.label_image()[30, 20] == 1
+    assert other.label_image()[30, 20] == 0
+
+
+def test_a_photo_that_the_camera_stored_turned_is_kept_upright(tmp_path: Path) -> None:
+    pixels = np.zeros((40, 60, 3), np.uint8)
+    pixels[5:15, 40:56] = (255, 0, 0)
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(pixels).save(tmp_path / "a.jpg", exif=exif, quality=98)
+    assert size_of(tmp_path / "a.jpg") == (40, 60)
+    fruit = disc(30, 48, 6, (40, 60))  # stored (48, 10) is at x = 40 - 10, y = 48
+    photo = LabelledPhoto(tmp_path / "a.jpg", "a.jpg", 40, 60, (fruit,))
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=None)
+    red, labels = sample.pixels(), sample.label_image()
+    assert red.shape == (60, 40, 3)
+    assert (red[labels == 1, 0] > 150).mean() > 0.9
+
+
+def test_sets_of_several_kinds_together_and_classes(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    names = [f"IMG_{k:04d}.png" for k in range(8)]
+    coco_of(data / "boxes", names, {name: [[10, 10, 30, 30]] for name in names})
+    for k in range(3):
+        write_photo(data / "yolo" / "images" / f"{k}.png", 64, 64, [(32, 32, 12)])
+        (data / "yolo" / "labels").mkdir(exist_ok=True)
+        (data / "yolo" / "labels" / f"{k}.txt").write_text("1 0.5 0.5 0.4 0.4\n0 0.2 0.2 0.2 0.2\n")
+    (data / "yolo" / "data.yaml").write_text("names: [Apple, leaf]\n")
+    ids = np.zeros((64, 64), np.uint16)
+    ids[20:40, 20:40] = 9
+    write_photo(data / "row" / "images" / "east_0.jpg", 64, 64)
+    (data / "row" / "truth" / "masks").mkdir(parents=True)
+    cv2.imwrite(str(data / "row" / "truth" / "masks" / "east_0.png"), ids)
+    training, validation = gather([data], tmp_path / "cache", 0.3)
+    everything = training + validation
+    assert len(everything) == 12
+    assert {s.source for s in validation} <= {"data/boxes", "data/yolo"}
+    assert [s.source for s in training if not s.weak] == ["rendered"]
+    assert sum(len(s.boxes_px) for s in everything) == 8 + 6 + 1
+    write_split(tmp_path / "split.json", training, validation)
+    assert "rendered/images/east_0.jpg" in json.loads((tmp_path / "split.json").read_text())["training"]
+
+    apples = gather([data], tmp_path / "cache", 0.3, classes=["apple"])
+    assert sum(len(s.boxes_px) for side in apples for s in side) == 8 + 3 + 1
+    with pytest.raises(InputError, match=r"classes: expected some of .*Apple, leaf\), found 'pear'"):
+        gather([data], tmp_path / "cache", 0.3, classes=["pear"])
+    with pytest.raises(InputError, match=r"boxes: expected fruits of the classes leaf, found only apple"):
+        gather([data], tmp_path / "cache", 0.3, classes=["leaf"])
+
+
+def via_of(folder: Path, names: list[str]) -> None:
+    content = {}
+    for name in names:
+        write_photo(folder / name, 64, 64, [(30, 30, 12)])
+        circle = {"name": "circle", "cx": 30, "cy": 30, "r": 12}
+        content[f"{name}1"] = {"filename": name, "size": 1, "regions": [{"shape_attributes": circle}]}
+    (folder / "via_region_data.json").write_text(json.dumps(content))
+
+
+def test_folders_that_say_what_their_photos_are_for(tmp_path: Path) -> None:
+    """The layout of the Fuji-SfM set: tiles with VIA labels, in folders for training and validation."""
+    masks = tmp_path / "Fuji-SfM" / "1-Mask-set"
+    via_of(masks / "train", ["_MG_8067_01.png", "_MG_8067_02.png", "_MG_8068_01.png"])
+    via_of(masks / "val", ["_MG_8069_01.png"])
+    via_of(masks / "test", ["_MG_8070_01.png"])
+    write_photo(tmp_path / "Fuji-SfM" / "2-SfM-set" / "east" / "_MG_1.jpg", 64, 64)
+    progress = Silent()
+    training, validation = gather([tmp_path / "Fuji-SfM"], tmp_path / "cache", 0.15, progress=progress)
+    assert [s.name for s in training] == ["_MG_8067_01.png", "_MG_8067_02.png", "_MG_8068_01.png"]
+    assert [s.name for s in validation] == ["_MG_8069_01.png"]
+    assert progress.warnings == [f"{tmp_path / 'Fuji-SfM'}: 1 samples kept there for tests are not used"]
+
+    via_of(masks / "val", ["_MG_8067_03.png", "_MG_8069_01.png"])
+    progress = Silent()
+    training, validation = gather([tmp_path / "Fuji-SfM"], tmp_path / "cache", 0.15, progress=progress)
+    assert (len(training), len(validation)) == (3, 2)
+    assert any("1 of 2 samples to measure on are of photos of which other parts" in w for w in progress.warnings)
+    training, validation = gather([tmp_path / "Fuji-SfM"], tmp_path / "cache", 0.15, split_by="photos")
+    assert len(training) + len(validation) == 5
+    assert not {s.group for s in training} & {s.group for s in validation}
+
+
+def test_a_set_with_one_side_alone_is_split(tmp_path: Path) -> None:
+    via_of(tmp_path / "set" / "train", [f"IMG_{k:04d}.png" for k in range(6)])
+    training, validation = gather([tmp_path / "set"], tmp_path / "cache", 0.2)
+    assert len(training) + len(validation) == 6
+
+
+def test_sets_that_cannot_be_used(tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    coco_of(folder, ["a_0.png", "a_1.png"], {"a_0.png": [[1, 1, 20, 20]]})
+    with pytest.raises(InputError, match="split_by: expected folders or photos, found 'dice'"):
+        gather([folder], tmp_path / "cache", 0.5, split_by="dice")
+    (folder / "a_1.png").write_bytes((folder / "a_1.png").read_bytes()[:200])
+    with pytest.raises(FormatError, match=r"a_1\.png: expected a photo: "):
+        gather([folder], tmp_path / "cache", 0.5)
+    (folder / "a_1.png").unlink()
+    with pytest.raises(MissingFileError, match=r"labels\.json: image 1: photo 'a_1\.png' is not there"):
+        gather([folder], tmp_path / "cache", 0.5)
+    coco_of(folder, ["only.png"], {"only.png": [[1, 1, 20, 20]]})
+    with pytest.raises(InputError, match="expected some of each"):
+        gather([folder], tmp_path / "cache", 0.5)
+
+
+def test_photos_without_labels_are_warned_of(tmp_path: Path) -> None:
+    names = [f"IMG_{k:04d}.png" for k in range(6)]
+    coco_of(tmp_path / "set", names, {names[0]: [[1, 1, 20, 20]]})
+    progress = Silent()
+    gather([tmp_path / "set"], tmp_path / "cache", 0.3, progress=progress)
+    assert any(r"5 of 6 photos have no label" in warning for warning in progress.warnings)
+
+
+def test_weak_masks_are_close_to_true_ones_on_a_rendered_photo(shared_data: Path) -> None:
+    from pomona.formats.png_masks import read_png_masks
+    from pomona.train.weak_masks import label_image_from_boxes
+
+    photo = read_png_masks(shared_data / "orchard-dev", size_of)[0]
+    fruits = [f for f in photo.fruits if f.mask is not None and f.mask.area_px >= 400]
+    boxes = np.array([f.box_px for f in fruits])
+    pixels = Sample(photo.path, Path(), boxes, "", "").pixels()
+    labels = label_image_from_boxes(pixels, boxes)
+    iou = []
+    for k, fruit in enumerate(fruits, start=1):
+        truth = paint(photo, [fruit]) == 1
+        iou.append(((labels == k) & truth).sum() / ((labels == k) | truth).sum())
+    assert 0.6 < np.mean(iou) < 0.95
