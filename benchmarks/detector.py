@@ -1,6 +1,7 @@
 """Segmenters on photos that they were not trained on: AP50, F1, masks and time, as a table for docs/benchmarks.md.
 
-python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--only NAME ...] [--min-visible PX] [--json FILE]
+python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--only NAME ...] [--min-visible PX] [--scale S]
+        [--json FILE]
 
 Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles of `apple-tiles` that training holds
 out (whole photos, 15 %, by the rule of `pomona train`). Photos are segmented as `pomona segment` does it, at the scale
@@ -47,6 +48,7 @@ class Measured:
     model: str
     match: str
     scores: DetectionScores
+    scale: float
     seconds_a_photo: float
 
     def cells(self) -> list[str]:
@@ -56,13 +58,13 @@ class Measured:
             self.data, self.model, self.match, f"{len(self.scores.matches)}", f"{self.scores.true_fruits}",
             f"{self.scores.ap50:.3f}", f"{f1:.3f} at {confidence:.2f}", f"{half.f1:.3f}",
             f"{half.recall:.3f}", f"{half.precision:.3f}", "" if np.isnan(mask_iou) else f"{mask_iou:.3f}",
-            f"{self.seconds_a_photo:.2f}",
+            f"{self.scale:.2f}", f"{self.seconds_a_photo:.2f}",
         ]  # fmt: skip
 
 
 COLUMNS = [
     "photos of", "segmenter", "match", "photos", "fruits", "AP50", "best F1", "F1 at 0.5", "R at 0.5", "P at 0.5",
-    "mean mask IoU", "seconds a photo",
+    "mean mask IoU", "scale", "seconds a photo",
 ]  # fmt: skip
 
 
@@ -78,29 +80,36 @@ def held_out_tiles(folders: Sequence[Path]) -> dict[str, tuple[DetectionTruth, l
     return {name: (truth, [s.image for s in held if s.source == name]) for name, truth in truths.items()}
 
 
-def segmented(photos: Photos, segmenter: Segmenter) -> tuple[dict[str, Detections], float]:
-    """The detections of each photo, down to the least score, and the seconds a photo, reading and scale included."""
+def segmented(
+    photos: Photos, segmenter: Segmenter, scale: float | None
+) -> tuple[dict[str, Detections], dict[str, float], float]:
+    """The detections of each photo, down to the least score; scales; seconds a photo, scale and reading included."""
     start = time.perf_counter()
-    threshold = segmenter.traits.score_threshold
     # The scale is found from what the segmenter is sure of, as in a survey, not from all that it reports here.
-    scales = reading_scales(photos, segmenter, sample_photos=4, score_threshold=threshold, progress=Silent())
+    threshold = segmenter.traits.score_threshold
+    scales = (
+        reading_scales(photos, segmenter, sample_photos=4, score_threshold=threshold, progress=Silent())
+        if scale is None
+        else dict.fromkeys(photos.names, scale)
+    )
     found: dict[str, Detections] = {}
-    for scale in sorted(set(scales.values())):
-        group = Photos(tuple(photo for photo in photos if scales[photo.name] == scale))
-        found |= segment_photos(group, segmenter, options=SegmentOptions(score_threshold=LEAST_SCORE, scale=scale))
-    return found, (time.perf_counter() - start) / len(photos)
+    for value in sorted(set(scales.values())):
+        group = Photos(tuple(photo for photo in photos if scales[photo.name] == value))
+        found |= segment_photos(group, segmenter, options=SegmentOptions(score_threshold=LEAST_SCORE, scale=value))
+    return found, scales, (time.perf_counter() - start) / len(photos)
 
 
 def measure(
-    name: str, model: str, truth: DetectionTruth, files: Sequence[Path], segmenter: Segmenter, min_visible_px: int
+    name: str, model: str, truth: DetectionTruth, files: Sequence[Path], segmenter: Segmenter, how: argparse.Namespace
 ) -> list[Measured]:
-    photos = load_photos(list(files), sides="none", min_photos=1)
-    found, seconds = segmented(photos, segmenter)
+    photos = load_photos(list(files), min_photos=1)
+    found, scales, seconds = segmented(photos, segmenter, how.scale)
     mine = truth.of_photos(photos.names)
+    scale = float(np.median(list(scales.values())))
     lines = []
     for match in ("boxes", "masks") if truth.has_masks else ("boxes",):
-        options = EvaluateDetectionsOptions(match=match, min_visible_px=min_visible_px)
-        lines.append(Measured(name, model, match, evaluate_detections(found, mine, options=options), seconds))
+        options = EvaluateDetectionsOptions(match=match, min_visible_px=how.min_visible)
+        lines.append(Measured(name, model, match, evaluate_detections(found, mine, options=options), scale, seconds))
     return lines
 
 
@@ -108,21 +117,22 @@ def together(lines: Sequence[Measured]) -> Measured:
     """All tiles as one set."""
     matches = [match for line in lines for match in line.scores.matches]
     seconds = sum(line.seconds_a_photo * len(line.scores.matches) for line in lines) / len(matches)
-    return Measured("all held-out tiles", lines[0].model, "boxes", score(matches, by_masks=False), seconds)
+    scale = float(np.median([line.scale for line in lines]))
+    return Measured("all held-out tiles", lines[0].model, "boxes", score(matches, by_masks=False), scale, seconds)
 
 
-def measured(model: Path | None, data: Path, only: Sequence[str], min_visible_px: int) -> list[Measured]:
+def measured(model: Path | None, how: argparse.Namespace) -> list[Measured]:
     name = "shipped" if model is None else model.name
     segmenter = load_segmenter(model, score_floor=LEAST_SCORE)
     lines = []
-    row = data / "orchard-dev"
-    if not only or row.name in only:
+    row = how.data / "orchard-dev"
+    if not how.only or row.name in how.only:
         truth, files = read_detection_truth(row), sorted((row / "images").iterdir())
-        lines += measure(row.name, name, truth, files, segmenter, min_visible_px)
+        lines += measure(row.name, name, truth, files, segmenter, how)
     tiles = []
-    for folder, (truth, files) in held_out_tiles([data / "apple-tiles" / tile for tile in TILES]).items():
-        if not only or folder in only:
-            tiles += measure(f"{folder}, held out", name, truth, files, segmenter, 0)
+    for folder, (truth, files) in held_out_tiles([how.data / "apple-tiles" / tile for tile in TILES]).items():
+        if not how.only or folder in how.only:
+            tiles += measure(f"{folder}, held out", name, truth, files, segmenter, how)
     return [*lines, *tiles, together(tiles)] if len(tiles) > 1 else [*lines, *tiles]
 
 
@@ -132,12 +142,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--only", nargs="*", default=[], choices=["orchard-dev", *TILES])
     parser.add_argument("--min-visible", type=int, default=120, help="pixels of a rendered fruit that is to be found")
+    parser.add_argument("--scale", type=float, help="at which photos are read; default: found in them")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n", flush=True)
     results = []
     for model in [None, *arguments.model]:
-        for line in measured(model, arguments.data, arguments.only, arguments.min_visible):
+        for line in measured(model, arguments):
             print("| " + " | ".join(line.cells()) + " |", flush=True)
             about = {"data": line.data, "model": line.model, "seconds_a_photo": line.seconds_a_photo}
             results.append(about | line.scores.to_json())
