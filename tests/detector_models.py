@@ -50,7 +50,7 @@ def write_yolo(
     return _write(
         path,
         constants={outputs[0]: candidates[None]},
-        shapes={outputs[0]: ["batch", candidates.shape[0], "anchors"]} if free_size else None,
+        shapes={outputs[0]: ["batch", "features", "anchors"]} if free_size else None,
         seen=(outputs[1], _red_minus_green(PROTOTYPES)),
         sizes=sizes,
         cells=["h", "w"] if free_size else [height // 4, width // 4],

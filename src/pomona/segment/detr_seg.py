@@ -59,11 +59,11 @@ class DetrSegmenter:
         stored = _stored(file)
         self._mean, self._deviation = (_channels(file, stored, key) for key in ("means", "stds"))
         names = _stored_names(file, stored)
-        columns = found[1].shape[2]
-        if columns is None:
-            columns = max(names, default=0) + 2  # checked when the network has run
+        labels = file.settled(found, self._input_px)[1]
+        columns = labels.shape[2]
+        assert columns is not None
         if columns < 2:
-            raise FormatError(f"{file.path}: expected {LAYOUT}, with two labels at least; found {found[1]}")
+            raise FormatError(f"{file.path}: expected {LAYOUT}, with two labels at least; found {labels}")
         self._columns = columns
         self._fruits = fruit_columns(file.path, columns - 1, names, classes)
         self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)

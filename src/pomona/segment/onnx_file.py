@@ -78,6 +78,16 @@ class OnnxFile:
             raise FormatError(f"{self.path}: expected an input of fixed size, found {found}: export it again with one")
         return default_px[0] if width is None else width, default_px[1] if height is None else height
 
+    def settled(self, outputs: Sequence[Tensor], image_px: tuple[int, int]) -> list[Tensor]:
+        """Return the outputs with the shapes that they have for an image of (width, height).
+
+        Where the file leaves sizes free, the network runs on a blank image once to show them.
+        """
+        if not any(size is None for node in outputs for size in node.shape[1:]):
+            return list(outputs)
+        found = self.run(np.zeros((1, 3, image_px[1], image_px[0])), [node.name for node in outputs])
+        return [Tensor(node.name, node.kind, output.shape) for node, output in zip(outputs, found, strict=True)]
+
     def literal(self, key: str, expected: str) -> Any:
         """Return a metadata entry that is written as a Python literal, or None where it is missing.
 

@@ -33,7 +33,7 @@ def candidates_and_prototypes(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor
     """Return the two outputs of a YOLO segmenter, or None if these outputs are not of one."""
     candidates = [node for node in outputs if len(node.shape) == 3]
     prototypes = [node for node in outputs if len(node.shape) == 4]
-    if len(outputs) != 2 or len(candidates) != 1 or len(prototypes) != 1 or prototypes[0].shape[1] is None:
+    if len(outputs) != 2 or len(candidates) != 1 or len(prototypes) != 1:
         return None
     return candidates[0], prototypes[0]
 
@@ -49,9 +49,9 @@ class YoloSegmenter:
         found = candidates_and_prototypes(file.outputs)
         if found is None:
             raise FormatError(f"{file.path}: expected {LAYOUT}; found {'; '.join(map(str, file.outputs))}")
-        candidates, prototypes = found
-        self._file, self._outputs = file, (candidates.name, prototypes.name)
+        self._file, self._outputs = file, [node.name for node in found]
         self._input_px = file.image_size(_stored_size(file))
+        candidates, prototypes = file.settled(found, self._input_px)
         names = _stored_names(file)
         self._rows = _Rows.of(file, candidates, prototypes, names)
         self._fruits = fruit_columns(file.path, self._rows.classes, names, classes)
@@ -100,19 +100,16 @@ class _Rows:
 
     @classmethod
     def of(cls, file: OnnxFile, candidates: Tensor, prototypes: Tensor, names: Mapping[int, str]) -> _Rows:
-        masks = prototypes.shape[1]
+        masks, features, length = prototypes.shape[1], *candidates.shape[1:]
         assert masks is not None
-        _, features, length = candidates.shape
+        assert features is not None
         by_names = max(names, default=-1) + 1
-        # A file may leave either size free; what is taken for granted here is checked when the network has run.
-        may_be_end_to_end = length == 6 + masks or (length is None and features is not None and bool(names))
-        if may_be_end_to_end and features != 4 + by_names + masks:
+        # The same size at the other place would be a coincidence, except where the names agree with it too.
+        if length == 6 + masks and features != 4 + by_names + masks:
             if not names:
                 raise FormatError(f"{file.path}: metadata names is missing: expected a dict of the classes' names")
             return cls(end_to_end=True, classes=by_names, masks=masks)
-        if features is None and names:
-            features = 4 + by_names + masks
-        if features is None or features <= 4 + masks or (names and features != 4 + by_names + masks):
+        if features <= 4 + masks or (names and features != 4 + by_names + masks):
             raise FormatError(
                 f"{file.path}: expected {LAYOUT}, here with m = {masks} and {by_names or 'an unknown number of'} "
                 f"classes; found {candidates}; {prototypes}"
