@@ -172,7 +172,7 @@ def read_checkpoint(path: Path, expected: str) -> Mapping[str, Any]:
         raise MissingFileError(f"Checkpoint {path}: no such file")
     try:
         checkpoint = _torch().load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, KeyError, OSError) as error:
+    except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, LookupError, TypeError, OSError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise FormatError(f"{path}: expected {expected}, but PyTorch cannot load it: {reason}") from None
     if not isinstance(checkpoint, Mapping):
