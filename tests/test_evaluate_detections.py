@@ -29,12 +29,14 @@ from pomona.evaluate.detections import (
     read_detection_truth,
     read_found,
     truth_from_ids,
+    truth_of_labelled,
 )
 from pomona.evaluate.detections.matching import right
 from pomona.evaluate.detections.names import pair_names
 from pomona.evaluate.detections.overlap import box_overlap, mask_overlap
 from pomona.evaluate.detections.scores import precision_curve
 from pomona.formats.coco import write_coco
+from pomona.formats.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.rle import encode
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
@@ -393,6 +395,26 @@ def test_boxes_and_lists_of_results(row: Path, tmp_path: Path) -> None:
     assert not read_found(write_json(results, hits[1:]), truth=read).masks
 
 
+def test_truth_in_labels_of_other_programs(row: Path, detections: Path, tmp_path: Path) -> None:
+    labels = tmp_path / "yolo"
+    for name, line in (("east_0", "0 0.1875 0.25 0.125 0.1666667"), ("east_1", "")):
+        write_photo(labels / "images" / f"{name}.jpg")
+        (labels / "labels").mkdir(exist_ok=True)
+        (labels / "labels" / f"{name}.txt").write_text(line)
+    scores = json.loads(pomona(detections, "--truth", labels, "--json").stdout)
+    assert (scores["match"], scores["photos"], scores["T"], scores["levels"][0]["TP"]) == ("boxes", 2, 1, 1)
+    assert read_detection_truth(labels)["images/east_0.jpg"].boxes_px == pytest.approx(np.array([[20, 20, 40, 40]]))
+    masks = truth_of_labelled(
+        [
+            LabelledPhoto(tmp_path / "a.jpg", "a.jpg", WIDTH, HEIGHT, (LabelledFruit.from_mask(disc(40, 40, 16)),)),
+            LabelledPhoto(tmp_path / "b.jpg", "b.jpg", WIDTH, HEIGHT, (LabelledFruit((0, 0, 9, 9), None, None, True),)),
+        ]
+    )
+    assert (masks.has_masks, len(masks["a.jpg"]), len(masks["b.jpg"])) == (True, 1, 0)
+    with pytest.raises(FormatError, match=r"found 'a\.jpg' in two sets"):
+        truth_of_labelled([LabelledPhoto(tmp_path / f"{k}" / "a.jpg", "a.jpg", WIDTH, HEIGHT, ()) for k in "12"])
+
+
 def test_photos_without_truth_are_left_out_with_a_warning() -> None:
     truth = DetectionTruth({"1": truth_of("1", [square(0, 0, 20)]), "3": truth_of("3", [])})
     progress = Silent()
@@ -422,8 +444,11 @@ def test_truth_that_cannot_be_read(row: Path, detections: Path, tmp_path: Path) 
     with pytest.raises(MissingFileError, match="does not exist"):
         read_detection_truth(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(MissingFileError, match="expected one COCO file"):
+    with pytest.raises(InputError, match=r"empty: expected labelled photos there .* a COCO file"):
         read_detection_truth(tmp_path / "empty")
+    (tmp_path / "fruits.csv").write_text("id,x,y,z,diameter\n1,0,0,2,0.07\n")
+    with pytest.raises(InputError, match="expected labels of photos: a COCO file"):
+        read_detection_truth(tmp_path / "fruits.csv")
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(FormatError, match="no JSON"):
         read_detection_truth(tmp_path / "bad.json")

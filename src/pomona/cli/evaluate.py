@@ -26,8 +26,8 @@ _TRUTH = Annotated[
     Path,
     typer.Option(
         metavar="FILE",
-        help="The true fruits: a table of centres and diameters, or boxes. With --detections: a COCO file, or a "
-        "rendered row's folder (truth/masks).",
+        help="The true fruits: a table of centres and diameters, or boxes. With --detections: a COCO file, a "
+        "rendered row's folder (truth/masks), or photos with labels of another program.",
     ),
 ]
 _MATCH = Annotated[

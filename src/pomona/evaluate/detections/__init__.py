@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pomona.evaluate.detections.labelled_truth import truth_of_labelled
 from pomona.evaluate.detections.matching import PhotoMatch, match_photo
 from pomona.evaluate.detections.options import EvaluateDetectionsOptions
 from pomona.evaluate.detections.reading import FoundDetections, read_detection_truth, read_found, truth_from_ids
@@ -28,4 +29,5 @@ __all__ = [
     "read_found",
     "score",
     "truth_from_ids",
+    "truth_of_labelled",
 ]

@@ -12,9 +12,11 @@ from scipy import ndimage
 
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, MissingFileError
+from pomona.evaluate.detections.labelled_truth import truth_of_sets
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.coco import detections_by_image
 from pomona.formats.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
+from pomona.formats.label_sets import find_label_sets
 from pomona.progress import Progress, Silent, track
 
 
@@ -27,32 +29,29 @@ class FoundDetections:
 
 
 def read_detection_truth(path: Path, *, progress: Progress | None = None) -> DetectionTruth:
-    """Read the true fruits of photos from one of these:
+    """Read the true fruits of photos, all of one class, from one of these:
 
-    - a COCO file of one category (or a folder with one `*.json`), with masks or boxes; annotations with `iscrowd` or
-      `ignore` are not scored;
+    - a COCO file (or a folder with one), with masks or boxes; annotations with `iscrowd` or `ignore` are not scored;
     - a rendered row's folder, its `truth` folder, or a folder of images (PNG, 8 or 16 bits, one channel) that are 0
-      where there is no fruit, else the fruit's id; named as the photos are.
+      where there is no fruit, else the fruit's id; named as the photos are, which need not be there;
+    - photos with labels of another program that `formats.label_sets` knows (VIA, LabelMe, YOLO).
 
-    Raises `MissingFileError`, and `FormatError` naming the file, the place and what was expected.
+    Raises `MissingFileError`, `InputError` where there are no labels, and `FormatError` naming the file, the place and
+    what was expected.
     """
     path, progress = Path(path), progress or Silent()
-    if path.is_file():
-        return _from_coco(path, progress)
-    if not path.is_dir():
-        raise MissingFileError(f"No truth found: expected a COCO file or a folder of masks, but {path} does not exist")
+    if not path.exists():
+        raise MissingFileError(f"No truth found: expected labels or a folder of masks, but {path} does not exist")
     for folder in (path / "truth" / "masks", path / "masks", path):
         if images := sorted(folder.glob("*.png")):
-            return DetectionTruth(
-                {image.stem: _from_ids(image) for image in track(images, progress, "reading true masks")}
-            )
-    files = sorted(path.glob("*.json"))
-    if len(files) != 1:
-        raise MissingFileError(
-            f"No truth found in {path}: expected one COCO file (*.json), or masks (*.png) in truth/masks/, masks/ or "
-            f"the folder itself; found {len(files)} files *.json"
-        )
-    return _from_coco(files[0], progress)
+            if folder == path and any(path.glob("*.json")):  # photos with labels beside them
+                break
+            found = {image.stem: _from_ids(image) for image in track(images, progress, "reading true masks")}
+            return DetectionTruth(found)
+    sets = find_label_sets(path)
+    if len(sets) == 1 and sets[0].kind == "coco":
+        return _from_coco(sets[0].files[0], progress)
+    return truth_of_sets(path, sets)
 
 
 def read_found(path: Path, *, truth: DetectionTruth | None = None, progress: Progress | None = None) -> FoundDetections:
