@@ -17,7 +17,8 @@ Out = Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="The fo
 SurveyFolder = Annotated[Path, typer.Argument(metavar="SURVEY", help="A folder that `pomona run` wrote.")]
 Sides = Annotated[str, typer.Option(metavar="auto|none|GLOB,GLOB", help="Which photos are of which side of the row.")]
 Model = Annotated[
-    str | None, typer.Option(metavar="NAME|FILE", help="Segmenter: .onnx, .pt or .pth, or an installed one's name.")
+    str | None,
+    typer.Option(metavar="NAME|FILE", help="Segmenter: .onnx, .pt, .pth, open:WORDS, or an installed one's name."),
 ]
 ScoreThreshold = Annotated[
     float | None, typer.Option(metavar="0..1", help="Detections below are left out. Default: the model's own.")

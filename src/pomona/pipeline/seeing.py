@@ -47,11 +47,12 @@ def _key(context: Context) -> Any:
 
 
 def _model_key(context: Context) -> Any:
-    from pomona.segment.load import SHIPPED_WEIGHTS
+    from pomona.segment.load import files_of
 
     model = context.options.model
-    path = SHIPPED_WEIGHTS if model is None else Path(model)
-    return [file_digest(path) if path.is_file() else str(model), context.options.segment]
+    # A plain file is known by its content alone: it may be moved.
+    said = None if model is None or Path(model).is_file() else str(model)
+    return [said, [file_digest(path) for path in files_of(model)], context.options.segment]
 
 
 def _given(context: Context, progress: Progress) -> SurveyDetections:
