@@ -28,7 +28,8 @@ from pomona.train.crop import Crop  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
 from pomona.train.run import Run  # noqa: E402
-from pomona.train.samples import IGNORED, Sample  # noqa: E402
+from pomona.train.samples import IGNORED, Sample, labels_from_ids  # noqa: E402
+from train_scenes import discs, samples_of_discs  # noqa: E402
 
 SMALL = FitOptions(
     steps=4,
@@ -45,30 +46,9 @@ SMALL = FitOptions(
 )
 
 
-def discs(seed: int, size: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A photo of red discs on green noise, its labels, and their boxes."""
-    rng = np.random.default_rng(seed)
-    pixels = rng.integers(40, 110, (size, size, 3)).astype(np.uint8)
-    pixels[:, :, 0] //= 2
-    labels = np.zeros((size, size), np.int16)
-    boxes = []
-    for k, cell in enumerate(rng.permutation(16)[:6], start=1):
-        centre, radius = (25 + 50 * (int(cell) % 4), 25 + 50 * (int(cell) // 4)), int(rng.integers(12, 20))
-        disc = cv2.circle(np.zeros((size, size), np.uint8), centre, radius, 1, -1) > 0
-        labels[disc], pixels[disc] = k, [200, 30, 30]
-        boxes.append([centre[0] - radius, centre[1] - radius, centre[0] + radius + 1, centre[1] + radius + 1])
-    return pixels, labels, np.array(boxes, float)
-
-
 @pytest.fixture
 def samples(tmp_path: Path) -> list[Sample]:
-    made = []
-    for k in range(5):
-        pixels, labels, boxes = discs(k)
-        cv2.imwrite(str(tmp_path / f"{k}.png"), pixels[:, :, ::-1])
-        cv2.imwrite(str(tmp_path / f"{k}-labels.png"), labels.view(np.uint16))
-        made.append(Sample(tmp_path / f"{k}.png", tmp_path / f"{k}-labels.png", boxes, f"g{k}", "rendered"))
-    return made
+    return samples_of_discs(tmp_path, 5)
 
 
 @pytest.fixture
@@ -250,9 +230,10 @@ def coco_folder(folder: Path, count: int) -> Path:
     folder.mkdir()
     images, annotations = [], []
     for k in range(count):
-        pixels, labels, boxes = discs(k)
+        pixels, ids = discs(k)
         cv2.imwrite(str(folder / f"{k}.png"), pixels[:, :, ::-1])
         images.append({"id": k + 1, "file_name": f"{k}.png", "width": 200, "height": 200})
+        labels, boxes = labels_from_ids(ids)
         for label, (x0, y0, x1, y1) in enumerate(boxes.tolist(), start=1):
             contours, _ = cv2.findContours((labels == label).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             polygon = contours[0].astype(float).reshape(-1).tolist()
