@@ -25,7 +25,7 @@ from pomona.train.groups import group_of
 from pomona.train.samples import FEWEST_PIXELS, IGNORED, Labels, Sample
 from pomona.train.weak_masks import label_image_from_boxes
 
-_VERSION = "1"  # of what is made from the same labels
+_VERSION = "2"  # of what is made from the same labels
 # A photo of more pixels is cut into parts, since each crop that training draws decodes a whole file.
 _LARGEST_WHOLE_PX = 2_500_000
 _FRUITS_ACROSS = 16  # a part: a crop shows 13 fruits across at most (AugmentOptions: 320 px, fruits from 24 px)

@@ -1,70 +1,132 @@
-"""Masks from boxes: what GrabCut and the box's ellipse agree on is taught, the rest is doubtful."""
+"""Masks from boxes: colours that are of fruits in this photo, inside the box's ellipse; what is not sure is doubtful.
+
+Each photo has its own model of colour: a histogram of what lies in the middle of its boxes against one of what lies
+outside all boxes. Middles hold leaves as well; those are found by their colour, and the histogram is made again
+without them (expectation maximisation with the surroundings held). docs/training-data.md says how good that is.
+"""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from pomona.arrays import ByteArray, FloatArray
 
-_SIDE_PX = 72  # boxes are worked on at this size, for speed
-_CONTEXT = 0.3  # of the box's side, on every side
-_CORE = 0.5  # of the ellipse's half axes: sure to be fruit, unless colour says otherwise
-_RIM = 1.08
+ColourBins = npt.NDArray[np.uint16]
+
+_BINS = (8, 24, 24)  # of lightness, a and b
+_SMOOTHING = (0.7, 0.8, 0.8)  # of the histograms, in bins
+_RARE = 1e-5  # a share of colours that says nothing yet
+_ROUNDS = 4
+_MOST_SURROUNDINGS = 2_000_000  # pixels are enough for a histogram
+_LARGEST_LOG_ODDS = 3.0
+_MIDDLE = 0.6  # of the ellipse's half axes
+# Log odds of fruit by the distance from the box's centre, 1 being its ellipse: what decides where colour does not.
+_RADII, _PRIOR = (0.0, 0.5, 0.95, 1.2, 1.5), (0.5, 0.5, 0.0, -1.0, -2.0)
+_SURE = 0.3  # log odds; nearer to none is doubtful
+_LEAST_FRUIT = 0.08  # of a box: where less has a fruit's colour, colour is no help, and the core alone is taught
+_CORE, _RIM = 0.5, 1.08
+_APART = 0.3  # of the half axes: a pixel in two fruits is doubtful unless it is so much nearer to one centre
+_SMALLEST_PX = 4
 
 
 def label_image_from_boxes(pixels: ByteArray, boxes_px: FloatArray) -> npt.NDArray[np.int16]:
-    """Return labels (h, w) from a photo (h, w, 3) and its boxes (n, 4): 0 not fruit, k the k-th fruit, −1 doubtful.
-
-    Nearer fruits cover farther ones in unknown order; small boxes are painted over larger ones, and pixels that two
-    boxes claim are doubtful unless they are in the core of one alone.
-    """
+    """Return labels (h, w) from a photo (h, w, 3) and its boxes (n, 4): 0 not fruit, k the k-th fruit, −1 doubtful."""
     height, width = pixels.shape[:2]
     labels = np.zeros((height, width), np.int16)
-    claims = np.zeros((height, width), np.uint8)
-    areas = (boxes_px[:, 2] - boxes_px[:, 0]) * (boxes_px[:, 3] - boxes_px[:, 1])
-    for k in np.argsort(-areas, kind="stable"):
-        x0, y0 = np.maximum(np.floor(boxes_px[k, :2]).astype(int), 0)
-        x1, y1 = np.minimum(np.ceil(boxes_px[k, 2:]).astype(int), [width, height])
-        if x1 - x0 < 4 or y1 - y0 < 4:
-            labels[max(y0, 0) : y1, max(x0, 0) : x1] = -1
+    doubtful = np.zeros((height, width), bool)
+    nearest = np.full((height, width), np.inf, np.float32)
+    second = nearest.copy()
+    log_odds = fruit_log_odds(pixels, boxes_px)
+    for k, box in enumerate(boxes_px, start=1):
+        x0, y0, x1, y1 = _whole(box, width, height)
+        here = np.s_[y0:y1, x0:x1]
+        if x1 - x0 < _SMALLEST_PX or y1 - y0 < _SMALLEST_PX:
+            doubtful[here] = True
             continue
-        one = _one_box(pixels, (x0, y0, x1, y1))
-        part = labels[y0:y1, x0:x1]
-        claims[y0:y1, x0:x1] += one != 0
-        part[one == 1] = k + 1
-        part[(one == -1) & (part == 0)] = -1
-    labels[claims > 1] = -1
+        radius = _radius(box, (x0, y0, x1, y1))
+        fruit, unsure = _one_box(log_odds[here], radius)
+        doubtful[here] |= unsure
+        claim = np.where(fruit, radius, np.inf)
+        closer = claim < nearest[here]
+        second[here] = np.where(closer, nearest[here], np.minimum(second[here], claim))
+        nearest[here] = np.minimum(nearest[here], claim)
+        labels[here][closer] = k
+    both = np.isfinite(second)
+    labels[both] = np.where(second[both] - nearest[both] < _APART, -1, labels[both])
+    labels[(labels == 0) & doubtful] = -1
     return labels
 
 
-def _one_box(pixels: ByteArray, box: tuple[int, int, int, int]) -> npt.NDArray[np.int8]:
-    """1 fruit, 0 not fruit, −1 doubtful, for the pixels of a box."""
-    x0, y0, x1, y1 = box
-    margin_x, margin_y = int((x1 - x0) * _CONTEXT) + 2, int((y1 - y0) * _CONTEXT) + 2
-    u0, v0 = max(x0 - margin_x, 0), max(y0 - margin_y, 0)
-    crop = pixels[v0 : y1 + margin_y, u0 : x1 + margin_x]
-    scale = min(_SIDE_PX / max(x1 - x0, y1 - y0), 1.0)
-    small = cv2.resize(crop, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    rows, columns = np.mgrid[: small.shape[0], : small.shape[1]]
-    centre = np.array([(x0 + x1) / 2 - u0, (y0 + y1) / 2 - v0]) * scale
-    half = np.array([x1 - x0, y1 - y0]) * scale / 2
-    radius = np.hypot((columns + 0.5 - centre[0]) / half[0], (rows + 0.5 - centre[1]) / half[1])
-    state = np.full(small.shape[:2], cv2.GC_PR_BGD, np.uint8)
-    state[radius > 1.25] = cv2.GC_BGD
-    state[radius < _RIM] = cv2.GC_PR_FGD
-    state[radius < _CORE / 2] = cv2.GC_FGD
-    models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.setRNGSeed(0)
-    cv2.grabCut(np.ascontiguousarray(small), state, None, *models, 3, cv2.GC_INIT_WITH_MASK)
-    cut = (state == cv2.GC_FGD) | (state == cv2.GC_PR_FGD)
-    result = np.zeros(small.shape[:2], np.int8)
-    result[cut & (radius < _RIM)] = 1
-    result[~cut & (radius < _RIM)] = -1
-    if (cut & (radius < 1)).sum() < 0.35 * (radius < 1).sum():  # the cut failed: teach the core alone
-        result[radius < _RIM] = -1
-        result[radius < _CORE] = 1
-    full = cv2.resize(result, (crop.shape[1], crop.shape[0]), interpolation=cv2.INTER_NEAREST)
-    labels: npt.NDArray[np.int8] = full[y0 - v0 : y1 - v0, x0 - u0 : x1 - u0]
-    return labels
+def fruit_log_odds(pixels: ByteArray, boxes_px: FloatArray) -> npt.NDArray[np.float32]:
+    """Return for each pixel (h, w) how much likelier its colour is in the middle of boxes than outside, as log odds.
+
+    Each box counts the same, however large it is.
+    """
+    height, width = pixels.shape[:2]
+    colour = _colour_bins(pixels)
+    outside = np.ones((height, width), bool)
+    colours, weights = [], []
+    for box in boxes_px:
+        x0, y0, x1, y1 = _whole(box, width, height)
+        if x1 <= x0 or y1 <= y0:
+            continue
+        outside[y0:y1, x0:x1] = False
+        middle = _radius(box, (x0, y0, x1, y1)) < _MIDDLE
+        colours.append(colour[y0:y1, x0:x1][middle])
+        weights.append(np.full(middle.sum(), 1 / max(middle.sum(), 1)))
+    if not colours or not outside.any():
+        return np.zeros((height, width), np.float32)
+    found, share = np.concatenate(colours), np.concatenate(weights)
+    surroundings = colour[outside]
+    surroundings = surroundings[:: 1 + len(surroundings) // _MOST_SURROUNDINGS]
+    background = _histogram(surroundings, np.ones(len(surroundings)))
+    of_fruit = np.ones(len(found))
+    for _ in range(_ROUNDS):
+        log_odds = np.log((_histogram(found, share * of_fruit) + _RARE) / (background + _RARE))
+        of_fruit = 1 / (1 + np.exp(-log_odds[found]))
+    clipped = np.clip(log_odds, -_LARGEST_LOG_ODDS, _LARGEST_LOG_ODDS).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(clipped[colour], (0, 0), 0.8), np.float32)
+
+
+def _one_box(
+    log_odds: npt.NDArray[np.float32], radius: FloatArray
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Say which pixels of a box are fruit, and which are doubtful."""
+    total = log_odds + np.interp(radius, _RADII, _PRIOR)
+    fruit = np.asarray(ndimage.binary_fill_holes(total > _SURE))  # a highlight is fruit
+    if fruit.mean() < _LEAST_FRUIT:
+        fruit = radius < _CORE
+        return fruit, ~fruit & (radius < _RIM)
+    return fruit, ~fruit & (np.abs(total) <= _SURE)
+
+
+def _radius(box: FloatArray, place: tuple[int, int, int, int]) -> FloatArray:
+    """Distances of the pixels of a place from a box's centre, as shares of its half axes."""
+    x0, y0, x1, y1 = place
+    dx = (np.arange(x0, x1) + 0.5 - (box[0] + box[2]) / 2) / max((box[2] - box[0]) / 2, 0.5)
+    dy = (np.arange(y0, y1) + 0.5 - (box[1] + box[3]) / 2) / max((box[3] - box[1]) / 2, 0.5)
+    return np.asarray(np.hypot(dx[None, :], dy[:, None]))
+
+
+def _whole(box: FloatArray, width: int, height: int) -> tuple[int, int, int, int]:
+    x0, y0 = np.maximum(np.floor(box[:2]).astype(int), 0)
+    x1, y1 = np.minimum(np.ceil(box[2:]).astype(int), [width, height])
+    return int(x0), int(y0), int(x1), int(y1)
+
+
+def _colour_bins(pixels: ByteArray) -> ColourBins:
+    lab = cv2.cvtColor(pixels, cv2.COLOR_RGB2LAB)
+    result = np.zeros(pixels.shape[:2], np.uint16)
+    for axis, bins in enumerate(_BINS):
+        bin_of_value = (np.arange(256) * bins // 256).astype(np.uint16)
+        result = result * np.uint16(bins) + bin_of_value[lab[:, :, axis]]
+    return result
+
+
+def _histogram(colours: ColourBins, weights: FloatArray) -> FloatArray:
+    counts = np.bincount(colours, weights=weights, minlength=int(np.prod(_BINS))).reshape(_BINS)
+    smooth = ndimage.gaussian_filter(counts, _SMOOTHING, mode="constant").ravel()
+    return np.asarray(smooth / max(smooth.sum(), 1e-12))
