@@ -20,6 +20,10 @@ class Lines(Silent):
         super().__init__()
         self.done = 0
 
+    def start(self, label: str, total: int | None = None) -> None:
+        print(label, total, flush=True)
+        self.done = 0
+
     def advance(self, units: int = 1) -> None:
         self.done += units
         if self.done % 50 == 0:

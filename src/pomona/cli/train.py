@@ -99,4 +99,6 @@ def _changed(
         options = replace(options, epochs=None)
     elif epochs is not None:
         options = replace(options, epochs=epochs)
+    if options.epochs is not None and "check_every" in fit:
+        raise InputError("--check-every goes with --steps: of epochs, each is followed by a check")
     return replace(options, fit=replace(options.fit, **fit, augment=replace(options.fit.augment, **augment)))

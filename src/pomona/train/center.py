@@ -85,8 +85,8 @@ class CenterLearner:
         found: TileDetections = segment(network, pixels, DecodeOptions(score_threshold=_SCORE_FLOOR))
         return found
 
-    def export(self, network: FruitNet, path: Path, *, threshold: float, weak: bool) -> None:
-        """Write an ONNX file."""
+    def export(self, network: FruitNet, path: Path, *, threshold: float, weak: bool, fruit_px: float) -> None:
+        """Write an ONNX file; as mosaics show smaller fruits, photos are read at a width of 40 px, not `fruit_px`."""
         export_onnx(
             network,
             path,

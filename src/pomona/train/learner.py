@@ -48,8 +48,9 @@ class Learner(Protocol):
     def segment(self, network: nn.Module, pixels: ByteArray) -> TileDetections:
         """Find fruits in a photo (h, w, 3), from a score of 0.05 up; the network is in evaluation mode."""
 
-    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool) -> None:
+    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool, fruit_px: float) -> None:
         """Write the model file.
 
-        `threshold` is the score that parts fruit from the rest best; `weak`: all masks were made from boxes.
+        `threshold` is the score that parts fruit from the rest best; `weak`: all masks were made from boxes; `fruit_px`
+        is the width of fruit in the middle of what crops of one photo showed.
         """

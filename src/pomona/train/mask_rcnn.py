@@ -35,16 +35,16 @@ _CLASSES, _FRUIT, _DOUBTFUL = 2, 1, -1
 class MaskRcnnLearner:
     """A `Learner` of a Mask R-CNN.
 
-    `weights`: `coco`, `imagenet`, `none`, a file of weights, or None for the best that is published. `typical_fruit_px`
-    is the width of fruit at which photos are to be read; `proposals` are sampled from each crop for the second stage.
+    `weights`: `coco`, `imagenet`, `none`, a file of weights, or None for the best that is published. `proposals` are
+    sampled from each crop for the second stage.
     """
 
     losses = tuple(_NAMES.values())
     suffix = ".pt"
 
-    def __init__(self, arch: str, *, weights: str | None = None, typical_fruit_px: float, proposals: int = 256) -> None:
+    def __init__(self, arch: str, *, weights: str | None = None, proposals: int = 256) -> None:
         self.arch, self.weights = arch, checked_source(arch, weights)
-        self._typical_fruit_px, self._proposals = typical_fruit_px, proposals
+        self._proposals = proposals
 
     def build(self, *, start: bool, progress: Progress) -> nn.Module:
         """Return the network of two classes."""
@@ -87,13 +87,13 @@ class MaskRcnnLearner:
         """Find fruits as `MaskRcnnSegmenter` does with the model file."""
         return segment_tile(network, pixels)
 
-    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool) -> None:
+    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool, fruit_px: float) -> None:
         """Write the checkpoint that `MaskRcnnSegmenter` reads."""
         known = build_mask_rcnn(self.arch, _CLASSES).state_dict().keys()
         content: dict[str, Any] = {
             "model": {key: value.cpu() for key, value in network.state_dict().items() if key in known},
             "arch": self.arch,
-            "typical_fruit_px": self._typical_fruit_px,
+            "typical_fruit_px": fruit_px,
             "score_threshold": threshold,
         }
         part = path.with_suffix(".part")

@@ -63,9 +63,9 @@ def train(
     be downloaded, or a folder of another training; and what `gather` raises.
     """
     options, progress = options or TrainOptions(), progress or Silent()
-    suffix = CenterLearner.suffix if options.arch == CENTER_LITE0 else MaskRcnnLearner.suffix
-    if out.suffix != suffix:
-        raise InputError(f"{out}: expected a file name ending in {suffix} for --arch {options.arch}")
+    learner = _learner(options)
+    if out.suffix != learner.suffix:
+        raise InputError(f"{out}: expected a file name ending in {learner.suffix} for --arch {options.arch}")
     work = out.with_suffix(".training")
     work.mkdir(parents=True, exist_ok=True)
     training, validation = gather(
@@ -77,25 +77,24 @@ def train(
         progress=progress,
     )
     write_split(work / "split.json", training, validation)
-    learner = _learner(options, training)
     network = fit(learner, training, validation, work, options=_in_steps(options, len(training)), progress=progress)
     scores = check(learner, network, validation)
     threshold = scores.threshold
     if not math.isfinite(threshold):
         threshold = _UNMEASURED_THRESHOLD
         progress.warn(f"{out}: finds no fruit on the photos held out; train for longer, or look at the labels")
-    learner.export(network, out, threshold=threshold, weak=all(sample.weak for sample in training))
+    weak = all(sample.weak for sample in training if len(sample.boxes_px))
+    learner.export(network, out, threshold=threshold, weak=weak, fruit_px=_fruit_px(options, training))
     return scores
 
 
-def _learner(options: TrainOptions, training: Sequence[Sample]) -> Learner:
+def _learner(options: TrainOptions) -> Learner:
     if options.arch == CENTER_LITE0:
         return CenterLearner(weights=options.weights or "imagenet")
-    typical = _typical_fruit_px(options, training)
-    return MaskRcnnLearner(options.arch, weights=options.weights, typical_fruit_px=typical)
+    return MaskRcnnLearner(options.arch, weights=options.weights)
 
 
-def _typical_fruit_px(options: TrainOptions, training: Sequence[Sample]) -> float:
+def _fruit_px(options: TrainOptions, training: Sequence[Sample]) -> float:
     """The width of fruit in the middle of what the crops show."""
     if options.fit.augment.fruit_px is not None:
         return float(np.sqrt(np.prod(options.fit.augment.fruit_px)))
