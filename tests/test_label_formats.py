@@ -478,3 +478,35 @@ def test_what_folders_say_their_photos_are_for() -> None:
     names = ("images/train2017", "Valid", "val/images", "my_test_set", "training", "contest", "strain", "east")
     expected = ["training", "validation", "validation", "test", "training", "", "", ""]
     assert [part_of(name) for name in names] == expected
+
+
+YOLO = "0 0.5 0.5 0.25 0.2\n1 0.1 0.1 0.3 0.1 0.3 0.4\n"
+LABELME = labelme(
+    '{"label": "apple", "points": [[10, 10], [30.5, 10], [30.5, 30]], "group_id": 1, "shape_type": "polygon"},'
+    '{"label": "apple", "points": [[70, 10], [70, 16]], "group_id": null, "shape_type": "circle"}'
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.json", VIA_PROJECT), ("a.csv", VIA_TABLE), ("a.json", COCO), ("a.json", LABELME), ("labels/a.txt", YOLO)],
+)
+def test_files_damaged_anyhow_are_read_or_refused_in_words(tmp_path: Path, name: str, text: str) -> None:
+    for there in ("a.jpg", "IMG_1.jpg", "IMG_2.jpg", "images/a.jpg"):
+        photo(tmp_path / there)
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    pieces = ['"', "{}", "[]", "null", "-1", "1e999", "9" * 30, ":", ",", "\n", "NaN", "é", "\x00", '"name"', "true"]
+    rng = np.random.default_rng(0)
+    refused = []
+    for _ in range(150):
+        at, end = sorted(rng.integers(0, len(text) + 1, 2))
+        end = end if rng.random() < 0.2 else min(at + int(rng.integers(0, 6)), len(text))
+        file.write_text(text[:at] + str(rng.choice(pieces)) + text[end:])
+        try:
+            for one in find_label_sets(tmp_path):
+                read_label_set(one, size_of)
+        except (FormatError, InputError, MissingFileError) as error:
+            refused.append(str(error))
+    assert len(refused) > 40
+    assert all(str(tmp_path) in message for message in refused)

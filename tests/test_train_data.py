@@ -106,7 +106,7 @@ def test_labels_of_masks_boxes_crowds_and_what_is_hardly_seen(tmp_path: Path) ->
     speck = disc(10, 90, 2, size)
     crowd = LabelledFruit((50, 70, 80, 95), None, ignored=True)
     photo = LabelledPhoto(tmp_path / "a.png", "a.png", *size, (mask, small, speck, crowd, boxed))
-    (sample,) = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=24)
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s", fruit_px=24)
     assert sample.image == tmp_path / "a.png"
     assert sample.weak
     assert sample.boxes_px.tolist() == [[14, 14, 46, 46], [32, 26, 48, 42], [78, 18, 102, 42]]
@@ -127,7 +127,7 @@ def test_a_large_photo_is_cut_once_and_fruits_stay_where_they_are(tmp_path: Path
     write_photo(tmp_path / "a.jpg", *size, [(x, y, radius) for x, y in centers])
     fruits = tuple(disc(x, y, radius, size) for x, y in centers)
     photo = LabelledPhoto(tmp_path / "a.jpg", "sub/a.jpg", *size, fruits)
-    samples = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=2.0 * radius)
+    samples = samples_of(photo, tmp_path / "cache", source="s", fruit_px=2.0 * radius)
     scale = min(1, 110 / (2 * radius))
     assert len(samples) == (6 if scale == 1 else 1)
     assert {s.group for s in samples} == {"a"}
@@ -144,7 +144,7 @@ def test_a_large_photo_is_cut_once_and_fruits_stay_where_they_are(tmp_path: Path
         fruit_pixels += int((labels != 0).sum())
     assert fruit_pixels == pytest.approx(12 * np.pi * radius**2 * scale**2, rel=0.03)
     before = {s.labels: s.labels.stat().st_mtime_ns for s in samples}
-    again = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=2.0 * radius)
+    again = samples_of(photo, tmp_path / "cache", source="s", fruit_px=2.0 * radius)
     assert {s.labels: s.labels.stat().st_mtime_ns for s in again} == before
     np.testing.assert_array_equal(again[0].boxes_px, samples[0].boxes_px)
     crop = draw_crop(samples, np.random.default_rng(0), AugmentOptions(crop_px=96))
@@ -158,7 +158,7 @@ def test_boxes_of_a_large_photo_become_the_same_weak_masks(tmp_path: Path) -> No
     photo = LabelledPhoto(
         tmp_path / "a.jpg", "a.jpg", *size, tuple(disc(x, y, 40, size, boxed=True) for x, y in centers)
     )
-    samples = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=80)
+    samples = samples_of(photo, tmp_path / "cache", source="s", fruit_px=80)
     areas = [int((s.label_image() == 1).sum()) for s in samples if len(s.boxes_px)]
     assert areas == pytest.approx([np.pi * 1600] * 2, rel=0.1)
 
@@ -168,7 +168,7 @@ def test_changed_labels_make_another_label_image(tmp_path: Path) -> None:
     photos = [
         LabelledPhoto(tmp_path / "a.png", "a.png", 64, 64, (disc(x, 30, 10, (64, 64)),)) for x in (20, 40)
     ]  # fmt: skip
-    one, other = (samples_of(p, tmp_path / "cache", source="s", part="", fruit_px=None)[0] for p in photos)
+    one, other = (samples_of(p, tmp_path / "cache", source="s")[0] for p in photos)
     assert one.label_image()[30, 20] == 1
     assert other.label_image()[30, 20] == 0
 
@@ -182,7 +182,7 @@ def test_a_photo_that_the_camera_stored_turned_is_kept_upright(tmp_path: Path) -
     assert size_of(tmp_path / "a.jpg") == (40, 60)
     fruit = disc(30, 48, 6, (40, 60))  # stored (48, 10) is at x = 40 - 10, y = 48
     photo = LabelledPhoto(tmp_path / "a.jpg", "a.jpg", 40, 60, (fruit,))
-    (sample,) = samples_of(photo, tmp_path / "cache", source="s", part="", fruit_px=None)
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s")
     red, labels = sample.pixels(), sample.label_image()
     assert red.shape == (60, 40, 3)
     assert (red[labels == 1, 0] > 150).mean() > 0.9
@@ -209,7 +209,7 @@ def test_sets_of_several_kinds_together_and_classes(tmp_path: Path) -> None:
     assert [s.source for s in training if not s.weak] == ["rendered"]
     assert sum(len(s.boxes_px) for s in everything) == 8 + 6 + 1
     write_split(tmp_path / "split.json", training, validation)
-    assert "rendered/images/east_0.jpg" in json.loads((tmp_path / "split.json").read_text())["training"]
+    assert "rendered/row/east_0.jpg" in json.loads((tmp_path / "split.json").read_text())["training"]
 
     apples = gather([data], tmp_path / "cache", 0.3, classes=["apple"])
     assert sum(len(s.boxes_px) for side in apples for s in side) == 8 + 3 + 1
@@ -217,6 +217,21 @@ def test_sets_of_several_kinds_together_and_classes(tmp_path: Path) -> None:
         gather([data], tmp_path / "cache", 0.3, classes=["pear"])
     with pytest.raises(InputError, match=r"boxes: expected fruits of the classes leaf, found only apple"):
         gather([data], tmp_path / "cache", 0.3, classes=["leaf"])
+
+
+def test_photos_of_a_rendered_row_stay_together(tmp_path: Path) -> None:
+    for row in ("a", "b", "c"):
+        for name in ("east_000", "east_001"):
+            write_photo(tmp_path / row / "images" / f"{name}.jpg", 64, 64)
+            (tmp_path / row / "truth" / "masks").mkdir(parents=True, exist_ok=True)
+            ids = np.zeros((64, 64), np.uint16)
+            ids[20:40, 20:40] = 9
+            cv2.imwrite(str(tmp_path / row / "truth" / "masks" / f"{name}.png"), ids)
+    training, validation = gather([tmp_path], tmp_path / "cache", 0.3)
+    assert len(training) + len(validation) == 6
+    assert not {s.group for s in training} & {s.group for s in validation}
+    with pytest.raises(InputError, match="expected some of each"):
+        gather([tmp_path / "a"], tmp_path / "cache", 0.3)
 
 
 def via_of(folder: Path, names: list[str]) -> None:

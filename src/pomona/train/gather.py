@@ -77,6 +77,8 @@ def _read(root: Path, progress: Progress) -> list[_ReadSet]:
     for one in track(find_label_sets(root), progress, f"Reading labels in {root.name}"):
         photos = read_label_set(one, size_of)
         source = RENDERED if one.rendered else _source(root, one)
+        if one.rendered:  # rows all call their photos the same
+            photos = [replace(photo, name=f"{one.folder.name}/{photo.path.name}") for photo in photos]
         bare = sum(1 for photo in photos if not photo.fruits)
         if not one.rendered and 2 * bare > len(photos):
             progress.warn(
@@ -127,6 +129,7 @@ def _samples(one: _ReadSet, cache: Path, progress: Progress) -> list[Sample]:
             folder,
             source=one.source,
             part=one.one.part or part_of(PurePosixPath(photo.name).parent.as_posix()),
+            group=one.one.folder.name if one.one.rendered else None,  # its photos show the same fruits
             fruit_px=fruit_px,
         )
     ]
@@ -146,6 +149,6 @@ def _sides(
         count = sum(1 for s in of["validation"] if s.group in both)
         progress.warn(
             f"{root}: {count} of {len(of['validation'])} samples to measure on are of photos of which other parts are "
-            "trained on, as its folders say: scores will be too good; split by photo to avoid it"
+            "trained on, as its folders say: scores will be too good; split by photo (--split-by photos) to avoid it"
         )
     return of["training"], of["validation"], [s for s in samples if not s.part]

@@ -63,10 +63,19 @@ def typical_fruit_px(photos: Sequence[LabelledPhoto]) -> float | None:
     return float(np.median(sides)) if sides else None
 
 
-def samples_of(photo: LabelledPhoto, cache: Path, *, source: str, part: str, fruit_px: float | None) -> list[Sample]:
+def samples_of(
+    photo: LabelledPhoto,
+    cache: Path,
+    *,
+    source: str,
+    part: str = "",
+    group: str | None = None,
+    fruit_px: float | None = None,
+) -> list[Sample]:
     """Return the samples of a photo, whole or in parts; what they need is made under `cache` where it is missing.
 
-    `fruit_px` is how wide fruits are in photos of this set, which says how large parts are.
+    `fruit_px` is how wide fruits are in photos of this set, which says how large parts are; `group` what is never on
+    both sides of a split (None: the photo that this one was cut from).
     """
     plan = _plan(photo, fruit_px)
     digest = _digest(photo, plan)
@@ -78,8 +87,8 @@ def samples_of(photo: LabelledPhoto, cache: Path, *, source: str, part: str, fru
         mine, kept = _boxes_in(boxes, place)
         stem = f"{photo.path.stem}-{digest}" + (f"-{k}" if len(plan.parts) > 1 else "")
         image = photo.path if plan.in_place else cache / f"{stem}.jpg"
-        group = group_of(photo.path.stem)
-        samples.append(Sample(image, cache / f"{stem}.png", mine, group, source, weak, photo.name, part))
+        whose = group or group_of(photo.path.stem)
+        samples.append(Sample(image, cache / f"{stem}.png", mine, whose, source, weak, photo.name, part))
         kept_of.append(kept)
     if not all(sample.labels.is_file() and sample.image.is_file() for sample in samples):
         cache.mkdir(parents=True, exist_ok=True)
