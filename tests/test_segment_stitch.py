@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from pomona.detections import Mask
-from pomona.segment import TileDetections, Window, segment_tiled, stitch, tile_windows
+from pomona.segment import SegmentOptions, TileDetections, Window, segment_photo, segment_tiled, stitch, tile_windows
 from pomona.segment.overlap import keep_best, overlapping_pairs, pair_iou
 from segment_scenes import IdSegmenter, disc, id_image, masks_of
 
@@ -38,6 +39,29 @@ def test_disc_larger_than_the_overlap_is_joined_whole() -> None:
     found = segment_tiled(image, IdSegmenter(), tile_px=160, min_overlap_px=20)
     assert len(found) == 1
     assert found.masks[0].iou(masks_of(image)[1]) == 1
+
+
+class WideBoxes(IdSegmenter):
+    """Boxes reach 3 pixels beyond the masks, as those of networks that see fruit behind leaves."""
+
+    def segment(self, tiles: Sequence[np.ndarray]) -> list[TileDetections]:
+        wide = np.array([-3, -3, 3, 3])
+        return [TileDetections(f.boxes_px + wide, f.scores, f.masks) for f in super().segment(tiles)]
+
+
+def test_boxes_are_the_segmenters_own_joined_and_scaled() -> None:
+    discs = [(50, 60, 20), (150, 100, 60)]  # one in a single tile, one across the seam
+    found = segment_photo(
+        id_image(300, 200, discs),
+        WideBoxes(),
+        size_px=(600, 400),
+        options=SegmentOptions(tile_px=160, min_overlap_px=20),
+    )
+    expected = [[27, 37, 73, 83], [87, 37, 213, 163]]
+    order = np.argsort(found.boxes_px[:, 0])
+    np.testing.assert_allclose(found.boxes_px[order], 2 * np.array(expected), atol=2.1)
+    for mask, box in zip(found.masks, found.boxes_px, strict=True):
+        np.testing.assert_allclose(box - mask.box_px, [-6, -6, 6, 6], atol=2.1)
 
 
 def test_disc_on_the_corner_of_four_tiles() -> None:

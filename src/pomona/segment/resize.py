@@ -28,7 +28,8 @@ def resized_detections(found: TileDetections, from_px: tuple[int, int], to_px: t
         return found
     masks = [resized_mask(mask, from_px, to_px) for mask in found.masks]
     kept = np.array([k for k, mask in enumerate(masks) if mask is not None], np.int64)
-    boxes = np.array([mask.box_px for mask in masks if mask is not None], float).reshape(-1, 4)
+    scale_x, scale_y = to_px[0] / from_px[0], to_px[1] / from_px[1]
+    boxes = found.boxes_px[kept] * [scale_x, scale_y, scale_x, scale_y]
     return TileDetections(boxes, found.scores[kept], tuple(mask for mask in masks if mask is not None))
 
 

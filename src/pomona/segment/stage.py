@@ -120,7 +120,7 @@ def segment_photo(
     read_size = pixels.shape[1], pixels.shape[0]
     size_px = read_size if size_px is None else size_px
     found = resized_detections(found, read_size, size_px)
-    return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + first_id)
+    return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + first_id, found.boxes_px)
 
 
 def _scales(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray
+from pomona.arrays import Array, BoolArray, FloatArray
 from pomona.detections import Mask
 from pomona.segment.overlap import overlapping_pairs, suppress
 from pomona.segment.protocol import TileDetections
@@ -38,11 +38,12 @@ class StitchOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One detection of one tile, in photo pixels."""
+    """One detection of one tile, in photo pixels; `box_px` is the segmenter's own, which may be wider than the mask."""
 
     tile: int
     score: float
     mask: Mask
+    box_px: FloatArray
     cut: bool
 
     @property
@@ -60,7 +61,7 @@ def stitch(
     """Return the detections of the photo, in photo pixels, ordered from top to bottom.
 
     `detections[i]` are those of tile `windows[i]`, in tile pixels; masks that leave their tile are an error of the
-    segmenter. A joined fruit has the best score of its parts.
+    segmenter. A joined fruit has the best score of its parts and the box around theirs.
     """
     options = options or StitchOptions()
     assert len(windows) == len(detections)
@@ -69,7 +70,7 @@ def stitch(
     fruits = [_joined([pieces[i] for i in group]) for group in _groups(tiles, pieces, options)]
     fruits = _without_duplicates(fruits, options.min_share)
     fruits.sort(key=lambda fruit: (*fruit.key, -fruit.score, fruit.mask.packed))
-    boxes = np.array([fruit.mask.box_px for fruit in fruits], float).reshape(-1, 4)
+    boxes = np.array([fruit.box_px for fruit in fruits]).reshape(-1, 4)
     return TileDetections(boxes, np.array([fruit.score for fruit in fruits]), tuple(fruit.mask for fruit in fruits))
 
 
@@ -79,7 +80,8 @@ def _pieces(
     """All detections in photo pixels, slivers dropped, in an order that depends on nothing but themselves."""
     pieces = []
     for index, (window, found) in enumerate(tiles):
-        for mask, score in zip(found.masks, found.scores, strict=True):
+        origin = [window.x_px, window.y_px] * 2
+        for mask, box, score in zip(found.masks, found.boxes_px, found.scores, strict=True):
             moved = mask.moved(window.x_px, window.y_px)
             x0, y0, x1, y1 = moved.box_px
             assert _holds(window.box_px, moved.box_px), "a segmenter's mask leaves its tile"
@@ -89,7 +91,7 @@ def _pieces(
                 wider = max(x0 - room, 0), max(y0 - room, 0), min(x1 + room, width_px), min(y1 + room, height_px)
                 if any(_holds(other.box_px, wider) for other, _ in tiles):
                     continue
-            pieces.append(_Piece(index, float(score), moved, cut))
+            pieces.append(_Piece(index, float(score), moved, box + origin, cut))
     return sorted(pieces, key=lambda p: (p.tile, *p.key, -p.score, p.mask.packed))
 
 
@@ -182,15 +184,19 @@ def _joined(group: Sequence[_Piece]) -> _Piece:
     whole = [piece for piece in group if not piece.cut]
     if whole or len(group) == 1:
         best = max(whole or group, key=lambda piece: (piece.score, piece.mask.area_px, piece.key))
-        return _Piece(best.tile, score, best.mask, best.cut)
-    boxes = np.array([piece.mask.box_px for piece in group])
-    x0, y0, x1, y1 = (int(v) for v in (*boxes[:, :2].min(0), *boxes[:, 2:].max(0)))
+        return _Piece(best.tile, score, best.mask, best.box_px, best.cut)
+    x0, y0, x1, y1 = (int(v) for v in _hull(np.array([piece.mask.box_px for piece in group])))
     pixels = np.zeros((y1 - y0, x1 - x0), bool)
     for piece in group:
         left, top, right, bottom = piece.mask.box_px
         pixels[top - y0 : bottom - y0, left - x0 : right - x0] |= piece.mask.pixels
     # No tile saw it whole: tile -1 is that of none, so that duplicates of it are looked for everywhere.
-    return _Piece(-1, score, Mask.from_pixels(pixels, x0, y0), cut=True)
+    box = _hull(np.array([piece.box_px for piece in group]))
+    return _Piece(-1, score, Mask.from_pixels(pixels, x0, y0), box, cut=True)
+
+
+def _hull(boxes: Array) -> Array:
+    return np.concatenate([boxes[:, :2].min(0), boxes[:, 2:].max(0)])
 
 
 def _without_duplicates(fruits: list[_Piece], min_share: float) -> list[_Piece]:
