@@ -123,6 +123,16 @@ def test_a_via_table(tmp_path: Path) -> None:
     check_via(read_label_set(one, size_of))
 
 
+def test_a_project_and_its_table_side_by_side_are_one_set(tmp_path: Path) -> None:
+    photo(tmp_path / "IMG_1.jpg"), photo(tmp_path / "IMG_2.jpg")
+    (tmp_path / "via.csv").write_text(VIA_TABLE)
+    (tmp_path / "via.json").write_text(VIA_PROJECT)
+    assert [one.kind for one in find_label_sets(tmp_path)] == ["via"]
+    (tmp_path / "via.csv").write_text(VIA_TABLE.replace("IMG_2", "IMG_3"))
+    with pytest.raises(InputError, match=r"labels of one format, found via-csv .*, via "):
+        find_label_sets(tmp_path)
+
+
 def broken_via(shape: str) -> str:
     return f'{{"a.jpg9": {{"filename": "a.jpg", "size": 9, "regions": [{{"shape_attributes": {shape}}}]}}}}'
 

@@ -288,6 +288,15 @@ def test_sets_that_cannot_be_used(tmp_path: Path) -> None:
         gather([folder], tmp_path / "cache", 0.5)
 
 
+def test_photos_that_two_files_label_are_refused(tmp_path: Path) -> None:
+    via_of(tmp_path / "set", [f"IMG_{k:04d}.png" for k in range(4)])
+    (tmp_path / "set" / "copy.json").write_text((tmp_path / "set" / "via_region_data.json").read_text())
+    with pytest.raises(InputError, match=r"IMG_0000\.png: expected labels of one file.*copy\.json and in .*via_region"):
+        gather([tmp_path / "set"], tmp_path / "cache", 0.3)
+    training, validation = gather([tmp_path / "set" / "copy.json"], tmp_path / "cache", 0.3)
+    assert len(training) + len(validation) == 4
+
+
 def test_photos_without_labels_are_warned_of(tmp_path: Path) -> None:
     names = [f"IMG_{k:04d}.png" for k in range(6)]
     coco_of(tmp_path / "set", names, {names[0]: [[1, 1, 20, 20]]})

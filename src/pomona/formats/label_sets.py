@@ -14,8 +14,8 @@ from pomona.formats.json_file import load_json, read_text
 from pomona.formats.labelled import LabelledPhoto, SizeOf
 from pomona.formats.labelme import is_labelme, read_labelme
 from pomona.formats.png_masks import is_rendered_row, mask_folder, read_png_masks
-from pomona.formats.via import is_via, read_via_json
-from pomona.formats.via_csv import is_via_csv, read_via_csv
+from pomona.formats.via import is_via, read_via_json, via_photos
+from pomona.formats.via_csv import is_via_csv, read_via_csv, via_csv_photos
 from pomona.formats.yolo import class_names, label_files, read_yolo
 
 LOOKED_FOR = (
@@ -110,6 +110,8 @@ def _sets_in(folder: Path) -> list[LabelSet]:
         by_kind["masks"] = []
     elif not by_kind and _holds_yolo(folder):
         by_kind["yolo"] = []
+    if set(by_kind) == {"via", "via-csv"} and _same_photos(by_kind["via"], by_kind["via-csv"]):
+        del by_kind["via-csv"]  # both exports of one project
     if len(by_kind) > 1:
         named = ", ".join(f"{kind} ({files[0].name if files else 'folder'})" for kind, files in by_kind.items())
         raise InputError(
@@ -146,6 +148,12 @@ def _holds_yolo(folder: Path) -> bool:
     """Whether a folder is the root of YOLO labels: it has `labels/`, names of classes, or label files itself."""
     here = (folder / "labels").is_dir() or class_names(folder) is not None
     return (here or any(file.parent == folder for file in label_files(folder))) and bool(label_files(folder))
+
+
+def _same_photos(files: Sequence[Path], tables: Sequence[Path]) -> bool:
+    return {name for file in files for name in via_photos(file)} == {
+        name for table in tables for name in via_csv_photos(table)
+    }
 
 
 def _photo_folders(file: Path) -> tuple[Path, ...]:

@@ -55,11 +55,20 @@ def read_via_json(path: Path, size_of: SizeOf) -> list[LabelledPhoto]:
 
     Raises `MissingFileError`, and `FormatError` naming file, photo, region and what was expected.
     """
+    return labelled(path, _photos(path), size_of)
+
+
+def via_photos(path: Path) -> list[str]:
+    """Return the names of the photos in a VIA project or annotation file; raises `FormatError` as `read_via_json`."""
+    return [photo.name for photo in _photos(path)]
+
+
+def _photos(path: Path) -> list[ViaPhoto]:
     content = load_json(path, EXPECTED)
     entries = content.get("_via_img_metadata", content) if isinstance(content, dict) else content
     if not isinstance(entries, dict):
         raise FormatError(f"{path}: expected {EXPECTED}: an object of photos, found {type(entries).__name__}")
-    return labelled(path, [_photo(path, key, entry) for key, entry in entries.items()], size_of)
+    return [_photo(path, key, entry) for key, entry in entries.items()]
 
 
 def _photo(path: Path, key: str, entry: Any) -> ViaPhoto:

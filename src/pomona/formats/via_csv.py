@@ -26,6 +26,15 @@ def read_via_csv(path: Path, size_of: SizeOf) -> list[LabelledPhoto]:
 
     Raises `MissingFileError`, and `FormatError` naming file, line and what was expected.
     """
+    return labelled(path, _photos(path), size_of)
+
+
+def via_csv_photos(path: Path) -> list[str]:
+    """Return the names of the photos in a table of VIA; raises `FormatError` as `read_via_csv`."""
+    return [photo.name for photo in _photos(path)]
+
+
+def _photos(path: Path) -> list[ViaPhoto]:
     table = csv.reader(read_text(path, EXPECTED).splitlines())
     header = [name.strip().lstrip("#") for name in next(table)]
     if missing := [name for name in _COLUMNS if name not in header]:
@@ -46,7 +55,7 @@ def read_via_csv(path: Path, size_of: SizeOf) -> list[LabelledPhoto]:
             regions.append(ViaRegion(place, shape, attributes))
     if not of_photo:
         raise FormatError(f"{path}: expected {EXPECTED}, found a header and no line below it")
-    return labelled(path, [ViaPhoto(name, tuple(regions)) for name, regions in of_photo.items()], size_of)
+    return [ViaPhoto(name, tuple(regions)) for name, regions in of_photo.items()]
 
 
 def _object(path: Path, place: str, column: str, text: str) -> dict[str, Any]:

@@ -49,6 +49,7 @@ def gather(
     if split_by not in SPLITS:
         raise InputError(f"split_by: expected {' or '.join(SPLITS)}, found '{split_by}'")
     sets = [one for root in data for one in _read(root, progress)]
+    _check_once(sets)
     if classes is not None:
         sets = _of_classes(sets, classes)
     samples = [(one, _samples(one, cache, progress)) for one in sets]
@@ -87,6 +88,19 @@ def _read(root: Path, progress: Progress) -> list[_ReadSet]:
             )
         found.append(_ReadSet(one, root, source, photos))
     return found
+
+
+def _check_once(sets: Sequence[_ReadSet]) -> None:
+    """Raise `InputError` where two sets label the same photo file."""
+    places: dict[Path, str] = {}
+    for one in sets:
+        place = str(one.one.files[0] if one.one.files else one.one.folder)
+        for photo in one.photos:
+            if (other := places.setdefault(photo.path.resolve(), place)) != place:
+                raise InputError(
+                    f"{photo.path}: expected labels of one file or folder, found them in {other} and in {place}; "
+                    "give the one to use, or move the other away"
+                )
 
 
 def _source(root: Path, one: LabelSet) -> str:
