@@ -28,7 +28,7 @@ from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.samples import Sample, boxes_of, group_of, split  # noqa: E402
 from pomona.train.validate import match_boxes, score  # noqa: E402
-from train_scenes import samples_of_discs  # noqa: E402
+from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = AugmentOptions(crop_px=96, fruit_px=(24, 40), mosaic_fruit_px=(16, 24))
 
@@ -228,3 +228,17 @@ def test_the_command_refuses_options_that_contradict(tmp_path: Path) -> None:
         assert result.exit_code != 0
         assert said in result.stderr
         assert "Traceback" not in result.stderr
+
+
+@pytest.mark.slow
+def test_the_command_trains_a_model_file_that_is_run(tmp_path: Path) -> None:
+    folder = coco_folder(tmp_path / "discs", 24)
+    out = tmp_path / "fruit.onnx"
+    command = ["train", str(folder), "--out", str(out), "--steps", "60", "--check-every", "30", "--crop", "128"]
+    done = CliRunner().invoke(app, [*command, "--batch", "4", "--copy-paste", "0.5", "--patience", "3"])
+    assert done.exit_code == 0, done.stderr
+    assert "fruits of photos held out, AP50" in done.stdout
+    assert float(done.stdout.split("AP50 ")[1].split(",")[0]) > 0.5
+    found = OnnxSegmenter(out).segment([discs(99)[0]])[0]
+    assert 3 <= len(found) <= 12
+    assert (tmp_path / "fruit.training" / "curves.svg").is_file()

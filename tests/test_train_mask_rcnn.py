@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.error import URLError
 
-import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -28,8 +26,8 @@ from pomona.train.crop import Crop  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
 from pomona.train.run import Run  # noqa: E402
-from pomona.train.samples import IGNORED, Sample, labels_from_ids  # noqa: E402
-from train_scenes import discs, samples_of_discs  # noqa: E402
+from pomona.train.samples import IGNORED, Sample  # noqa: E402
+from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = FitOptions(
     steps=4,
@@ -225,36 +223,16 @@ def test_from_nothing_batch_normalisation_learns() -> None:
     assert "FrozenBatchNorm2d" not in kinds
 
 
-def coco_folder(folder: Path, count: int) -> Path:
-    """A folder of photos with a COCO file of polygons."""
-    folder.mkdir()
-    images, annotations = [], []
-    for k in range(count):
-        pixels, ids = discs(k)
-        cv2.imwrite(str(folder / f"{k}.png"), pixels[:, :, ::-1])
-        images.append({"id": k + 1, "file_name": f"{k}.png", "width": 200, "height": 200})
-        labels, boxes = labels_from_ids(ids)
-        for label, (x0, y0, x1, y1) in enumerate(boxes.tolist(), start=1):
-            contours, _ = cv2.findContours((labels == label).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-            polygon = contours[0].astype(float).reshape(-1).tolist()
-            fruit = {"id": len(annotations) + 1, "image_id": k + 1, "category_id": 1}
-            annotations.append(fruit | {"bbox": [x0, y0, x1 - x0, y1 - y0], "segmentation": [polygon]})
-    categories = [{"id": 1, "name": "apple"}]
-    (folder / "coco.json").write_text(
-        json.dumps({"images": images, "annotations": annotations, "categories": categories})
-    )
-    return folder
-
-
 @pytest.mark.slow
-def test_a_network_from_nothing_comes_to_find_discs(tmp_path: Path) -> None:
+def test_a_network_from_nothing_comes_to_find_discs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detectors, "_DETECTIONS_PER_TILE", 20)
     folder = coco_folder(tmp_path / "discs", 24)
     options = options_for("maskrcnn-r18")
     augment = AugmentOptions(crop_px=160, fruit_px=(24, 36), mosaics=0.0, copy_paste=0.3)
-    small = replace(options.fit, steps=60, batch=2, learning_rate=0.01, warm_up=5, average=0.9, augment=augment)
-    small = replace(small, check_every=30, checked_photos=3)
+    small = replace(options.fit, steps=45, batch=2, learning_rate=0.01, warm_up=5, average=0.9, augment=augment)
+    small = replace(small, check_every=15, checked_photos=2)
     scores = train([folder], tmp_path / "net.pt", options=replace(options, weights="none", fit=small))
-    assert scores.ap50 > 0.3
+    assert scores.ap50 > 0.4
     (found,) = load_segmenter(tmp_path / "net.pt").segment([discs(99)[0]])
     assert len(found) > 0
     rows = (tmp_path / "net.training" / "log.csv").read_text().splitlines()
@@ -263,6 +241,7 @@ def test_a_network_from_nothing_comes_to_find_discs(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few")
 def test_the_command_trains_and_says_how_well(tmp_path: Path) -> None:
     folder = coco_folder(tmp_path / "discs", 24)
     out = tmp_path / "net.pt"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -36,3 +37,24 @@ def samples_of_discs(folder: Path, count: int = 6) -> list[Sample]:
         cv2.imwrite(str(folder / f"{k}-labels.png"), labels.view(np.uint16))
         made.append(Sample(folder / f"{k}.png", folder / f"{k}-labels.png", boxes, f"g{k}", "rendered"))
     return made
+
+
+def coco_folder(folder: Path, count: int) -> Path:
+    """A folder of photos with a COCO file of polygons."""
+    folder.mkdir()
+    images, annotations = [], []
+    for k in range(count):
+        pixels, ids = discs(k)
+        cv2.imwrite(str(folder / f"{k}.png"), pixels[:, :, ::-1])
+        images.append({"id": k + 1, "file_name": f"{k}.png", "width": 200, "height": 200})
+        labels, boxes = labels_from_ids(ids)
+        for label, (x0, y0, x1, y1) in enumerate(boxes.tolist(), start=1):
+            contours, _ = cv2.findContours((labels == label).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+            polygon = contours[0].astype(float).reshape(-1).tolist()
+            fruit = {"id": len(annotations) + 1, "image_id": k + 1, "category_id": 1}
+            annotations.append(fruit | {"bbox": [x0, y0, x1 - x0, y1 - y0], "segmentation": [polygon]})
+    categories = [{"id": 1, "name": "apple"}]
+    (folder / "coco.json").write_text(
+        json.dumps({"images": images, "annotations": annotations, "categories": categories})
+    )
+    return folder
