@@ -96,7 +96,7 @@ def _cut(
     cut_labels = cv2.warpAffine(labels, warp, shape, flags=cv2.INTER_NEAREST, borderValue=0)
     corners = boxes.reshape(-1, 2, 2) @ to_crop[:, :2].T + to_crop[:, 2]
     whole = np.concatenate([corners.min(1), corners.max(1)], axis=1)
-    return _kept(cut, cut_labels.astype(np.int16), whole, exact=sample.source == "rendered")
+    return _kept(cut, cut_labels.astype(np.int16), whole, exact=not sample.weak)
 
 
 def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) -> Crop:
@@ -132,12 +132,15 @@ def recolour(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:
     hsv[:, :, 0] = (hsv[:, :, 0] + rng.uniform(-9, 9)) % 180
     hsv[:, :, 1] = np.clip(hsv[:, :, 1] * rng.uniform(0.55, 1.4), 0, 255)
     image = cv2.cvtColor(hsv.astype(np.uint8), cv2.COLOR_HSV2RGB).astype(np.float32) / 255
-    image = image ** np.float32(np.exp(rng.uniform(-0.35, 0.5)))
-    image *= (np.exp(rng.uniform(-0.35, 0.15)) * np.exp(rng.uniform(-0.1, 0.1, 3))).astype(np.float32)
+    dark = rng.random() < 0.35  # in the shade, or against the light
+    image = image ** np.float32(np.exp(rng.uniform(0.1, 0.8) if dark else rng.uniform(-0.35, 0.5)))
+    gain = np.exp(rng.uniform(-1.3, -0.2) if dark else rng.uniform(-0.35, 0.15))
+    image *= (gain * np.exp(rng.uniform(-0.1, 0.1, 3))).astype(np.float32)
     if rng.random() < 0.25:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.6))
-    if rng.random() < 0.3:
-        image += rng.normal(0, rng.uniform(0.005, 0.04), image.shape).astype(np.float32)
+    if rng.random() < 0.4:  # a sensor's noise: of reading out, and of light, which grows with its root
+        spread = rng.uniform(0.003, 0.03) + rng.uniform(0, 0.1) * np.sqrt(np.clip(image, 0, 1))
+        image += spread.astype(np.float32) * rng.standard_normal(image.shape, np.float32)
     result = (np.clip(image, 0, 1) * 255).astype(np.uint8)
     if rng.random() < 0.3:
         _, packed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 90))])
