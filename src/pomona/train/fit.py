@@ -61,9 +61,7 @@ def fit(
 def check(learner: Learner, network: nn.Module, samples: list[Sample]) -> ValidationScores:
     """Score the network on samples whole, at their own size."""
     network.eval()
-    return validate(
-        ((sample.pixels(), sample.boxes_px) for sample in samples), lambda pixels: learner.segment(network, pixels)
-    )
+    return validate(samples, lambda pixels: learner.segment(network, pixels))
 
 
 def _names(samples: list[Sample]) -> str:
