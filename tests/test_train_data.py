@@ -12,6 +12,7 @@ pytest.importorskip("torch", reason="needs the train extra")
 
 from PIL import Image
 
+from pomona.capture.images import size_of
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.shapes import ellipse_mask
@@ -19,7 +20,7 @@ from pomona.progress import Silent
 from pomona.train.augment import AugmentOptions, draw_crop
 from pomona.train.gather import gather
 from pomona.train.groups import group_of
-from pomona.train.label_images import paint, samples_of, size_of
+from pomona.train.label_images import paint, samples_of
 from pomona.train.samples import IGNORED, Sample, boxes_of, split, write_split
 
 

@@ -4,6 +4,10 @@ Every error that Pomona raises for something a person did inherits `PomonaError`
 callers can catch either. What only a mistake of ours can cause is an `assert`.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 
 class PomonaError(Exception):
     """Root of all errors that Pomona raises on purpose."""
@@ -31,3 +35,8 @@ class ReconstructionError(PomonaError, RuntimeError):
 
 class SurveyError(PomonaError, RuntimeError):
     """The survey folder cannot be used: it holds something else, lacks a stage's output, or cannot be written."""
+
+
+def few(names: Sequence[str], count: int = 5) -> str:
+    """Return the first names as text, and how many more there are: errors and warnings stay short."""
+    return (", ".join(names[:count]) or "none") + (f" and {len(names) - count} more" if len(names) > count else "")

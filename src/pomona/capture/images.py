@@ -13,7 +13,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pomona.arrays import Array, ByteArray
 from pomona.capture.exif import Exif, parse_exif
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.photos import Photo
 
 pillow_heif.register_heif_opener()
@@ -58,6 +58,15 @@ def read_header(path: Path) -> Header:
     if not whole:
         raise InputError("the image is truncated: its end is missing; copy the file again from the camera")
     return Header(width, height, replace(exif, orientation=1) if turned else exif)
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    """Return the upright width and height of a photo; raises `FormatError` naming it where it cannot be read."""
+    try:
+        header = read_header(path)
+    except InputError as reason:
+        raise FormatError(f"{path}: expected a photo: {reason}") from None
+    return header.width_px, header.height_px
 
 
 def read_pixels(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:

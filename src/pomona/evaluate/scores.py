@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from pomona.evaluate.rates import Rates, known, ratio
+
 Kind = Literal["matched", "missed", "merged", "false", "double", "hidden"]
 
 
@@ -28,7 +30,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Tally:
+class Tally(Rates):
     """Counts over one set of true fruits, the scores made of them, and errors of the matched fruits.
 
     T `true_fruits`, D `detections` = TP + FP + MD, LD `labels_detected`, TP `true_positives`, FP `false_positives`,
@@ -53,43 +55,28 @@ class Tally:
     @property
     def detection_rate(self) -> float:
         """DR = LD / T, equation 3."""
-        return _ratio(self.labels_detected, self.true_fruits)
-
-    @property
-    def recall(self) -> float:
-        """R = TP / T, equation 4."""
-        return _ratio(self.true_positives, self.true_fruits)
-
-    @property
-    def precision(self) -> float:
-        """P = TP / D, equation 5."""
-        return _ratio(self.true_positives, self.detections)
+        return ratio(self.labels_detected, self.true_fruits)
 
     @property
     def false_detection_rate(self) -> float:
         """FDR = FP / D, equation 6 (there FPR)."""
-        return _ratio(self.false_positives, self.detections)
+        return ratio(self.false_positives, self.detections)
 
     @property
     def multi_detection_rate(self) -> float:
         """MDR = MD / D, equation 7."""
-        return _ratio(self.multi_detections, self.detections)
-
-    @property
-    def f1(self) -> float:
-        """F1 = 2 R P / (R + P), equation 8, written 2 TP / (T + D), which is also right where R or P is undefined."""
-        return _ratio(2 * self.true_positives, self.true_fruits + self.detections)
+        return ratio(self.multi_detections, self.detections)
 
     def to_json(self) -> dict[str, Any]:
         """Return counts, scores and errors (not the outcomes) by name; None where undefined."""
         return {
             "T": self.true_fruits, "D": self.detections, "LD": self.labels_detected, "TP": self.true_positives,
             "FP": self.false_positives, "MD": self.multi_detections, "hidden": self.hidden,
-            "DR": _known(self.detection_rate), "R": _known(self.recall), "P": _known(self.precision),
-            "FDR": _known(self.false_detection_rate), "MDR": _known(self.multi_detection_rate), "F1": _known(self.f1),
-            "center_rmse_m": _known(self.center_rmse_m), "center_median_m": _known(self.center_median_m),
-            "diameters": self.diameters, "diameter_bias_m": _known(self.diameter_bias_m),
-            "diameter_mae_m": _known(self.diameter_mae_m),
+            "DR": known(self.detection_rate), "R": known(self.recall), "P": known(self.precision),
+            "FDR": known(self.false_detection_rate), "MDR": known(self.multi_detection_rate), "F1": known(self.f1),
+            "center_rmse_m": known(self.center_rmse_m), "center_median_m": known(self.center_median_m),
+            "diameters": self.diameters, "diameter_bias_m": known(self.diameter_bias_m),
+            "diameter_mae_m": known(self.diameter_mae_m),
         }  # fmt: skip
 
 
@@ -120,14 +107,6 @@ def _outcome_json(outcome: Outcome) -> dict[str, Any]:
         "fruit_id": outcome.fruit_id,
         "truth_id": outcome.truth_id,
         "center_in_world": list(outcome.center_in_world),
-        "distance_m": _known(outcome.distance_m),
-        "diameter_error_m": _known(outcome.diameter_error_m),
+        "distance_m": known(outcome.distance_m),
+        "diameter_error_m": known(outcome.diameter_error_m),
     }
-
-
-def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else math.nan
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else round(value, 6)

@@ -20,7 +20,7 @@ from pomona.segment.decode import Float32Array
 from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.overlap import keep_best
-from pomona.segment.placement import Placement, with_masks
+from pomona.segment.placement import Placement, corners, with_masks
 from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
 
 LAYOUT = "RF-DETR-seg: dets (1, q, 4), labels (1, q, classes + 1), masks (1, q, h, w)"
@@ -92,15 +92,13 @@ class DetrSegmenter:
         logits = labels[0][:, self._fruits].max(1).astype(float)
         scores = 1 / (1 + np.exp(-np.clip(logits, -60, 60)))
         queries = np.flatnonzero((scores >= self._floor) & np.isfinite(dets[0]).all(1))
-        center, half = dets[0, queries, :2].astype(float), dets[0, queries, 2:].astype(float) / 2
-        boxes = np.concatenate([center - half, center + half], axis=1) * np.array(self._input_px * 2)
+        boxes = corners(dets[0, queries].astype(float)) * np.array(self._input_px * 2)
         kept = np.flatnonzero(keep_best(boxes, scores[queries], _MAX_BOX_IOU))
         queries, boxes = queries[kept], placement.boxes_in_tile(boxes[kept])
         cell_px = self._input_px[0] / masks.shape[3], self._input_px[1] / masks.shape[2]
         found = []
         for query, box in zip(queries, boxes, strict=True):
-            margin = (box[2:] - box[:2]) * _MASK_BEYOND_BOX
-            grown = np.clip(np.concatenate([box[:2] - margin, box[2:] + margin]), 0, np.array(placement.tile_px * 2))
+            grown = placement.grown(box, _MASK_BEYOND_BOX)
             rows, columns = placement.cells_of(grown, cell_px, (masks.shape[2], masks.shape[3]))
             part = np.ascontiguousarray(masks[0, query, rows, columns])
             found.append(placement.mask_in_tile(part, (columns.start, rows.start), cell_px, grown))

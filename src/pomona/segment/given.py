@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import FormatError, InputError
+from pomona.errors import FormatError, InputError, few
 from pomona.formats.coco import check_size, detections_by_image
 from pomona.formats.coco_file import CocoFile, CocoImage, parse_coco
 from pomona.photos import Photo, Photos
@@ -46,7 +46,7 @@ def given_detections(
     if not by_photo:
         raise FormatError(
             f"{path}: none of its {len(content.images)} images is among the {len(photos)} photos: expected names such "
-            f"as {_few(photos.names, 2)}, found {_few([image.file_name for image in content.images], 2) or 'none'}"
+            f"as {few(photos.names, 2)}, found {few([image.file_name for image in content.images], 2) or 'none'}"
         )
     _warn(path, content, strangers, [name for name in photos.names if name not in by_photo], progress)
     return SurveyDetections({name: by_photo[name] for name in photos.names if name in by_photo})
@@ -76,7 +76,7 @@ class _Matcher:
         if len(fitting) > 1:
             raise FormatError(
                 f"{self._path}: image {image.id} '{image.file_name}' fits several photos: "
-                f"{_few([photo.name for photo in fitting], 3)}; give their names in full"
+                f"{few([photo.name for photo in fitting], 3)}; give their names in full"
             )
         return fitting[0] if fitting else None
 
@@ -110,12 +110,8 @@ def _warn(path: Path, content: CocoFile, strangers: list[str], unmatched: list[s
     if crowds:
         progress.warn(f"{path}: {crowds} annotations are crowds (iscrowd) and are left out: a detection is one fruit.")
     if empty:
-        progress.warn(f"{path}: {len(empty)} annotations cover no pixel and are left out: {_few(empty)}.")
+        progress.warn(f"{path}: {len(empty)} annotations cover no pixel and are left out: {few(empty)}.")
     if strangers:
-        progress.warn(f"{path}: {len(strangers)} images are not among the photos: {_few(strangers)}.")
+        progress.warn(f"{path}: {len(strangers)} images are not among the photos: {few(strangers)}.")
     if unmatched:
-        progress.warn(f"{path}: {len(unmatched)} photos have no detections given: {_few(unmatched)}.")
-
-
-def _few(names: Sequence[str], count: int = 5) -> str:
-    return ", ".join(names[:count]) + (f" and {len(names) - count} more" if len(names) > count else "")
+        progress.warn(f"{path}: {len(unmatched)} photos have no detections given: {few(unmatched)}.")

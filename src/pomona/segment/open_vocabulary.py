@@ -19,7 +19,7 @@ from pomona.arrays import ByteArray, FloatArray
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
 from pomona.segment.decode import Float32Array
 from pomona.segment.overlap import keep_best
-from pomona.segment.placement import Placement, with_masks
+from pomona.segment.placement import Placement, corners, with_masks
 from pomona.segment.protocol import SegmenterTraits, TileDetections
 
 DEFAULT_DETECTOR = "google/owlv2-base-patch16-ensemble"
@@ -116,8 +116,7 @@ class OpenVocabularySegmenter:
         boxes, scores = boxes[seen], scores[seen]
         masks = []
         for box, logits in zip(boxes, self._logits(square, boxes), strict=True):
-            margin = (box[2:] - box[:2]) * _MASK_BEYOND_BOX
-            grown = np.clip(np.concatenate([box[:2] - margin, box[2:] + margin]), 0, (width, height) * 2)
+            grown = placement.grown(box, _MASK_BEYOND_BOX)
             cell_px = side / logits.shape[1], side / logits.shape[0]
             masks.append(placement.mask_in_tile(logits, (0, 0), cell_px, grown))
         return with_masks(boxes, scores, masks)
@@ -129,8 +128,7 @@ class OpenVocabularySegmenter:
         scores = outputs.logits[0].sigmoid().amax(-1).cpu().numpy().astype(float)
         kept = np.flatnonzero(scores >= self._floor)
         found = outputs.pred_boxes[0].cpu().numpy().astype(float)[kept] * square.shape[0]
-        center, half = found[:, :2], found[:, 2:] / 2
-        return np.concatenate([center - half, center + half], axis=1), scores[kept]
+        return corners(found), scores[kept]
 
     def _logits(self, square: ByteArray, boxes: FloatArray) -> list[Float32Array]:
         """The mask of each box as logits (h, w) over the whole square."""

@@ -50,6 +50,12 @@ class Placement:
         boxes = (boxes_in_input - shift) / scale
         return np.asarray(np.clip(boxes, 0, np.array(self.tile_px * 2)), np.float64)
 
+    def grown(self, box_in_tile: FloatArray, share: float) -> FloatArray:
+        """Return a box (4,) that reaches further by a share of its sides, cut at the tile's edges."""
+        margin = (box_in_tile[2:] - box_in_tile[:2]) * share
+        grown = np.concatenate([box_in_tile[:2] - margin, box_in_tile[2:] + margin])
+        return np.asarray(np.clip(grown, 0, np.array(self.tile_px * 2)), np.float64)
+
     def mask_in_tile(
         self, logits: Float32Array, first_cell: tuple[int, int], cell_px: tuple[float, float], box_in_tile: FloatArray
     ) -> Mask | None:
@@ -85,6 +91,12 @@ class Placement:
         x0, y0, x1, y1 = (box_in_tile * scale + shift) / cell
         columns = slice(max(0, int(x0) - 2), max(1, min(grid[1], int(np.ceil(x1)) + 2)))
         return slice(max(0, int(y0) - 2), max(1, min(grid[0], int(np.ceil(y1)) + 2))), columns
+
+
+def corners(centered: FloatArray) -> FloatArray:
+    """Return boxes (n, 4) x0, y0, x1, y1 from centre x, centre y, width, height."""
+    center, half = centered[:, :2], centered[:, 2:] / 2
+    return np.concatenate([center - half, center + half], axis=1)
 
 
 def with_masks(boxes: FloatArray, scores: FloatArray, masks: list[Mask | None]) -> TileDetections:

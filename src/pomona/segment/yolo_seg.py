@@ -20,7 +20,7 @@ from pomona.segment.decode import Float32Array
 from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.overlap import keep_best
-from pomona.segment.placement import Placement, with_masks
+from pomona.segment.placement import Placement, corners, with_masks
 from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
 
 LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
@@ -140,8 +140,7 @@ class _Rows:
         kept = np.flatnonzero((scores >= floor) & (scores > 0) & np.isfinite(rows[:, :4]).all(1))
         boxes = rows[kept, :4].astype(float)
         if not self.end_to_end:
-            center, half = boxes[:, :2], boxes[:, 2:] / 2
-            boxes = np.concatenate([center - half, center + half], axis=1)
+            boxes = corners(boxes)
         return boxes, np.clip(scores[kept].astype(float), 0, 1), rows[kept, -self.masks :]
 
 

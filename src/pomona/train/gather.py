@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
+from pomona.capture.images import size_of
 from pomona.errors import InputError
 from pomona.formats.label_sets import LabelSet, find_label_sets, part_of, read_label_set
 from pomona.formats.labelled import LabelledPhoto, classes_of
 from pomona.progress import Progress, Silent, track
-from pomona.train.label_images import samples_of, size_of, typical_fruit_px
+from pomona.train.label_images import samples_of, typical_fruit_px
 from pomona.train.samples import RENDERED, Sample, split
 
 SPLITS = ("folders", "photos")

@@ -18,7 +18,6 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.capture.images import read_header, read_pixels, write_jpeg
 from pomona.detections import Mask
-from pomona.errors import FormatError, InputError
 from pomona.formats.labelled import LabelledFruit, LabelledPhoto
 from pomona.photos import Photo
 from pomona.train.groups import group_of
@@ -44,15 +43,6 @@ class _Plan:
     parts: tuple[tuple[int, int, int, int], ...]
     in_place: bool
     orientation: int
-
-
-def size_of(path: Path) -> tuple[int, int]:
-    """Return the upright width and height of a photo; raises `FormatError` naming it where it cannot be read."""
-    try:
-        header = read_header(path)
-    except InputError as reason:
-        raise FormatError(f"{path}: expected a photo: {reason}") from None
-    return header.width_px, header.height_px
 
 
 def typical_fruit_px(photos: Sequence[LabelledPhoto]) -> float | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.errors import FormatError, InputError
+from pomona.errors import FormatError
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.label_sets import LabelSet, read_label_set
 from pomona.formats.labelled import LabelledPhoto, classes_of
@@ -18,7 +18,9 @@ def truth_of_sets(path: Path, sets: Sequence[LabelSet]) -> DetectionTruth:
 
     Raises `MissingFileError`, and `FormatError` naming file and place.
     """
-    photos = [photo for one in sets for photo in read_label_set(one, _size_of)]
+    from pomona.capture.images import size_of
+
+    photos = [photo for one in sets for photo in read_label_set(one, size_of)]
     if len(used := classes_of(photos)) > 1:
         raise FormatError(f"{path}: expected labels of one class, found {', '.join(used)}: keep the fruit")
     if not any(photo.fruits for photo in photos):
@@ -51,13 +53,3 @@ def _of_photo(photo: LabelledPhoto, with_masks: bool) -> PhotoTruth:
         tuple(fruit.mask for fruit in fruits if fruit.mask is not None) if with_masks else None,
         np.array([fruit.ignored for fruit in fruits], bool),
     )
-
-
-def _size_of(path: Path) -> tuple[int, int]:
-    from pomona.capture.images import read_header
-
-    try:
-        header = read_header(path)
-    except InputError as reason:
-        raise FormatError(f"{path}: expected a photo: {reason}") from None
-    return header.width_px, header.height_px

@@ -12,12 +12,13 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray
 from pomona.evaluate.detections.matching import PhotoMatch, right
 from pomona.evaluate.detections.options import COCO_IOUS, EvaluateDetectionsOptions
+from pomona.evaluate.rates import Rates, known
 
 DetectionKind = Literal["right", "false", "double", "neither"]
 
 
 @dataclass(frozen=True)
-class Level:
+class Level(Rates):
     """What is right when detections below `confidence` are left out; detections that are neither are in no count.
 
     `mask_iou` and `box_iou` are means over the right ones, NaN without any, or without masks.
@@ -30,27 +31,12 @@ class Level:
     mask_iou: float
     box_iou: float
 
-    @property
-    def recall(self) -> float:
-        """R = TP / T."""
-        return _ratio(self.true_positives, self.true_fruits)
-
-    @property
-    def precision(self) -> float:
-        """P = TP / D."""
-        return _ratio(self.true_positives, self.detections)
-
-    @property
-    def f1(self) -> float:
-        """F1 = 2 R P / (R + P), written 2 TP / (T + D), which is also right where R or P is undefined."""
-        return _ratio(2 * self.true_positives, self.true_fruits + self.detections)
-
     def to_json(self) -> dict[str, Any]:
         """Return counts and scores by name; None where undefined."""
         return {
             "confidence": round(self.confidence, 6), "T": self.true_fruits, "D": self.detections,
-            "TP": self.true_positives, "R": _known(self.recall), "P": _known(self.precision), "F1": _known(self.f1),
-            "mask_iou": _known(self.mask_iou), "box_iou": _known(self.box_iou),
+            "TP": self.true_positives, "R": known(self.recall), "P": known(self.precision), "F1": known(self.f1),
+            "mask_iou": known(self.mask_iou), "box_iou": known(self.box_iou),
         }  # fmt: skip
 
 
@@ -85,8 +71,8 @@ class DetectionScores:
         """Return a dictionary for JSON; None where undefined."""
         return {
             "match": "masks" if self.by_masks else "boxes", "photos": len(self.matches), "T": self.true_fruits,
-            "ignored": self.ignored, "detections": self.detections, "AP": _known(self.ap), "AP50": _known(self.ap50),
-            "AP_by_iou": {f"{iou:.2f}": _known(ap) for iou, ap in zip(COCO_IOUS, self.ap_by_iou, strict=True)},
+            "ignored": self.ignored, "detections": self.detections, "AP": known(self.ap), "AP50": known(self.ap50),
+            "AP_by_iou": {f"{iou:.2f}": known(ap) for iou, ap in zip(COCO_IOUS, self.ap_by_iou, strict=True)},
             "levels": [level.to_json() for level in self.levels],
             "best": None if self.best is None else self.best.to_json(),
         }  # fmt: skip
@@ -189,8 +175,8 @@ def outcomes_json(match: PhotoMatch, found_ids: Sequence[int], true_ids: Sequenc
             "score": float(match.scores[k]),
             "kind": kind,
             "truth_id": None if match.true_idx[k] < 0 else int(true_ids[match.true_idx[k]]),
-            "mask_iou": _known(float(match.mask_iou[k])),
-            "box_iou": _known(float(match.box_iou[k])),
+            "mask_iou": known(float(match.mask_iou[k])),
+            "box_iou": known(float(match.box_iou[k])),
         }
         for k, kind in enumerate(kinds(match))
     ]
@@ -205,11 +191,3 @@ def _joined(parts: Sequence[Any]) -> FloatArray:
 
 def _mean(values: FloatArray) -> float:
     return float(values.mean()) if len(values) else math.nan
-
-
-def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else math.nan
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else round(value, 6)

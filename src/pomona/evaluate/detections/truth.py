@@ -9,7 +9,7 @@ import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.detections import Mask
-from pomona.errors import InputError
+from pomona.errors import InputError, few
 from pomona.evaluate.detections.names import pair_names
 from pomona.evaluate.detections.options import EvaluateDetectionsOptions
 from pomona.formats.coco_file import CocoImage
@@ -97,16 +97,12 @@ class DetectionTruth(Mapping[str, PhotoTruth]):
         if not pairs:
             raise InputError(
                 f"The truth names no photo of the {len(photos)} that were searched: expected names such as "
-                f"{_few(photos, 2)}, found {_few(tuple(self.by_photo), 2)}"
+                f"{few(photos, 2)}, found {few(tuple(self.by_photo), 2)}"
             )
         renamed = {photo: replace(self.by_photo[known], photo=photo) for known, photo in pairs.items()}
         kept = {photo: renamed[photo] for photo in photos if photo in renamed}
         if without := [photo for photo in photos if photo not in kept]:
-            progress.warn(f"{len(without)} photos have no truth and are left out: {_few(without)}.")
+            progress.warn(f"{len(without)} photos have no truth and are left out: {few(without)}.")
         if others := [name for name in self.by_photo if name not in pairs]:
-            progress.warn(f"The truth has {len(others)} photos that were not searched, left out: {_few(others)}.")
+            progress.warn(f"The truth has {len(others)} photos that were not searched, left out: {few(others)}.")
         return DetectionTruth(kept)
-
-
-def _few(names: Sequence[str], count: int = 5) -> str:
-    return (", ".join(names[:count]) or "none") + (f" and {len(names) - count} more" if len(names) > count else "")
