@@ -1,14 +1,16 @@
 """Train the support vector machine that tells fruits from false positives.
 
-python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--segmenter] [--repeats N]
+python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--segmenter] [--repeats N]
 
 A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
 Detections are the true masks made worse and joined by false ones, `--repeats` times with other chances; with
-`--segmenter` those of the shipped segmenter besides. The dense cloud and the fusion are the pipeline's own.
+`--segmenter` those of the shipped segmenter besides. Fusion, measures and (for the paper's method) the cloud are the
+pipeline's own.
 """
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -19,11 +21,15 @@ from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import Truth, evaluate, read_truth
-from pomona.filter import LinearSvm, apply, resized, training_table
-from pomona.fuse import Fused
-from pomona.fuse.paper import fuse
+from pomona.evaluate.matching import candidates_by_center
+from pomona.evaluate.options import EvaluateOptions
+from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features
+from pomona.filter.features import FEATURE_NAMES
+from pomona.fruits import Fruits
+from pomona.fuse import Fused, object, paper
 from pomona.measure import measure
 from pomona.photos import Photos
+from pomona.pipeline import RunOptions
 from pomona.synth.truth import RowFolder, read_cameras, read_mask
 
 REFERENCE_M = 0.075
@@ -97,7 +103,18 @@ def worse_detections(row: RowFolder, cameras: Cameras, truth: Truth, rng: np.ran
     return SurveyDetections(by_photo)
 
 
-def surveys(folder: Path, repeats: int, segmenter: bool) -> Iterator[tuple[str, Fused, Fused, Truth]]:
+@dataclass(frozen=True)
+class Example:
+    """What one survey teaches: features (n, k), whether each is a fruit (n,), and the fruits as they are measured."""
+
+    label: str
+    values: np.ndarray
+    is_fruit: np.ndarray
+    fruits: Fruits
+    truth: Truth
+
+
+def examples(folder: Path, method: str, repeats: int, segmenter: bool) -> Iterator[Example]:
     row, truth = RowFolder(folder), read_truth(folder)
     photos = load_photos([folder / "images"])
     cameras = cameras_of(row, photos)
@@ -109,28 +126,39 @@ def surveys(folder: Path, repeats: int, segmenter: bool) -> Iterator[tuple[str, 
             from pomona.segment import load_segmenter, segment_photos
 
             detections = segment_photos(photos, load_segmenter(None))
-        cloud = fruit_cloud(photos, detections, cameras)
-        fused = fuse(detections, cameras, cloud)
+        options = RunOptions(method=method)
+        if method == "paper":
+            fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras))
+        else:
+            fused = object.fuse(detections, cameras)
         # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
-        measured = Fused(measure(fused, detections, cameras), fused.observations, fused.cloud)
-        yield f"{folder.name}, {kind}", fused, measured, truth
+        measured = measure(fused, detections, cameras, options=options.measure)
+        label = f"{folder.name}, {kind}"
+        if method == "paper":
+            values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth)
+            values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)))
+            yield Example(label, values, is_fruit, measured[np.isin(measured.ids, fused.cloud.fruit_id)], truth)
+        else:
+            near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
+            is_fruit = np.isin(np.arange(len(measured)), near)
+            yield Example(label, view_features(fused, detections, cameras), is_fruit, measured, truth)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("rows", type=Path, nargs="+")
+    parser.add_argument("--method", choices=("object", "paper"), default="object")
     parser.add_argument("--segmenter", action="store_true")
     parser.add_argument("--repeats", type=int, default=2)
     arguments = parser.parse_args()
-    tables, done = [], []
+    done = []
     for folder in arguments.rows:
-        for label, fused, measured, truth in surveys(folder, arguments.repeats, arguments.segmenter):
-            values, is_fruit = training_table(measured, truth)
-            tables.append((resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m))), is_fruit))
-            done.append((label, fused, measured, truth))
-            print(f"{label}: {is_fruit.sum()} fruits, {(~is_fruit).sum()} false positives", flush=True)
-    values, is_fruit = (np.concatenate(column) for column in zip(*tables, strict=True))
+        for example in examples(folder, arguments.method, arguments.repeats, arguments.segmenter):
+            done.append(example)
+            fruits = example.is_fruit.sum()
+            print(f"{example.label}: {fruits} fruits, {len(example.is_fruit) - fruits} false positives", flush=True)
+    values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
     rows = ", ".join(folder.name for folder in arguments.rows)
     source = f"true masks made worse and joined by false ones, {arguments.repeats} times a row"
     trained_on = (
@@ -138,13 +166,16 @@ def main() -> None:
         f"cameras; detections: {source}"
         f"{', and those of the shipped segmenter' if arguments.segmenter else ''}. No real orchard."
     )
-    svm = LinearSvm.train(values, is_fruit, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
+    names = FEATURE_NAMES if arguments.method == "paper" else VIEW_FEATURE_NAMES
+    svm = LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
     svm.save(arguments.out)
-    print(trained_on, svm.weights, f"accuracy {((svm.probability(values) > 0.5) == is_fruit).mean():.3f}")
-    for label, fused, measured, truth in done:
-        kept = np.isin(fused.fruits.ids, apply(fused, svm).fruits.ids)
-        before, after = evaluate(measured.fruits, truth).all, evaluate(measured.fruits[kept], truth).all
-        print(f"{label}: F1 {before.f1:.3f} -> {after.f1:.3f}, FDR {before.false_detection_rate:.3f} -> "
+    print(trained_on, dict(zip(names, svm.weights.round(2).tolist(), strict=True)))
+    print(f"accuracy {((svm.probability(values) > 0.5) == is_fruit).mean():.3f}")
+    for example in done:
+        kept = svm.probability(example.values) >= 0.5
+        before = evaluate(example.fruits, example.truth).all
+        after = evaluate(example.fruits[kept], example.truth).all
+        print(f"{example.label}: F1 {before.f1:.3f} -> {after.f1:.3f}, FDR {before.false_detection_rate:.3f} -> "
               f"{after.false_detection_rate:.3f}, R {before.recall:.3f} -> {after.recall:.3f}")  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Train the shipped weights: real tiles with boxes, and rendered scenes with masks where there are some.
 
-python benchmarks/train_fruit.py OUT.onnx [--rows FOLDER] [--steps N]
+python benchmarks/train_fruit.py OUT.onnx [--rows FOLDER] [--weights best.pt] [--steps N]
 """
 
 import argparse
@@ -34,12 +34,13 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--rows", type=Path)
+    parser.add_argument("--weights", help="best.pt of an earlier training to go on from")
     parser.add_argument("--steps", type=int, default=FitOptions().steps)
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     rows = sorted(arguments.rows.glob("s[0-9][0-9][0-9]")) if arguments.rows else []
-    options = TrainOptions(fit=replace(FitOptions(), steps=arguments.steps))
+    options = TrainOptions(weights=arguments.weights, fit=replace(FitOptions(), steps=arguments.steps))
     data = [*sorted(TILES.glob("applebbch*")), *rows]
     print(train(data, arguments.out, options=options, progress=Lines()))
 

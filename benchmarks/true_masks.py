@@ -22,8 +22,8 @@ from pomona.dense.depth_maps import thin
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import Truth, evaluate, read_truth, scores_table
 from pomona.fruits import FruitCloud
-from pomona.fuse import Fused, PaperOptions
-from pomona.fuse.paper import fuse
+from pomona.fuse import Fused
+from pomona.fuse.paper import PaperOptions, fuse
 from pomona.photos import Photo, Photos
 
 _OPTIONS = {"default": PaperOptions, "printed": PaperOptions.as_printed, "code": PaperOptions.as_published_code}

@@ -18,6 +18,7 @@ from pomona.segment import SegmenterTraits, TileDetections
 from pomona.sfm.values import Piece, Reconstruction
 
 WIDTH, HEIGHT = 96, 72
+NO_CLOUD = FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
 
 
 def make_photos(folder: Path, count: int = 4, *, fruit: bool = True, seed: int = 0) -> Path:
@@ -73,6 +74,8 @@ class Fakes:
         monkeypatch.setattr("pomona.sfm.reconstruct", self._reconstruct)
         monkeypatch.setattr("pomona.scale.place_in_world", self._place)
         monkeypatch.setattr("pomona.dense.fruit_cloud", self._cloud)
+        monkeypatch.setattr("pomona.dense.sphere_cloud", self._sphere_cloud)
+        monkeypatch.setattr("pomona.fuse.object.fuse", self._fuse)
         monkeypatch.setattr("pomona.fuse.paper.fuse", self._fuse)
         monkeypatch.setattr("pomona.pipeline.fruits.filtered", self._filter)
         monkeypatch.setattr("pomona.pipeline.fruits.measured", self._measure)
@@ -96,7 +99,11 @@ class Fakes:
         points = np.random.default_rng(0).normal((0, 0, 2), 0.03, (50, 3))
         return FruitCloud(points, np.full((50, 3), 200, np.uint8), np.zeros(50, np.int64))
 
-    def _fuse(self, detections, cameras, cloud, *, options, progress):
+    def _sphere_cloud(self, fruits, observations, detections, cameras, photos, *, progress):
+        cloud = self._cloud(photos, detections, cameras, options=None, progress=progress)
+        return FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64))
+
+    def _fuse(self, detections, cameras, cloud=NO_CLOUD, *, options, progress):
         self.count("fuse")
         progress.warn("a warning of fuse")
         sightings = [(name, found) for name, found in detections.items() if len(found)]
@@ -109,7 +116,7 @@ class Fakes:
         fruits = Fruits([1], [[0, 0, 2]], [0.07], [np.nan], [len(sightings)], sides=("row",), reasons=("not tried",))
         return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64)))
 
-    def _filter(self, fused, options, progress):
+    def _filter(self, fused, detections, cameras, options, progress):
         self.count("filter")
         return fused
 

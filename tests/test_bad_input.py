@@ -212,7 +212,7 @@ def test_an_output_folder_that_holds_something_else(fakes: Fakes, tmp_path: Path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "--method: expected one of paper, found 'magic'"),
+        ({"method": "magic"}, "--method: expected one of object, paper, found 'magic'"),
         ({"engine": "magic"}, "--engine: expected one of auto, opencv, patchmatch, found 'magic'"),
         ({"fruit_diameter_m": -1.0}, "--fruit-diameter: expected metres"),
         ({"fruit_diameter_m": float("nan")}, "--fruit-diameter: expected metres"),
@@ -265,7 +265,7 @@ def test_damaged_work_is_done_again(fakes: Fakes, tmp_path: Path) -> None:
     (tmp_path / "out" / "work" / "fuse.npz").write_bytes(b"broken")
     summary = run([photos], tmp_path / "out", RunOptions(filter_false_positives=False))
     assert summary.fruits == 1
-    assert (fakes.calls["dense"], fakes.calls["fuse"], fakes.calls["sfm"]) == (2, 2, 1)
+    assert (fakes.calls["fuse"], fakes.calls["sfm"]) == (2, 1)
 
 
 def test_photos_of_other_sizes_and_depths(fakes: Fakes, tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def test_options_reach_the_run(fakes: Fakes, photos: Path, tmp_path: Path) -> No
     ("arguments", "message"),
     [
         (["--scale-bar", "0,1"], "--scale-bar: expected ID,ID,METRES such as 0,1,0.85, found '0,1'"),
-        (["--method", "magic"], "--method: expected one of paper"),
+        (["--method", "magic"], "--method: expected one of object, paper"),
         (["--fruit-diameter", "75"], "--fruit-diameter: expected metres"),
         (["--markers", "nowhere.csv"], "nowhere.csv does not exist"),
         (["--detections", "nowhere.json"], "nowhere.json does not exist"),

@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate import Truth
-from pomona.filter import FEATURE_NAMES, LinearSvm, apply, features, resized, training_table
+from pomona.filter import (
+    FEATURE_NAMES,
+    VIEW_FEATURE_NAMES,
+    LinearSvm,
+    apply,
+    features,
+    resized,
+    shipped,
+    training_table,
+)
 from pomona.filter.features import hull_volume_m3, psi
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
@@ -126,11 +135,22 @@ def test_training_needs_both_kinds() -> None:
 
 
 def test_the_shipped_machine_says_what_it_was_trained_on() -> None:
-    svm = LinearSvm.load()
+    svm = LinearSvm.load(shipped("paper"))
     assert svm.names == FEATURE_NAMES
     assert len(svm.trained_on) > 40
     good, bad = examples(5)[0][:5], examples(5)[0][5:]
     assert svm.probability(good).mean() > svm.probability(bad).mean()
+
+
+def test_the_shipped_machine_of_views_wants_fruits_seen_often_and_largely() -> None:
+    svm = LinearSvm.load(shipped("object"))
+    assert svm.names == VIEW_FEATURE_NAMES
+    assert len(svm.trained_on) > 40
+    often = [np.log(9), 0.9, 0.8, 0.9, 1.0, 0.03, 0.0, 1.0]
+    twice_and_little = [np.log(2), 0.25, 0.55, 0.55, 0.2, 0.1, 0.0, 0.3]
+    probability = svm.probability(np.array([often, twice_and_little]))
+    assert probability[0] > 0.9
+    assert probability[1] < 0.5
 
 
 @pytest.mark.parametrize(

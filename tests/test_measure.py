@@ -13,8 +13,8 @@ from pomona.errors import InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure import MeasureOptions, measure
-from pomona.measure.outlines import outline_px
 from pomona.measure.sphere import Evidence, fit_sphere
+from pomona.outlines import outline_px
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 

@@ -76,10 +76,21 @@ def test_a_second_run_does_nothing_again(fakes: Fakes, photos: Path, tmp_path: P
 def test_a_changed_option_redoes_what_depends_on_it(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "out")
     summary = run([photos], tmp_path / "out", RunOptions(filter_false_positives=False))
-    assert fakes.calls["sfm"] == fakes.calls["dense"] == fakes.calls["fuse"] == 1
+    assert fakes.calls["sfm"] == fakes.calls["fuse"] == 1
     kept = {stage.name for stage in summary.stages if stage.kept}
-    assert {"segment", "sfm", "scale", "dense", "fuse"} <= kept
+    assert {"segment", "sfm", "scale", "fuse"} <= kept
     assert "filter" not in kept
+
+
+def test_the_papers_method_makes_a_cloud_first_and_goes_on_where_it_can(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    run([photos], tmp_path / "out")
+    summary = run([photos], tmp_path / "out", RunOptions(method="paper"))
+    assert stages_run(fakes) == {**dict.fromkeys(ONCE, 2), "sfm": 1, "scale": 1, "report": 1}  # fruits are the same
+    assert next(stage.name for stage in summary.stages if not stage.kept) == "dense"
+    again = run([photos], tmp_path / "out", RunOptions(method="paper"))
+    assert all(stage.kept for stage in again.stages)
 
 
 def test_a_changed_photo_redoes_all_and_segments_only_that_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def run(
     score_threshold: shared.ScoreThreshold = None,
     detections: shared.GivenDetections = None,
     cameras: shared.Cameras = None,
-    method: shared.Method = "paper",
+    method: shared.Method = "object",
     sides: shared.Sides = "auto",
     engine: Annotated[
         str, typer.Option(metavar="auto|opencv|patchmatch", help="What makes the dense cloud; patchmatch needs a GPU.")

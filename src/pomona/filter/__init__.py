@@ -1,12 +1,16 @@
-"""False positives removed: the paper's four features of a fruit's points, and its linear support vector machine."""
+"""False positives removed by a linear decision: on the paper's four features of points, or on what photos say."""
 
 from __future__ import annotations
 
 from pomona.filter.features import FEATURE_NAMES, FruitFeatures, features, resized
-from pomona.filter.stage import apply
-from pomona.filter.svm import LinearSvm
+from pomona.filter.stage import apply, apply_to_views
+from pomona.filter.svm import LinearSvm, shipped
 from pomona.filter.training import training_table
+from pomona.filter.views import VIEW_FEATURE_NAMES, view_features
 
 load = LinearSvm.load
 
-__all__ = ["FEATURE_NAMES", "FruitFeatures", "LinearSvm", "apply", "features", "load", "resized", "training_table"]
+__all__ = [
+    "FEATURE_NAMES", "VIEW_FEATURE_NAMES", "FruitFeatures", "LinearSvm", "apply", "apply_to_views", "features", "load",
+    "resized", "shipped", "training_table", "view_features",
+]  # fmt: skip

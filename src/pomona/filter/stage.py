@@ -6,33 +6,51 @@ from dataclasses import replace
 
 import numpy as np
 
+from pomona.arrays import FloatArray
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.filter.features import features, resized
 from pomona.filter.svm import LinearSvm
+from pomona.filter.views import view_features
 from pomona.fruits import FruitCloud
 from pomona.fuse import Fused
 
 
 def apply(fused: Fused, svm: LinearSvm, *, threshold: float = 0.5) -> Fused:
-    """Return the fruits whose probability is at least `threshold`, with that as their score.
+    """Return the fruits of the paper's method whose probability is at least `threshold`, with that as their score.
 
-    Kept fruits keep their ids; of the others the observations go, and their points belong to none (0). Fruits without
-    points in the cloud cannot be judged: they stay as they are. Features are taken at the size of the fruits that the
-    machine was trained on, so that it also serves smaller and larger fruit, and scales that are only approximate.
+    Fruits without points in the cloud cannot be judged: they stay as they are. Features are taken at the size of the
+    fruits that the machine was trained on, so that it also serves smaller and larger fruit, and scales that are only
+    approximate.
 
     Raises `InputError` for a threshold outside 0 to 1.
     """
+    found = features(fused.cloud)
+    probability = svm.probability(resized(found.values, _size_factor(fused, svm)))
+    judged = dict(zip(found.ids.tolist(), probability.tolist(), strict=True))
+    return _kept(fused, np.array([judged.get(i, np.nan) for i in fused.fruits.ids.tolist()]), threshold)
+
+
+def apply_to_views(
+    fused: Fused, detections: SurveyDetections, cameras: Cameras, svm: LinearSvm, *, threshold: float = 0.5
+) -> Fused:
+    """Return the fruits that the photos speak for (`view_features`), with the probability as their score.
+
+    Raises `InputError` for a threshold outside 0 to 1.
+    """
+    return _kept(fused, svm.probability(view_features(fused, detections, cameras)), threshold)
+
+
+def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:
+    """Keep the fruits whose probability (n,) is high enough, or NaN, which is not known.
+
+    They keep their ids; of the others the observations go, and their points belong to none (0).
+    """
     if not 0 <= threshold <= 1:
         raise InputError(f"threshold: expected 0 to 1, found {threshold}")
-    found = features(fused.cloud)
-    values = resized(found.values, _size_factor(fused, svm))
-    probability = dict(zip(found.ids.tolist(), svm.probability(values).tolist(), strict=True))
-    judged = np.array([i in probability for i in fused.fruits.ids.tolist()], dtype=bool)
-    scores = np.array(
-        [probability.get(i, s) for i, s in zip(fused.fruits.ids.tolist(), fused.fruits.scores.tolist(), strict=True)]
-    )
-    kept = ~judged | (scores >= threshold)
-    fruits = replace(fused.fruits, scores=scores)[kept]
+    scores = np.where(np.isnan(probability), fused.fruits.scores, probability)
+    fruits = replace(fused.fruits, scores=scores)[np.isnan(probability) | (probability >= threshold)]
     cloud = fused.cloud
     fruit_id = np.where(np.isin(cloud.fruit_id, fruits.ids), cloud.fruit_id, 0)
     return Fused(

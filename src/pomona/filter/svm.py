@@ -16,7 +16,12 @@ from pomona.filter.features import FEATURE_NAMES
 
 _FORMAT = "pomona linear svm 1"
 _FOLDS = 5
-SHIPPED_SVM = Path(__file__).parent / "weights" / "paper_svm.json"
+_WEIGHTS = Path(__file__).parent / "weights"
+
+
+def shipped(method: str) -> Path:
+    """Return the machine that is shipped for fruits found by `method`, "paper" or "object"."""
+    return _WEIGHTS / f"{method}_svm.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +111,12 @@ class LinearSvm:
         path.write_text(json.dumps({"format": _FORMAT, **values}, indent=1) + "\n")
 
     @classmethod
-    def load(cls, path: Path | None = None) -> LinearSvm:
-        """Read what `save` wrote; None: the machine that is shipped.
+    def load(cls, path: Path) -> LinearSvm:
+        """Read what `save` wrote.
 
         Raises `MissingFileError`, and `FormatError` where the file holds something else.
         """
-        path = SHIPPED_SVM if path is None else Path(path)
+        path = Path(path)
         if not path.is_file():
             raise MissingFileError(f"{path} does not exist; expected a support vector machine saved as JSON")
         try:

@@ -1,11 +1,10 @@
 """Detections and cameras become fruits: each object once, in the world frame.
 
-`paper` is section 2.2.3 of Gené-Mola et al. 2020: a cloud of fruit surfaces, cut up by the detections.
+`object` joins detections of all photos at once, without a cloud; `paper` is the method of Gené-Mola et al. 2020.
 """
 
 from __future__ import annotations
 
-from pomona.fuse.options import PaperOptions
 from pomona.fuse.values import Fused
 
-__all__ = ["Fused", "PaperOptions"]
+__all__ = ["Fused"]

@@ -14,8 +14,6 @@ _POINT_SCALE, _INSIDE_SCALE, _OUTSIDE_SCALE = 0.15, 0.04, 0.12
 # All points together say as much as this many rays of each photo: neighbouring points err together, and stereo
 # flattens round things. Points tell how far away a fruit is, outlines how large.
 _POINTS_AS_RAYS = 1.0
-# The centre is tied to its start as by this many rays: keeps what is not seen from running away.
-_CENTER_TIE = 0.03
 # Rays that lie beside each other on an outline err together: so many of them are as good as one.
 _RAYS_AS_ONE = 6.0
 
@@ -55,12 +53,15 @@ class Sphere:
     off_z: FloatArray
 
 
-def fit_sphere(seen: Evidence, *, center: FloatArray, radius: float, prior: Prior | None = None) -> Sphere | None:
+def fit_sphere(
+    seen: Evidence, *, center: FloatArray, radius: float, prior: Prior | None = None, center_tie: float = 0.03
+) -> Sphere | None:
     """Return the sphere that the evidence speaks for; None where none fits.
 
     Gauss–Newton, each residual weighted anew each round (Cauchy): distances of points from the surface, and of rays
     from the centre less the radius. `center`, `radius` is where to start, the radius from above: rays that pass inside
-    the sphere count less than rays that pass outside.
+    the sphere count less than rays that pass outside. The centre is tied to its start as by `center_tie` rays, which
+    keeps what is not seen from running away.
     """
     prior = prior or Prior()
     start, first_radius = center, radius
@@ -70,9 +71,9 @@ def fit_sphere(seen: Evidence, *, center: FloatArray, radius: float, prior: Prio
         residuals, jacobian, scales = _residuals(seen, center, radius, prior.flattening)
         weights = 1 / (1 + (residuals / (scales * first_radius)) ** 2)
         weights[:m] *= _POINTS_AS_RAYS * max(seen.views, 1) / max(m, 1)
-        normal = jacobian.T @ (jacobian * weights[:, None]) + np.diag([_CENTER_TIE] * 3 + [prior.rays + 1e-6])
+        normal = jacobian.T @ (jacobian * weights[:, None]) + np.diag([center_tie] * 3 + [prior.rays + 1e-6])
         gradient = jacobian.T @ (weights * residuals)
-        gradient += [*(_CENTER_TIE * (center - start)), prior.rays * (radius - prior.radius)]
+        gradient += [*(center_tie * (center - start)), prior.rays * (radius - prior.radius)]
         step = np.linalg.solve(normal, -gradient)
         step *= min(1.0, 0.5 * first_radius / max(float(np.abs(step).max()), 1e-12))
         center, radius = center + step[:3], radius + float(step[3])

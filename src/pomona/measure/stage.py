@@ -29,7 +29,8 @@ class MeasureOptions:
     `smallest` to `largest` median diameters of the survey is no measurement. `relative_sd` is what a sphere leaves
     unsaid of a fruit that is none, as a share of its diameter. Fruits of which a photo shows at least
     `clear_visibility`, if there are `fewest_clear`, say how flat fruits are (at most `most_flattening`) and, as if by
-    `prior_rays` rays more, how large: that steadies fruits of which little is seen.
+    `prior_rays` rays more, how large: that steadies fruits of which little is seen. Centres are tied to where the
+    fusion has them as by `center_tie` rays.
     """
 
     rays_per_photo: int = 24
@@ -41,6 +42,7 @@ class MeasureOptions:
     fewest_clear: int = 10
     prior_rays: float = 6.0
     most_flattening: float = 0.3
+    center_tie: float = 0.03
 
     def __post_init__(self) -> None:
         if self.rays_per_photo < 4 or self.points_per_fruit < 4:
@@ -86,9 +88,9 @@ def measure(
         for i, fruit_id in enumerate(fused.fruits.ids.tolist())
     ]
     progress.start("measure", 2 * len(each))
-    alone = [_advanced(progress, _measure_one(*one, None)) for one in each]
+    alone = [_advanced(progress, _measure_one(*one, None, options.center_tie)) for one in each]
     prior = _prior(alone, cameras.frame.up_is_known, options)
-    measured = [_advanced(progress, _measure_one(*one, prior)) for one in each]
+    measured = [_advanced(progress, _measure_one(*one, prior, options.center_tie)) for one in each]
     return _fruits(fused, _plausible(measured, options), photos, options)
 
 
@@ -148,7 +150,9 @@ def _points(cloud: FruitCloud, options: MeasureOptions) -> dict[int, FloatArray]
     return result
 
 
-def _measure_one(center: FloatArray, points: FloatArray, sights: list[Sight], prior: Prior | None) -> _Measured:
+def _measure_one(
+    center: FloatArray, points: FloatArray, sights: list[Sight], prior: Prior | None, center_tie: float
+) -> _Measured:
     nothing = _Measured(center, np.nan, np.nan, np.nan, "")
     views = len({sight.photo_idx for sight in sights})
     if views == 0:
@@ -166,7 +170,7 @@ def _measure_one(center: FloatArray, points: FloatArray, sights: list[Sight], pr
         np.concatenate([s.rays_in_world for s in sights]),
         views,
     )
-    sphere = fit_sphere(seen, center=center, radius=radius, prior=prior)
+    sphere = fit_sphere(seen, center=center, radius=radius, prior=prior, center_tie=center_tie)
     if sphere is None:
         return replace(nothing, reason="no sphere fits its points and outlines")
     disc_m2 = np.pi * sphere.radius**2 * (1 - (prior.flattening if prior else 0.0))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def dense_stage(context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed]) -> Stage[FruitCloud]:
-    """Return the stage that makes a cloud of the fruits' surfaces."""
+    """Return the stage that makes a cloud of the fruits' surfaces, which the paper's method cuts fruits out of."""
     path = context.survey.work("dense.npz")
 
     def compute(progress: Progress) -> FruitCloud:
@@ -50,40 +50,69 @@ def dense_stage(context: Context, segment: Stage[SurveyDetections], scale: Stage
     return context.stage("dense", key, work, rooms=("dense",))
 
 
-def fuse_stage(
-    context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed], dense: Stage[FruitCloud]
+def sphere_cloud_stage(
+    context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed], measured: Stage[Fused]
 ) -> Stage[Fused]:
-    """Return the stage that joins the detections of all photos into fruits."""
+    """Return the stage that gives fruits which were found without a cloud the points that photos show of them."""
 
     def compute(progress: Progress) -> Fused:
+        from pomona.dense import sphere_cloud
         from pomona.fuse import Fused
-        from pomona.fuse.paper import fuse
 
-        if segment.value.total == 0 or len(scale.value.cameras) == 0:
-            return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
-        return fuse(segment.value, scale.value.cameras, dense.value, options=context.options.paper, progress=progress)
+        fused = measured.value
+        cloud = sphere_cloud(
+            fused.fruits, fused.observations, segment.value, scale.value.cameras, context.photos, progress=progress
+        )
+        return Fused(fused.fruits, fused.observations, cloud)
 
     def key() -> Any:
-        return [context.options.method, context.options.paper, segment.token, scale.token, dense.token]
+        return [segment.token, scale.token, measured.token, sorted(context.digests.items())]
 
-    return _fused_stage(context, "fuse", key, compute, needs=(segment, scale, dense), rooms=("fuse",))
+    return _fused_stage(context, "dense", key, compute, needs=(segment, scale, measured), rooms=("dense",))
 
 
-def filter_stage(context: Context, fuse: Stage[Fused]) -> Stage[Fused]:
+def fuse_stage(
+    context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed], dense: Stage[FruitCloud] | None
+) -> Stage[Fused]:
+    """Return the stage that joins the detections of all photos into fruits: the paper's way where there is a cloud."""
+
+    def compute(progress: Progress) -> Fused:
+        from pomona.fuse import Fused, object, paper
+
+        detections, cameras, options = segment.value, scale.value.cameras, context.options
+        if detections.total == 0 or len(cameras) == 0:
+            return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
+        if dense is None:
+            return object.fuse(detections, cameras, options=options.object, progress=progress)
+        return paper.fuse(detections, cameras, dense.value, options=options.paper, progress=progress)
+
+    def key() -> Any:
+        if dense is None:
+            return ["object", context.options.object, segment.token, scale.token]
+        return ["paper", context.options.paper, segment.token, scale.token, dense.token]
+
+    needs = (segment, scale) if dense is None else (segment, scale, dense)
+    return _fused_stage(context, "fuse", key, compute, needs=needs, rooms=("fuse",))
+
+
+def filter_stage(
+    context: Context, segment: Stage[SurveyDetections], scale: Stage[Placed], fuse: Stage[Fused]
+) -> Stage[Fused]:
     """Return the stage that drops what is probably no fruit, and says of the others how sure it is."""
     options = context.options
 
     def compute(progress: Progress) -> Fused:
         if not options.filter_false_positives or len(fuse.value.fruits) == 0:
             return fuse.value
-        return filtered(fuse.value, options, progress)
+        return filtered(fuse.value, segment.value, scale.value.cameras, options, progress)
 
     def key() -> Any:
-        from pomona.filter.svm import SHIPPED_SVM
+        from pomona.filter.svm import shipped
 
-        return [options.filter_false_positives, file_digest(options.filter_model or SHIPPED_SVM), fuse.token]
+        model = options.filter_model or shipped(options.method)
+        return [options.method, options.filter_false_positives, file_digest(model), fuse.token]
 
-    return _fused_stage(context, "filter", key, compute, needs=(fuse,), rooms=("filter",))
+    return _fused_stage(context, "filter", key, compute, needs=(segment, scale, fuse), rooms=("filter",))
 
 
 def measure_stage(
@@ -101,17 +130,23 @@ def measure_stage(
         return Fused(fruits, fused.observations, fused.cloud)
 
     def key() -> Any:
-        return [segment.token, scale.token, sifted.token]
+        return [context.options.measure, segment.token, scale.token, sifted.token]
 
     return _fused_stage(context, "measure", key, compute, needs=(segment, scale, sifted), rooms=("measure",))
 
 
-def filtered(fused: Fused, options: RunOptions, progress: Progress) -> Fused:
-    """Return the fruits that the support vector machine takes for fruits."""
+def filtered(
+    fused: Fused, detections: SurveyDetections, cameras: Cameras, options: RunOptions, progress: Progress
+) -> Fused:
+    """Return what is probably fruit: by its points for the paper's method, else by what photos say of it."""
     from pomona import filter as filters
+    from pomona.filter.svm import shipped
 
     progress.start("telling fruits from leaves")
-    return filters.apply(fused, filters.LinearSvm.load(options.filter_model))
+    svm = filters.load(options.filter_model or shipped(options.method))
+    if options.method == "paper":
+        return filters.apply(fused, svm)
+    return filters.apply_to_views(fused, detections, cameras, svm)
 
 
 def measured(
@@ -125,7 +160,7 @@ def measured(
     """Return the fruits with what can be measured of each."""
     from pomona.measure import measure
 
-    return measure(fused, detections, cameras, photos, progress=progress)
+    return measure(fused, detections, cameras, photos, options=options.measure, progress=progress)
 
 
 def _fused_stage(

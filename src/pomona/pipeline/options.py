@@ -12,12 +12,14 @@ from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
     from pomona.dense import DenseOptions
-    from pomona.fuse import PaperOptions
+    from pomona.fuse.object import ObjectOptions
+    from pomona.fuse.paper import PaperOptions
+    from pomona.measure import MeasureOptions
     from pomona.scale import ScaleOptions
     from pomona.segment import SegmentOptions
     from pomona.sfm import SfmOptions
 
-Method = Literal["paper"]
+Method = Literal["object", "paper"]
 Engine = Literal["auto", "opencv", "patchmatch"]
 METHODS: tuple[str, ...] = get_args(Method)
 ENGINES: tuple[str, ...] = get_args(Engine)
@@ -38,7 +40,7 @@ class RunOptions:
     """
 
     sides: str = "auto"
-    method: str = "paper"
+    method: str = "object"
     model: str | None = None
     score_threshold: float | None = None
     detections: Path | None = None
@@ -104,10 +106,24 @@ class RunOptions:
     @property
     def paper(self) -> PaperOptions:
         """Options of the paper's fusion."""
-        from pomona.fuse import PaperOptions
+        from pomona.fuse.paper import PaperOptions
 
         # 3 cm were chosen for apples of 75 mm; other fruits have their own size. Scores were looked at when segmenting.
         return PaperOptions(eps_m=0.4 * self.fruit_diameter_m, min_score=0.0)
+
+    @property
+    def object(self) -> ObjectOptions:
+        """Options of the association."""
+        from pomona.fuse.object import ObjectOptions
+
+        return ObjectOptions(fruit_diameter_m=self.fruit_diameter_m)
+
+    @property
+    def measure(self) -> MeasureOptions:
+        """Options of the measures: fruits that were found by their outlines stay near where they were found."""
+        from pomona.measure import MeasureOptions
+
+        return MeasureOptions(center_tie=1.0) if self.method == "object" else MeasureOptions()
 
     def check_files(self) -> None:
         """Read the small files named, and look up names, so that a mistake is told of before hours of work.

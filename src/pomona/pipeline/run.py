@@ -14,7 +14,8 @@ from pomona.progress import Progress, Silent
 from pomona.survey import Stage, Survey
 from pomona.survey.files import disk_errors
 
-STAGES = ("segment", "sfm", "scale", "dense", "fuse", "filter", "measure", "results", "report")
+STAGES = ("segment", "sfm", "scale", "fuse", "filter", "measure", "dense", "results", "report")
+_STAGES_OF_PAPER = ("segment", "sfm", "scale", "dense", "fuse", "filter", "measure", "results", "report")
 
 
 def run(
@@ -64,8 +65,10 @@ def run(
             warnings=listening.warnings,
         )
         stages = make_stages(context)
-        for name in STAGES[: STAGES.index(until) + 1]:
-            stages[name].ensure()
+        for name, stage in stages.items():
+            stage.ensure()
+            if name == until:
+                break
         ran = {name for name, stage in stages.items() if stage.ran}
         summary = summarise(survey, len(photos), skipped, ran, tuple(listening.warnings))
         survey.note(summary=summary.to_json(), warnings=summary.warnings)
@@ -94,9 +97,9 @@ def go_on(
 
 
 def make_stages(context: Context) -> dict[str, Stage[Any]]:
-    """Return all stages of a run by name, each knowing those it depends on."""
+    """Return all stages of a run by name, in order, each knowing those it depends on."""
     # Imported here, as they bring the engines: `pomona --help` has to be quick.
-    from pomona.pipeline.fruits import dense_stage, filter_stage, fuse_stage, measure_stage
+    from pomona.pipeline.fruits import dense_stage, filter_stage, fuse_stage, measure_stage, sphere_cloud_stage
     from pomona.pipeline.placing import scale_stage, sfm_stage
     from pomona.pipeline.results import report_stage, results_stage
     from pomona.pipeline.seeing import segment_stage
@@ -104,14 +107,18 @@ def make_stages(context: Context) -> dict[str, Stage[Any]]:
     segment = segment_stage(context)
     sfm = sfm_stage(context, segment)
     scale = scale_stage(context, segment, sfm)
-    dense = dense_stage(context, segment, scale)
-    fuse = fuse_stage(context, segment, scale, dense)
-    filtered = filter_stage(context, fuse)
+    paper = context.options.method == "paper"
+    cloud = dense_stage(context, segment, scale) if paper else None
+    fuse = fuse_stage(context, segment, scale, cloud)
+    filtered = filter_stage(context, segment, scale, fuse)
     measured = measure_stage(context, segment, scale, filtered)
-    results = results_stage(context, scale, measured)
+    shown = measured if cloud else sphere_cloud_stage(context, segment, scale, measured)
+    results = results_stage(context, scale, shown)
     report = report_stage(context, segment, sfm, scale, results)
-    found = (segment, sfm, scale, dense, fuse, filtered, measured, results, report)
-    return dict(zip(STAGES, found, strict=True))
+    if cloud:
+        found = (segment, sfm, scale, cloud, fuse, filtered, measured, results, report)
+        return dict(zip(_STAGES_OF_PAPER, found, strict=True))
+    return dict(zip(STAGES, (segment, sfm, scale, fuse, filtered, measured, shown, results, report), strict=True))
 
 
 class _Kept:

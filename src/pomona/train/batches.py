@@ -18,7 +18,7 @@ _POOL = 4  # samples that a crop is drawn from: a mosaic needs so many
 class Batches(Dataset[Any]):
     """The batches of steps `first` … `steps` − 1, as the learner wants them.
 
-    A source is drawn from in proportion to the square root of its photos.
+    A source is drawn from in proportion to the square root of its fruits, of whose photos each is as likely.
     """
 
     def __init__(
@@ -49,7 +49,11 @@ class Batches(Dataset[Any]):
 
 
 def _evenly(samples: list[Sample]) -> FloatArray:
-    """Probabilities by which every source is drawn in proportion to the square root of its photos."""
-    _, inverse, counts = np.unique([s.source for s in samples], return_inverse=True, return_counts=True)
-    weights = np.sqrt(counts)[inverse] / counts[inverse]
+    """Probabilities by which every source is drawn in proportion to the square root of its fruits.
+
+    Fruits, not photos: a photo of a row shows several times what a tile does.
+    """
+    _, inverse, photos = np.unique([s.source for s in samples], return_inverse=True, return_counts=True)
+    fruits = np.bincount(inverse, weights=[max(len(s.boxes_px), 1) for s in samples])
+    weights = np.sqrt(fruits)[inverse] / photos[inverse]
     return np.asarray(weights / weights.sum())

@@ -10,7 +10,7 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, Intrinsics
 from pomona.dense.views import paint_labels
 from pomona.detections import Detections
-from pomona.fuse.options import Projection
+from pomona.fuse.paper.options import Projection
 
 _MIN_DLT_POINTS = 12
 

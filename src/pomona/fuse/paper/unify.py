@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pomona.arrays import IntArray
-from pomona.fuse.options import Overlap
+from pomona.fuse.paper.options import Overlap
 
 
 @dataclass

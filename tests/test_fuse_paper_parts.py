@@ -8,10 +8,10 @@ from sklearn.cluster import DBSCAN
 
 from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
-from pomona.fuse.first_estimate import first_estimates
-from pomona.fuse.groups import connected_groups, nearest_group
-from pomona.fuse.projection import CellGrid, dlt_camera
-from pomona.fuse.unify import Sighting, Unifier
+from pomona.fuse.paper.first_estimate import first_estimates
+from pomona.fuse.paper.groups import connected_groups, nearest_group
+from pomona.fuse.paper.projection import CellGrid, dlt_camera
+from pomona.fuse.paper.unify import Sighting, Unifier
 
 
 @pytest.mark.parametrize(("shared", "fruits"), [(49, 2), (50, 2), (51, 1)])

@@ -8,8 +8,8 @@ from pomona.arrays import IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse.first_estimate import first_estimates
-from pomona.fuse.unify import Sighting
+from pomona.fuse.paper.first_estimate import first_estimates
+from pomona.fuse.paper.unify import Sighting
 from pomona.fuse.values import Fused
 
 # One fruit: the indices of its points in the cloud, and who saw it.

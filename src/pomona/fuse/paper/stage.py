@@ -6,11 +6,11 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import FruitCloud
-from pomona.fuse.assemble import Member, assemble
-from pomona.fuse.groups import nearest_group, split_in_two
-from pomona.fuse.options import PaperOptions
-from pomona.fuse.projection import Projector
-from pomona.fuse.unify import Sighting, Unifier
+from pomona.fuse.paper.assemble import Member, assemble
+from pomona.fuse.paper.groups import nearest_group, split_in_two
+from pomona.fuse.paper.options import PaperOptions
+from pomona.fuse.paper.projection import Projector
+from pomona.fuse.paper.unify import Sighting, Unifier
 from pomona.fuse.values import Fused
 from pomona.progress import Progress, Silent, track
 

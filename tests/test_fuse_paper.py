@@ -8,8 +8,7 @@ import pytest
 from fuse_scenes import cameras_in_a_row, cloud_of, detections_of, sphere_points
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fuse import PaperOptions
-from pomona.fuse.paper import fuse
+from pomona.fuse.paper import PaperOptions, fuse
 
 TWO = np.array([[-0.1, 0.0, 0.02], [0.08, 0.05, -0.03]])
 DIAMETERS = np.array([0.08, 0.07])

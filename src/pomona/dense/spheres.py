@@ -1,0 +1,104 @@
+"""Coloured points on fruits that are known as spheres: what the photos show of each, without any stereo."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray
+from pomona.cameras import Cameras
+from pomona.capture import read_pixels
+from pomona.dense.ranges import measure_ranges
+from pomona.detections import Mask, SurveyDetections
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.photos import Photos
+from pomona.progress import Progress, Silent, track
+
+_WORK_FRUIT_PX = 24.0  # photos are read at the scale at which a fruit is this wide: points are so dense
+_VIEWS = 4  # photos, those that show most of it, that give each fruit its points
+
+
+def sphere_cloud(
+    fruits: Fruits,
+    observations: Observations,
+    detections: SurveyDetections,
+    cameras: Cameras,
+    photos: Photos,
+    *,
+    progress: Progress | None = None,
+) -> FruitCloud:
+    """Return points (m, 3) where rays through fruits' masks meet their spheres, coloured by the photos.
+
+    Only what photos show has points; places are those of the spheres, not measured one by one. Fruits without a
+    diameter have none.
+    """
+    progress = progress or Silent()
+    shown = _most_shown(fruits, observations, detections)
+    if not shown:
+        return FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+    scale = min(
+        1.0, _WORK_FRUIT_PX / measure_ranges(detections, cameras, float(np.nanmedian(fruits.diameters_m))).fruit_px
+    )
+    by_name, index = photos.by_name(), {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
+    parts = []
+    for name in track(sorted(shown), progress, "cloud", len(shown)):
+        photo = by_name[name]
+        pixels = read_pixels(photo, max_side_px=round(scale * max(photo.width_px, photo.height_px)))
+        photo_idx = cameras.photos.index(name)
+        for fruit_id, mask in shown[name]:
+            i = index[fruit_id]
+            xy_px = _inside(mask, photo.width_px / pixels.shape[1])
+            points, met = _on_sphere(
+                cameras, photo_idx, xy_px, fruits.centers_in_world[i], float(fruits.diameters_m[i]) / 2
+            )
+            parts.append((points, _colours(pixels, xy_px[met], photo.width_px), np.full(len(points), fruit_id)))
+    return FruitCloud(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _most_shown(
+    fruits: Fruits, observations: Observations, detections: SurveyDetections
+) -> dict[str, list[tuple[int, Mask]]]:
+    """Return by photo the fruits that it shows better than most photos do, with their masks."""
+    place = {name: {i: k for k, i in enumerate(found.ids.tolist())} for name, found in detections.items()}
+    measured = set(fruits.ids[np.isfinite(fruits.diameters_m)].tolist())
+    seen: defaultdict[int, list[tuple[int, str, Mask]]] = defaultdict(list)
+    for fruit_id, name, detection_id in zip(
+        observations.fruit_id.tolist(), observations.photo, observations.detection_id.tolist(), strict=True
+    ):
+        if fruit_id in measured:
+            mask = detections[name].masks[place[name][detection_id]]
+            seen[fruit_id].append((mask.area_px, name, mask))
+    shown: defaultdict[str, list[tuple[int, Mask]]] = defaultdict(list)
+    for fruit_id, views in seen.items():
+        for _, name, mask in sorted(views, key=lambda view: (-view[0], view[1]))[:_VIEWS]:
+            shown[name].append((fruit_id, mask))
+    return shown
+
+
+def _inside(mask: Mask, step_px: float) -> FloatArray:
+    """Return points (n, 2) of the photo inside a mask, `step_px` apart."""
+    x, y = (
+        np.arange(low, high, step_px) + step_px / 2
+        for low, high in ((mask.box_px[0], mask.box_px[2]), (mask.box_px[1], mask.box_px[3]))
+    )
+    grid: FloatArray = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
+    return grid[mask.contains(grid)]
+
+
+def _on_sphere(
+    cameras: Cameras, photo_idx: int, xy_px: FloatArray, center: FloatArray, radius_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return where rays through pixels (n, 2) first meet a sphere (m, 3), and which of them do (n,)."""
+    eye = cameras.centers_in_world[photo_idx]
+    rays = cameras.rays_in_world(photo_idx, xy_px)
+    along = rays @ (center - eye)
+    inside2 = radius_m**2 - (((center - eye) ** 2).sum() - along**2)
+    met = inside2 > 0
+    return eye + (along[met] - np.sqrt(inside2[met]))[:, None] * rays[met], met
+
+
+def _colours(pixels: ByteArray, xy_px: FloatArray, width_px: int) -> ByteArray:
+    columns, rows = (xy_px * pixels.shape[1] / width_px).astype(np.int64).T
+    result: ByteArray = pixels[np.minimum(rows, pixels.shape[0] - 1), np.minimum(columns, pixels.shape[1] - 1)]
+    return result

@@ -1,0 +1,8 @@
+"""Multi-view association: detections of all photos become spheres, each seen at most once in a photo."""
+
+from __future__ import annotations
+
+from pomona.fuse.object.options import ObjectOptions
+from pomona.fuse.object.stage import fuse
+
+__all__ = ["ObjectOptions", "fuse"]

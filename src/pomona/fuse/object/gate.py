@@ -1,0 +1,125 @@
+"""Which masks a sphere may explain: those that lie in its image."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.fuse.object.masks import Masks
+from pomona.fuse.object.spheres import Claims, Spheres, outside_radii
+
+_REACH_RADII = 1.3  # a mask's centre of mass lies in the sphere's image, or hardly beside it
+# An outline's point so far outside, in radii, is a perfect misfit; more than twice that says no more.
+_OUTSIDE_RADII, _MOST = 0.25, 4.0
+# How much a mask that fills the image but lies beside its centre misfits.
+_OFF_CENTRE = 0.5
+_FARTHEST_PERCENTILE, _FARTHEST_FACTOR = 10.0, 1.2
+_CHUNK = 200_000  # pairs looked at together: bounds memory
+
+
+class Gate:
+    """Finds masks for spheres; `usual_m` is the radius by which masks tell how far away fruits are at most."""
+
+    def __init__(self, masks: Masks, usual_m: float) -> None:
+        self._masks, self._usual_m = masks, usual_m
+        self._trees = [self._tree_of(i) for i in range(len(masks.eyes_in_world))]
+        narrow = np.percentile(masks.widths, _FARTHEST_PERCENTILE)
+        self._farthest_m = _FARTHEST_FACTOR * 2 * usual_m / narrow
+
+    def claims(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Claims:
+        """Return all pairs whose misfit is below 1; of masks that are `free` (n,) only, where that is given.
+
+        A mask must not reach out of the sphere's image; it may fill it only in part, as leaves hide fruits. `quick`
+        takes masks for discs, and is for many spheres that are guesses.
+        """
+        sphere_idx, mask_idx = self._near(spheres)
+        if free is not None:
+            mine = free[mask_idx]
+            sphere_idx, mask_idx = sphere_idx[mine], mask_idx[mine]
+        chunks = [slice(k, k + _CHUNK) for k in range(0, len(sphere_idx), _CHUNK)]
+        parts = [_possible(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, quick) for chunk in chunks]
+        columns = zip(*((c.sphere_idx, c.mask_idx, c.misfits, c.shares) for c in parts), strict=True)
+        return Claims(*(np.concatenate(column) for column in columns)) if parts else Claims.none()
+
+    def best_claims(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Claims:
+        """Return the best claim of each sphere in each photo."""
+        return best_in_photo(self.claims(spheres, free=free, quick=quick), self._masks)
+
+    def _tree_of(self, photo_idx: int) -> cKDTree | None:
+        rays = self._masks.rays[self._masks.of_photo(photo_idx)] @ self._masks.cam_from_world[photo_idx, :, :3].T
+        return cKDTree(rays[:, :2] / rays[:, 2:]) if len(rays) else None
+
+    def _near(self, spheres: Spheres) -> tuple[IntArray, IntArray]:
+        """Return pairs (sphere, mask) where the mask's centre lies in the sphere's image or hardly beside it."""
+        if len(spheres) == 0:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        in_reach = cKDTree(spheres.centers_in_world).query_ball_point(self._masks.eyes_in_world, self._farthest_m)
+        sphere_idx, mask_idx = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for photo_idx, tree in enumerate(self._trees):
+            idx = np.sort(np.array(in_reach[photo_idx], np.int64))
+            if tree is None or len(idx) == 0:
+                continue
+            pose = self._masks.cam_from_world[photo_idx]
+            in_cam = spheres.centers_in_world[idx] @ pose[:, :3].T + pose[:, 3]
+            ahead = in_cam[:, 2] > spheres.radii_m[idx]
+            idx, in_cam = idx[ahead], in_cam[ahead]
+            reach = _REACH_RADII * spheres.radii_m[idx] / in_cam[:, 2]
+            near = tree.query_ball_point(in_cam[:, :2] / in_cam[:, 2:], reach, return_sorted=True)
+            counts = np.array([len(k) for k in near], np.int64)
+            sphere_idx.append(np.repeat(idx, counts))
+            mask_idx.append(np.concatenate([*near, []]).astype(np.int64) + self._masks.of_photo(photo_idx).start)
+        return np.concatenate(sphere_idx), np.concatenate(mask_idx)
+
+
+def best_in_photo(claims: Claims, masks: Masks) -> Claims:
+    """Return the claim with the least misfit of each sphere in each photo."""
+    photo_of_sphere = claims.sphere_idx * len(masks.eyes_in_world) + masks.photo_idx[claims.mask_idx]
+    order = np.lexsort((claims.misfits, photo_of_sphere))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = np.diff(photo_of_sphere[order]) > 0
+    return claims[order[first]]
+
+
+def misfits(
+    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, *, quick: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return how badly masks (k,) fit into the images of spheres (k,), 0 being perfect, and which share they fill.
+
+    A mask must not reach out; of those that fill the image, the middle must be the image's.
+    """
+    off, share = _off_centre(spheres, sphere_idx, mask_idx, masks)
+    if quick:
+        half = masks.widths[mask_idx] * _depths(spheres, sphere_idx, mask_idx, masks) / 2
+        outside = np.maximum(off + half / spheres.radii_m[sphere_idx] - 1, 0)
+        # Of a disc that reaches out, about a third of the edge is outside.
+        reaching = np.minimum((outside / _OUTSIDE_RADII) ** 2, _MOST) / 3
+    else:
+        outside = np.maximum(outside_radii(spheres, sphere_idx, mask_idx, masks), 0)
+        reaching = np.minimum((outside / _OUTSIDE_RADII) ** 2, _MOST).mean(1)
+    return reaching + _OFF_CENTRE * share * off**2, share
+
+
+def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, quick: bool) -> Claims:
+    """Return the pairs whose misfit is below 1."""
+    misfit, share = misfits(spheres, sphere_idx, mask_idx, masks, quick=quick)
+    return Claims(sphere_idx, mask_idx, misfit, share)[misfit < 1]
+
+
+def _off_centre(
+    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far from the centre masks' centres are (k,), in radii, and which share of the image they fill (k,)."""
+    from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[masks.photo_idx[mask_idx]]
+    radii = spheres.radii_m[sphere_idx]
+    rays = masks.rays[mask_idx]
+    off = np.linalg.norm(from_eyes - (from_eyes * rays).sum(1, keepdims=True) * rays, axis=1) / radii
+    areas = masks.areas[mask_idx] * _depths(spheres, sphere_idx, mask_idx, masks) ** 2
+    return off, np.minimum(areas / (np.pi * radii**2), 1)
+
+
+def _depths(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
+    photo_idx = masks.photo_idx[mask_idx]
+    from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[photo_idx]
+    result: FloatArray = (from_eyes * masks.axes_in_world[photo_idx]).sum(1)
+    return result

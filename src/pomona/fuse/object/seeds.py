@@ -1,0 +1,92 @@
+"""Guesses of where fruits are: where rays of two photos to the middles of masks nearly cross."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.fuse.object.masks import Masks
+from pomona.fuse.object.options import ObjectOptions
+
+# A mask is at most this wide and at least this large, in diameters and discs of the usual fruit, at the guess's depth.
+_WIDEST, _SMALLEST_AREA = 1.5, 0.006
+_USUAL_WIDTH_PERCENTILE = 60.0  # many masks are narrowed by leaves
+_SAME_WAY = 0.6  # cosine: photos that look otherwise see other sides of fruits
+_FEWEST_PAIRS = 4  # of photos, where no baseline is as asked for
+_THIN_RADII = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """n guesses: `points_in_world` (n, 3), and the two masks that each comes from (n,)."""
+
+    points_in_world: FloatArray
+    one_idx: IntArray
+    other_idx: IntArray
+
+    def __len__(self) -> int:
+        return len(self.points_in_world)
+
+
+def find_seeds(masks: Masks, usual_m: float, options: ObjectOptions) -> Seeds:
+    """Return the crossings of masks' rays in all pairs of photos, thinned out where they lie close together."""
+    found = [_crossings(masks, i, j, usual_m, options) for i, j in _photo_pairs(masks, usual_m, options)]
+    if not found:
+        return Seeds(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64))
+    points, one, other, angles = (np.concatenate(column) for column in zip(*found, strict=True))
+    # The wider the angle, the better the guess: of many in one place the widest is kept.
+    order = np.argsort(-angles, kind="stable")
+    cells = np.floor(points[order] / (_THIN_RADII * usual_m)).astype(np.int64)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    kept = order[np.sort(first)]
+    return Seeds(points[kept], one[kept], other[kept])
+
+
+def _photo_pairs(masks: Masks, usual_m: float, options: ObjectOptions) -> list[tuple[int, int]]:
+    """Return pairs of photos that look the same way from places neither too near to each other nor too far."""
+    eyes, axes = masks.eyes_in_world, masks.axes_in_world
+    tree = cKDTree(eyes)
+    least, most = options.baselines
+    pairs: set[tuple[int, int]] = set()
+    for i in np.unique(masks.photo_idx).tolist():
+        distance_m = 2 * usual_m / np.percentile(masks.widths[masks.of_photo(i)], _USUAL_WIDTH_PERCENTILE)
+        others = np.array(tree.query_ball_point(eyes[i], most * distance_m))
+        baselines = np.linalg.norm(eyes[others] - eyes[i], axis=1)
+        fit = (baselines > least * distance_m) & (axes[others] @ axes[i] > _SAME_WAY)
+        others, baselines = others[fit], baselines[fit]
+        if len(others) == 0:
+            others = tree.query(eyes[i], min(_FEWEST_PAIRS + 1, len(eyes)))[1][1:]
+            baselines = np.linalg.norm(eyes[others] - eyes[i], axis=1)
+        others = others[np.lexsort((others, baselines))]
+        if len(others) > options.pairs_per_photo:
+            others = others[np.linspace(0, len(others) - 1, options.pairs_per_photo).astype(np.int64)]
+        pairs.update((min(i, j), max(i, j)) for j in others.tolist() if j != i)
+    return sorted(pairs)
+
+
+def _crossings(
+    masks: Masks, one: int, other: int, usual_m: float, options: ObjectOptions
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
+    """Return where rays of two photos cross (n, 3), of which masks (n,), (n,) they are, and their angles (n,)."""
+    a, b = masks.of_photo(one), masks.of_photo(other)
+    baseline = masks.eyes_in_world[other] - masks.eyes_in_world[one]
+    along_a, along_b = masks.rays[a] @ baseline, masks.rays[b] @ baseline
+    cosines = masks.rays[a] @ masks.rays[b].T
+    sines2 = np.maximum(1 - cosines**2, 1e-9)
+    # Distances along both rays to where they are nearest to each other.
+    s = (along_a[:, None] - cosines * along_b) / sines2
+    t = (cosines * along_a[:, None] - along_b) / sines2
+    fit = (s > 0) & (t > 0) & (sines2 > 1e-5)
+    for distances, idx, axis in ((s, a, 1), (t, b, 0)):
+        widths = np.expand_dims(masks.widths[idx], axis) * distances
+        areas = np.expand_dims(masks.areas[idx], axis) * distances**2
+        fit &= (widths < _WIDEST * 2 * usual_m) & (areas > _SMALLEST_AREA * np.pi * usual_m**2)
+    k, m = np.nonzero(fit)
+    on_a = masks.eyes_in_world[one] + s[k, m, None] * masks.rays[a][k]
+    on_b = masks.eyes_in_world[other] + t[k, m, None] * masks.rays[b][m]
+    near = np.linalg.norm(on_a - on_b, axis=1) < options.crossing_radii * usual_m
+    k, m = k[near], m[near]
+    return (on_a[near] + on_b[near]) / 2, k + a.start, m + b.start, np.sqrt(sines2[k, m])

@@ -1,0 +1,162 @@
+"""The association as a whole: known spheres must come back, each once, without any cloud."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fuse_scenes import cameras_in_a_row, detections_of
+from pomona.arrays import FloatArray
+from pomona.cameras import Cameras
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import InputError
+from pomona.fruits import Fruits
+from pomona.fuse.object import ObjectOptions, fuse
+
+DIAMETER_M = 0.075
+
+
+def bunch(count: int, seed: int, *, apart: float = 1.0) -> FloatArray:
+    """Centres (count, 3) in a small tree, at least `apart` diameters from each other."""
+    rng = np.random.default_rng(seed)
+    centers: list[FloatArray] = []
+    while len(centers) < count:
+        center = rng.uniform((-0.4, -0.15, -0.35), (0.4, 0.15, 0.35))
+        if all(np.linalg.norm(center - other) > apart * DIAMETER_M for other in centers):
+            centers.append(center)
+    return np.array(centers)
+
+
+def diameters(count: int) -> FloatArray:
+    return np.full(count, DIAMETER_M)
+
+
+def errors_m(fruits: Fruits, centers: FloatArray) -> FloatArray:
+    """How far the nearest fruit is from each true centre."""
+    apart = np.linalg.norm(fruits.centers_in_world[:, None] - centers[None], axis=2)
+    result: FloatArray = apart.min(0)
+    return result
+
+
+def changed(detections: SurveyDetections, change: dict[str, Detections]) -> SurveyDetections:
+    return SurveyDetections({**detections.by_photo, **change})
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_bunch_of_fruits_that_hide_each_other_comes_back_fruit_by_fruit(seed: int) -> None:
+    cameras, centers = cameras_in_a_row(9, step_m=0.12), bunch(20, seed)
+    detections = detections_of(cameras, centers, diameters(20))
+    fused = fuse(detections, cameras)
+    assert 19 <= len(fused.fruits) <= 20
+    assert np.median(errors_m(fused.fruits, centers)) < 0.04 * DIAMETER_M
+    assert (errors_m(fused.fruits, centers) < 0.5 * DIAMETER_M).sum() >= 19
+    np.testing.assert_allclose(np.median(fused.fruits.diameters_m), DIAMETER_M, rtol=0.06)
+    assert (fused.fruits.views >= 2).all()
+    assert len(fused.cloud) == 0
+
+
+def test_a_fruit_is_seen_at_most_once_in_a_photo_and_a_detection_sees_one_fruit() -> None:
+    cameras, centers = cameras_in_a_row(9, step_m=0.12), bunch(20, 3)
+    seen = fuse(detections_of(cameras, centers, diameters(20)), cameras).observations
+    assert len(set(zip(seen.fruit_id.tolist(), seen.photo, strict=True))) == len(seen)
+    assert len(set(seen.detection_id.tolist())) == len(seen)
+
+
+def test_photos_and_detections_in_another_order_give_the_same_fruits() -> None:
+    cameras, centers = cameras_in_a_row(8, step_m=0.12), bunch(16, 4)
+    detections = detections_of(cameras, centers, diameters(16))
+    rng = np.random.default_rng(0)
+    order = rng.permutation(len(cameras))
+    shuffled = Cameras(
+        tuple(cameras.photos[i] for i in order), cameras.intrinsics, cameras.intrinsics_idx[order],
+        cameras.cam_from_world[order], frame=cameras.frame,
+    )  # fmt: skip
+    mixed = SurveyDetections(
+        {name: detections[name][rng.permutation(len(detections[name]))] for name in shuffled.photos}
+    )
+    one, other = fuse(detections, cameras), fuse(mixed, shuffled)
+    np.testing.assert_array_equal(one.fruits.centers_in_world, other.fruits.centers_in_world)
+    np.testing.assert_array_equal(one.fruits.diameters_m, other.fruits.diameters_m)
+    np.testing.assert_array_equal(one.observations.detection_id, other.observations.detection_id)
+    assert one.observations.photo == other.observations.photo
+
+
+def test_touching_fruits_are_two_and_a_fruit_behind_another_is_found() -> None:
+    cameras = cameras_in_a_row(9, step_m=0.15)
+    centers = np.array([[0, 0, 0], [0.076, 0, 0], [0.2, 0, 0.1], [0.2, 0.1, 0.1], [-0.3, 0.05, 0.1], [-0.3, 0, 0.176]])
+    fused = fuse(detections_of(cameras, centers, diameters(6)), cameras)
+    assert len(fused.fruits) == 6
+    assert (errors_m(fused.fruits, centers) < 0.15 * DIAMETER_M).all()
+
+
+def test_the_size_of_fruits_need_not_be_known() -> None:
+    cameras, centers = cameras_in_a_row(9, step_m=0.12), 0.6 * bunch(20, 5, apart=1.2)
+    small = 0.6 * DIAMETER_M
+    fused = fuse(detections_of(cameras, centers, np.full(20, small)), cameras)
+    assert 19 <= len(fused.fruits) <= 20
+    assert (errors_m(fused.fruits, centers) < 0.5 * small).sum() >= 19
+    np.testing.assert_allclose(np.median(fused.fruits.diameters_m), small, rtol=0.06)
+
+
+def test_lens_distortion_is_respected() -> None:
+    cameras = cameras_in_a_row(9, step_m=0.12, model="OPENCV", distortion=(-0.3, 0.05, 0.001, -0.002))
+    centers = bunch(14, 6, apart=1.3)
+    fused = fuse(detections_of(cameras, centers, diameters(14)), cameras)
+    assert len(fused.fruits) == 14
+    assert (errors_m(fused.fruits, centers) < 0.1 * DIAMETER_M).all()
+
+
+def test_missed_and_false_detections_cost_few_fruits() -> None:
+    cameras, centers = cameras_in_a_row(11, step_m=0.1), bunch(16, 7)
+    detections = detections_of(cameras, centers, diameters(16))
+    rng = np.random.default_rng(1)
+    worse, next_id = {}, 10_000
+    for name, found in detections.items():
+        kept = found[rng.random(len(found)) > 0.3]
+        discs = []
+        for _ in range(3):
+            radius = int(rng.integers(4, 10))
+            yy, xx = np.mgrid[: 2 * radius, : 2 * radius] - radius
+            x, y = int(rng.integers(0, found.width_px - 2 * radius)), int(rng.integers(0, found.height_px - 2 * radius))
+            discs.append(Mask.from_pixels(xx**2 + yy**2 < radius**2, x, y))
+        ids = np.concatenate([kept.ids, np.arange(next_id, next_id + 3)])
+        next_id += 3
+        scores = np.concatenate([kept.scores, np.full(3, 0.6)])
+        worse[name] = Detections(name, found.width_px, found.height_px, (*kept.masks, *discs), scores, ids)
+    fused = fuse(SurveyDetections(worse), cameras)
+    assert (errors_m(fused.fruits, centers) < 0.5 * DIAMETER_M).sum() >= 15
+    assert len(fused.fruits) <= 20
+
+
+def test_one_photo_tells_no_distance_and_makes_no_fruit() -> None:
+    cameras, centers = cameras_in_a_row(6), np.array([[0.0, 0, 0], [0.2, 0, 0]])
+    detections = detections_of(cameras, centers, diameters(2))
+    alone = changed(detections, {name: Detections.empty(name, 320, 240) for name in cameras.photos[1:]})
+    assert len(fuse(alone, cameras).fruits) == 0
+
+
+def test_nothing_seen_is_a_result() -> None:
+    cameras = cameras_in_a_row()
+    nothing = SurveyDetections({name: Detections.empty(name, 320, 240) for name in cameras.photos})
+    fused = fuse(nothing, cameras)
+    assert (len(fused.fruits), len(fused.observations), len(fused.cloud)) == (0, 0, 0)
+    assert len(fuse(SurveyDetections({}), cameras).fruits) == 0
+
+
+def test_cameras_without_metres_are_refused() -> None:
+    cameras = cameras_in_a_row(metric=False)
+    detections = detections_of(cameras, np.zeros((1, 3)), diameters(1))
+    with pytest.raises(InputError, match="--markers, --scale-bar or --fruit-diameter"):
+        fuse(detections, cameras)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"min_views": 1}, "min_views"), ({"rays_per_mask": 2}, "rays_per_mask"), ({"baselines": (0.5, 0.1)}, "baselines"),
+     ({"fruit_diameter_m": 0.0}, "fruit_diameter_m"), ({"rounds": 0}, "rounds")],
+)  # fmt: skip
+def test_options_out_of_range_are_named(change: dict[str, object], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        replace(ObjectOptions(), **change)
