@@ -1,11 +1,11 @@
 """Train the support vector machine that tells fruits from false positives.
 
-python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--segmenter] [--repeats N]
+python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--repeats N]
 
 A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
-Detections are the true masks made worse and joined by false ones, `--repeats` times with other chances; with
-`--segmenter` those of the shipped segmenter besides. Fusion, measures and (for the paper's method) the cloud are the
-pipeline's own.
+Detections are those of the shipped segmenter, for `object` from several
+scores up; for `paper` also the true masks made worse and joined by false ones, `--repeats` times with other chances.
+Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
 """
 
 import argparse
@@ -30,11 +30,15 @@ from pomona.fuse import Fused, object, paper
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
+from pomona.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.segment.protocol import KEPT_SHARE
 from pomona.synth.truth import RowFolder, read_cameras, read_mask
 
 REFERENCE_M = 0.075
 # Masks smaller than this share of a fruit's disc are not looked for by a segmenter.
 SMALLEST_SHARE = 0.08
+# The scores from which detections are used, as shares of the segmenter's own threshold.
+SHARES = (1.0, 0.8, 0.6, 0.4)
 
 
 def cameras_of(row: RowFolder, photos: Photos) -> Cameras:
@@ -114,34 +118,37 @@ class Example:
     truth: Truth
 
 
-def examples(folder: Path, method: str, repeats: int, segmenter: bool) -> Iterator[Example]:
-    row, truth = RowFolder(folder), read_truth(folder)
+def kinds_of_detections(
+    method: str, row: RowFolder, photos: Photos, cameras: Cameras, truth: Truth, repeats: int
+) -> Iterator[tuple[str, SurveyDetections]]:
+    segmenter = load_segmenter(None)
+    found = segment_photos(photos, segmenter, options=SegmentOptions(kept_share=KEPT_SHARE))
+    for share in SHARES if method == "object" else (1.0,):
+        score = share * segmenter.traits.score_threshold
+        yield f"the shipped segmenter's masks from a score of {score:g} up", found.at_least(score)
+    for r in range(repeats if method == "paper" else 0):
+        yield f"true masks made worse {r}", worse_detections(row, cameras, truth, np.random.default_rng(r))
+
+
+def examples(folder: Path, method: str, repeats: int) -> Iterator[Example]:
+    row, truth, options = RowFolder(folder), read_truth(folder), RunOptions(method=method)
     photos = load_photos([folder / "images"])
     cameras = cameras_of(row, photos)
-    kinds = [f"true masks made worse {r}" for r in range(repeats)] + ["the shipped segmenter's masks"] * segmenter
-    for r, kind in enumerate(kinds):
-        if r < repeats:
-            detections = worse_detections(row, cameras, truth, np.random.default_rng(r))
-        else:
-            from pomona.segment import load_segmenter, segment_photos
-
-            detections = segment_photos(photos, load_segmenter(None))
-        options = RunOptions(method=method)
+    for kind, detections in kinds_of_detections(method, row, photos, cameras, truth, repeats):
         if method == "paper":
-            fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras))
+            fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=options.paper)
         else:
             fused = object.fuse(detections, cameras)
         # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
         measured = measure(fused, detections, cameras, options=options.measure)
-        label = f"{folder.name}, {kind}"
         if method == "paper":
             values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth)
             values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)))
-            yield Example(label, values, is_fruit, measured[np.isin(measured.ids, fused.cloud.fruit_id)], truth)
+            measured = measured[np.isin(measured.ids, fused.cloud.fruit_id)]
         else:
             near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
-            is_fruit = np.isin(np.arange(len(measured)), near)
-            yield Example(label, view_features(fused, detections, cameras), is_fruit, measured, truth)
+            values, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
+        yield Example(f"{folder.name}, {kind}", values, is_fruit, measured, truth)
 
 
 def main() -> None:
@@ -149,22 +156,20 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--method", choices=("object", "paper"), default="object")
-    parser.add_argument("--segmenter", action="store_true")
     parser.add_argument("--repeats", type=int, default=2)
     arguments = parser.parse_args()
     done = []
     for folder in arguments.rows:
-        for example in examples(folder, arguments.method, arguments.repeats, arguments.segmenter):
+        for example in examples(folder, arguments.method, arguments.repeats):
             done.append(example)
             fruits = example.is_fruit.sum()
             print(f"{example.label}: {fruits} fruits, {len(example.is_fruit) - fruits} false positives", flush=True)
     values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
     rows = ", ".join(folder.name for folder in arguments.rows)
-    source = f"true masks made worse and joined by false ones, {arguments.repeats} times a row"
+    worse = f", and true masks made worse and joined by false ones, {arguments.repeats} times a row"
     trained_on = (
         f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
-        f"cameras; detections: {source}"
-        f"{', and those of the shipped segmenter' if arguments.segmenter else ''}. No real orchard."
+        f"cameras; detections: those of the shipped segmenter{worse * (arguments.method == 'paper')}. No real orchard."
     )
     names = FEATURE_NAMES if arguments.method == "paper" else VIEW_FEATURE_NAMES
     svm = LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)

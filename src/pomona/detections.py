@@ -167,3 +167,7 @@ class SurveyDetections(Mapping[str, Detections]):
     def total(self) -> int:
         """The number of detections in all photos."""
         return sum(len(d) for d in self.by_photo.values())
+
+    def at_least(self, score: float) -> SurveyDetections:
+        """Return the detections whose score is at least `score`."""
+        return SurveyDetections({photo: found[found.scores >= score] for photo, found in self.by_photo.items()})

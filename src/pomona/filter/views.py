@@ -8,55 +8,35 @@ from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fuse import Fused
-from pomona.fuse.object.gate import misfits
 from pomona.fuse.object.masks import Masks, masks_of
-from pomona.fuse.object.spheres import Spheres
+from pomona.fuse.object.spheres import Spheres, shares_of
 
-VIEW_FEATURE_NAMES = (
-    "log_views",
-    "seen_share",
-    "mean_score",
-    "best_score",
-    "largest_share",
-    "misfit",
-    "log_size",
-    "angle",
-)
-_RAYS = 16
+VIEW_FEATURE_NAMES = ("log_views", "seen_share", "mean_score", "largest_share")
+_RAYS = 4  # outlines are not looked at
 # A photo should see a fruit that another sees from a direction so near, at most so much nearer.
 _NEAR_DEG, _FARTHER = 20.0, 1.15
-_MOST_ANGLE_DEG = 30.0
 
 
 def view_features(fused: Fused, detections: SurveyDetections, cameras: Cameras) -> FloatArray:
-    """Return `VIEW_FEATURE_NAMES` (n, 8) of the n fruits. Each has observations in photos that have cameras.
+    """Return `VIEW_FEATURE_NAMES` (n, 4) of the n fruits. Each has observations in photos that have cameras.
 
     The logarithm of the number of photos that saw it; these as a share of the photos that should have, being near to
-    one that did and having it in the picture; mean and best score of its detections; the largest share of its disc that
-    a mask fills; how far masks reach out of it; the logarithm of its diameter over the median; and the angle between
-    the first and the last photo that saw it, which tells how sure its distance is, in units of 30°.
+    one that did and having it in the picture; the mean score of its detections; and the largest share of its disc that
+    a mask fills. More was tried, and told nothing more (docs/object-method.md).
     """
     masks = masks_of(detections, cameras, rays=_RAYS)
     spheres = Spheres(fused.fruits.centers_in_world, fused.fruits.diameters_m / 2)
     sphere_idx, mask_idx = _claims(fused, masks)
-    misfit, share = misfits(spheres, sphere_idx, mask_idx, masks)
     n = len(spheres)
     views = np.maximum(np.bincount(sphere_idx, minlength=n), 1)
-    scores = masks.scores[mask_idx]
-    best_score, largest_share = np.zeros(n), np.zeros(n)
-    np.maximum.at(best_score, sphere_idx, scores)
-    np.maximum.at(largest_share, sphere_idx, share)
-    seen_share, angle = _visibility(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras)
+    largest_share = np.zeros(n)
+    np.maximum.at(largest_share, sphere_idx, shares_of(spheres, sphere_idx, mask_idx, masks))
     return np.stack(
         [
             np.log(views),
-            seen_share,
-            np.bincount(sphere_idx, scores, n) / views,
-            best_score,
+            _seen_shares(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras),
+            np.bincount(sphere_idx, masks.scores[mask_idx], n) / views,
             largest_share,
-            np.bincount(sphere_idx, np.minimum(misfit, 1), n) / views,
-            np.log(spheres.radii_m / np.median(spheres.radii_m)),
-            angle,
         ],
         axis=1,
     )
@@ -77,27 +57,24 @@ def _claims(fused: Fused, masks: Masks) -> tuple[IntArray, IntArray]:
     return sphere_idx, mask_idx
 
 
-def _visibility(
-    spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras
-) -> tuple[FloatArray, FloatArray]:
-    """Return the share of the photos that should see each sphere which do (n,), and the widest angle between these."""
+def _seen_shares(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras) -> FloatArray:
+    """Return the share of the photos that should see each sphere which do (n,)."""
     in_picture = np.stack([_in_picture(spheres, cameras, i) for i in range(len(cameras))], axis=1)
     eyes = cameras.centers_in_world
-    seen_share, angle = np.ones(len(spheres)), np.zeros(len(spheres))
+    result = np.ones(len(spheres))
     order = np.argsort(sphere_idx, kind="stable")
-    for photos in np.split(order, np.flatnonzero(np.diff(sphere_idx[order])) + 1):
-        if len(photos) == 0:
+    for claims in np.split(order, np.flatnonzero(np.diff(sphere_idx[order])) + 1):
+        if len(claims) == 0:
             continue
-        i, seen = sphere_idx[photos[0]], photo_idx[photos]
+        i, seen = sphere_idx[claims[0]], photo_idx[claims]
         sights = spheres.centers_in_world[i] - eyes
         distances = np.linalg.norm(sights, axis=1)
         cosines = (sights / distances[:, None]) @ (sights[seen] / distances[seen, None]).T
         should = in_picture[i] & (cosines.max(1) > np.cos(np.radians(_NEAR_DEG)))
         should &= distances < _FARTHER * distances[seen].max()
         should[seen] = True
-        seen_share[i] = len(seen) / should.sum()
-        angle[i] = min(np.degrees(np.arccos(np.clip(cosines[seen].min(), -1, 1))) / _MOST_ANGLE_DEG, 1.0)
-    return seen_share, angle
+        result[i] = len(seen) / should.sum()
+    return result
 
 
 def _in_picture(spheres: Spheres, cameras: Cameras, photo_idx: int) -> BoolArray:

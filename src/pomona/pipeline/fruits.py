@@ -13,6 +13,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.pipeline.context import Context
 from pomona.pipeline.options import RunOptions
+from pomona.pipeline.seeing import counted, trusted
 from pomona.progress import Progress
 from pomona.scale.values import Placed
 from pomona.survey import Stage
@@ -31,10 +32,10 @@ def dense_stage(context: Context, segment: Stage[SurveyDetections], scale: Stage
     def compute(progress: Progress) -> FruitCloud:
         from pomona.dense import fruit_cloud
 
-        cameras = scale.value.cameras
-        if segment.value.total == 0 or len(cameras) == 0:
+        cameras, detections = scale.value.cameras, counted(segment)
+        if detections.total == 0 or len(cameras) == 0:
             return _no_cloud()
-        return fruit_cloud(context.photos, segment.value, cameras, options=context.options.dense, progress=progress)
+        return fruit_cloud(context.photos, detections, cameras, options=context.options.dense, progress=progress)
 
     def save(cloud: FruitCloud) -> Mapping[str, Any]:
         write_arrays(path, arrays_of(cloud))
@@ -79,7 +80,8 @@ def fuse_stage(
     def compute(progress: Progress) -> Fused:
         from pomona.fuse import Fused, object, paper
 
-        detections, cameras, options = segment.value, scale.value.cameras, context.options
+        cameras, options = scale.value.cameras, context.options
+        detections = trusted(segment, options)
         if detections.total == 0 or len(cameras) == 0:
             return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
         if dense is None:

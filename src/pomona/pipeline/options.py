@@ -85,9 +85,20 @@ class RunOptions:
     @property
     def segment(self) -> SegmentOptions:
         """Options of the segment stage."""
+        from pomona.segment.protocol import KEPT_SHARE
         from pomona.segment.stage import SegmentOptions
 
-        return SegmentOptions(score_threshold=self.score_threshold)
+        # Detections below the threshold are kept in the file with their scores; they do not count as fruit.
+        return SegmentOptions(score_threshold=self.score_threshold, kept_share=KEPT_SHARE)
+
+    def least_score(self, model_threshold: float) -> float:
+        """Return the score from which detections become fruit, where a single photo's are best from `model_threshold`.
+
+        Who sees all photos may trust less in each: 0.8 of it finds more fruits (measured; docs/benchmarks.md).
+        """
+        if self.score_threshold is not None:
+            return self.score_threshold
+        return model_threshold if self.method == "paper" else 0.8 * model_threshold
 
     @property
     def sfm(self) -> SfmOptions:

@@ -14,6 +14,7 @@ from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.photos import Photos
 from pomona.pipeline.context import Context
+from pomona.pipeline.seeing import counted
 from pomona.progress import Progress
 from pomona.scale.values import MarkerResidual, PieceScale, Placed, ScaleReport
 from pomona.sfm.values import Piece, Reconstruction, Unregistered
@@ -73,7 +74,7 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         if not reconstruction.pieces:  # only where there is no fruit: sfm_stage raises otherwise
             return Placed(_no_cameras())
         return place_in_world(
-            reconstruction, context.photos, options=options.scale, detections=segment.value, progress=progress
+            reconstruction, context.photos, options=options.scale, detections=counted(segment), progress=progress
         )
 
     def save(placed: Placed) -> Mapping[str, Any]:

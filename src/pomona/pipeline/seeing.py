@@ -10,6 +10,7 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import PomonaError
 from pomona.photos import Photo, Photos
 from pomona.pipeline.context import Context, code_digest
+from pomona.pipeline.options import RunOptions
 from pomona.progress import Progress
 from pomona.survey import Stage
 from pomona.survey.digest import digest, file_digest
@@ -21,14 +22,23 @@ def segment_stage(context: Context) -> Stage[SurveyDetections]:
     """Return the stage that writes `detections.json`."""
     path = context.survey.detections
 
+    thresholds: list[float] = []
+
     def compute(progress: Progress) -> SurveyDetections:
-        return _given(context, progress) if context.options.detections else _segmented(context, progress)
+        if context.options.detections:
+            thresholds.append(0.0)  # who gives detections has chosen them
+            return _given(context, progress)
+        detections, threshold = _segmented(context, progress)
+        thresholds.append(threshold)
+        return detections
 
     def save(detections: SurveyDetections) -> Mapping[str, Any]:
         from pomona.formats.coco import write_coco
 
+        threshold = thresholds.pop()
         write_file(path, lambda temporary: write_coco(temporary, context.photos, detections))
-        return {"detections": detections.total, "photos": len(detections)}
+        total = detections.at_least(threshold).total
+        return {"detections": total, "photos": len(detections), "score_threshold": threshold}
 
     def load(info: Mapping[str, Any]) -> SurveyDetections:
         from pomona.formats.coco import read_coco
@@ -37,6 +47,16 @@ def segment_stage(context: Context) -> Stage[SurveyDetections]:
 
     work = StageWork(compute=compute, save=save, load=load, outputs=(path,))
     return context.stage("segment", lambda: _key(context), work, rooms=("segment",))
+
+
+def counted(segment: Stage[SurveyDetections]) -> SurveyDetections:
+    """Return the detections that count as fruit in their photo; the file has weaker ones too."""
+    return segment.value.at_least(float(segment.ensure().info["score_threshold"]))
+
+
+def trusted(segment: Stage[SurveyDetections], options: RunOptions) -> SurveyDetections:
+    """Return the detections that may become fruit when all photos are looked at together."""
+    return segment.value.at_least(options.least_score(float(segment.ensure().info["score_threshold"])))
 
 
 def _key(context: Context) -> Any:
@@ -63,10 +83,14 @@ def _given(context: Context, progress: Progress) -> SurveyDetections:
     return given_detections(context.options.detections, context.photos, progress=progress)
 
 
-def _segmented(context: Context, progress: Progress) -> SurveyDetections:
-    """Segment photo after photo; each is kept in `work/` at once, so that a stopped run goes on with the next."""
+def _segmented(context: Context, progress: Progress) -> tuple[SurveyDetections, float]:
+    """Return the detections, and the score from which one counts in a single photo.
+
+    Segments photo after photo; each is kept in `work/` at once, so that a stopped run goes on with the next.
+    """
     from pomona.formats.coco import write_coco
     from pomona.segment import iter_detections, load_segmenter
+    from pomona.segment.stage import threshold_of
 
     folder = context.survey.work("segment") / digest([_model_key(context), code_digest("segment")])
     files = {p.name: folder / f"{digest([p.name, context.digests[p.name]])}.json" for p in context.photos}
@@ -80,12 +104,13 @@ def _segmented(context: Context, progress: Progress) -> SurveyDetections:
         if of_photo.photo not in done:
             _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
     detections = SurveyDetections(found)
-    if detections.total == 0:
+    threshold = threshold_of(segmenter, options)
+    if detections.at_least(threshold).total == 0:
         progress.warn(
             f"No fruit was found in any of {len(found)} photos: the result is empty. If there is fruit in them, try "
             "another --model, a lower --score-threshold, or give --detections"
         )
-    return detections
+    return detections, threshold
 
 
 def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:

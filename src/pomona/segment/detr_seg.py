@@ -21,7 +21,7 @@ from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.overlap import keep_best
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
 
 LAYOUT = "RF-DETR-seg: dets (1, q, 4), labels (1, q, classes + 1), masks (1, q, h, w)"
 _IMAGENET = {"means": (0.485, 0.456, 0.406), "stds": (0.229, 0.224, 0.225)}
@@ -67,7 +67,7 @@ class DetrSegmenter:
         self._columns = columns
         self._fruits = fruit_columns(file.path, columns - 1, names, classes)
         self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
-        self._floor = self._traits.score_threshold / 2 if score_floor is None else score_floor
+        self._floor = KEPT_SHARE * self._traits.score_threshold if score_floor is None else score_floor
         self._name = ":".join(["rf-detr-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
 
     @property

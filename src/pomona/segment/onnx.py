@@ -19,7 +19,7 @@ from pomona.arrays import ByteArray
 from pomona.errors import FormatError
 from pomona.segment.decode import DecodeOptions, Float32Array, Maps, decode
 from pomona.segment.onnx_file import OnnxFile, positive_numbers
-from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
 
 KIND = "center-offset"
 _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
@@ -85,7 +85,7 @@ class OnnxSegmenter:
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
-        floor = self.traits.score_threshold / 2 if score_floor is None else score_floor
+        floor = KEPT_SHARE * self.traits.score_threshold if score_floor is None else score_floor
         self._decoding = replace(DecodeOptions(), score_threshold=floor)
         self._name = f"onnx:{name_of_file(self._path)}"
 

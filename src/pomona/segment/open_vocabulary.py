@@ -20,7 +20,7 @@ from pomona.errors import FormatError, InputError, MissingExtraError, MissingFil
 from pomona.segment.decode import Float32Array
 from pomona.segment.overlap import keep_best
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import SegmenterTraits, TileDetections
+from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections
 
 DEFAULT_DETECTOR = "google/owlv2-base-patch16-ensemble"
 DEFAULT_MASKS = "facebook/sam2.1-hiera-tiny"
@@ -79,7 +79,7 @@ class OpenVocabularySegmenter:
         self._traits = SegmenterTraits(
             score_threshold=_SCORE_THRESHOLDS[kind], tile_px=tile_px, min_overlap_px=tile_px // 4
         )
-        self._floor = self._traits.score_threshold / 2 if score_floor is None else score_floor
+        self._floor = KEPT_SHARE * self._traits.score_threshold if score_floor is None else score_floor
         self._name = f"open:{','.join(wish.words)}@{_named(wish.detector)}+{_named(wish.masks)}"
 
     @classmethod

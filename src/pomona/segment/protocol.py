@@ -14,6 +14,9 @@ from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, set_checke
 from pomona.detections import Mask
 from pomona.errors import InputError
 
+KEPT_SHARE = 0.2
+"""Segmenters report detections down to this share of their score threshold, for whoever wants to weigh them."""
+
 
 @dataclass(frozen=True, eq=False)
 class TileDetections:

@@ -23,11 +23,13 @@ from pomona.segment.tiled import segment_tiled
 class SegmentOptions:
     """Options of the stage; None: the segmenter's own wish, or worked out from the photos.
 
+    Detections are kept from `kept_share` of the score threshold up: those below it do not count, but may be weighed.
     `scale` is the scale at which photos are read (1: their full size); `sample_photos` how many photos of each side
     and camera are looked at to find it.
     """
 
     score_threshold: float | None = None
+    kept_share: float = 1.0
     tile_px: int | None = None
     min_overlap_px: int | None = None
     scale: float | None = None
@@ -36,6 +38,8 @@ class SegmentOptions:
     def __post_init__(self) -> None:
         if self.score_threshold is not None and not 0 <= self.score_threshold <= 1:
             raise InputError(f"score_threshold: expected 0 to 1, found {self.score_threshold}")
+        if not 0 <= self.kept_share <= 1:
+            raise InputError(f"kept_share: expected 0 to 1, found {self.kept_share}")
         if self.tile_px is not None and self.tile_px < 64:
             raise InputError(f"tile_px: expected at least 64, found {self.tile_px}")
         if self.scale is not None and not 0 < self.scale <= MAX_ENLARGEMENT:
@@ -113,7 +117,7 @@ def segment_photo(
     found = segment_tiled(
         pixels,
         segmenter,
-        score_threshold=options.score_threshold,
+        score_threshold=options.kept_share * threshold_of(segmenter, options),
         tile_px=options.tile_px,
         min_overlap_px=options.min_overlap_px,
     )
@@ -126,10 +130,15 @@ def segment_photo(
 def _scales(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:
     if options.scale is not None:
         return dict.fromkeys(photos.names, options.scale)
-    threshold = segmenter.traits.score_threshold if options.score_threshold is None else options.score_threshold
+    threshold = threshold_of(segmenter, options)
     return reading_scales(
         photos, segmenter, sample_photos=options.sample_photos, score_threshold=threshold, progress=progress
     )
+
+
+def threshold_of(segmenter: Segmenter, options: SegmentOptions) -> float:
+    """Return the score from which a detection counts: as asked for, or the segmenter's own."""
+    return segmenter.traits.score_threshold if options.score_threshold is None else options.score_threshold
 
 
 def _read(reader: ThreadPoolExecutor, photo: Photo, scales: Mapping[str, float]) -> Future[ByteArray]:

@@ -14,7 +14,7 @@ import numpy as np
 from pomona.arrays import Array, ByteArray
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
-from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
 
 ARCHITECTURES = ("maskrcnn-r101", "maskrcnn-r50", "maskrcnn-r34", "maskrcnn-r18", "maskrcnn-mobilenet")
 """Feature pyramids on ResNets of 101, 50, 34 and 18 layers and on MobileNetV3-Large."""
@@ -50,7 +50,7 @@ class MaskRcnnSegmenter:
         threshold = float(checkpoint.get("score_threshold", 0.5)) if "model" in checkpoint else 0.5
         typical = checkpoint.get("typical_fruit_px") if "model" in checkpoint else None
         self._traits = SegmenterTraits(score_threshold=threshold, typical_fruit_px=typical)
-        self._model.roi_heads.score_thresh = threshold / 2 if score_floor is None else score_floor
+        self._model.roi_heads.score_thresh = KEPT_SHARE * threshold if score_floor is None else score_floor
         self._name = f"{arch}:{name_of_file(path)}"
 
     @property

@@ -21,7 +21,7 @@ from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.overlap import keep_best
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
 
 LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
 _SCORE_THRESHOLD = 0.25
@@ -56,7 +56,7 @@ class YoloSegmenter:
         self._rows = _Rows.of(file, candidates, prototypes, names)
         self._fruits = fruit_columns(file.path, self._rows.classes, names, classes)
         self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
-        self._floor = self._traits.score_threshold / 2 if score_floor is None else score_floor
+        self._floor = KEPT_SHARE * self._traits.score_threshold if score_floor is None else score_floor
         self._name = ":".join(["yolo-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
 
     @property

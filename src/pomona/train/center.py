@@ -19,7 +19,7 @@ from pomona.segment.torchvision import read_checkpoint
 from pomona.train.crop import Crop
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
-from pomona.train.network import STRIDE, FruitNet, Outputs
+from pomona.train.network import STRIDE, FruitNet, Outputs, seen_twice
 from pomona.train.targets import Targets, targets_of
 
 CENTER_LITE0 = "center-lite0"
@@ -105,7 +105,8 @@ def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> Til
     image = torch.full((1, 3, *padded), 114.0)
     image[0, :, :height, :width] = torch.from_numpy(pixels).permute(2, 0, 1)
     device = next(network.parameters()).device
-    out = [x[0].float().cpu() for x in network(image.to(device).contiguous(memory_format=torch.channels_last))]
+    seen = seen_twice(network, image.to(device).contiguous(memory_format=torch.channels_last))
+    out = [x[0].float().cpu() for x in seen]
     heatmap, box, foreground, offset = out[0].sigmoid()[0], out[1], out[2].sigmoid()[0], out[3]
     maps = Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE)
     return decode(maps, width, height, options)

@@ -8,11 +8,11 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from pomona.train.network import STRIDE, FruitNet
+from pomona.train.network import STRIDE, FruitNet, seen_twice
 
 
 class _Probabilities(nn.Module):
-    """The network with its maps moved so that the thresholds given come to lie at one half."""
+    """The network, looking twice, with its maps moved so that the thresholds given come to lie at one half."""
 
     def __init__(self, network: FruitNet, threshold: float, foreground_threshold: float) -> None:
         super().__init__()
@@ -20,7 +20,7 @@ class _Probabilities(nn.Module):
         self.centre_odds, self.foreground_odds = _log_odds(threshold), _log_odds(foreground_threshold)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        out = self.network(image)
+        out = seen_twice(self.network, image)
         return (
             torch.sigmoid(out.heatmap - self.centre_odds),
             out.box,

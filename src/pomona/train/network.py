@@ -71,3 +71,23 @@ class FruitNet(nn.Module):
         return Outputs(
             self.heads[0](instances), box, self.heads[2](pixels), self.heads[3](pixels) * _REACH_PX
         )  # fmt: skip
+
+
+def seen_twice(network: FruitNet, image: Tensor) -> Outputs:
+    """Return the mean of what the network says of photos (n, 3, h, w) and of their mirror images.
+
+    On photos that it was not trained on that is worth 0.01 of F1 and AP50 (docs/model-card.md), for twice the time.
+    """
+    one, other = network(image), _mirrored(network(torch.flip(image, [3])))
+    return Outputs(*((a + b) / 2 for a, b in zip(one, other, strict=True)))
+
+
+def _mirrored(out: Outputs) -> Outputs:
+    left, top, right, bottom = torch.flip(out.box, [3]).unbind(1)
+    dx, dy = torch.flip(out.offset, [3]).unbind(1)
+    return Outputs(
+        torch.flip(out.heatmap, [3]),
+        torch.stack([right, top, left, bottom], 1),
+        torch.flip(out.foreground, [3]),
+        torch.stack([-dx, dy], 1),
+    )

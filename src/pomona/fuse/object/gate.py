@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.fuse.object.masks import Masks
-from pomona.fuse.object.spheres import Claims, Spheres, outside_radii
+from pomona.fuse.object.spheres import Claims, Spheres, depths_of, outside_radii, shares_of
 
 _REACH_RADII = 1.3  # a mask's centre of mass lies in the sphere's image, or hardly beside it
 # An outline's point so far outside, in radii, is a perfect misfit; more than twice that says no more.
@@ -81,45 +81,28 @@ def best_in_photo(claims: Claims, masks: Masks) -> Claims:
     return claims[order[first]]
 
 
-def misfits(
-    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, *, quick: bool = False
-) -> tuple[FloatArray, FloatArray]:
-    """Return how badly masks (k,) fit into the images of spheres (k,), 0 being perfect, and which share they fill.
+def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, quick: bool) -> Claims:
+    """Return the pairs whose misfit is below 1.
 
     A mask must not reach out; of those that fill the image, the middle must be the image's.
     """
-    off, share = _off_centre(spheres, sphere_idx, mask_idx, masks)
+    off, shares = _off_centre(spheres, sphere_idx, mask_idx, masks), shares_of(spheres, sphere_idx, mask_idx, masks)
     if quick:
-        half = masks.widths[mask_idx] * _depths(spheres, sphere_idx, mask_idx, masks) / 2
+        half = masks.widths[mask_idx] * depths_of(spheres, sphere_idx, mask_idx, masks) / 2
         outside = np.maximum(off + half / spheres.radii_m[sphere_idx] - 1, 0)
         # Of a disc that reaches out, about a third of the edge is outside.
         reaching = np.minimum((outside / _OUTSIDE_RADII) ** 2, _MOST) / 3
     else:
         outside = np.maximum(outside_radii(spheres, sphere_idx, mask_idx, masks), 0)
         reaching = np.minimum((outside / _OUTSIDE_RADII) ** 2, _MOST).mean(1)
-    return reaching + _OFF_CENTRE * share * off**2, share
+    misfits = reaching + _OFF_CENTRE * shares * off**2
+    return Claims(sphere_idx, mask_idx, misfits, shares)[misfits < 1]
 
 
-def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, quick: bool) -> Claims:
-    """Return the pairs whose misfit is below 1."""
-    misfit, share = misfits(spheres, sphere_idx, mask_idx, masks, quick=quick)
-    return Claims(sphere_idx, mask_idx, misfit, share)[misfit < 1]
-
-
-def _off_centre(
-    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks
-) -> tuple[FloatArray, FloatArray]:
-    """Return how far from the centre masks' centres are (k,), in radii, and which share of the image they fill (k,)."""
+def _off_centre(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
+    """Return how far from the centre masks' middles are (k,), in radii."""
     from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[masks.photo_idx[mask_idx]]
-    radii = spheres.radii_m[sphere_idx]
     rays = masks.rays[mask_idx]
-    off = np.linalg.norm(from_eyes - (from_eyes * rays).sum(1, keepdims=True) * rays, axis=1) / radii
-    areas = masks.areas[mask_idx] * _depths(spheres, sphere_idx, mask_idx, masks) ** 2
-    return off, np.minimum(areas / (np.pi * radii**2), 1)
-
-
-def _depths(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
-    photo_idx = masks.photo_idx[mask_idx]
-    from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[photo_idx]
-    result: FloatArray = (from_eyes * masks.axes_in_world[photo_idx]).sum(1)
+    beside = from_eyes - (from_eyes * rays).sum(1, keepdims=True) * rays
+    result: FloatArray = np.linalg.norm(beside, axis=1) / spheres.radii_m[sphere_idx]
     return result

@@ -99,3 +99,18 @@ def beside_rays(centers: FloatArray, eyes: FloatArray, rays: FloatArray) -> Floa
     from_eyes = (centers - eyes)[:, None]
     beside: FloatArray = from_eyes - (from_eyes * rays).sum(2, keepdims=True) * rays
     return beside
+
+
+def shares_of(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
+    """Return which share of the image of its sphere each mask fills (k,), at most 1."""
+    areas = masks.areas[mask_idx] * depths_of(spheres, sphere_idx, mask_idx, masks) ** 2
+    result: FloatArray = np.minimum(areas / (np.pi * spheres.radii_m[sphere_idx] ** 2), 1)
+    return result
+
+
+def depths_of(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
+    """Return how deep in the photo of its mask each sphere's centre lies (k,)."""
+    photo_idx = masks.photo_idx[mask_idx]
+    from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[photo_idx]
+    result: FloatArray = (from_eyes * masks.axes_in_world[photo_idx]).sum(1)
+    return result
