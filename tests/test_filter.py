@@ -9,6 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from fuse_scenes import cameras_in_a_row, detections_of
+from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate import Truth
 from pomona.filter import (
@@ -16,14 +18,18 @@ from pomona.filter import (
     VIEW_FEATURE_NAMES,
     LinearSvm,
     apply,
+    apply_to_views,
     features,
     resized,
     shipped,
     training_table,
+    view_features,
 )
 from pomona.filter.features import hull_volume_m3, psi
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
+from pomona.fuse.object import fuse
+from pomona.pipeline import RunOptions
 
 RADIUS_M = 0.04
 
@@ -226,3 +232,34 @@ def test_training_table_knows_true_fruits() -> None:
     values, is_fruit = training_table(fused, Truth(np.array([5]), np.zeros((1, 3)), np.array([0.08])))
     assert values.shape == (3, 4)
     assert is_fruit.tolist() == [True, False, True]
+
+
+def test_a_machine_of_the_other_method_is_refused_before_any_work() -> None:
+    with pytest.raises(InputError, match=r"--filter-model .*paper_svm\.json: --method object expects .*log_views"):
+        RunOptions(filter_model=shipped("paper")).check_files()
+    RunOptions(method="paper", filter_model=shipped("paper")).check_files()
+    RunOptions(filter_model=shipped("object")).check_files()
+
+
+def test_views_tell_how_often_a_fruit_was_seen_where_it_should_be() -> None:
+    cameras = cameras_in_a_row(8, step_m=0.1)
+    centers = np.array([[-0.15, 0.0, 0.0], [0.15, 0.05, 0.1]])
+    detections = detections_of(cameras, centers, np.full(2, 0.08))
+    # Of the second fruit every other detection is lost, and the rest are unsure.
+    fewer = {}
+    for i, (name, found) in enumerate(detections.items()):
+        scores = np.where(np.arange(len(found)) == 0, 0.9, 0.6)
+        one = Detections(name, found.width_px, found.height_px, found.masks, scores, found.ids)
+        fewer[name] = one if i % 2 == 0 else one[:1]
+    worse = SurveyDetections(fewer)
+    fused = fuse(worse, cameras)
+    assert len(fused.fruits) == 2
+    log_views, seen_share, mean_score, largest_share = view_features(fused, worse, cameras).T
+    np.testing.assert_array_equal(np.round(np.exp(log_views)), [8, 4])
+    np.testing.assert_allclose(seen_share, [1, 0.5], atol=0.08)
+    np.testing.assert_allclose(mean_score, [0.9, 0.6])
+    assert (largest_share > 0.85).all()
+    kept = apply_to_views(fused, worse, cameras, LinearSvm.load(shipped("object")), threshold=0.0)
+    assert kept.fruits.scores[0] > kept.fruits.scores[1]
+    none = apply_to_views(fused, worse, cameras, LinearSvm.load(shipped("object")), threshold=1.0)
+    assert (len(none.fruits), len(none.observations)) == (0, 0)

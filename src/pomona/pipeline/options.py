@@ -154,9 +154,15 @@ class RunOptions:
 
             read_markers(self.markers)
         if self.filter_model is not None:
-            from pomona.filter.svm import LinearSvm
+            from pomona.filter import FEATURE_NAMES, VIEW_FEATURE_NAMES, LinearSvm
 
-            LinearSvm.load(self.filter_model)
+            expected = FEATURE_NAMES if self.method == "paper" else VIEW_FEATURE_NAMES
+            found = LinearSvm.load(self.filter_model).names
+            if found != expected:
+                raise InputError(
+                    f"--filter-model {self.filter_model}: --method {self.method} expects a machine trained on "
+                    f"{', '.join(expected)}; found one of {', '.join(found)}"
+                )
 
     def to_json(self) -> dict[str, Any]:
         """Return the options as `survey.json` holds them."""

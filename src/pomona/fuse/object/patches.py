@@ -17,11 +17,14 @@ _LEAST_ANGLE_DEG, _MOST_ANGLE_DEG = 1.5, 30.0
 _MIDDLE_SD, _CHANGE_SD, _DEPTH_SD = 0.15, 0.5, 0.3
 # All pairs of photos of a fruit together say as much as this share of them: their errors are not independent.
 _INDEPENDENT = 0.25
+# Pairs of photos that are so many places apart among those that see a fruit: all pairs of a fruit seen in eight photos,
+# and not their number squared of one seen in a hundred.
+_STEPS = (1, 2, 3, 4, 5, 6, 7, 9, 11, 14, 18, 23, 30, 40, 55, 75)
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Crossings of rays to the middles of one sphere's masks in m pairs of photos.
+    """Crossings of rays to the middles of one sphere's masks in m pairs of photos, sorted by `sphere_idx` (m,).
 
     `points_in_world` (m, 3); `sights` (m, 3) unit directions in which they are seen; the sphere's centre is expected
     `depths` (m,) radii behind them, with the standard deviation `sds` (m,) in radii; `weights` (m,).
@@ -43,8 +46,11 @@ class Patches:
         residuals = (behind - self.depths * radii[idx]) / usual_m
         weights = self.weights / self.sds**2 / (1 + (residuals / (2 * self.sds)) ** 2)
         slopes = np.concatenate([self.sights, -self.depths[:, None]], axis=1)
-        np.add.at(normal, idx, weights[:, None, None] * slopes[:, :, None] * slopes[:, None])
-        np.add.at(gradient, idx, (weights * residuals)[:, None] * slopes)
+        weighted = weights[:, None] * slopes
+        spheres, firsts = np.unique(idx, return_index=True)
+        if len(idx):
+            normal[spheres] += np.add.reduceat(weighted[:, :, None] * slopes[:, None], firsts, axis=0)
+            gradient[spheres] += np.add.reduceat(weighted * residuals[:, None], firsts, axis=0)
 
 
 def seen_patches(spheres: Spheres, claims: Claims, masks: Masks) -> Patches:
@@ -55,7 +61,7 @@ def seen_patches(spheres: Spheres, claims: Claims, masks: Masks) -> Patches:
     """
     order = np.lexsort((claims.mask_idx, claims.sphere_idx))
     sphere_idx, mask_idx, shares = claims.sphere_idx[order], claims.mask_idx[order], claims.shares[order]
-    one, other = _pairs_within(sphere_idx, len(spheres))
+    one, other = _pairs_within(sphere_idx)
     eyes, rays = masks.eyes_in_world[masks.photo_idx[mask_idx]], masks.rays[mask_idx]
     cosines = (rays[one] * rays[other]).sum(1)
     fit = np.cos(np.radians(_MOST_ANGLE_DEG)) < cosines
@@ -80,14 +86,11 @@ def seen_patches(spheres: Spheres, claims: Claims, masks: Masks) -> Patches:
     )
 
 
-def _pairs_within(sphere_idx: IntArray, spheres: int) -> tuple[IntArray, IntArray]:
-    """Return all pairs of entries of the same sphere; `sphere_idx` (k,) is sorted."""
-    bounds = np.searchsorted(sphere_idx, np.arange(spheres + 1))
-    counts = np.diff(bounds)
-    one, other = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for count in np.unique(counts[counts > 1]).tolist():
-        i, j = np.triu_indices(count, 1)
-        firsts = bounds[:-1][counts == count, None]
-        one.append((firsts + i).ravel())
-        other.append((firsts + j).ravel())
-    return np.concatenate(one), np.concatenate(other)
+def _pairs_within(sphere_idx: IntArray) -> tuple[IntArray, IntArray]:
+    """Return pairs of entries of the same sphere, `_STEPS` apart; `sphere_idx` (k,) is sorted."""
+    steps = [step for step in _STEPS if step < len(sphere_idx)]
+    ones = [np.flatnonzero(sphere_idx[:-step] == sphere_idx[step:]) for step in steps]
+    one = np.concatenate([*ones, np.zeros(0, np.int64)]).astype(np.int64)
+    other = one + np.repeat(np.array(steps, np.int64), [len(each) for each in ones])
+    order = np.lexsort((other, one))
+    return one[order], other[order]
