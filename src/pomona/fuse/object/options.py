@@ -17,7 +17,8 @@ class ObjectOptions:
     fruit; `pairs_per_photo` of them, evenly. `overlap_radii`: fruits can not be nearer to each other than this.
     `min_support`: a new fruit needs masks that fit, together worth so many that fit perfectly. `rounds` of looking for
     fruits in what is left over, each with `repeats` of assigning masks and fitting spheres. `min_views`: fruits seen
-    in fewer photos are not told of, as one photo does not say how far away they are.
+    in fewer photos are not told of, as one photo does not say how far away they are; nor are those of whose disc no
+    photo shows `min_share`: a few pixels fit many places.
     """
 
     fruit_diameter_m: float = 0.075
@@ -30,6 +31,7 @@ class ObjectOptions:
     rounds: int = 3
     repeats: int = 3
     min_views: int = 2
+    min_share: float = 0.1
 
     def __post_init__(self) -> None:
         for name in ("fruit_diameter_m", "crossing_radii", "overlap_radii", "min_support"):
@@ -42,6 +44,8 @@ class ObjectOptions:
             raise InputError(f"rays_per_mask: expected at least 4, found {self.rays_per_mask}")
         if self.min_views < 2:
             raise InputError(f"min_views: expected at least 2, found {self.min_views}: one photo tells no distance")
+        if not 0 <= self.min_share < 1:
+            raise InputError(f"min_share: expected 0 to below 1, found {self.min_share}")
         low, high = self.baselines
         if not 0 <= low < high:
             raise InputError(f"baselines: expected a smaller and a larger share, found {low} and {high}")

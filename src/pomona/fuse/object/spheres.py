@@ -79,6 +79,12 @@ class Claims:
         """Return for each sphere (n,) how many masks it claims."""
         return np.bincount(self.sphere_idx, minlength=spheres)
 
+    def largest_shares(self, spheres: int) -> FloatArray:
+        """Return for each sphere (n,) the largest share of its image that a mask of its claims fills."""
+        result = np.zeros(spheres)
+        np.maximum.at(result, self.sphere_idx, self.shares)
+        return result
+
     def kept(self, spheres: BoolArray) -> Claims:
         """Return the claims of the `spheres` (n,) that are True, numbered anew."""
         renumbered = np.cumsum(spheres) - 1

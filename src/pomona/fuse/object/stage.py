@@ -71,7 +71,8 @@ def fuse(
     masks = masks_of(detections, ordered, rays=options.rays_per_mask)
     if len(masks) == 0:
         return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
-    return _fused(_search(masks, usual_m, options, progress), masks, ordered)
+    found = _search(masks, usual_m, options, progress)
+    return _fused(found.kept(found.claims.largest_shares(len(found.spheres)) >= options.min_share), masks, ordered)
 
 
 def _search(masks: Masks, usual_m: float, options: ObjectOptions, progress: Progress) -> _Found:
