@@ -4,18 +4,21 @@ python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper]
 
 A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
 Detections are those of the shipped segmenter, for `object` from several
-scores up; for `paper` also the true masks made worse and joined by false ones, `--repeats` times with other chances.
+scores up, and true masks of which some were dropped and false ones added, with scores that say nothing, so that what is
+learnt is not one segmenter's habits; for `paper` true masks made worse and joined by false ones, `--repeats` times.
 Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
 """
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
+from association import dropped, with_false
 from pomona.cameras import Cameras, Intrinsics, WorldFrame
 from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
@@ -30,15 +33,16 @@ from pomona.fuse import Fused, object, paper
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
-from pomona.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.segment import SegmentOptions, given_detections, load_segmenter, segment_photos
 from pomona.segment.protocol import KEPT_SHARE
-from pomona.synth.truth import RowFolder, read_cameras, read_mask
+from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
 
 REFERENCE_M = 0.075
 # Masks smaller than this share of a fruit's disc are not looked for by a segmenter.
 SMALLEST_SHARE = 0.08
 # The scores from which detections are used, as shares of the segmenter's own threshold.
 SHARES = (1.0, 0.8, 0.6, 0.4)
+LEAST_CHANCE_SCORE = 0.4
 
 
 def cameras_of(row: RowFolder, photos: Photos) -> Cameras:
@@ -126,8 +130,26 @@ def kinds_of_detections(
     for share in SHARES if method == "object" else (1.0,):
         score = share * segmenter.traits.score_threshold
         yield f"the shipped segmenter's masks from a score of {score:g} up", found.at_least(score)
-    for r in range(repeats if method == "paper" else 0):
-        yield f"true masks made worse {r}", worse_detections(row, cameras, truth, np.random.default_rng(r))
+    if method == "paper":
+        for r in range(repeats):
+            yield f"true masks made worse {r}", worse_detections(row, cameras, truth, np.random.default_rng(r))
+        return
+    rng = np.random.default_rng(0)
+    for least in (LEAST_CHANCE_SCORE, 1.0):
+        worse = {name: with_chance_scores(with_false(dropped(found, rng), rng), least, rng) for name, found in
+                 true_detections(row, photos).items()}  # fmt: skip
+        yield f"true masks dropped and joined by false ones, scores {least:g} to 1", SurveyDetections(worse)
+
+
+def true_detections(row: RowFolder, photos: Photos) -> SurveyDetections:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "true-masks.json"
+        write_masks_as_coco(row.root, path)
+        return given_detections(path, photos)
+
+
+def with_chance_scores(found: Detections, least: float, rng: np.random.Generator) -> Detections:
+    return replace(found, scores=rng.uniform(least, 1, len(found)))
 
 
 def examples(folder: Path, method: str, repeats: int) -> Iterator[Example]:
@@ -166,10 +188,13 @@ def main() -> None:
             print(f"{example.label}: {fruits} fruits, {len(example.is_fruit) - fruits} false positives", flush=True)
     values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
     rows = ", ".join(folder.name for folder in arguments.rows)
-    worse = f", and true masks made worse and joined by false ones, {arguments.repeats} times a row"
+    worse = {
+        "paper": f"true masks made worse and joined by false ones, {arguments.repeats} times a row",
+        "object": "true masks of which 30 % were dropped and 20 % false ones added, with scores that say nothing",
+    }[arguments.method]
     trained_on = (
         f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
-        f"cameras; detections: those of the shipped segmenter{worse * (arguments.method == 'paper')}. No real orchard."
+        f"cameras; detections: those of the shipped segmenter, and {worse}. No real orchard."
     )
     names = FEATURE_NAMES if arguments.method == "paper" else VIEW_FEATURE_NAMES
     svm = LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
