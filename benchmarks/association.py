@@ -1,6 +1,6 @@
 """The ways of joining detections into fruits, on the same rows: scores, time and memory, for docs/benchmarks.md.
 
-python -m benchmarks.association OUT ROW [ROW ...] [--seeds N] [--only KIND ...] [--json FILE]
+python -m benchmarks.association OUT ROW [ROW ...] [--seeds N] [--only KIND ...] [--methods METHOD ...] [--json FILE]
 
 A ROW is a rendered row's folder (`benchmarks/render_rows.py`, or orchard-dev). Cameras are Pomona's own, placed by
 markers, and kept in OUT/<row>. Detections are, of every photo: the true masks; the shipped segmenter's; and true masks
@@ -13,7 +13,6 @@ seeds.
 import argparse
 import json
 import multiprocessing
-import resource
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -36,7 +35,8 @@ from pomona.fuse import object, paper
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
-from pomona.segment import load_segmenter, segment_photos
+from pomona.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.segment.protocol import KEPT_SHARE
 from pomona.synth.truth import write_masks_as_coco
 
 METHODS = ("object", "paper, as in the text", "paper, as in the authors' code")
@@ -130,7 +130,7 @@ def place(row: Path, out: Path) -> Path:
 def variants(kind: str, row: Path, survey: Path, seeds: int) -> Iterator[tuple[SurveyDetections, Cameras]]:
     photos, cameras = load_photos([row / "images"]), read_cameras(survey / "cameras")
     if kind == SEGMENTER:
-        yield segment_photos(photos, load_segmenter(None)), cameras
+        yield segment_photos(photos, load_segmenter(None), options=SegmentOptions(kept_share=KEPT_SHARE)), cameras
         return
     true = read_coco(survey / "detections.json", photos)
     if kind == TRUE:
@@ -147,8 +147,10 @@ def variants(kind: str, row: Path, survey: Path, seeds: int) -> Iterator[tuple[S
 
 def joined(kind: str, method: str, row: Path, detections: SurveyDetections, cameras: Cameras) -> Result:
     photos, truth = load_photos([row / "images"]), read_truth(row)
-    begun = time.monotonic()
     options = RunOptions(method="object" if method == "object" else "paper")
+    if kind == SEGMENTER:
+        detections = detections.at_least(options.least_score(load_segmenter(None).traits.score_threshold))
+    begun = time.monotonic()
     svm = filters.load(filters.shipped(options.method))
     if method == "object":
         fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
@@ -176,9 +178,15 @@ def joined(kind: str, method: str, row: Path, detections: SurveyDetections, came
     return Result(
         row.name, kind, method, scores.f1, scores.recall, scores.precision, scores.detection_rate,
         scores.multi_detection_rate, merged, 1000 * scores.center_median_m, seconds,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        peak_megabytes(),
         tuple((true, found) for true, found in by_tree.values()),
     )  # fmt: skip
+
+
+def peak_megabytes() -> float:
+    """Of this process alone: what `getrusage` says begins with what its parent needed."""
+    status = Path("/proc/self/status").read_text()
+    return next(int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmHWM"))
 
 
 def table(results: list[Result]) -> str:
@@ -222,6 +230,7 @@ def main() -> None:
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", nargs="*", choices=KINDS, default=KINDS)
+    parser.add_argument("--methods", nargs="*", choices=METHODS, default=METHODS)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -232,7 +241,9 @@ def main() -> None:
         for kind in arguments.only:
             for detections, cameras in variants(kind, row, survey, arguments.seeds):
                 # The paper's way takes minutes: it is compared where its own paper does.
-                for method in METHODS if kind in (TRUE, SEGMENTER) else METHODS[:1]:
+                for method in arguments.methods:
+                    if method != "object" and kind not in (TRUE, SEGMENTER):
+                        continue
                     with ProcessPoolExecutor(1, mp_context=context) as pool:
                         results.append(pool.submit(joined, kind, method, row, detections, cameras).result())
                     print(results[-1], flush=True)

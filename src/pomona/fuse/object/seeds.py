@@ -58,7 +58,7 @@ def _photo_pairs(masks: Masks, usual_m: float, options: ObjectOptions) -> list[t
         fit = (baselines > least * distance_m) & (axes[others] @ axes[i] > _SAME_WAY)
         others, baselines = others[fit], baselines[fit]
         if len(others) == 0:
-            others = tree.query(eyes[i], min(_FEWEST_PAIRS + 1, len(eyes)))[1][1:]
+            others = np.atleast_1d(tree.query(eyes[i], min(_FEWEST_PAIRS + 1, len(eyes)))[1])[1:]
             baselines = np.linalg.norm(eyes[others] - eyes[i], axis=1)
         others = others[np.lexsort((others, baselines))]
         if len(others) > options.pairs_per_photo:
