@@ -18,7 +18,6 @@ from pomona.segment import SegmenterTraits, TileDetections
 from pomona.sfm.values import Piece, Reconstruction
 
 WIDTH, HEIGHT = 96, 72
-NO_CLOUD = FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
 
 
 def make_photos(folder: Path, count: int = 4, *, fruit: bool = True, seed: int = 0) -> Path:
@@ -103,9 +102,10 @@ class Fakes:
         cloud = self._cloud(photos, detections, cameras, options=None, progress=progress)
         return FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64))
 
-    def _fuse(self, detections, cameras, cloud=NO_CLOUD, *, options, progress):
+    def _fuse(self, detections, cameras, cloud=None, *, options, progress):
         self.count("fuse")
         progress.warn("a warning of fuse")
+        cloud = cloud or FruitCloud.empty()
         sightings = [(name, found) for name, found in detections.items() if len(found)]
         observations = Observations(
             np.ones(len(sightings), np.int64),

@@ -27,6 +27,11 @@ class FruitCloud:
     def __len__(self) -> int:
         return len(self.points_in_world)
 
+    @classmethod
+    def empty(cls) -> FruitCloud:
+        """Return a cloud without points."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:

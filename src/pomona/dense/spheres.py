@@ -36,7 +36,7 @@ def sphere_cloud(
     progress = progress or Silent()
     shown = _most_shown(fruits, observations, detections)
     if not shown:
-        return FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+        return FruitCloud.empty()
     scale = min(
         1.0, _WORK_FRUIT_PX / measure_ranges(detections, cameras, float(np.nanmedian(fruits.diameters_m))).fruit_px
     )

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud, Fruits, Observations
@@ -34,7 +32,7 @@ def dense_stage(context: Context, segment: Stage[SurveyDetections], scale: Stage
 
         cameras, detections = scale.value.cameras, counted(segment)
         if detections.total == 0 or len(cameras) == 0:
-            return _no_cloud()
+            return FruitCloud.empty()
         return fruit_cloud(context.photos, detections, cameras, options=context.options.dense, progress=progress)
 
     def save(cloud: FruitCloud) -> Mapping[str, Any]:
@@ -83,7 +81,7 @@ def fuse_stage(
         cameras, options = scale.value.cameras, context.options
         detections = trusted(segment, options)
         if detections.total == 0 or len(cameras) == 0:
-            return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
+            return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
         if dense is None:
             return object.fuse(detections, cameras, options=options.object, progress=progress)
         return paper.fuse(detections, cameras, dense.value, options=options.paper, progress=progress)
@@ -192,7 +190,3 @@ def _fused_stage(
 
     work = StageWork(compute=compute, save=save, load=load, outputs=(path,), needs=needs)
     return context.stage(name, key, work, rooms=rooms)
-
-
-def _no_cloud() -> FruitCloud:
-    return FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from pomona.cameras import Cameras
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
@@ -20,10 +18,6 @@ class StageTime:
     name: str
     wall_s: float
     peak_memory_mb: float | None = None
-
-
-def _no_cloud() -> FruitCloud:
-    return FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,7 +35,7 @@ class ReportData:
     cameras: Cameras
     fruits: Fruits
     observations: Observations = field(default_factory=Observations.empty)
-    cloud: FruitCloud = field(default_factory=_no_cloud)
+    cloud: FruitCloud = field(default_factory=FruitCloud.empty)
     detections: int | None = None
     lost: tuple[Unregistered, ...] = ()
     scale: ScaleReport | None = None

@@ -70,7 +70,7 @@ def fuse(
     ordered = _in_order(cameras)
     masks = masks_of(detections, ordered, rays=options.rays_per_mask)
     if len(masks) == 0:
-        return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
+        return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
     found = _search(masks, usual_m, options, progress)
     return _fused(found.kept(found.claims.largest_shares(len(found.spheres)) >= options.min_share), masks, ordered)
 
@@ -164,7 +164,7 @@ def _fused(found: _Found, masks: Masks, cameras: Cameras) -> Fused:
     number[order] = np.arange(1, len(order) + 1)
     spheres, n = found.spheres[order], len(order)
     if n == 0:
-        return Fused(Fruits.empty(), Observations.empty(), _no_cloud())
+        return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
     fruit_id, mask_idx = number[found.claims.sphere_idx], found.claims.mask_idx
     sorting = np.lexsort((masks.photo_idx[mask_idx], fruit_id))
     fruit_id, mask_idx = fruit_id[sorting], mask_idx[sorting]
@@ -182,8 +182,4 @@ def _fused(found: _Found, masks: Masks, cameras: Cameras) -> Fused:
         masks.ids[mask_idx],
         masks.centers_px[mask_idx],
     )
-    return Fused(fruits, observations, _no_cloud())
-
-
-def _no_cloud() -> FruitCloud:
-    return FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
+    return Fused(fruits, observations, FruitCloud.empty())
