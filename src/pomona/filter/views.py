@@ -13,7 +13,7 @@ from pomona.fuse.object.spheres import Spheres, shares_of
 
 VIEW_FEATURE_NAMES = ("log_views", "seen_share", "mean_score", "largest_share")
 _RAYS = 4  # outlines are not looked at
-# A photo should see a fruit that another sees from a direction so near, at most so much nearer.
+# A photo should see a fruit that another sees from a direction so near, unless it is so much farther away.
 _NEAR_DEG, _FARTHER = 20.0, 1.15
 
 

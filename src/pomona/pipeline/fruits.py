@@ -104,7 +104,7 @@ def filter_stage(
     def compute(progress: Progress) -> Fused:
         if not options.filter_false_positives or len(fuse.value.fruits) == 0:
             return fuse.value
-        return filtered(fuse.value, segment.value, scale.value.cameras, options, progress)
+        return filtered(fuse.value, trusted(segment, options), scale.value.cameras, options, progress)
 
     def key() -> Any:
         from pomona.filter.svm import shipped

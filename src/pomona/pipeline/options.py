@@ -94,7 +94,7 @@ class RunOptions:
     def least_score(self, model_threshold: float) -> float:
         """Return the score from which detections become fruit, where a single photo's are best from `model_threshold`.
 
-        Who sees all photos may trust less in each: 0.8 of it finds more fruits (measured; docs/benchmarks.md).
+        Who sees all photos may trust less in each: 0.8 of it finds more fruits (docs/object-method.md).
         """
         if self.score_threshold is not None:
             return self.score_threshold

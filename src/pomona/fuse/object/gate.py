@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.fuse.object.masks import Masks
-from pomona.fuse.object.spheres import Claims, Spheres, depths_of, outside_radii, shares_of
+from pomona.fuse.object.spheres import Claims, Spheres, beside_rays, depths_of, outside_radii, shares_of
 
 _REACH_RADII = 1.3  # a mask's centre of mass lies in the sphere's image, or hardly beside it
 # An outline's point so far outside, in radii, is a perfect misfit; more than twice that says no more.
@@ -22,7 +22,7 @@ class Gate:
     """Finds masks for spheres; `usual_m` is the radius by which masks tell how far away fruits are at most."""
 
     def __init__(self, masks: Masks, usual_m: float) -> None:
-        self._masks, self._usual_m = masks, usual_m
+        self._masks = masks
         self._trees = [self._tree_of(i) for i in range(len(masks.eyes_in_world))]
         narrow = np.percentile(masks.widths, _FARTHEST_PERCENTILE)
         self._farthest_m = _FARTHEST_FACTOR * 2 * usual_m / narrow
@@ -101,8 +101,7 @@ def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks:
 
 def _off_centre(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
     """Return how far from the centre masks' middles are (k,), in radii."""
-    from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[masks.photo_idx[mask_idx]]
-    rays = masks.rays[mask_idx]
-    beside = from_eyes - (from_eyes * rays).sum(1, keepdims=True) * rays
+    eyes = masks.eyes_in_world[masks.photo_idx[mask_idx]]
+    beside = beside_rays(spheres.centers_in_world[sphere_idx], eyes, masks.rays[mask_idx, None])[:, 0]
     result: FloatArray = np.linalg.norm(beside, axis=1) / spheres.radii_m[sphere_idx]
     return result
