@@ -1,0 +1,176 @@
+"""Whether two halves of a survey's photos tell of the same fruits: even against odd photos, for docs/benchmarks.md.
+
+python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--crops FOLDER --photos FOLDER]
+
+A SURVEY is a folder of `pomona run` over all photos; with TRUTH, a rendered row's folder, each half is scored too.
+Its cameras (so both halves are in one frame of reference) and detections are split by photo, sorted by name; each half
+is fused, filtered and measured alone. A fruit of one half is found by the other where that has one in its fruits.csv
+at most half a median diameter away, one to one. Confident fruits are those whose score reaches a level: 0.5, which is
+all of fruits.csv, and 0.8. `--crops` writes, for each fruit that only one half has, what its best photos show.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pomona import filter as filters
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
+from pomona.evaluate import EvaluateOptions, Truth, evaluate, read_truth
+from pomona.evaluate.matching import assign, candidates_by_center
+from pomona.formats.coco import detections_by_image
+from pomona.formats.coco_file import parse_coco
+from pomona.formats.colmap import read_cameras
+from pomona.fruits import Fruits
+from pomona.fuse import Fused, object
+from pomona.measure import measure
+from pomona.pipeline import RunOptions
+
+LEVELS = (0.5, 0.8)
+HEAD = (
+    "| survey | score from | even | odd | counts differ | even found by odd | odd found by even | both ways | "
+    "apart, mm (share of diameter) | F1 even, odd |"
+)
+
+
+@dataclass(frozen=True)
+class Halves:
+    """What even and odd photos tell, and which of their fruits are the same: pairs (m, 2) of indices."""
+
+    even: Fused
+    odd: Fused
+    pairs: np.ndarray
+    diameter_m: float
+
+
+def detections_of(survey: Path) -> SurveyDetections:
+    """The detections that `--method object` uses: those of a score from the run's own level up."""
+    info = json.loads((survey / "survey.json").read_text())["stages"]["segment"]["info"]
+    found = {image.file_name: each for image, each in detections_by_image(parse_coco(survey / "detections.json"))}
+    return SurveyDetections(found).at_least(RunOptions().least_score(info["score_threshold"]))
+
+
+def part_of(cameras: Cameras, photos: set[str]) -> Cameras:
+    kept = np.array([name in photos for name in cameras.photos])
+    tracks = kept[cameras.track_photo_idx]
+    return replace(
+        cameras,
+        photos=tuple(name for name in cameras.photos if name in photos),
+        intrinsics_idx=cameras.intrinsics_idx[kept],
+        cam_from_world=cameras.cam_from_world[kept],
+        track_point_idx=cameras.track_point_idx[tracks],
+        track_photo_idx=(np.cumsum(kept) - 1)[cameras.track_photo_idx[tracks]],
+        track_xy_px=cameras.track_xy_px[tracks],
+    )
+
+
+def surveyed(detections: SurveyDetections, cameras: Cameras) -> Fused:
+    svm = filters.load(filters.shipped("object"))
+    fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
+    fruits = measure(fused, detections, cameras, options=RunOptions().measure)
+    return Fused(fruits, fused.observations, fused.cloud)
+
+
+def same_places(one: Fruits, other: Fruits, diameter_m: float) -> np.ndarray:
+    """Index pairs (m, 2) of fruits at most half a diameter apart: as many as can be, and of these the nearest."""
+    places = Truth(other.ids, other.centers_in_world, np.full(len(other), diameter_m))
+    return assign(candidates_by_center(one, places, EvaluateOptions()), len(one), len(other))
+
+
+def halves_of(survey: Path) -> Halves:
+    cameras, detections = read_cameras(survey / "cameras"), detections_of(survey)
+    names = sorted(cameras.photos)
+    even, odd = (
+        surveyed(SurveyDetections({n: detections[n] for n in part if n in detections}), part_of(cameras, set(part)))
+        for part in (names[::2], names[1::2])
+    )
+    diameter_m = float(np.nanmedian(np.concatenate([even.fruits.diameters_m, odd.fruits.diameters_m])))
+    return Halves(even, odd, same_places(even.fruits, odd.fruits, diameter_m), diameter_m)
+
+
+def rows(name: str, halves: Halves, truth: Truth | None) -> list[str]:
+    even, odd, pairs = halves.even.fruits, halves.odd.fruits, halves.pairs
+    apart_m = np.linalg.norm(even.centers_in_world[pairs[:, 0]] - odd.centers_in_world[pairs[:, 1]], axis=1)
+    lines = []
+    for level in LEVELS:
+        sure = [fruits.scores >= level for fruits in (even, odd)]
+        counts = [int(s.sum()) for s in sure]
+        both = [int(s[pairs[:, k]].sum()) for k, s in enumerate(sure)]
+        mine = sure[0][pairs[:, 0]] | sure[1][pairs[:, 1]]
+        median_m = float(np.median(apart_m[mine])) if mine.any() else np.nan
+        scores = ""
+        if truth is not None:
+            visible = [evaluate(f[s], truth).visible for f, s in zip((even, odd), sure, strict=True)]
+            scores = ", ".join(f"{v.f1:.3f}" for v in visible if v is not None)
+        lines.append(
+            f"| {name} | {level:g} | {counts[0]} | {counts[1]} | {share(abs(counts[0] - counts[1]), max(counts))} | "
+            f"{share(both[0], counts[0])} | {share(both[1], counts[1])} | {share(sum(both), sum(counts))} | "
+            f"{1000 * median_m:.1f} ({median_m / halves.diameter_m:.2f}) | {scores} |"
+        )
+    return lines
+
+
+def share(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.1f} %" if whole else ""
+
+
+def write_crops(survey: Path, photos: Path, halves: Halves, out: Path) -> None:
+    """One picture a fruit that one half alone has: its circle in three photos of each half, its own half above."""
+    cameras = read_cameras(survey / "cameras")
+    names = sorted(cameras.photos)
+    out.mkdir(parents=True, exist_ok=True)
+    for label, mine, column in (("even", halves.even, 0), ("odd", halves.odd, 1)):
+        other = halves.odd if column == 0 else halves.even
+        alone = np.setdiff1d(np.arange(len(mine.fruits)), halves.pairs[:, column])
+        for i in alone.tolist():
+            own = [n for n, f in zip(mine.observations.photo, mine.observations.fruit_id, strict=True)
+                   if f == mine.fruits.ids[i]]  # fmt: skip
+            shown = sorted(own)[:: max(1, len(own) // 4)][:4]
+            tiles = [crop(photos, cameras, n, mine, other, i) for n in shown]
+            tiles += [crop(photos, cameras, names[min(names.index(n) + 1, len(names) - 1)], mine, other, i)
+                      for n in shown]  # fmt: skip
+            tiles += [np.zeros_like(tiles[0])] * (8 - len(tiles))
+            picture = np.concatenate([np.concatenate(tiles[:4], 1), np.concatenate(tiles[4:], 1)], 0)
+            cv2.imwrite(str(out / f"{label}_{mine.fruits.ids[i]}_{mine.fruits.scores[i]:.2f}.jpg"), picture)
+
+
+def crop(photos: Path, cameras: Cameras, name: str, mine: Fused, other: Fused, i: int, size: int = 260) -> np.ndarray:
+    """The fruit in yellow, the other fruits of its half in white, those of the other half in red."""
+    picture = cv2.imread(str(photos / name))
+    idx = cameras.photos.index(name)
+    focal_px = cameras.intrinsics_of(idx).focal_px
+    at, depth = cameras.project(idx, mine.fruits.centers_in_world[i : i + 1])
+    half = max(20.0, 2.5 * focal_px * mine.fruits.diameters_m[i] / 2 / depth[0])
+    layers = ((mine.fruits, (255, 255, 255)), (other.fruits, (0, 0, 255)), (mine.fruits[[i]], (0, 255, 255)))
+    for fruits, color in layers:
+        xy_px, depths = cameras.project(idx, fruits.centers_in_world)
+        for (x, y), d, width in zip(xy_px, depths, fruits.diameters_m, strict=True):
+            if np.isfinite([x, y, width]).all() and abs(x - at[0, 0]) < 2 * half and abs(y - at[0, 1]) < 2 * half:
+                cv2.circle(picture, (round(x), round(y)), round(focal_px * width / 2 / d), color, 1)
+    corner = (at[0] - half).astype(int)
+    moved = np.array([[size / (2 * half), 0, -corner[0] * size / (2 * half)],
+                      [0, size / (2 * half), -corner[1] * size / (2 * half)]])  # fmt: skip
+    return cv2.warpAffine(picture, moved, (size, size))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("surveys", nargs="+")
+    parser.add_argument("--crops", type=Path)
+    parser.add_argument("--photos", type=Path)
+    arguments = parser.parse_args()
+    print(HEAD, "|---" * 10 + "|", sep="\n")
+    for each in arguments.surveys:
+        folder, _, truth = each.partition("=")
+        halves = halves_of(Path(folder))
+        print("\n".join(rows(Path(folder).name, halves, read_truth(Path(truth)) if truth else None)), flush=True)
+        if arguments.crops and arguments.photos:
+            write_crops(Path(folder), arguments.photos, halves, arguments.crops / Path(folder).name)
+
+
+if __name__ == "__main__":
+    main()
