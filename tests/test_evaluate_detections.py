@@ -486,7 +486,7 @@ def test_options_that_cannot_be(row: Path, detections: Path, tmp_path: Path) -> 
             EvaluateDetectionsOptions(**wrong)  # type: ignore[arg-type]
     assert "expected one of auto, masks, boxes" in pomona(detections, "--truth", row, "--match", "centers").stderr
     result = CliRunner().invoke(app, ["evaluate", str(row), "--truth", str(row), "--pictures", str(tmp_path / "p")])
-    assert (result.exit_code, "add --detections" in result.stderr) == (1, True)
+    assert (result.exit_code, "No truth found" in result.stderr) == (1, True)
     truth = (row / "truth").rename(tmp_path / "truth")
     nowhere = pomona(detections, "--truth", truth, "--pictures", tmp_path / "p")
     assert "say where they are with --photos FOLDER" in nowhere.stderr

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from pomona.cli import options as shared
 from pomona.cli.evaluate_detections import Pictures, evaluate_detections
-from pomona.errors import InputError, MissingFileError
+from pomona.cli.evaluate_mistakes import evaluate_mistakes
+from pomona.errors import MissingFileError
 from pomona.formats.tables import read_fruits
 from pomona.survey import Survey
 
@@ -47,11 +48,18 @@ _MIN_VISIBLE = Annotated[
 ]
 _PICTURES = Annotated[
     Path | None,
-    typer.Option(metavar="FOLDER", help="Draw right, false and missed detections into photos. [--detections]"),
+    typer.Option(
+        metavar="FOLDER",
+        help="Write a page of the fruits that went wrong, with crops of photos and why. With --detections: draw right, "
+        "false and missed detections into photos.",
+    ),
 ]
-_WORST = Annotated[int | None, typer.Option(metavar="N", help="Only of the N worst photos. [--pictures]")]
+_WORST = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Only the N worst fruits of each kind, or the N worst photos. [--pictures]"),
+]
 _PHOTOS = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not beside the truth. [--pictures]")
+    Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were. [--pictures]")
 ]
 
 
@@ -89,7 +97,8 @@ def evaluate(
 ) -> None:
     """Compare the fruits found with the true ones: DR, R, P, FDR, MDR and F1 as the paper defines them.
 
-    With --detections, compare the detections in photos: AP, and R, P and F1 by confidence.
+    With --detections, compare the detections in photos: AP, and R, P and F1 by confidence. With --pictures, show what
+    went wrong.
     """
     if detections:
         from pomona.evaluate.detections import EvaluateDetectionsOptions
@@ -99,7 +108,12 @@ def evaluate(
         evaluate_detections(survey, truth, options, pictures=drawing, outcomes=outcomes, as_json=as_json)
         return
     if pictures is not None:
-        raise InputError("--pictures are of detections: add --detections")
+        from pomona.evaluate import EvaluateOptions
+
+        of_fruits = EvaluateOptions(match=match)  # type: ignore[arg-type]
+        page = Pictures(folder=pictures, worst=worst, photos=photos)
+        evaluate_mistakes(survey, truth, of_fruits, page, outcomes=outcomes, as_json=as_json)
+        return
     scores = scores_of(survey, truth, match=match)
     if as_json:
         typer.echo(json.dumps(scores.to_json(outcomes=outcomes), indent=1))

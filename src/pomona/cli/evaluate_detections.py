@@ -86,7 +86,7 @@ def _drawn(
 ) -> Sequence[Path]:
     from pomona.evaluate.detections.pictures import PictureOptions, write_pictures
 
-    photos = _photos(source, truth_path, tuple(truth), pictures)
+    photos = find_photos(source, truth_path, tuple(truth), pictures.photos)
     options = PictureOptions(worst=pictures.worst)
     return write_pictures(pictures.folder, photos, found.by_photo, truth, scores, options=options, progress=progress)
 
@@ -101,16 +101,19 @@ def _file_of(source: Path) -> Path:
     return file
 
 
-def _photos(source: Path, truth: Path, names: Sequence[str], pictures: Pictures) -> dict[str, Photo]:
+def find_photos(source: Path, truth: Path, names: Sequence[str], folder: Path | None) -> dict[str, Photo]:
+    """Return the photos of `names` that can be found: in `folder`, where the survey says they are, or beside the truth.
+
+    Raises `InputError` where none is found.
+    """
     from pomona.evaluate.detections.photo_files import photos_beside, photos_named
 
-    sources = Survey.open(source).get("sources") if source.is_dir() and pictures.photos is None else None
-    if not sources:
-        return photos_beside(truth, names, pictures.photos)
+    survey = Survey.open(source) if source.is_dir() and folder is None else None
+    places = [Path(place) for place in survey.get("sources") or ()] if survey else []
+    if survey is None or not places or not all(place.exists() for place in places):
+        return photos_beside(truth, names, folder)
     from pomona.capture import load_photos
 
-    survey = Survey.open(source)
     sides = survey.get("options", {}).get("sides", "auto")
-    places = [Path(place) for place in sources]
     photos = load_photos(places, sides=sides, frames_dir=survey.work("frames"), min_photos=1)
-    return photos_named(photos, names)
+    return photos_named(photos, names) or photos_beside(truth, names)

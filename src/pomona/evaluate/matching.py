@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.errors import InputError
 from pomona.evaluate.options import EvaluateOptions
 from pomona.evaluate.truth import Truth
 from pomona.fruits import Fruits
@@ -57,6 +58,17 @@ def candidates_by_box(fruits: Fruits, truth: Truth, options: EvaluateOptions) ->
     whole_m3 = found_m3 if options.overlap == "detection" else found_m3 + sides.prod(1) - shared_m3
     overlap = shared_m3 / whole_m3
     return Candidates(found_idx, true_idx, 1 - overlap)[overlap > options.min_overlap]
+
+
+def candidates_of(fruits: Fruits, truth: Truth, options: EvaluateOptions) -> Candidates:
+    """Return the pairs by what `options.match` asks for: boxes, also where it leaves the choice and there are some.
+
+    Raises `InputError` where it asks for boxes and the truth has none.
+    """
+    by_box = options.match == "boxes" or (options.match == "auto" and truth.boxes_in_world is not None)
+    if by_box and truth.boxes_in_world is None:
+        raise InputError("match: expected a truth with boxes, found one with centres and diameters")
+    return (candidates_by_box if by_box else candidates_by_center)(fruits, truth, options)
 
 
 def covered(fruits: Fruits, truth: Truth) -> BoolArray:

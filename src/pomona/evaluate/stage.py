@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import BoolArray, IntArray
-from pomona.errors import InputError
-from pomona.evaluate.matching import Candidates, assign, candidates_by_box, candidates_by_center, covered
+from pomona.evaluate.matching import Candidates, assign, candidates_by_center, candidates_of, covered
 from pomona.evaluate.options import EvaluateOptions
 from pomona.evaluate.scores import Kind, Outcome, Scores, Tally
 from pomona.evaluate.truth import Truth
@@ -22,10 +21,7 @@ def evaluate(fruits: Fruits, truth: Truth, *, options: EvaluateOptions | None = 
     Raises `InputError` where `options.match` asks for boxes and the truth has none.
     """
     options = options or EvaluateOptions()
-    by_box = options.match == "boxes" or (options.match == "auto" and truth.boxes_in_world is not None)
-    if by_box and truth.boxes_in_world is None:
-        raise InputError("match: expected a truth with boxes, found one with centres and diameters")
-    candidates = (candidates_by_box if by_box else candidates_by_center)(fruits, truth, options)
+    candidates = candidates_of(fruits, truth, options)
     over = covered(fruits, truth)
     everything = np.ones(len(truth), dtype=bool)
     visible = truth.visible(options.visible_px, options.visible_photos)

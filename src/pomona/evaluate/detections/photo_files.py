@@ -19,7 +19,8 @@ def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None)
 
     place = truth if truth.is_dir() else truth.parent
     around = [place / "images", place.parent / "images", place.parent.parent / "images"]
-    if truth.is_file() or any(place.glob("*.json")):  # else it holds masks, which are no photos
+    holds_masks = any((of / "masks").is_dir() for of in (place, place / "truth"))
+    if not holds_masks and (truth.is_file() or any(place.glob("*.json"))):  # masks are no photos
         around.append(place)
     tried = [folder] if folder else [f for f in around if f.is_dir()]
     for candidate in tried:

@@ -1,0 +1,111 @@
+"""`pomona evaluate --pictures`: a page of the fruits that went wrong, with crops of the photos that tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+from rich.console import Console
+
+from pomona.cli.evaluate_detections import Pictures, find_photos
+from pomona.cli.progress import TerminalProgress
+from pomona.errors import MissingFileError
+from pomona.formats.tables import read_fruits, read_observations
+from pomona.pipeline.options import RunOptions
+from pomona.survey import Survey
+from pomona.survey.values import columns_from, read_arrays
+
+if TYPE_CHECKING:
+    from pomona.evaluate import EvaluateOptions
+    from pomona.evaluate.mistakes import Evidence
+    from pomona.fruits import Fruits, Observations
+    from pomona.progress import Progress
+
+
+def evaluate_mistakes(
+    source: Path,
+    truth_path: Path,
+    options: EvaluateOptions,
+    pictures: Pictures,
+    *,
+    outcomes: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Print the scores of a survey's fruits and what went wrong, and write the page of it."""
+    from pomona.evaluate import evaluate, read_truth, scores_table
+    from pomona.evaluate.mistakes import MistakeOptions, find_mistakes, mistakes_table, true_masks, write_mistakes
+
+    drawing = MistakeOptions(worst=pictures.worst)
+    with TerminalProgress() as progress:
+        truth = read_truth(truth_path)
+        evidence = read_evidence(source, truth_path, pictures.photos, progress)
+        scores = evaluate(evidence.fruits, truth, options=options)
+        masks = true_masks(truth_path, evidence.cameras.photos)
+        found = find_mistakes(evidence, truth, scores, masks=masks, match=options, options=drawing, progress=progress)
+        page = write_mistakes(
+            pictures.folder, evidence, truth, scores, found, masks=masks, options=drawing, progress=progress
+        )
+    if as_json:
+        content = scores.to_json(outcomes=outcomes)
+        content["mistakes"] = {"page": str(page), **found.to_json(outcomes=outcomes)}
+        typer.echo(json.dumps(content, indent=1))
+        return
+    console = Console(highlight=False)
+    console.print(scores_table(scores))
+    console.print(mistakes_table(found))
+    typer.echo(f"{len(found)} fruit{'s' * (len(found) != 1)} that went wrong: {page}")
+
+
+def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Progress) -> Evidence:
+    """Read what a survey holds of its fruits.
+
+    Raises `MissingFileError` naming what the survey lacks and what writes it, and `InputError` where no photo is found.
+    """
+    from pomona.evaluate.detections import read_found
+    from pomona.evaluate.mistakes import Evidence
+    from pomona.formats.colmap import read_cameras
+
+    survey = Survey.open(source)
+    for path, stage in (
+        (survey.cameras, "reconstruct"),
+        (survey.detections, "segment"),
+        (survey.fruits, "measure"),
+        (survey.observations, "measure"),
+    ):
+        if not path.exists():
+            raise MissingFileError(f"{path} does not exist: `pomona {stage}` writes it")
+    cameras, fruits = read_cameras(survey.cameras), read_fruits(survey.fruits)
+    return Evidence(
+        photos=find_photos(source, truth, cameras.photos, photos),
+        sides={entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())},
+        cameras=cameras,
+        detections=read_found(survey.detections, progress=progress).by_photo,
+        fruits=fruits,
+        observations=read_observations(survey.observations),
+        joined=_joined(survey, fruits, progress),
+        least_score=_least_score(survey),
+        title=survey.folder.name,
+    )
+
+
+def _joined(survey: Survey, fruits: Fruits, progress: Progress) -> tuple[Fruits, Observations] | None:
+    """Return the fruits before the filter, where the survey still has those of which `fruits` are left."""
+    from pomona.fruits import Fruits, Observations
+
+    path = survey.work("fuse.npz")
+    if path.is_file():
+        arrays = read_arrays(path)
+        before = columns_from(Fruits, arrays, "fruits/"), columns_from(Observations, arrays, "observations/")
+        if set(fruits.ids.tolist()) <= set(before[0].ids.tolist()):
+            return before
+    progress.warn(f"What the filter dropped is not known: {path} is not there, or of other fruits than {survey.fruits}")
+    return None
+
+
+def _least_score(survey: Survey) -> float:
+    """Return the score from which detections could become fruit; 0 where the survey does not say."""
+    record = survey.record_of("segment")
+    threshold = None if record is None else record.info.get("score_threshold")
+    return 0.0 if threshold is None else RunOptions.from_json(survey.get("options", {})).least_score(float(threshold))

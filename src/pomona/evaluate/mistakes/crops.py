@@ -1,0 +1,158 @@
+"""Crops of photos around the fruits that went wrong: each photo is read once, and never two at a time."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray, IntArray
+from pomona.capture import read_pixels
+from pomona.capture.images import write_jpeg
+from pomona.detections import Mask
+from pomona.errors import InputError, MissingFileError, few
+from pomona.evaluate.mistakes import draw
+from pomona.evaluate.mistakes.draw import Drawing, Outline, Window
+from pomona.evaluate.mistakes.options import MistakeOptions
+from pomona.evaluate.mistakes.spheres import Circle, Spheres
+from pomona.evaluate.mistakes.values import Evidence, Mistake, View
+from pomona.formats.png_masks import read_ids
+from pomona.photos import Photo
+from pomona.progress import Progress, track
+from pomona.report.outlines import centers_px
+
+# In radii: so near is what a crop shows whole of the fruits that this one was mistaken for; and so far beside the photo
+# that shows it a fruit may project.
+_NEAR_RADII, _BESIDE_RADII = 2.5, 4.0
+
+
+@dataclass(frozen=True)
+class Crop:
+    """Two files beside the page, a crop and the same with what is drawn into it, and what the photo tells."""
+
+    photo: str
+    note: str
+    plain: str
+    drawn: str
+
+
+class CropCutter:
+    """Cuts crops out of photos into `folder`; `true_ids` are images of true fruit ids, by photo."""
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        spheres: Spheres,
+        true_ids: Mapping[str, Path],
+        folder: Path,
+        options: MistakeOptions,
+    ) -> None:
+        self._evidence, self._spheres, self._true_ids = evidence, spheres, true_ids
+        self._folder, self._options = folder, options
+
+    def cut(self, mistakes: Sequence[Mistake], progress: Progress) -> dict[str, tuple[Crop, ...]]:
+        """Write the crops of `mistakes` and return them by the mistakes' keys.
+
+        Photos that cannot be read, or have not the size that their camera has, are left out with a warning.
+        """
+        by_photo: dict[str, list[tuple[Mistake, int]]] = defaultdict(list)
+        for mistake in mistakes:
+            for number, view in enumerate(mistake.views):
+                by_photo[view.photo].append((mistake, number))
+        crops: dict[str, dict[int, Crop]] = {mistake.key: {} for mistake in mistakes}
+        astray: list[str] = []
+        for photo in track(sorted(by_photo), progress, "cutting crops out of photos"):
+            try:
+                for mistake, number, crop in self._of_photo(photo, by_photo[photo], astray):
+                    crops[mistake.key][number] = crop
+            except (InputError, MissingFileError) as error:
+                progress.warn(f"{photo}: no crops: {error}")
+        if astray:
+            progress.warn(
+                f"{len(astray)} crops are left out, as the fruit does not project into the photo that shows it: "
+                f"{few(astray, 3)}. Are survey and truth in one frame, from the same markers?"
+            )
+        return {key: tuple(of[number] for number in sorted(of)) for key, of in crops.items()}
+
+    def _of_photo(
+        self, name: str, wanted: Sequence[tuple[Mistake, int]], astray: list[str]
+    ) -> Iterator[tuple[Mistake, int, Crop]]:
+        photo, photo_idx = self._evidence.photos[name], self._evidence.cameras.index_of(name)
+        assert photo_idx is not None
+        self._check_size(photo, photo_idx)
+        pixels, circles = read_pixels(photo), self._spheres.circles(photo_idx)
+        ids = read_ids(self._true_ids[name]) if name in self._true_ids else None
+        for mistake, number in wanted:
+            view = mistake.views[number]
+            here = [circle.about(mistake.truth_id, mistake.fruit_ids) for circle in circles]
+            window = self._window(mistake, view, here, photo, photo_idx)
+            if window is None:
+                astray.append(f"{mistake.name} in {name}")
+                continue
+            drawing = Drawing((*self._masks(view), *_visible(ids, mistake, window)), here)
+            yield mistake, number, self._write(f"{mistake.key}-{number + 1}", view, pixels, window, drawing)
+
+    def _check_size(self, photo: Photo, photo_idx: int) -> None:
+        lens = self._evidence.cameras.intrinsics_of(photo_idx)
+        if (photo.width_px, photo.height_px) != (lens.width_px, lens.height_px):
+            raise InputError(
+                f"expected {lens.width_px} × {lens.height_px} pixels, as its camera has, found {photo.width_px} × "
+                f"{photo.height_px} in {photo.path}"
+            )
+
+    def _write(self, name: str, view: View, pixels: ByteArray, window: Window, drawing: Drawing) -> Crop:
+        plain, brightened = draw.brightened(draw.cut(pixels, window))
+        drawn = draw.draw(draw.enlarged(plain, window), window, drawing)
+        quality = self._options.jpeg_quality
+        write_jpeg(self._folder / f"{name}.jpg", plain, quality=quality)
+        write_jpeg(self._folder / f"{name}-drawn.jpg", drawn, quality=quality)
+        note = view.note + (" (brightened)" if brightened else "")
+        return Crop(view.photo, note, f"{name}.jpg", f"{name}-drawn.jpg")
+
+    def _masks(self, view: View) -> Iterator[Outline]:
+        """The outlines of all detections, those of this fruit last."""
+        found = self._evidence.detections.get(view.photo)
+        if found is None:
+            return
+        own = np.isin(found.ids, view.detection_ids)
+        for k in np.argsort(own, kind="stable"):
+            weak = found.scores[k] < self._evidence.least_score
+            colour = draw.WEAK if weak else draw.OWN if own[k] else draw.OTHER
+            yield Outline(found.masks[k], colour, bool(own[k]))
+
+    def _window(
+        self, mistake: Mistake, view: View, circles: Sequence[Circle], photo: Photo, photo_idx: int
+    ) -> Window | None:
+        """The part of the photo around the fruit, the detections of it, and what near it was mistaken for it.
+
+        None where the fruit does not project into the photo.
+        """
+        cameras, options = self._evidence.cameras, self._options
+        place = np.array(mistake.center_in_world)
+        center = centers_px(cameras, photo_idx, place[None])[0]
+        distance = max(float(np.linalg.norm(cameras.centers_in_world[photo_idx] - place)), 1e-6)
+        radius_px = cameras.intrinsics_of(photo_idx).focal_px * self._spheres.usual_diameter_m / 2 / distance
+        size_px = np.array([photo.width_px, photo.height_px])
+        beside_px, near_px = _BESIDE_RADII * radius_px, _NEAR_RADII * radius_px
+        if not ((center > -beside_px) & (center < size_px + beside_px)).all():  # nor if it is NaN
+            return None
+        points: list[FloatArray] = [center + radius_px * np.array([[-1.0, -1], [1, 1]])]
+        points += [c.outline_px for c in circles if c.thick and np.linalg.norm(c.center_px - center) < near_px]
+        points += [np.array(outline.mask.box_px, float).reshape(2, 2) for outline in self._masks(view) if outline.thick]
+        return draw.window_around(
+            np.concatenate(points), options.around, options.least_window_px, (photo.width_px, photo.height_px),
+            options.crop_px,
+        )  # fmt: skip
+
+
+def _visible(ids: IntArray | None, mistake: Mistake, window: Window) -> Iterator[Outline]:
+    """The outline of what the photo shows of the true fruit, inside the window."""
+    if ids is None or not mistake.truth_id:
+        return
+    left, top = max(window.left, 0), max(window.top, 0)
+    pixels = ids[top : window.top + window.side, left : window.left + window.side] == mistake.truth_id
+    if pixels.any():
+        yield Outline(Mask.from_pixels(pixels, left, top), draw.TRUE, False)

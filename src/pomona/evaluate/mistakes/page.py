@@ -1,0 +1,148 @@
+"""The page of mistakes: `index.html`, which opens from disk and fetches nothing but the crops beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from itertools import groupby
+from string import Template
+
+from pomona import __version__
+from pomona.evaluate.mistakes.crops import Crop
+from pomona.evaluate.mistakes.draw import Rgb, legend
+from pomona.evaluate.mistakes.stages import KINDS, STAGES, Kind, Stage
+from pomona.evaluate.mistakes.values import Mistake, Mistakes
+from pomona.evaluate.scores import Tally
+
+_ROOM = files("pomona.evaluate.mistakes")
+
+
+def page_html(title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, Sequence[Crop]], *, folder: str) -> str:
+    """Return the page. Of `mistakes` those are shown that `crops` (in `folder` beside the page) has, by key.
+
+    It needs no script: what hides a kind, or the drawings, is style alone.
+    """
+    counts = mistakes.counts()
+    return Template(_ROOM.joinpath("template.html").read_text(encoding="utf-8")).substitute(
+        title=escape(title),
+        version=escape(__version__),
+        style=_ROOM.joinpath("style.css").read_text(encoding="utf-8").strip(),
+        subtitle=escape(_subtitle(tally, mistakes)),
+        scores=_scores(tally),
+        summary=_summary(counts, len(mistakes)),
+        chips="".join(_chip(kind, sum(counts[kind].values())) for kind in KINDS),
+        legend="".join(_swatch(name, colour, words) for name, (colour, words) in legend().items()),
+        sections="\n".join(_section(kind, mistakes.of_kind(kind), crops, folder) for kind in KINDS if counts[kind]),
+        folder=escape(folder),
+    )
+
+
+def _subtitle(tally: Tally, mistakes: Mistakes) -> str:
+    of = "visible" if mistakes.label == "visible" else "true"
+    if not len(mistakes):
+        return f"Nothing is wrong: all {tally.true_fruits} {of} fruits were found, once each, and no other."
+    wrong = f"{len(mistakes)} fruit{'s' * (len(mistakes) != 1)} went wrong"
+    return f"{wrong}; {tally.true_positives} of {tally.true_fruits} {of} fruits were found"
+
+
+def _scores(tally: Tally) -> str:
+    fruits = "visible fruits" if tally.label == "visible" else "true fruits"
+    rows = [
+        (fruits, str(tally.true_fruits)),
+        ("found", str(tally.detections)),
+        ("right", str(tally.true_positives)),
+        ("F1", _share(tally.f1)),
+        ("recall", _share(tally.recall)),
+        ("precision", _share(tally.precision)),
+        ("centre error, median", _mm(tally.center_median_m)),
+    ]
+    lines = "".join(f'<tr><th scope="row">{name}</th><td class="number">{value}</td></tr>' for name, value in rows)
+    return f"<table><caption>Scores</caption><tbody>{lines}</tbody></table>"
+
+
+def _summary(counts: Mapping[Kind, Mapping[Stage, int]], total: int) -> str:
+    if not total:
+        return '<p class="none">No fruit was missed, merged, false or double.</p>'
+    most = max(number for of in counts.values() for number in of.values())
+    rows = []
+    for kind, of in counts.items():
+        for k, (stage, number) in enumerate(of.items()):
+            head = f'<th class="kind kind-{kind}" scope="rowgroup" rowspan="{len(of)}">{kind}: {sum(of.values())}</th>'
+            rows.append(
+                f'<tr>{head if k == 0 else ""}<td><a href="#{kind}-{stage}">{escape(STAGES[stage])}</a></td>'
+                f'<td class="number">{number}</td>'
+                f'<td class="track kind-{kind}"><i style="width:{100 * number / most:.0f}%"></i></td></tr>'
+            )
+    head = '<tr><th scope="col">Kind</th><th scope="col">Likely stage</th><th class="number" scope="col">Fruits</th>'
+    return (
+        f"<table><caption>What went wrong, and where</caption><thead>{head}<th></th></tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table>"
+    )
+
+
+def _chip(kind: Kind, number: int) -> str:
+    off = "" if number else " disabled"
+    return (
+        f'<label class="chip kind-{kind}"><input type="checkbox" id="show-{kind}" checked{off}>{kind} '
+        f"<b>{number}</b></label>"
+    )
+
+
+def _swatch(name: str, colour: Rgb, words: str) -> str:
+    tone = "#{:02x}{:02x}{:02x}".format(*colour)
+    shape = '<circle cx="11" cy="11" r="7" fill="none"'
+    if name in ("own", "other", "weak"):
+        shape = '<path d="M5 12q0-7 6-7t6 5q0 7-7 7t-5-5z" fill="none"'
+    width = 2.5 if name in ("true", "own") else 1.5
+    drawn = f'<svg viewBox="0 0 22 22" aria-hidden="true">{shape} stroke="{tone}" stroke-width="{width}"/></svg>'
+    return f"<li>{drawn}{words}</li>"
+
+
+def _section(kind: Kind, mistakes: Sequence[Mistake], crops: Mapping[str, Sequence[Crop]], folder: str) -> str:
+    shown = sum(mistake.key in crops for mistake in mistakes)
+    number = f"{len(mistakes)}" if shown == len(mistakes) else f"the worst {shown} of {len(mistakes)}"
+    parts = [
+        f'<section class="{kind}"><h2 class="kind-{kind}">{kind.capitalize()} <small>{number}</small></h2>'
+        f'<p class="note">{KINDS[kind].capitalize()}.</p>'
+    ]
+    for stage, of in groupby(mistakes, key=lambda mistake: mistake.stage):
+        whole = list(of)
+        some = [mistake for mistake in whole if mistake.key in crops]
+        count = f"{len(whole)}" if len(some) == len(whole) else f"{len(some)} of {len(whole)}"
+        label = STAGES[stage]
+        parts.append(f'<h3 id="{kind}-{stage}">{escape(label[0].upper() + label[1:])} <small>{count}</small></h3>')
+        parts += [_article(mistake, crops[mistake.key], folder) for mistake in some]
+    return "\n".join([*parts, "</section>"])
+
+
+def _article(mistake: Mistake, crops: Sequence[Crop], folder: str) -> str:
+    x, y, z = mistake.center_in_world
+    name = mistake.name[0].upper() + mistake.name[1:]
+    facts = [mistake.facts, f"diameter {_mm(mistake.diameter_m)}", f"at x {x:.3f}, y {y:.3f}, z {z:.3f} m"]
+    figures = "".join(_figure(mistake, crop, folder) for crop in crops)
+    pictures = f'<div class="crops">{figures}</div>' if crops else '<p class="none">No photo to show.</p>'
+    return (
+        f'<article class="kind-{mistake.kind}" id="{mistake.key}"><h4>{name} <span>{mistake.kind}</span></h4>'
+        f'<p class="reason">{escape(mistake.reason)}</p>'
+        f'<p class="facts">{escape(" · ".join(fact for fact in facts if fact))}</p>{pictures}</article>'
+    )
+
+
+def _figure(mistake: Mistake, crop: Crop, folder: str) -> str:
+    plain, drawn = (escape(f"{folder}/{name}") for name in (crop.plain, crop.drawn))
+    alt = escape(f"{mistake.name}, {mistake.kind}, in {crop.photo}: {crop.note}")
+    return (
+        f'<figure><a href="{drawn}"><img src="{plain}" alt="" loading="lazy">'
+        f'<img class="drawn" src="{drawn}" alt="{alt}" loading="lazy"></a>'
+        f"<figcaption><b>{escape(crop.photo)}</b>{escape(crop.note)}</figcaption></figure>"
+    )
+
+
+def _share(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.3f}"
+
+
+def _mm(value_m: float) -> str:
+    return "not measured" if math.isnan(value_m) else f"{1000 * value_m:.1f} mm"

@@ -1,0 +1,95 @@
+"""True and found fruits as circles in photos."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.evaluate.mistakes import draw
+from pomona.evaluate.mistakes.draw import Rgb
+from pomona.evaluate.mistakes.shown import told_px
+from pomona.evaluate.mistakes.values import Evidence
+from pomona.evaluate.scores import Tally
+from pomona.evaluate.truth import Truth
+from pomona.fruits import Fruits
+from pomona.report.outlines import centers_px, sphere_outlines_px
+
+_FOUND_COLOURS: dict[str, Rgb] = {
+    "matched": draw.RIGHT,
+    "hidden": draw.RIGHT,
+    "false": draw.FALSE,
+    "double": draw.DOUBLE,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Circle:
+    """A fruit in a photo: its sphere's outline (k, 2), NaN where it has none, and its centre.
+
+    `true` and `fruit_id` say which. `seen`: the photo sees it, and, of true ones, it was not found: where it was, the
+    found one's circle is enough. `thick` circles are what a crop is about.
+    """
+
+    true: bool
+    fruit_id: int
+    outline_px: FloatArray
+    center_px: FloatArray
+    colour: Rgb
+    seen: bool
+    thick: bool = False
+
+    @property
+    def label(self) -> str:
+        """The id of a found fruit."""
+        return "" if self.true else str(self.fruit_id)
+
+    def about(self, truth_id: int | None, fruit_ids: Sequence[int]) -> Circle:
+        """Return the circle, thick where it is the true fruit or one of the found ones."""
+        thick = self.fruit_id == truth_id if self.true else self.fruit_id in fruit_ids
+        return replace(self, thick=thick)
+
+
+class Spheres:
+    """All spheres that may be drawn: true fruits, found ones, and those that the filter dropped."""
+
+    def __init__(self, evidence: Evidence, truth: Truth, tally: Tally) -> None:
+        joined, observations = evidence.before_filter
+        dropped = joined[~np.isin(joined.ids, evidence.fruits.ids)]
+        self._cameras, self._truth = evidence.cameras, truth
+        self._told = told_px(truth, evidence.cameras.photos)
+        self._seen_in: dict[str, set[int]] = defaultdict(set)
+        for fruit_id, photo in zip(observations.fruit_id.tolist(), observations.photo, strict=True):
+            self._seen_in[photo].add(fruit_id)
+        self.usual_diameter_m = _usual_m(evidence.fruits, truth)
+        self._centers_in_world = np.concatenate(
+            [truth.centers_in_world, evidence.fruits.centers_in_world, dropped.centers_in_world]
+        )
+        self._diameters_m = np.concatenate([truth.diameters_m, evidence.fruits.diameters_m, dropped.diameters_m])
+        self._found_ids = [*evidence.fruits.ids.tolist(), *dropped.ids.tolist()]
+        kinds = {outcome.fruit_id: outcome.kind for outcome in tally.outcomes}
+        self._matched = np.isin(truth.ids, [o.truth_id or 0 for o in tally.outcomes if o.kind == "matched"])
+        found = [_FOUND_COLOURS[kinds.get(i, "matched")] for i in evidence.fruits.ids.tolist()]
+        self._colours = [*[draw.TRUE] * len(truth), *found, *[draw.DROPPED] * len(dropped)]
+
+    def circles(self, photo_idx: int) -> list[Circle]:
+        """Return the circles of all spheres in a photo, thin."""
+        outlines = sphere_outlines_px(self._cameras, photo_idx, self._centers_in_world, self._diameters_m)
+        centers = centers_px(self._cameras, photo_idx, self._centers_in_world)
+        told = np.ones(len(self._truth)) if self._told is None else self._told[photo_idx]
+        true_shown = ((told > 0) & ~self._matched).tolist()
+        here = self._seen_in[self._cameras.photos[photo_idx]]
+        names = [(True, i, seen) for i, seen in zip(self._truth.ids.tolist(), true_shown, strict=True)]
+        names += [(False, i, i in here) for i in self._found_ids]
+        return [
+            Circle(true, i, outline, center, colour, seen)
+            for (true, i, seen), outline, center, colour in zip(names, outlines, centers, self._colours, strict=True)
+        ]
+
+
+def _usual_m(fruits: Fruits, truth: Truth) -> float:
+    measured = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
+    return float(np.median(np.concatenate([truth.diameters_m, measured])))
