@@ -24,6 +24,7 @@ from pomona.report.plots import bin_edges, heights
 from pomona.report.scene import payload
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
+from pomona.scale import ScaleReport, SideTie
 from pomona.sfm.values import Unregistered
 from report_scenes import LENS, row_cameras, row_cloud, row_fruits, row_report
 
@@ -256,3 +257,17 @@ def test_zero_height_is_written_as_zero(data: ReportData) -> None:
 )
 def test_duration(seconds: float, expected: str) -> None:
     assert duration(seconds) == expected
+
+
+def test_how_well_sides_agree_is_said(data: ReportData, tmp_path: Path) -> None:
+    tie = SideTie("east", "west", "fruits", 34, 7.4, float("nan"))
+    fruits = replace(data.fruits, sides=("both", "both", *data.fruits.sides[2:]))
+    write_report(replace(data, fruits=fruits, scale=ScaleReport("markers", ties=(tie,))), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Sides agree to" in text
+    assert "7 <small>mm</small>" in text
+    both = sum(side == "both" for side in fruits.sides)
+    assert f"{both} fruits seen from both sides; of 34 each side alone" in text
+    assert "which brought the sides into one frame" in text
+    write_report(replace(data, scale=ScaleReport("markers")), tmp_path / "report.html")
+    assert "Sides agree" not in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -9,6 +9,9 @@ import numpy as np
 from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, set_checked
 from pomona.errors import InputError
 
+BOTH_SIDES = "both"
+"""The side of a fruit that photos of more than one side saw."""
+
 
 @dataclass(frozen=True, eq=False)
 class FruitCloud:

@@ -42,6 +42,7 @@ def _entries(summary: Summary) -> list[tuple[str, str]]:
         *_listed("skipped", summary.skipped),
         ("detections", detections),
         ("scale", summary.scale or ""),
+        ("sides", "; ".join(summary.sides)),
         ("time", _times(summary)),
         ("warnings", f"{len(summary.warnings)}, kept in survey.json" if summary.warnings else ""),
         ("report", str(summary.report) if summary.report else ""),

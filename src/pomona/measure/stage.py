@@ -11,14 +11,12 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.filter.features import fruit_points
-from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure.outlines import Sight, sight_of
 from pomona.measure.sphere import Evidence, Prior, Sphere, fit_sphere
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-
-BOTH_SIDES = "both"
 
 
 @dataclass(frozen=True, kw_only=True)

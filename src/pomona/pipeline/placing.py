@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,14 +14,17 @@ from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.photos import Photos
 from pomona.pipeline.context import Context
-from pomona.pipeline.seeing import counted
+from pomona.pipeline.seeing import counted, trusted
 from pomona.progress import Progress
-from pomona.scale.values import MarkerResidual, PieceScale, Placed, ScaleReport
+from pomona.scale.values import MarkerResidual, PieceScale, Placed, ScaleReport, SideTie
 from pomona.sfm.values import Piece, Reconstruction, Unregistered
 from pomona.survey import Stage
 from pomona.survey.digest import file_digest, plain
 from pomona.survey.stage import StageWork
 from pomona.survey.values import frame_from
+
+if TYPE_CHECKING:
+    from pomona.scale.by_fruits import FindFruits
 
 
 def sfm_stage(context: Context, segment: Stage[SurveyDetections]) -> Stage[Reconstruction]:
@@ -74,7 +77,12 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         if not reconstruction.pieces:  # only where there is no fruit: sfm_stage raises otherwise
             return Placed(_no_cameras())
         return place_in_world(
-            reconstruction, context.photos, options=options.scale, detections=counted(segment), progress=progress
+            reconstruction,
+            context.photos,
+            options=options.scale,
+            detections=counted(segment),
+            find_fruits=_find_fruits(context, segment),
+            progress=progress,
         )
 
     def save(placed: Placed) -> Mapping[str, Any]:
@@ -98,7 +106,18 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         return Placed(cameras, unregistered_from(info["lost"]), _report_from(info["report"]))
 
     work = StageWork(compute=compute, save=save, load=load, outputs=(path,), needs=(segment, sfm))
-    return context.stage("scale", key, work, rooms=("scale",))
+    return context.stage("scale", key, work, rooms=("scale", "fuse"))
+
+
+def _find_fruits(context: Context, segment: Stage[SurveyDetections]) -> FindFruits | None:
+    """Return what finds the fruits that one side sees, by which sides are brought together; the paper has no such."""
+    from pomona.fuse import object
+
+    if context.options.method == "paper":
+        return None
+
+    detections = trusted(segment, context.options)
+    return lambda cameras: object.fuse(detections, cameras, options=context.options.object).fruits
 
 
 def unregistered_from(entries: list[dict[str, str]]) -> tuple[Unregistered, ...]:
@@ -211,6 +230,7 @@ def _report_from(values: Mapping[str, Any]) -> ScaleReport:
         unseen_markers=tuple(values["unseen_markers"]),
         tied_pieces=int(values["tied_pieces"]),
         notes=tuple(values["notes"]),
+        ties=tuple(SideTie(**_nan(entry)) for entry in values["ties"]),
     )
 
 

@@ -34,7 +34,8 @@ class StageTime:
 
 @dataclass(frozen=True)
 class Summary:
-    """The end of a run. What a partial run did not come to is None. `lost` are photo names with reasons."""
+    """The end of a run. What a partial run did not come to is None. `sides` says how well the sides of the row agree;
+    `lost` are photo names with reasons."""
 
     survey: Path
     photos: int
@@ -43,6 +44,7 @@ class Summary:
     fruits: int | None
     scale: str | None
     approximate: bool | None
+    sides: tuple[str, ...]
     lost: tuple[tuple[str, str], ...]
     skipped: tuple[tuple[str, str], ...]
     stages: tuple[StageTime, ...]
@@ -72,6 +74,7 @@ def summarise(
         fruits=int(results.info["fruits"]) if results else None,
         scale=_scale(scale.info) if scale else None,
         approximate=bool(scale.info["frame"]["approximate"]) if scale else None,
+        sides=tuple(_tie(entry) for entry in scale.info["report"]["ties"]) if scale else (),
         lost=tuple(lost),
         skipped=skipped,
         stages=tuple(
@@ -95,3 +98,8 @@ def _scale(info: Mapping[str, Any]) -> str:
         rms_mm = math.sqrt(sum(r * r for r in residuals) / len(residuals))
         text += f" (residual {rms_mm:.1f} mm)"
     return text + (", approximate" if frame.approximate and frame.metric else "")
+
+
+def _tie(entry: Mapping[str, Any]) -> str:
+    names = f"{entry['side']} and {entry['other']}" if entry["side"] != entry["other"] else f"pieces of {entry['side']}"
+    return f"{names} agree to {entry['median_mm']:.0f} mm (median of {entry['fruits']} fruits that each sees alone)"

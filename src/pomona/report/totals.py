@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from pomona.fruits import BOTH_SIDES
 from pomona.report.data import ReportData
 
 _SOURCES = {
@@ -17,12 +18,13 @@ _SOURCES = {
     "given": "as in the cameras given",
     "none": "",
 }
+_BROUGHT_TOGETHER = {"markers": "", "gnss": "", "fruits": ", which brought the sides into one frame"}
 _MOST_WARNINGS_SHOWN = 8
 
 
 def totals(data: ReportData) -> str:
     """Return the cards with the survey's figures."""
-    return "".join([_fruits(data), _diameter(data), _photos(data), _scale(data), _time(data)])
+    return "".join([_fruits(data), _diameter(data), _photos(data), _scale(data), _sides(data), _time(data)])
 
 
 def _card(label: str, figure: str, more: str, kind: str = "") -> str:
@@ -73,6 +75,17 @@ def _scale(data: ReportData) -> str:
     if data.scale is not None and not data.scale.sides_are_tied:
         more.append("sides are not tied to each other")
     return _card("Scale", f"metres {badge}".strip(), escape(", ".join(more)))
+
+
+def _sides(data: ReportData) -> str:
+    """How well sides agree: by the pair that shares most fruits; nothing where there is no such pair."""
+    ties = data.scale.ties if data.scale is not None else ()
+    if not ties:
+        return ""
+    tie = max(ties, key=lambda tie: tie.fruits)
+    seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
+    more = f"{seen_from_both:,} fruits seen from both sides; of {tie.fruits:,} each side alone tells the place as well"
+    return _card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 
 def _time(data: ReportData) -> str:

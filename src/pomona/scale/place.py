@@ -11,6 +11,7 @@ from pomona.geometry import Similarity
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 from pomona.scale.beside import set_beside
+from pomona.scale.by_fruits import FindFruits, tie_by_fruits
 from pomona.scale.markers import read_markers
 from pomona.scale.sources import (
     look_for_markers,
@@ -33,12 +34,14 @@ def place_in_world(
     *,
     options: ScaleOptions | None = None,
     detections: SurveyDetections | None = None,
+    find_fruits: FindFruits | None = None,
     progress: Progress | None = None,
 ) -> Placed:
     """Return all pieces as cameras in one metric frame, z up, and what could not be placed, with residuals.
 
     Metres and the frame come from the first of these that a piece has: markers of known places, a scale bar, GNSS
-    positions, the fruits' own diameter. Pieces that nothing ties to the others are set beside them, with a warning.
+    positions, the fruits' own diameter. With `find_fruits`, sides that see the same fruits are brought together by
+    them. Pieces that nothing ties to the others are set beside them, with a warning.
 
     Raises `ReconstructionError` when there is no piece, and `InputError`, `FormatError` or `MissingFileError` for
     options and marker tables that cannot be used.
@@ -59,6 +62,8 @@ def place_in_world(
         frame = tie_by_gnss(work, photos)
     scale_by_fruit(work, detections, options)
     scale_by_distance(work)
+    if find_fruits is not None:
+        tie_by_fruits(work, frame, find_fruits)
     return _assemble(work, frame)
 
 
@@ -84,7 +89,13 @@ def _assemble(work: Work, frame: WorldFrame | None) -> Placed:
         frame = WorldFrame(frame.scale_source, True, frame.up_is_known, frame.crs, frame.origin)
     cameras = concatenate([work.tied[i] if i in work.tied else beside[i] for i in kept], frame)
     report = ScaleReport(
-        frame.scale_source, scales, tuple(work.markers), work.unseen, len(work.tied), tuple(work.notes)
+        source=frame.scale_source,
+        pieces=scales,
+        markers=tuple(work.markers),
+        unseen_markers=work.unseen,
+        tied_pieces=len(work.tied),
+        notes=tuple(work.notes),
+        ties=tuple(work.ties),
     )
     return Placed(cameras, tuple(lost), report)
 
@@ -108,8 +119,8 @@ def _tell_of_loose(work: Work, loose: list[int]) -> None:
     if len(sides) > 1:
         work.tell(
             f"Sides {' and '.join(sides)} have no common frame: they were set beside each other, and fruits seen from "
-            "both sides are counted twice. Set up markers of known places (--markers) on each side, or count the sides "
-            "apart"
+            "both sides are counted twice. Too few fruits are seen from both sides to bring them together. Set up "
+            "markers of known places (--markers) on each side, or count the sides apart"
         )
     pieces = [i for i in loose if not work.is_main(i)]
     if pieces:

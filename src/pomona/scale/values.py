@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -70,9 +71,31 @@ class PieceScale:
     rms_mm: float = float("nan")
 
 
+TiedBy = Literal["markers", "gnss", "fruits"]
+
+
+@dataclass(frozen=True)
+class SideTie:
+    """How two sides agree on the `fruits` that each of them sees alone, after these brought them together.
+
+    `tied_by` is what had them in one frame before. `median_mm` is the median distance between the places that the
+    sides give to the same fruit; `moved_mm` how far the fruits moved the sides (NaN where they had no common frame).
+    """
+
+    side: str
+    other: str
+    tied_by: TiedBy
+    fruits: int
+    median_mm: float
+    moved_mm: float
+
+
 @dataclass(frozen=True)
 class ScaleReport:
-    """What the survey's manifest and report tell of the scale. `tied_pieces` are in one frame by measurement."""
+    """What the survey's manifest and report tell of the scale. `tied_pieces` are in one frame by measurement.
+
+    Residuals of markers are of the fit to the markers alone, before `ties` of sides by fruits.
+    """
 
     source: ScaleSource = "none"
     pieces: tuple[PieceScale, ...] = ()
@@ -80,6 +103,7 @@ class ScaleReport:
     unseen_markers: tuple[int, ...] = ()
     tied_pieces: int = 0
     notes: tuple[str, ...] = ()
+    ties: tuple[SideTie, ...] = ()
 
     @property
     def markers_rms_mm(self) -> float:

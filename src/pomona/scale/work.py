@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras, ScaleSource
 from pomona.progress import Progress
-from pomona.scale.values import MarkerResidual, PieceScale
+from pomona.scale.values import MarkerResidual, PieceScale, SideTie
 from pomona.sfm.values import Piece
 
 
@@ -16,7 +16,8 @@ class Work:
     """What is known so far of each piece, by its index.
 
     `tied` holds cameras that are in the world frame already; `metres_per_unit` the pieces that have a scale alone;
-    `scales` tells of both; `failures` says what was tried in vain.
+    `scales` tells of both; `failures` says what was tried in vain;
+    `ties` how sides agree on fruits that both see.
     """
 
     pieces: Sequence[Piece]
@@ -28,6 +29,7 @@ class Work:
     markers: list[MarkerResidual] = field(default_factory=list)
     unseen: tuple[int, ...] = ()
     notes: list[str] = field(default_factory=list)
+    ties: list[SideTie] = field(default_factory=list)
 
     def tell(self, message: str) -> None:
         """Warn the person, and keep the message for the survey."""

@@ -1,0 +1,184 @@
+"""Sides in one frame by the fruits that both see, and how well they agree there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.cameras import Cameras, WorldFrame
+from pomona.fruits import Fruits
+from pomona.geometry import Similarity
+from pomona.scale.constellation import grow, is_clear, lay_over, mutually_nearest
+from pomona.scale.upright import row_frame
+from pomona.scale.values import SideTie, TiedBy
+from pomona.scale.work import Work
+
+FindFruits = Callable[[Cameras], Fruits]
+"""Finds the fruits that cameras in metres see."""
+
+_ROUNDS = 3
+_ROBUST_ROUNDS, _TAIL = 8, 2.0
+_SAME_FRUIT = 0.5  # diameters
+_SOURCES = ("markers", "scale-bar", "gnss", "fruit-diameter")  # of metres, the best first
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A piece in metres, level: its fruits' centres (n, 3) and their usual diameter."""
+
+    cameras: Cameras
+    centers: FloatArray
+    diameter_m: float
+
+    @property
+    def sight(self) -> FloatArray:
+        """The mean direction (3,) in which its photos look."""
+        mean = self.cameras.cam_from_world[:, 2, :3].mean(0)
+        return np.asarray(mean / np.linalg.norm(mean))
+
+    def moved(self, target_from_world: Similarity) -> _Side:
+        return _Side(
+            self.cameras.transformed(target_from_world),
+            target_from_world.apply(self.centers),
+            self.diameter_m * target_from_world.scale,
+        )
+
+
+def tie_by_fruits(work: Work, frame: WorldFrame | None, find_fruits: FindFruits) -> None:
+    """Bring pieces which see the same fruits into one frame, and refine those that are in one.
+
+    Pieces in the markers' frame meet half-way. Those that GNSS has put there, or nothing yet, are laid over the piece
+    whose metres are best. What sees too few fruits of the others stays where it is.
+    """
+    metric = [i for i in range(len(work.pieces)) if i in work.scales and work.scales[i].source != "none"]
+    if len(metric) < 2:
+        return
+    work.progress.start("Laying sides over each other", len(metric))
+    sides: dict[int, _Side] = {}
+    for idx in metric:
+        sides[idx] = _side(work, idx, find_fruits)
+        work.progress.advance()
+    exact = frame is not None and frame.scale_source == "markers"
+    fixed = [i for i in metric if i in work.tied] if exact else []
+    if exact:
+        _meet(work, [i for i in fixed if len(sides[i].centers)], sides)
+    else:
+        fixed = [min(metric, key=lambda i: (_SOURCES.index(work.scales[i].source), -len(work.pieces[i].cameras)))]
+    for idx in sorted(set(metric) - set(fixed), key=lambda i: -len(work.pieces[i].cameras)):
+        if _lay(work, idx, fixed, sides):
+            fixed.append(idx)
+
+
+def _side(work: Work, idx: int, find_fruits: FindFruits) -> _Side:
+    if idx in work.tied:
+        cameras = work.tied[idx]
+    else:
+        piece = work.pieces[idx].cameras
+        cameras = piece.transformed(Similarity(work.metres_per_unit[idx], np.eye(3), np.zeros(3)))
+        cameras = cameras.transformed(row_frame(cameras))
+    fruits = find_fruits(cameras.transformed(Similarity.identity(), WorldFrame(work.scales[idx].source)))
+    diameter_m = float(np.median(fruits.diameters_m)) if len(fruits) else float("nan")
+    return _Side(cameras, fruits.centers_in_world, diameter_m)
+
+
+def _meet(work: Work, tied: Sequence[int], sides: dict[int, _Side]) -> None:
+    """Move pieces of two sides that the markers brought together half-way to where the other has the same fruits."""
+    for i, j in combinations(tied, 2):
+        if work.pieces[i].side == work.pieces[j].side:
+            continue
+        moved_m = 0.0
+        for _ in range(_ROUNDS):
+            pairs = _near(sides[i], sides[j])
+            if pairs is None:
+                break
+            markers_m = np.hypot(work.scales[i].rms_mm, work.scales[j].rms_mm) / 1000
+            half = halfway(sides[i].centers[pairs[:, 0]], sides[j].centers[pairs[:, 1]], sides[i].sight, markers_m)
+            moved = sides[i].moved(half), sides[j].moved(half.inverse())
+            moved_m += _moved_m(sides[i], moved[0]) + _moved_m(sides[j], moved[1])
+            sides[i], sides[j] = moved
+        else:
+            work.ties.append(_tie(work, i, j, "markers", sides, moved_m))
+    for idx in tied:
+        work.tied[idx] = sides[idx].cameras
+
+
+def _lay(work: Work, idx: int, fixed: Sequence[int], sides: dict[int, _Side]) -> bool:
+    """Lay a piece over those whose places are fixed, and say whether it could be done."""
+    known = [i for i in fixed if len(sides[i].centers)]
+    if not known or len(sides[idx].centers) == 0:
+        return False
+    target = np.concatenate([sides[i].centers for i in known])
+    overlay = lay_over(sides[idx].centers, target, sides[known[0]].diameter_m)
+    if overlay is None:
+        work.fail(idx, "too few of its fruits are seen from the other side as well")
+        return False
+    before, base = sides[idx], fixed[0]
+    sides[idx] = before.moved(overlay.target_from_source)
+    starts_from_gnss = idx in work.tied
+    work.tied[base], work.tied[idx] = sides[base].cameras, sides[idx].cameras
+    metres_per_unit = work.metres_per_unit[idx] * overlay.target_from_source.scale
+    work.scale(idx, work.scales[base].source, metres_per_unit)
+    with_most = max(known, key=lambda i: len(_shared(sides[idx], sides[i])))
+    moved_m = _moved_m(before, sides[idx]) if starts_from_gnss else float("nan")
+    work.ties.append(_tie(work, with_most, idx, "gnss" if starts_from_gnss else "fruits", sides, moved_m))
+    return True
+
+
+def _near(one: _Side, other: _Side) -> IntArray | None:
+    """Return pairs (k, 2) of the same fruits of sides in one frame; None where they do not clearly share any."""
+    overlay = grow(Similarity.identity(), one.centers, other.centers, one.diameter_m)
+    if overlay is None or not is_clear(overlay, one.centers, other.centers, one.diameter_m):
+        return None
+    return mutually_nearest(one.centers, other.centers, _SAME_FRUIT * one.diameter_m)
+
+
+def halfway(one: FloatArray, other: FloatArray, sight: FloatArray, prior_m: float) -> Similarity:
+    """Return the motion of points (n, 3) half-way to other places of theirs (n, 3), and these inversely.
+
+    A small motion fitted by robust least squares. Differences along the unit vector `sight` (3,), in which a side
+    knows places less well, and across it have spreads of their own. Without points the sides would be off from each
+    other by about `prior_m`, and tilted accordingly: so few points, or vague ones, move little.
+    """
+    middle = (one + other).mean(0) / 2
+    arms, apart = (one + other) / 2 - middle, other - one
+    lever_m = float(np.sqrt((arms**2).sum(1).mean()))
+    across = np.eye(3) - np.outer(sight, sight)
+    sds = [_spread(apart @ sight), _spread((apart @ across).ravel()) * np.sqrt(1.5)]
+    whiten = np.outer(sight, sight) / sds[0] + across / sds[1]
+    # Columns: three turns about the middle, each a cross product with the arm, and three shifts.
+    turns = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=2)
+    design = whiten @ np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2)
+    wanted = apart @ whiten
+    prior = np.diag(1 / np.array([prior_m / lever_m] * 3 + [prior_m] * 3) ** 2)
+    motion = np.zeros(6)
+    for _ in range(_ROBUST_ROUNDS):
+        weights = 1 / (1 + ((wanted - design @ motion) ** 2).sum(1) / _TAIL**2)
+        normal = np.einsum("n,nij,nik->jk", weights, design, design) + prior
+        motion = np.linalg.solve(normal, np.einsum("n,nij,ni->j", weights, design, wanted))
+    rotation = Rotation.from_rotvec(motion[:3] / 2).as_matrix()
+    return Similarity(1.0, rotation, middle + motion[3:] / 2 - rotation @ middle)
+
+
+def _spread(values: FloatArray) -> float:
+    return max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-6)
+
+
+def _shared(one: _Side, other: _Side) -> FloatArray:
+    """Return how far apart (k,) the two sides have each of the k fruits that both see."""
+    pairs = mutually_nearest(one.centers, other.centers, _SAME_FRUIT * one.diameter_m)
+    return np.asarray(np.linalg.norm(one.centers[pairs[:, 0]] - other.centers[pairs[:, 1]], axis=1))
+
+
+def _moved_m(before: _Side, after: _Side) -> float:
+    return float(np.median(np.linalg.norm(after.centers - before.centers, axis=1)))
+
+
+def _tie(work: Work, i: int, j: int, by: TiedBy, sides: dict[int, _Side], moved_m: float) -> SideTie:
+    apart_m = _shared(sides[i], sides[j])
+    names = work.pieces[i].side, work.pieces[j].side
+    return SideTie(*names, by, len(apart_m), 1000 * float(np.median(apart_m)), 1000 * moved_m)

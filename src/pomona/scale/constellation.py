@@ -1,0 +1,184 @@
+"""Two sides' fruits, each in a frame of its own, laid over each other like two photos of one night sky.
+
+Both sides see some of the same fruits, from behind, and these stand in a pattern that occurs once. Two fruits of one
+side and two of the other which are as far apart and as steep above each other propose a similarity; the fruits around
+them speak for or against it; the best proposals grow by further fruits until all that agree are fitted at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.geometry import Similarity, estimate_similarity
+from pomona.scale.align import on_one_line
+
+# Lengths in fruit diameters. Fruits farther apart than this are not compared at once: pieces may be bent.
+_NEAREST, _FARTHEST = 3.0, 14.0
+_SAME_PLACE, _FIRST_SAME_PLACE = 0.4, 0.75
+_NEIGHBOURS = 24
+# Scales that come from fruits differ by so much at most, and what is taken for up is off by so much.
+_MOST_SCALE, _MOST_TILT = 1.2, np.radians(12)
+_LENGTH_RATIO, _STEEPNESS = 1.15, np.radians(6)
+_MOST_PAIRS, _MOST_PROPOSALS, _GROWN = 1500, 400_000, 40
+_STEPS = 15
+_FEWEST = 8
+_CLEARER, _MORE = 1.5, 4
+_SHIFTS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """`target_from_source`, and the k pairs (k, 2) of points, source and target, which it brings together."""
+
+    target_from_source: Similarity
+    pairs: IntArray
+
+
+def lay_over(source: FloatArray, target: FloatArray, diameter_m: float) -> Overlay | None:
+    """Return how points (n, 3) of one level frame (z up, about in metres) lie over points (m, 3) of another.
+
+    Their heading is unknown, their scales are about the same. None where no overlay brings clearly more points
+    together than chance does. The result does not depend on the order of points.
+    """
+    if min(len(source), len(target)) < _FEWEST:
+        return None
+    order = np.lexsort(source.T), np.lexsort(target.T)
+    a, b = source[order[0]], target[order[1]]
+    best = _best_overlay(a, b, diameter_m)
+    if best is None:
+        return None
+    # A mirror image has the same distances and neighbours, and can lie over the target by chance alone.
+    mirrored = _best_overlay(a * [1.0, -1.0, 1.0], b, diameter_m)
+    if mirrored is not None and len(best.pairs) < _CLEARER * len(mirrored.pairs) + _MORE:
+        return None
+    pairs = np.stack([order[0][best.pairs[:, 0]], order[1][best.pairs[:, 1]]], axis=1)
+    return Overlay(best.target_from_source, pairs)
+
+
+def grow(start: Similarity, source: FloatArray, target: FloatArray, diameter_m: float) -> Overlay | None:
+    """Fit all pairs that are each other's nearest, again and again, from a first guess; None where they are too few.
+
+    None also where the fit tilts, shrinks or enlarges what it started from more than two level frames can differ.
+    """
+    similarity = start
+    for step in range(_STEPS):
+        reach = _FIRST_SAME_PLACE + (_SAME_PLACE - _FIRST_SAME_PLACE) * min(1.0, 2 * step / _STEPS)
+        pairs = mutually_nearest(similarity.apply(source), target, reach * diameter_m)
+        if len(pairs) < _FEWEST or on_one_line(target[pairs[:, 1]]):
+            return None
+        similarity = estimate_similarity(source[pairs[:, 0]], target[pairs[:, 1]])
+        if not _is_plausible(similarity):
+            return None
+    return Overlay(similarity, mutually_nearest(similarity.apply(source), target, _SAME_PLACE * diameter_m))
+
+
+def is_clear(overlay: Overlay, source: FloatArray, target: FloatArray, diameter_m: float) -> bool:
+    """Say whether an overlay brings clearly more points together than the same points do a few diameters aside."""
+    if len(overlay.pairs) < _FEWEST:
+        return False
+    random = np.random.default_rng(0)
+    placed = overlay.target_from_source.apply(source)
+    shifts = random.normal(size=(_SHIFTS, 3))
+    shifts *= (random.uniform(1.5, 4.0, _SHIFTS) * diameter_m / np.linalg.norm(shifts, axis=1))[:, None]
+    by_chance = max(len(mutually_nearest(placed + shift, target, _SAME_PLACE * diameter_m)) for shift in shifts)
+    return bool(len(overlay.pairs) >= by_chance + 3 * np.sqrt(by_chance + 1) + 2)
+
+
+def _best_overlay(a: FloatArray, b: FloatArray, diameter_m: float) -> Overlay | None:
+    grown = [grow(start, a, b, diameter_m) for start in _best_proposals(a, b, cKDTree(b), diameter_m)]
+    return max((overlay for overlay in grown if overlay is not None), key=lambda o: len(o.pairs), default=None)
+
+
+def _best_proposals(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: float) -> list[Similarity]:
+    """Return the similarities of two points each that most of the points around these agree with."""
+    scales, headings, origins_a, origins_b, votes = [], [], [], [], []
+    near = cKDTree(a)
+    for first, second, to_first, to_second in _alike(a, b, diameter_m):
+        of_a, of_b = a[second] - a[first], b[to_second] - b[to_first]
+        scale = np.linalg.norm(of_b, axis=1) / np.linalg.norm(of_a)
+        heading = np.arctan2(of_b[:, 1], of_b[:, 0]) - np.arctan2(of_a[1], of_a[0])
+        middle_a, middle_b = (a[first] + a[second]) / 2, (b[to_first] + b[to_second]) / 2
+        around = near.query(middle_a, k=min(_NEIGHBOURS + 2, len(a)))[1]
+        around = around[(around != first) & (around != second)]
+        placed = scale[:, None, None] * _turned(a[around] - middle_a, heading) + middle_b[:, None]
+        distance = tree.query(placed.reshape(-1, 3), distance_upper_bound=_SAME_PLACE * diameter_m)[0]
+        scales.append(scale)
+        headings.append(heading)
+        origins_a.append(np.broadcast_to(middle_a, middle_b.shape))
+        origins_b.append(middle_b)
+        votes.append(np.isfinite(distance).reshape(len(scale), -1).sum(1))
+    if not votes:
+        return []
+    best = np.argsort(-np.concatenate(votes), kind="stable")[:_GROWN]
+    parts = (np.concatenate(values)[best] for values in (scales, headings, origins_a, origins_b))
+    return [_similarity(*values) for values in zip(*parts, strict=True)]
+
+
+def _alike(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[int, int, IntArray, IntArray]]:
+    """Yield two points of `a` and the pairs of `b`, in order, that are about as far apart and as steep."""
+    random = np.random.default_rng(0)
+    pairs_a, pairs_b = _pairs(a, diameter_m), _pairs(b, diameter_m)
+    pairs_b = np.concatenate([pairs_b, pairs_b[:, ::-1]])
+    if len(pairs_a) == 0 or len(pairs_b) == 0:
+        return
+    shapes = cKDTree(_shapes(b, pairs_b))
+    left = _MOST_PROPOSALS
+    for first, second in pairs_a[random.permutation(len(pairs_a))[:_MOST_PAIRS]]:
+        fitting = np.sort(shapes.query_ball_point(_shapes(a, np.array([[first, second]]))[0], 1.0))
+        if len(fitting):
+            yield int(first), int(second), pairs_b[fitting, 0], pairs_b[fitting, 1]
+        left -= len(fitting)
+        if left < 0:
+            return
+
+
+def _pairs(points: FloatArray, diameter_m: float) -> IntArray:
+    pairs = cKDTree(points).query_pairs(_FARTHEST * diameter_m, output_type="ndarray")
+    far_enough = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1) > _NEAREST * diameter_m
+    # Points above each other do not tell a heading.
+    flat = np.linalg.norm((points[pairs[:, 0]] - points[pairs[:, 1]])[:, :2], axis=1) > _NEAREST / 2 * diameter_m
+    kept = pairs[far_enough & flat].astype(np.int64)
+    ordered: IntArray = kept[np.lexsort(kept.T)]
+    return ordered
+
+
+def _shapes(points: FloatArray, pairs: IntArray) -> FloatArray:
+    """Return what a level similarity keeps of pairs (k, 2): length and steepness, 1 for the most they may differ."""
+    apart = points[pairs[:, 1]] - points[pairs[:, 0]]
+    flat = np.linalg.norm(apart[:, :2], axis=1)
+    length = np.log(np.linalg.norm(apart, axis=1)) / np.log(_LENGTH_RATIO)
+    return np.stack([length, np.arctan2(apart[:, 2], flat) / _STEEPNESS], axis=1)
+
+
+def _turned(points: FloatArray, headings: FloatArray) -> FloatArray:
+    """Turn points (n, 3) about z by each of the headings (h,): (h, n, 3)."""
+    cosine, sine = np.cos(headings)[:, None], np.sin(headings)[:, None]
+    x, y = points[:, 0], points[:, 1]
+    z = np.broadcast_to(points[:, 2], (len(headings), len(points)))
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=2)
+
+
+def _similarity(scale: float, heading: float, origin_a: FloatArray, origin_b: FloatArray) -> Similarity:
+    rotation = _turned(np.eye(3), np.array([heading]))[0].T
+    return Similarity(float(scale), rotation, origin_b - scale * rotation @ origin_a)
+
+
+def mutually_nearest(points: FloatArray, target: FloatArray, reach_m: float) -> IntArray:
+    """Return index pairs (k, 2) of points that are each other's nearest, at most `reach_m` apart."""
+    distance, nearest = cKDTree(target).query(points, distance_upper_bound=reach_m)
+    near = np.flatnonzero(np.isfinite(distance))
+    if len(near) == 0:
+        return np.zeros((0, 2), np.int64)
+    back = cKDTree(points).query(target[nearest[near]])[1]
+    mutual = near[back == near]
+    return np.stack([mutual, nearest[mutual]], axis=1)
+
+
+def _is_plausible(similarity: Similarity) -> bool:
+    upright = similarity.rotation[2, 2] > np.cos(_MOST_TILT)
+    return bool(upright and 1 / _MOST_SCALE < similarity.scale < _MOST_SCALE)

@@ -1,0 +1,249 @@
+"""Sides that nothing but their fruits ties together, and sides that markers tied, made better by fruits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.arrays import FloatArray
+from pomona.cameras import Cameras, WorldFrame
+from pomona.fruits import Fruits
+from pomona.geometry import Similarity
+from pomona.progress import Silent
+from pomona.scale import ScaleOptions, place_in_world
+from pomona.scale.by_fruits import FindFruits, halfway, tie_by_fruits
+from pomona.scale.constellation import grow, is_clear, lay_over, mutually_nearest
+from pomona.scale.work import Work
+from pomona.sfm.values import Reconstruction
+from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted, some_frame
+
+DIAMETER_M = 0.07
+EAST, WEST = photographed("east"), photographed("west", seed=1)
+
+
+def fruits_on_a_row(count: int = 130, length_m: float = 3.0, seed: int = 0) -> FloatArray:
+    """Centres of fruits on trees, none nearer to another than a diameter."""
+    random = np.random.default_rng(seed)
+    kept = np.zeros((0, 3))
+    while len(kept) < count:
+        new = random.uniform([0, -0.35, 0.5], [length_m, 0.35, 2.6])
+        if len(kept) == 0 or np.linalg.norm(kept - new, axis=1).min() > DIAMETER_M:
+            kept = np.vstack([kept, new])
+    return kept
+
+
+def as_seen(centers: FloatArray, sight: int, share: float, seed: int, *, noise_m: float = 0.004) -> FloatArray:
+    """What a side sees: a share of the fruits, more of the near ones, places noisy along y; and some that are none."""
+    random = np.random.default_rng(seed)
+    near = centers[:, 1] * -sight
+    seen = centers[random.uniform(size=len(centers)) < np.clip(share + 0.8 * near, 0.05, 0.98)]
+    noise = random.normal(0, noise_m, seen.shape) * [1, 3, 1]
+    false = random.uniform(centers.min(0), centers.max(0), (len(seen) // 8, 3))
+    return np.concatenate([seen + noise, false])
+
+
+def level_frame(seed: int) -> Similarity:
+    """Another level frame of about the same scale: any heading, tilted by what a hand-held camera is."""
+    random = np.random.default_rng(seed)
+    heading, tilt = random.uniform(0, 2 * np.pi), np.radians(random.normal(0, 1.5, 2))
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    lean = np.array([[1, 0, tilt[0]], [0, 1, tilt[1]], [-tilt[0], -tilt[1], 1]])
+    u, _, vt = np.linalg.svd(turn @ lean)
+    return Similarity(float(np.exp(random.normal(0, 0.05))), u @ vt, random.normal(0, 3, 3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("share", [0.75, 0.6])
+def test_two_sides_are_laid_over_each_other_by_what_both_see(seed: int, share: float) -> None:
+    row = fruits_on_a_row(seed=seed)
+    west, east = as_seen(row, 1, share, 10 + seed), as_seen(row, -1, share, 20 + seed)
+    frame = level_frame(seed)
+    overlay = lay_over(frame.apply(west), east, DIAMETER_M)
+    assert overlay is not None
+    back = overlay.target_from_source.apply(frame.apply(row))
+    off_m = np.linalg.norm(back - row, axis=1)
+    assert np.median(off_m) < 0.01
+    assert off_m.max() < 0.03
+    assert 12 <= len(overlay.pairs) <= len(row)
+    assert len(set(overlay.pairs[:, 0])) == len(set(overlay.pairs[:, 1])) == len(overlay.pairs)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_that_have_nothing_in_common_are_not_laid_over_each_other(seed: int) -> None:
+    one, other = fruits_on_a_row(seed=seed), fruits_on_a_row(seed=100 + seed)
+    assert lay_over(as_seen(one, 1, 0.75, 1), as_seen(other, -1, 0.75, 2), DIAMETER_M) is None
+
+
+def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
+    row = fruits_on_a_row()
+    west, east = as_seen(row, 1, 0.6, 1), as_seen(row, -1, 0.6, 2)
+    random = np.random.default_rng(3)
+    order, other_order = random.permutation(len(west)), random.permutation(len(east))
+    plain, shuffled = lay_over(west, east, DIAMETER_M), lay_over(west[order], east[other_order], DIAMETER_M)
+    large = lay_over(10 * west, 10 * east, 10 * DIAMETER_M)
+    assert plain is not None
+    assert shuffled is not None
+    assert large is not None
+    pairs = np.stack([order[shuffled.pairs[:, 0]], other_order[shuffled.pairs[:, 1]]], axis=1)
+    assert set(map(tuple, pairs)) == set(map(tuple, plain.pairs))
+    np.testing.assert_allclose(large.target_from_source.translation, 10 * plain.target_from_source.translation)
+
+
+def test_few_fruits_tell_nothing() -> None:
+    row = fruits_on_a_row(7)
+    assert lay_over(row, row, DIAMETER_M) is None
+    assert lay_over(np.zeros((0, 3)), row, DIAMETER_M) is None
+    assert grow(Similarity.identity(), row, row, DIAMETER_M) is None
+    in_a_line = np.stack([np.arange(12) * 0.2, np.zeros(12), np.ones(12)], axis=1)
+    assert lay_over(in_a_line, in_a_line, DIAMETER_M) is None
+
+
+def test_what_is_clear_and_what_is_chance() -> None:
+    row = fruits_on_a_row()
+    overlay = grow(Similarity.identity(), row, row + 0.01, DIAMETER_M)
+    assert overlay is not None
+    assert is_clear(overlay, row, row + 0.01, DIAMETER_M)
+    np.testing.assert_allclose(overlay.target_from_source.apply(row), row + 0.01, atol=1e-9)
+    few = replace(overlay, pairs=overlay.pairs[:9])
+    assert not is_clear(few, *(np.repeat(row, 9, axis=0),) * 2, DIAMETER_M)
+
+
+def test_nearest_of_each_other() -> None:
+    points, target = np.array([[0.0, 0, 0], [0.4, 0, 0], [9, 0, 0]]), np.array([[0.1, 0, 0], [5.0, 0, 0]])
+    assert mutually_nearest(points, target, 1.0).tolist() == [[0, 0]]
+    assert mutually_nearest(points, target, 0.05).tolist() == []
+
+
+def test_halfway_meets_in_the_middle_and_believes_vague_points_little() -> None:
+    random, sight = np.random.default_rng(0), np.array([0.0, 1.0, 0.0])
+    row = fruits_on_a_row()
+    there = row + np.array([0.004, 0.0, -0.002]) + random.normal(0, 0.0005, row.shape)
+    half = halfway(row, there, sight, 0.01)
+    np.testing.assert_allclose((half.apply(row) - row).mean(0), [0.002, 0, -0.001], atol=0.0002)
+    np.testing.assert_allclose(half.inverse().apply(there), half.apply(row), atol=0.003)
+    vague = row[:10] + np.array([0.004, 0.0, 0.0]) + random.normal(0, 0.03, (10, 3))
+    moved_m = np.linalg.norm(halfway(row[:10], vague, sight, 0.001).apply(row[:10]) - row[:10], axis=1)
+    assert moved_m.max() < 0.0005
+
+
+# Whole pieces.
+
+
+def finder(fruits: FloatArray, sides: dict[str, float]) -> FindFruits:
+    """Finds in the cameras' frame what each side sees of fruits whose places in the world are known."""
+
+    def find(cameras: Cameras) -> Fruits:
+        side = cameras.photos[0].split("/")[0]
+        world = EAST if side == "east" else WEST
+        from_world = _between(world, cameras)
+        seen = as_seen(fruits, 1 if side == "west" else -1, sides[side], len(side))
+        n = len(seen)
+        assert cameras.frame.metric
+        diameters_m = np.full(n, DIAMETER_M * from_world.scale)
+        return Fruits(np.arange(1, n + 1), from_world.apply(seen), diameters_m, np.ones(n), np.ones(n))
+
+    return find
+
+
+def _between(world: Cameras, cameras: Cameras) -> Similarity:
+    """How cameras that are the same up to a similarity lie in each other's frames."""
+    centers, target = world.centers_in_world, cameras.centers_in_world
+    scale = np.linalg.norm(target[-1] - target[0]) / np.linalg.norm(centers[-1] - centers[0])
+    rotation = cameras.cam_from_world[0, :, :3].T @ world.cam_from_world[0, :, :3]
+    return Similarity(float(scale), rotation, target[0] - scale * rotation @ centers[0])
+
+
+def both_in_metres(source: str = "fruit-diameter") -> Work:
+    """Both sides in frames of their own, their scales known but for some percent."""
+    pieces = [as_piece(EAST, "east", 1), as_piece(WEST, "west", 2)]
+    work = Work(pieces, Silent())
+    for idx, error in enumerate((1.0, 1.06)):
+        work.scale(idx, source, error / some_frame(idx + 1).scale)  # type: ignore[arg-type]
+    return work
+
+
+def relative_error_m(east: Cameras, west: Cameras) -> float:
+    """How far the west side is from where it should be, in the frame of the east side."""
+    world_from_east = _between(EAST, east).inverse()
+    return float(np.linalg.norm(world_from_east.apply(west.centers_in_world) - WEST.centers_in_world, axis=1).max())
+
+
+def test_sides_without_anything_are_tied_by_their_fruits() -> None:
+    work = both_in_metres()
+    fruits = fruits_on_a_row(length_m=2.0)
+    tie_by_fruits(work, None, finder(fruits, {"east": 0.6, "west": 0.6}))
+    assert set(work.tied) == {0, 1}
+    assert relative_error_m(work.tied[0], work.tied[1]) < 0.06
+    (tie,) = work.ties
+    assert (tie.side, tie.other, tie.tied_by) == ("east", "west", "fruits")
+    assert np.isnan(tie.moved_mm)
+    assert 20 < tie.fruits <= 130
+    assert 3 < tie.median_mm < 25
+    # The scale is that of the side it was laid over.
+    assert work.metres_per_unit[1] == pytest.approx(1 / some_frame(2).scale, rel=0.01)
+
+
+def test_sides_that_share_no_fruit_stay_apart() -> None:
+    work = both_in_metres()
+    rows = {"east": fruits_on_a_row(seed=1), "west": fruits_on_a_row(seed=2)}
+
+    def find(cameras: Cameras) -> Fruits:
+        return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
+
+    tie_by_fruits(work, None, find)
+    assert (work.tied, work.ties) == ({}, [])
+    assert any("seen from the other side" in reason for reason in work.failures[1])
+
+
+def test_gnss_is_a_start_which_fruits_make_exact() -> None:
+    work = both_in_metres("gnss")
+    off = Similarity(1.0, np.eye(3), np.array([1.5, -0.8, 0.6]))
+    work.tied = {0: EAST, 1: WEST.transformed(off)}
+    work.metres_per_unit = {0: 1.0, 1: 1.0}
+    frame = WorldFrame("gnss", approximate=False, crs="EPSG:32631", origin=(41.0, 0.5, 200.0))
+    tie_by_fruits(work, frame, finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6}))
+    assert relative_error_m(work.tied[0], work.tied[1]) < 0.06
+    np.testing.assert_array_equal(work.tied[0].cam_from_world, EAST.cam_from_world)
+    assert work.ties[0].tied_by == "gnss"
+    assert work.ties[0].moved_mm == pytest.approx(1000 * np.linalg.norm(off.translation), rel=0.1)
+
+
+def test_markers_leave_little_which_fruits_make_less() -> None:
+    work = both_in_metres("markers")
+    off = Similarity(1.0, np.eye(3), np.array([0.006, 0.0, -0.004]))
+    work.tied = {0: EAST, 1: WEST.transformed(off)}
+    work.metres_per_unit = {0: 1.0, 1: 1.0}
+    for idx in (0, 1):
+        work.scale(idx, "markers", 1.0, rms_mm=5.0)
+    tie_by_fruits(work, WorldFrame("markers", False, True), finder(fruits_on_a_row(length_m=2.0), {
+        "east": 0.6, "west": 0.6}))  # fmt: skip
+    row = fruits_on_a_row(length_m=2.0)
+    east, west = (_between(side, work.tied[i]).apply(row) for i, side in enumerate((EAST, WEST)))
+    apart_m = np.median(np.linalg.norm(west - east, axis=1))
+    assert apart_m < 0.5 * np.linalg.norm(off.translation)
+    # Both went half the way.
+    np.testing.assert_allclose(((east + west) / 2 - row).mean(0), off.translation / 2, atol=0.001)
+    (tie,) = work.ties
+    assert tie.tied_by == "markers"
+    assert 0 < tie.moved_mm < 30
+
+
+def test_the_stage_tells_of_ties_and_no_longer_of_sides_apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bar = {7: (0.2, -0.4, 1.0), 8: (1.2, -0.4, 1.0)}
+    show_markers(monkeypatch, [*sighted([EAST], PLACES), *sighted([WEST], bar)])
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"), scale_bar=(7, 8, 1.0))
+    pieces = Reconstruction((as_piece(EAST, "east", 1), as_piece(WEST, "west", 2)))
+    fruits = finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6})
+    placed = place_in_world(pieces, photos_of(EAST, WEST), options=options, find_fruits=fruits, progress=progress)
+    assert not any("no common frame" in w for w in progress.warnings)
+    assert placed.residuals.sides_are_tied
+    assert [tie.tied_by for tie in placed.residuals.ties] == ["fruits"]
+    apart = place_in_world(pieces, photos_of(EAST, WEST), options=options, progress=progress)
+    assert any("no common frame" in w for w in progress.warnings)
+    assert not apart.residuals.sides_are_tied
+    assert apart.residuals.ties == ()
