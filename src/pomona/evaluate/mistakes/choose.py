@@ -11,7 +11,7 @@ from pomona.evaluate.mistakes.values import View
 def chosen(views: Sequence[View], count: int, known: Set[str]) -> tuple[View, ...]:
     """Return up to `count` views of `known` photos, a photo once: from each group in turn, best first in each.
 
-    Where a group's photos show a fruit well, those that show less than a tenth as much come last.
+    After the first of each group, photos that show less than a tenth as much as the best come last.
     """
     groups: dict[str, list[View]] = defaultdict(list)
     for view in sorted(views, key=lambda view: (-view.weight, view.photo)):
@@ -19,7 +19,7 @@ def chosen(views: Sequence[View], count: int, known: Set[str]) -> tuple[View, ..
             groups[view.group].append(view)
     best = max((view.weight for group in groups.values() for view in group), default=0.0)
     turns = [
-        (view.weight < 0.1 * best if best > 0 else False, turn, -view.weight, view.photo, view)
+        (turn > 0 and 0 <= view.weight < 0.1 * best, turn, -view.weight, view.photo, view)
         for group in groups.values()
         for turn, view in enumerate(group)
     ]

@@ -72,8 +72,8 @@ class CropCutter:
                 progress.warn(f"{photo}: no crops: {error}")
         if astray:
             progress.warn(
-                f"{len(astray)} crops are left out, as the fruit does not project into the photo that shows it: "
-                f"{few(astray, 3)}. Are survey and truth in one frame, from the same markers?"
+                f"Crops left out, as the fruit does not project into the photo that shows it: {few(astray, 3)}. "
+                "Are survey and truth in one frame, from the same markers?"
             )
         return {key: tuple(of[number] for number in sorted(of)) for key, of in crops.items()}
 

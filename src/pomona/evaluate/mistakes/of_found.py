@@ -71,10 +71,8 @@ def _twice(fruit_id: int, ledger: Ledger, doubled: tuple[int, int]) -> tuple[Sta
     if mine and its and not mine & its:
         sides = f"seen from {' and '.join(sorted(mine))}, the other from {' and '.join(sorted(its))}"
         return "sides", f"{start}; this one was {sides}.", true_idx
-    shared = {ledger.photo(row) for row in ledger.rows_of_fruit[fruit_id]}
-    shared &= {ledger.photo(row) for row in ledger.rows_of_fruit.get(other, ())}
-    both = f"; {len(shared)} photos have a detection of each" if shared else ""
-    return "twice", f"{start}, from the same side{both}.", true_idx
+    sides = " and ".join(sorted(side for side in mine & its if side)) or "one side"
+    return "twice", f"{start}, and photos of {sides} saw both.", true_idx
 
 
 def _views(fruit_id: int, ledger: Ledger, *, several: bool) -> list[View]:

@@ -46,7 +46,8 @@ def explain_true(kind: Kind, true_idx: int, ledger: Ledger, dropped: int | None)
     stage, reason, others = _stage(story, ledger, dropped)
     inside = _nearest(true_idx, ledger) if kind == "merged" else None
     if inside is not None:
-        reason += f" Fruit {inside}, {_match_of(inside, ledger)}, covers its centre."
+        what = "" if inside in others else f", {_match_of(inside, ledger)},"
+        reason += f" Fruit {inside}{what} covers its centre."
         others = tuple(dict.fromkeys((inside, *others)))
     truth = ledger.truth
     x, y, z = (float(v) for v in truth.centers_in_world[true_idx])
@@ -88,7 +89,7 @@ def _story(true_idx: int, ledger: Ledger) -> _Story:
 def _stage(story: _Story, ledger: Ledger, dropped: int | None) -> tuple[Stage, str, tuple[int, ...]]:
     """Return the stage, the reason in words, and the found fruits concerned."""
     n, k = len(story.px_of), ledger.photos(story.usable)
-    of = f"Detected in {k} of {_photos(n)}"
+    of = f"Detected in {k} of {_photos(n)}{_in_pieces(story, ledger)}"
     if n == 0:
         return "unplaced", "No photo that has a camera shows it.", ()
     if dropped is not None:
@@ -130,6 +131,12 @@ def _detected(story: _Story, ledger: Ledger, of: str) -> tuple[Stage, str, tuple
         return "elsewhere", f"{of}; {made}.", holders
     went = f"{count} of {total} detections went to {ledger.called(holder)}, {_match_of(holder, ledger)}"
     return "taken", f"{of}; {went}.", holders
+
+
+def _in_pieces(story: _Story, ledger: Ledger) -> str:
+    """In how many photos more than one detection shows it, where there are any."""
+    several = sum(count > 1 for count in Counter(ledger.photo(row) for row in story.usable).values())
+    return f", in pieces in {several}" if several else ""
 
 
 def _photos(count: int) -> str:

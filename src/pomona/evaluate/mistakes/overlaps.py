@@ -14,7 +14,7 @@ from pomona.detections import Detections, Mask
 from pomona.errors import FormatError
 from pomona.evaluate.truth import Truth
 from pomona.formats.png_masks import read_ids
-from pomona.report.outlines import sphere_outlines_px
+from pomona.report.outlines import centers_px, sphere_outlines_px
 
 # A detection shows a fruit that has so much of it: of pixels the rest may be leaves; a disc reaches under neighbours.
 _LEAST_BY_IDS, _LEAST_BY_DISCS = 1 / 3, 1 / 2
@@ -80,8 +80,9 @@ def by_discs(cameras: Cameras, photo_idx: int, found: Detections | None, truth: 
     """
     if not found or not len(truth):
         return _overlaps([], _LEAST_BY_DISCS)
-    discs = sphere_outlines_px(cameras, photo_idx, truth.centers_in_world, truth.diameters_m)
-    low, high = discs.min(axis=1), discs.max(axis=1)  # NaN where a fruit is out of sight: never near
+    ahead = np.flatnonzero(np.isfinite(centers_px(cameras, photo_idx, truth.centers_in_world)).all(axis=1))
+    discs = sphere_outlines_px(cameras, photo_idx, truth.centers_in_world[ahead], truth.diameters_m[ahead])
+    low, high = discs.min(axis=1), discs.max(axis=1)  # NaN where a part is out of sight: never near
     rows = []
     for k, mask in enumerate(found.masks):
         x0, y0, x1, y1 = mask.box_px
@@ -90,7 +91,7 @@ def by_discs(cameras: Cameras, photo_idx: int, found: Detections | None, truth: 
             shared = _pixels_within(mask, discs[i])
             if shared:
                 area, disc = mask.area_px, float(cv2.contourArea(discs[i].astype(np.float32)))
-                rows.append((k, int(i), shared / area, min(1.0, shared / disc), shared / (area + disc - shared)))
+                rows.append((k, int(ahead[i]), shared / area, min(1.0, shared / disc), shared / (area + disc - shared)))
     return _overlaps(rows, _LEAST_BY_DISCS)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from html import escape
 from importlib.resources import files
 from itertools import groupby
@@ -31,7 +31,7 @@ def page_html(title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, 
         style=_ROOM.joinpath("style.css").read_text(encoding="utf-8").strip(),
         subtitle=escape(_subtitle(tally, mistakes)),
         scores=_scores(tally),
-        summary=_summary(counts, len(mistakes)),
+        summary=_summary(counts, {(m.kind, m.stage) for m in mistakes.items if m.key in crops}),
         chips="".join(_chip(kind, sum(counts[kind].values())) for kind in KINDS),
         legend="".join(_swatch(name, colour, words) for name, (colour, words) in legend().items()),
         sections="\n".join(_section(kind, mistakes.of_kind(kind), crops, folder) for kind in KINDS if counts[kind]),
@@ -62,24 +62,26 @@ def _scores(tally: Tally) -> str:
     return f"<table><caption>Scores</caption><tbody>{lines}</tbody></table>"
 
 
-def _summary(counts: Mapping[Kind, Mapping[Stage, int]], total: int) -> str:
-    if not total:
+def _summary(counts: Mapping[Kind, Mapping[Stage, int]], shown: Set[tuple[Kind, Stage]]) -> str:
+    most = max((number for of in counts.values() for number in of.values()), default=0)
+    if not most:
         return '<p class="none">No fruit was missed, merged, false or double.</p>'
-    most = max(number for of in counts.values() for number in of.values())
-    rows = []
+    groups = []
     for kind, of in counts.items():
-        for k, (stage, number) in enumerate(of.items()):
-            head = f'<th class="kind kind-{kind}" scope="rowgroup" rowspan="{len(of)}">{kind}: {sum(of.values())}</th>'
+        rows = []
+        for stage, number in of.items():
+            words = escape(STAGES[stage])
+            label = f'<a href="#{kind}-{stage}">{words}</a>' if (kind, stage) in shown else words
             rows.append(
-                f'<tr>{head if k == 0 else ""}<td><a href="#{kind}-{stage}">{escape(STAGES[stage])}</a></td>'
+                f"<td>{label}</td>"
                 f'<td class="number">{number}</td>'
-                f'<td class="track kind-{kind}"><i style="width:{100 * number / most:.0f}%"></i></td></tr>'
+                f'<td class="track kind-{kind}"><i style="width:{100 * number / most:.0f}%"></i></td>'
             )
+        head = f'<th class="kind kind-{kind}" scope="rowgroup" rowspan="{len(of)}">{kind}: {sum(of.values())}</th>'
+        groups += [f"<tbody><tr>{head}{'</tr><tr>'.join(rows)}</tr></tbody>"] * bool(rows)
     head = '<tr><th scope="col">Kind</th><th scope="col">Likely stage</th><th class="number" scope="col">Fruits</th>'
-    return (
-        f"<table><caption>What went wrong, and where</caption><thead>{head}<th></th></tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table>"
-    )
+    caption = "<caption>What went wrong, and where</caption>"
+    return f'<table class="groups">{caption}<thead>{head}<td></td></tr></thead>{"".join(groups)}</table>'
 
 
 def _chip(kind: Kind, number: int) -> str:
@@ -110,6 +112,8 @@ def _section(kind: Kind, mistakes: Sequence[Mistake], crops: Mapping[str, Sequen
     for stage, of in groupby(mistakes, key=lambda mistake: mistake.stage):
         whole = list(of)
         some = [mistake for mistake in whole if mistake.key in crops]
+        if not some:
+            continue
         count = f"{len(whole)}" if len(some) == len(whole) else f"{len(some)} of {len(whole)}"
         label = STAGES[stage]
         parts.append(f'<h3 id="{kind}-{stage}">{escape(label[0].upper() + label[1:])} <small>{count}</small></h3>')

@@ -76,17 +76,17 @@ class Spheres:
         self._colours = [*[draw.TRUE] * len(truth), *found, *[draw.DROPPED] * len(dropped)]
 
     def circles(self, photo_idx: int) -> list[Circle]:
-        """Return the circles of all spheres in a photo, thin."""
-        outlines = sphere_outlines_px(self._cameras, photo_idx, self._centers_in_world, self._diameters_m)
+        """Return the circles of all spheres that are in front of a camera and not far beside its photo, thin."""
         centers = centers_px(self._cameras, photo_idx, self._centers_in_world)
         told = np.ones(len(self._truth)) if self._told is None else self._told[photo_idx]
-        true_shown = ((told > 0) & ~self._matched).tolist()
-        here = self._seen_in[self._cameras.photos[photo_idx]]
-        names = [(True, i, seen) for i, seen in zip(self._truth.ids.tolist(), true_shown, strict=True)]
-        names += [(False, i, i in here) for i in self._found_ids]
+        shown = (told > 0) & ~self._matched
+        seen = np.concatenate([shown, np.isin(self._found_ids, list(self._seen_in[self._cameras.photos[photo_idx]]))])
+        near = np.flatnonzero(np.isfinite(centers).all(axis=1))
+        outlines = sphere_outlines_px(self._cameras, photo_idx, self._centers_in_world[near], self._diameters_m[near])
+        n_true, ids = len(self._truth), [*self._truth.ids.tolist(), *self._found_ids]
         return [
-            Circle(true, i, outline, center, colour, seen)
-            for (true, i, seen), outline, center, colour in zip(names, outlines, centers, self._colours, strict=True)
+            Circle(i < n_true, ids[i], outline, centers[i], self._colours[i], bool(seen[i]))
+            for i, outline in zip(near.tolist(), outlines, strict=True)
         ]
 
 

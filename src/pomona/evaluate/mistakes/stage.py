@@ -40,7 +40,7 @@ def write_mistakes(
     options, progress = options or MistakeOptions(), progress or Silent()
     tally = scores.visible if mistakes.label == "visible" and scores.visible else scores.all
     if missing := [name for name in evidence.cameras.photos if name not in evidence.photos]:
-        progress.warn(f"{len(missing)} photos were not found, so that there are no crops of them: {few(missing)}")
+        progress.warn(f"Photos that were not found have no crops: {few(missing)}")
     crops_folder = folder / _CROPS
     crops_folder.mkdir(parents=True, exist_ok=True)
     for path in crops_folder.iterdir():

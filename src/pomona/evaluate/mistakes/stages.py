@@ -12,7 +12,7 @@ Stage = Literal[
 
 KINDS: dict[Kind, str] = {
     "missed": "true fruits of which nothing was found",
-    "merged": "true fruits inside a found one that is another's match",
+    "merged": "true fruits whose centre lies in a found fruit that is not their match",
     "false": "found fruits where there is none",
     "double": "found fruits beside another found one of the same true fruit",
 }
