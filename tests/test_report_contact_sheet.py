@@ -17,7 +17,7 @@ from pomona.progress import Silent
 from pomona.report import ContactSheetOptions, write_contact_sheet
 from pomona.report.choose import choose_photos
 from pomona.report.contact_sheet import SEEN, UNSEEN
-from pomona.report.outlines import centers_px, sphere_outlines_px
+from pomona.sphere_outlines import centers_px, sphere_outlines_px
 from report_scenes import LENS, looking, observe, row_cameras, row_fruits, row_photos
 
 _AHEAD = looking(np.array([0.0, -2.0, 0.0]), np.zeros(3))

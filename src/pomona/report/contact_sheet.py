@@ -16,7 +16,7 @@ from pomona.fruits import Fruits, Observations
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 from pomona.report.choose import choose_photos
-from pomona.report.outlines import centers_px, sphere_outlines_px
+from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 Rgb = tuple[int, int, int]
 

@@ -22,7 +22,7 @@ from pomona.evaluate.mistakes.values import Evidence, Mistake, View
 from pomona.formats.png_masks import read_ids
 from pomona.photos import Photo
 from pomona.progress import Progress, track
-from pomona.report.outlines import centers_px
+from pomona.sphere_outlines import centers_px
 
 # In radii: so near is what a crop shows whole of the fruits that this one was mistaken for; and so far beside the photo
 # that shows it a fruit may project.

@@ -14,7 +14,7 @@ from pomona.detections import Detections, Mask
 from pomona.errors import FormatError
 from pomona.evaluate.truth import Truth
 from pomona.formats.png_masks import read_ids
-from pomona.report.outlines import centers_px, sphere_outlines_px
+from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 # A detection shows a fruit that has so much of it: of pixels the rest may be leaves; a disc reaches under neighbours.
 _LEAST_BY_IDS, _LEAST_BY_DISCS = 1 / 3, 1 / 2

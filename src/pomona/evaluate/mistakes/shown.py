@@ -14,7 +14,7 @@ from pomona.evaluate.mistakes.overlaps import Overlaps, by_discs, by_ids
 from pomona.evaluate.mistakes.values import Evidence
 from pomona.evaluate.truth import Truth
 from pomona.progress import Progress, track
-from pomona.report.outlines import centers_px
+from pomona.sphere_outlines import centers_px
 
 # So much of a neighbour's detection lies on a fruit, and it is said to cover it.
 _COVERING = 0.5

@@ -16,7 +16,7 @@ from pomona.evaluate.mistakes.values import Evidence
 from pomona.evaluate.scores import Tally
 from pomona.evaluate.truth import Truth
 from pomona.fruits import Fruits
-from pomona.report.outlines import centers_px, sphere_outlines_px
+from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 _FOUND_COLOURS: dict[str, Rgb] = {
     "matched": draw.RIGHT,
