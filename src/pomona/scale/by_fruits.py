@@ -96,8 +96,8 @@ def _meet(work: Work, tied: Sequence[int], sides: dict[int, _Side]) -> None:
             pairs = _near(sides[i], sides[j])
             if pairs is None:
                 break
-            markers_m = np.hypot(work.scales[i].rms_mm, work.scales[j].rms_mm) / 1000
-            half = halfway(sides[i].centers[pairs[:, 0]], sides[j].centers[pairs[:, 1]], sides[i].sight, markers_m)
+            off_m = float(np.hypot(_off_by_markers_m(work, i), _off_by_markers_m(work, j)))
+            half = halfway(sides[i].centers[pairs[:, 0]], sides[j].centers[pairs[:, 1]], sides[i].sight, off_m)
             moved = sides[i].moved(half), sides[j].moved(half.inverse())
             moved_m += _moved_m(sides[i], moved[0]) + _moved_m(sides[j], moved[1])
             sides[i], sides[j] = moved
@@ -127,6 +127,13 @@ def _lay(work: Work, idx: int, fixed: Sequence[int], sides: dict[int, _Side]) ->
     moved_m = _moved_m(before, sides[idx]) if starts_from_gnss else float("nan")
     work.ties.append(_tie(work, with_most, idx, "gnss" if starts_from_gnss else "fruits", sides, moved_m))
     return True
+
+
+def _off_by_markers_m(work: Work, idx: int) -> float:
+    """Return by how much the markers may have misplaced a piece: their residual, less the more of them there are."""
+    side = work.pieces[idx].side
+    count = sum(marker.used and marker.side == side for marker in work.markers)
+    return work.scales[idx].rms_mm / 1000 / float(np.sqrt(max(count, 1)))
 
 
 def _near(one: _Side, other: _Side) -> IntArray | None:
