@@ -169,14 +169,33 @@ def test_export(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert "--to: expected one of csv, geojson" in unknown.stderr
 
 
-def test_view_opens_the_report(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_view_serves_the_survey(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+
+    def stop(server: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pomona.view.ViewServer.serve_forever", stop)
     pomona("segment", photos, "--out", tmp_path / "out")
-    assert "`pomona report" in pomona("view", tmp_path / "out").stderr
+    assert "`pomona reconstruct" in pomona("view", tmp_path / "out").stderr
     pomona("report", tmp_path / "out")
-    assert pomona("view", tmp_path / "out").exit_code == 0
-    assert opened == [(tmp_path / "out" / "report.html").as_uri()]
+    done = pomona("view", tmp_path / "out")
+    assert done.exit_code == 0
+    assert opened == [done.stdout.strip()]
+    assert opened[0].startswith("http://127.0.0.1:")
+    assert pomona("view", tmp_path / "out", "--no-browser").exit_code == 0
+    assert len(opened) == 1
+
+
+def test_view_exports_a_folder(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    pomona("run", photos, "--out", tmp_path / "out")
+    done = pomona("view", tmp_path / "out", "--export", tmp_path / "shared")
+    assert done.exit_code == 0
+    assert done.stdout.strip() == str(tmp_path / "shared" / "index.html")
+    other = pomona("view", tmp_path / "out", "--export", tmp_path / "out")
+    assert other.exit_code == 1
+    assert "holds something else" in other.stderr
 
 
 def test_demo(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

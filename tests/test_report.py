@@ -9,6 +9,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,15 +19,16 @@ from pomona.cameras import WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, write_report
-from pomona.report.axes import row_axes
+from pomona.report.axes import row_axes, seen_from
+from pomona.report.contract import to_json
 from pomona.report.page import report_html
 from pomona.report.plots import bin_edges, heights
-from pomona.report.scene import payload
+from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
 from pomona.scale import ScaleReport, SideTie
 from pomona.sfm.values import Unregistered
-from report_scenes import LENS, row_cameras, row_cloud, row_fruits, row_report
+from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_report
 
 _VOID = {"meta", "br", "input", "link", "img"}
 
@@ -66,6 +68,11 @@ def _scene(text: str) -> dict[str, object]:
     found = re.search(r'<script type="application/json" id="survey-data">(.*?)</script>', text, re.DOTALL)
     assert found
     values: dict[str, object] = json.loads(found[1])
+    return values
+
+
+def payload(data: ReportData, *, max_points: int = 600_000) -> dict[str, Any]:
+    values: dict[str, Any] = to_json(survey_data(data, SceneOptions(max_points=max_points)))
     return values
 
 
@@ -136,10 +143,10 @@ def test_names_of_files_are_never_html(data: ReportData) -> None:
     )
     text = report_html(evil_data)
     page = _Page(text)
-    assert not page.tags("img")
+    assert not [image for image in page.tags("img") if image.get("src")]
     assert len(page.tags("script")) == 2
     assert page.texts["title"].startswith(f"{evil} · Pomona")
-    assert _scene(text)["cameras"]["names"][0] == evil  # type: ignore[index]
+    assert _scene(text)["photos"]["names"][0] == evil  # type: ignore[index]
 
 
 def test_positions_and_colours_come_back(data: ReportData) -> None:
@@ -158,8 +165,14 @@ def test_positions_and_colours_come_back(data: ReportData) -> None:
     assert np.isnan(_numbers(values["fruits"]["diameters"], "<f4")[3])
 
 
+def test_rotations_and_lenses_are_the_cameras(data: ReportData) -> None:
+    photos = payload(data)["photos"]
+    assert np.allclose(_numbers(photos["rotations"], "<f4").reshape(-1, 3, 3), data.cameras.cam_from_world[:, :, :3])
+    assert np.allclose(_numbers(photos["lenses"], "<f4").reshape(-1, 4)[0], [700, 700, 400, 300])
+
+
 def test_frusta_show_where_cameras_look(data: ReportData) -> None:
-    frusta = _numbers(payload(data)["cameras"]["frusta"], "<f4").reshape(-1, 5, 3)
+    frusta = _numbers(payload(data)["photos"]["frusta"], "<f4").reshape(-1, 5, 3)
     middle = np.median(data.fruits.centers_in_world, axis=0)
     for k in range(len(data.cameras)):
         assert np.allclose(frusta[k, 0] + middle, data.cameras.centers_in_world[k], atol=1e-6)
@@ -170,7 +183,7 @@ def test_frusta_show_where_cameras_look(data: ReportData) -> None:
 
 def test_sightings_name_fruit_and_camera(data: ReportData) -> None:
     values = payload(data)["sightings"]
-    pairs = zip(_numbers(values["fruits"], "<u4"), _numbers(values["cameras"], "<u4"), strict=True)
+    pairs = zip(_numbers(values["fruits"], "<u4"), _numbers(values["photos"], "<u4"), strict=True)
     named = {(int(data.fruits.ids[f]), data.cameras.photos[c]) for f, c in pairs}
     assert named == set(zip(data.observations.fruit_id.tolist(), data.observations.photo, strict=True))
 
@@ -227,6 +240,29 @@ def test_row_runs_along_the_cameras_and_one_looks_from_them(data: ReportData) ->
     axes = row_axes(replace(data, observations=Observations.empty()))
     assert np.allclose(axes.along, [1, 0, 0], atol=0.02)
     assert abs(axes.toward[1]) == pytest.approx(1, abs=0.02)
+
+
+def test_first_look_is_from_where_most_photos_were_taken(data: ReportData) -> None:
+    west = np.array([photo.startswith("west") for photo in data.observations.photo])
+    for kept, sign in ((west, 1), (~west, -1)):
+        seen_once = replace(data, observations=data.observations[kept])
+        toward = seen_from(seen_once, row_axes(seen_once))
+        assert np.linalg.norm(toward) == pytest.approx(1)
+        assert 0.85 < sign * toward[1] <= 1
+
+
+def test_first_look_follows_a_camera_that_moves_forward() -> None:
+    # Photos on a way towards the fruits: the row's axis is that way, and one looks along it.
+    fruits = row_fruits(20)
+    poses = [looking(np.array([-x, 0.0, 1.5]), np.array([0.0, 0.0, 1.5])) for x in (4.0, 3.5, 3.0, 2.5)]
+    cameras = replace(
+        row_cameras(1), photos=tuple("abcd"), intrinsics_idx=np.zeros(4, np.int64), cam_from_world=np.array(poses)
+    )
+    seen = Observations(np.repeat(fruits.ids, 4), tuple("abcd") * 20, np.arange(80), np.zeros((80, 2)))
+    data = ReportData(title="", photos=Photos(()), cameras=cameras, fruits=fruits, observations=seen)
+    axes = row_axes(data)
+    assert abs(axes.toward[0]) < 0.1
+    assert seen_from(data, axes)[0] < -0.9
 
 
 @pytest.mark.parametrize(

@@ -34,13 +34,13 @@ class Opened:
     asked: list[str] = field(default_factory=list)
 
 
-def _open(browser: Any, path: Path, before: str = "") -> Opened:
+def _open(browser: Any, path: Path | str, before: str = "") -> Opened:
     opened = Opened(browser.new_page(viewport={"width": 900, "height": 600}, reduced_motion="reduce"))
     opened.page.on("console", lambda message: opened.said.append(f"{message.type}: {message.text}"))
     opened.page.on("pageerror", lambda error: opened.said.append(str(error)))
     opened.page.on("request", lambda request: opened.asked.append(request.url))
     opened.page.add_init_script(before)
-    opened.page.goto(path.as_uri())
+    opened.page.goto(path if isinstance(path, str) else path.as_uri())
     opened.page.wait_for_selector("html.has-webgl, html.no-webgl")
     return opened
 

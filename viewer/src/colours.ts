@@ -2,7 +2,7 @@
 
 import { median, type Fruit } from "./payload";
 
-export type ColourBy = "fruit" | "diameter" | "score" | "views" | "side" | "tree";
+export type ColourBy = "fruit" | "diameter" | "score" | "views" | "side" | "tree" | "truth";
 export type Rgb = [number, number, number];
 
 export const APPLE: Rgb = [0.79, 0.16, 0.16];

@@ -2,10 +2,12 @@
 
 import * as three from "three";
 import { drawnRadii, type Colouring } from "./colours";
-import { decodeF32, decodeU16, decodeU8, type Fruit, type PackedCloud, type Payload } from "./payload";
+import type { PackedCloud, SurveyData } from "./contract";
+import { decodeF32, decodeU16, decodeU8, type Fruit } from "./payload";
 
 const CAMERA_COLOUR = 0x5b7fa6;
 const SIGHT_COLOUR = 0xe8960c;
+const ROW_COLOUR = 0x8a6d3b;
 
 /** sRGB bytes to the linear values that three.js works with. */
 const LINEAR = Float32Array.from({ length: 256 }, (_, i) => new three.Color().setRGB(i / 255, 0, 0, three.SRGBColorSpace).r);
@@ -39,17 +41,26 @@ export function points(cloud: PackedCloud, radius: number): three.Points {
 export class FruitBalls {
   readonly object: three.InstancedMesh;
   readonly radii: Float32Array;
+  private shown: boolean[];
 
   constructor(private readonly fruits: Fruit[]) {
+    this.shown = fruits.map(() => true);
     this.radii = drawnRadii(fruits);
     const ball = new three.SphereGeometry(1, fruits.length > 4000 ? 12 : 24, fruits.length > 4000 ? 8 : 16);
     this.object = new three.InstancedMesh(ball, new three.MeshStandardMaterial({ roughness: 0.55 }), fruits.length);
     this.object.frustumCulled = false;
+    this.show(this.shown);
+  }
+
+  /** Show some of the fruits; the others can neither be seen nor clicked. */
+  show(shown: boolean[]): void {
+    this.shown = shown;
     const matrix = new three.Matrix4();
-    fruits.forEach((fruit, i) => {
-      const r = this.radii[i]!;
+    this.fruits.forEach((fruit, i) => {
+      const r = shown[i] ? this.radii[i]! : 0;
       this.object.setMatrixAt(i, matrix.makeScale(r, r, r).setPosition(fruit.x, fruit.y, fruit.z));
     });
+    this.object.instanceMatrix.needsUpdate = true;
   }
 
   /** See-through balls show the points in them. */
@@ -75,6 +86,7 @@ export class FruitBalls {
     let nearest = Infinity;
     const center = new three.Vector3();
     this.fruits.forEach((fruit, i) => {
+      if (!this.shown[i]) return;
       center.set(fruit.x, fruit.y, fruit.z).sub(ray.origin);
       const along = center.dot(ray.direction);
       if (along <= 0 || along >= nearest) return;
@@ -93,9 +105,9 @@ export class Frusta {
   readonly corners: Float32Array;
   readonly count: number;
 
-  constructor(payload: Payload) {
-    this.corners = decodeF32(payload.cameras.frusta);
-    this.count = payload.cameras.names.length;
+  constructor(data: SurveyData) {
+    this.corners = decodeF32(data.photos.frusta);
+    this.count = data.photos.names.length;
     const edges = [0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1];
     const index = new Uint32Array(this.count * edges.length);
     for (let i = 0; i < this.count; i++) edges.forEach((corner, k) => (index[i * edges.length + k] = 5 * i + corner));
@@ -129,12 +141,27 @@ export function halo(): three.Mesh {
   return ring;
 }
 
-export function ground(payload: Payload): three.GridHelper {
-  const { target, radius, ground: height, grid } = payload.view;
+/** The row's axis on the ground with a mark at every cell of the grid, and a post where each tree stands. */
+export function row(data: SurveyData): three.LineSegments {
+  const { along, row: ends, ground: height, grid, radius } = data.view;
+  const at = (t: number, z: number): three.Vector3 => new three.Vector3(along[0] * t, along[1] * t, z);
+  const lines = [at(ends[0], height), at(ends[1], height)];
+  for (let t = Math.ceil(ends[0] / grid) * grid; t <= ends[1]; t += grid) lines.push(at(t, height), at(t, height + radius / 40));
+  const places = decodeF32(data.trees.places);
+  data.trees.ids.forEach((_, i) => {
+    const foot = new three.Vector3().fromArray(places, 3 * i);
+    lines.push(foot, foot.clone().setZ(data.view.high));
+  });
+  const material = new three.LineBasicMaterial({ color: ROW_COLOUR });
+  return new three.LineSegments(new three.BufferGeometry().setFromPoints(lines), material);
+}
+
+export function ground(data: SurveyData): three.GridHelper {
+  const { radius, ground: height, grid } = data.view;
   const cells = Math.min(200, Math.max(4, 2 * Math.ceil(radius / grid)));
   const helper = new three.GridHelper(cells * grid, cells);
   helper.material = new three.LineBasicMaterial({ color: 0x8a948c, transparent: true, opacity: 0.4 });
   helper.rotateX(Math.PI / 2);
-  helper.position.set(Math.round(target[0]! / grid) * grid, Math.round(target[1]! / grid) * grid, height);
+  helper.position.set(0, 0, height);
   return helper;
 }

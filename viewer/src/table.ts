@@ -31,6 +31,13 @@ export class FruitTable {
       heading.querySelector("button")?.addEventListener("click", () => this.sortBy(heading));
     }
     this.box.addEventListener("keydown", (event) => this.step(event));
+    this.reach(this.table.tBodies[0]!.rows[0] ?? null);
+  }
+
+  /** Leave out the rows of fruits that are not shown. */
+  filter(shows: (id: number) => boolean): void {
+    for (const [id, row] of this.rows) row.hidden = !shows(id);
+    this.reach(this.selected && !this.selected.hidden ? this.selected : this.next(this.table.tBodies[0]!.rows[0] ?? null, true));
   }
 
   sortBy(heading: HTMLTableCellElement): void {
@@ -50,6 +57,7 @@ export class FruitTable {
     this.selected = id === null ? null : (this.rows.get(id) ?? null);
     if (!this.selected) return;
     this.selected.setAttribute("aria-selected", "true");
+    this.reach(this.selected);
     const row = this.selected;
     const head = this.table.tHead!.offsetHeight;
     const above = row.offsetTop - head < this.box.scrollTop;
@@ -57,11 +65,29 @@ export class FruitTable {
     if (above || below) this.box.scrollTop = row.offsetTop - head - (this.box.clientHeight - head) / 2;
   }
 
+  /** One row alone is a stop of the Tab key; arrows go on from there. */
+  private reach(row: HTMLTableRowElement | null): void {
+    for (const other of this.table.tBodies[0]!.querySelectorAll<HTMLElement>('button[tabindex="0"]')) other.tabIndex = -1;
+    const button = row?.querySelector<HTMLElement>("button");
+    if (button) button.tabIndex = 0;
+  }
+
+  private next(row: Element | null, down: boolean): HTMLTableRowElement | null {
+    let at = row;
+    while (at instanceof HTMLTableRowElement && at.hidden) at = down ? at.nextElementSibling : at.previousElementSibling;
+    return at instanceof HTMLTableRowElement ? at : null;
+  }
+
   private step(event: KeyboardEvent): void {
     if (event.key !== "ArrowDown" && event.key !== "ArrowUp") return;
-    const next = event.key === "ArrowDown" ? this.selected?.nextElementSibling : this.selected?.previousElementSibling;
-    if (!(next instanceof HTMLTableRowElement) || !next.dataset.id) return;
+    const down = event.key === "ArrowDown";
+    const focused = (event.target as Element).closest("tr");
+    const from = focused?.dataset.id ? focused : this.selected;
+    const first = this.table.tBodies[0]!.rows[0] ?? null;
+    const next = this.next(from ? (down ? from.nextElementSibling : from.previousElementSibling) : first, down);
+    if (!next?.dataset.id) return;
     event.preventDefault();
     this.onSelect(Number(next.dataset.id));
+    next.querySelector<HTMLElement>("button")?.focus({ preventScroll: true });
   }
 }

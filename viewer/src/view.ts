@@ -1,73 +1,68 @@
-/** The 3D view: camera, light, picking. Draws only when something changed, so that an open report costs nothing. */
+/** The 3D view: layers, light, picking. Draws only when something changed, so that an open page costs nothing. */
 
 import * as three from "three";
-import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import type { SurveyData } from "./contract";
 import { colouring, type ColourBy, type Colouring } from "./colours";
-import { Frusta, FruitBalls, ground, halo, points, sightLines } from "./layers";
-import type { Fruit, Payload } from "./payload";
+import { Frusta, FruitBalls, ground, halo, points, row, sightLines } from "./layers";
+import { Navigation } from "./navigation";
+import type { Fruit, Photo } from "./payload";
 
-export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "ground";
-export type Side = "front" | "back" | "top";
+export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "row" | "ground";
+export type Picked = { fruit: number } | { camera: number } | null;
 
-const FOV_DEG = 42;
 const CLICK_PX = 5;
 const FINGER_PX = 7;
+const CAMERA_PX = 12;
 
 export class View {
-  onPick: (fruit: number | null) => void = () => {};
+  onPick: (picked: Picked, at: three.Vector3 | null) => void = () => {};
   onHover: (text: string | null, x: number, y: number) => void = () => {};
+  /** Points are picked for measuring, and not only fruits and cameras. */
+  picksPoints = false;
 
+  readonly navigation: Navigation;
   private readonly renderer: three.WebGLRenderer;
   private readonly world = new three.Scene();
-  private readonly camera: three.PerspectiveCamera;
-  private readonly controls: OrbitControls;
   private readonly layers: Record<Layer, three.Object3D>;
   private readonly balls: FruitBalls;
   private readonly frusta: Frusta;
   private readonly halo = halo();
+  private readonly extra = new three.Group();
   private sight: three.LineSegments | null = null;
   private readonly lamp = new three.DirectionalLight(0xffffff, 2.0);
   private pending = false;
-  private flight: { from: [three.Vector3, three.Vector3]; to: [three.Vector3, three.Vector3]; start: number } | null = null;
 
   /** Throws where the browser gives no WebGL. */
-  constructor(private readonly box: HTMLElement, private readonly payload: Payload, private readonly fruits: Fruit[]) {
+  constructor(private readonly box: HTMLElement, private readonly data: SurveyData, private readonly fruits: Fruit[], private readonly photos: Photo[]) {
     const canvas = document.createElement("canvas");
     const context = canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
     if (!context) throw new Error("This browser gives no WebGL 2");
     this.renderer = new three.WebGLRenderer({ canvas, context });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    this.renderer.domElement.setAttribute("aria-label", "3D view of points, fruits and cameras");
-    box.prepend(this.renderer.domElement);
-
-    const { radius } = payload.view;
-    this.camera = new three.PerspectiveCamera(FOV_DEG, 1, radius / 500, radius * 60);
-    this.camera.up.set(0, 0, 1);
-    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.enableDamping = true;
-    this.controls.dampingFactor = 0.12;
-    this.controls.zoomToCursor = true;
-    this.controls.minDistance = radius / 100;
-    this.controls.maxDistance = radius * 20;
-    this.controls.addEventListener("change", () => this.draw());
-    this.controls.addEventListener("start", () => (this.flight = null));
+    this.renderer.localClippingEnabled = true;
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "application");
+    canvas.setAttribute("aria-label", "3D view of points, fruits and cameras. Arrow keys turn it, plus and minus zoom. The table of fruits says the same in words.");
+    box.prepend(canvas);
 
     this.balls = new FruitBalls(fruits);
-    this.frusta = new Frusta(payload);
+    this.frusta = new Frusta(data);
+    const { radius } = data.view;
     this.layers = {
-      scene: points(payload.scene, radius),
-      fruitPoints: points(payload.fruitPoints, radius),
+      scene: points(data.scene, radius),
+      fruitPoints: points(data.fruitPoints, radius),
       fruits: this.balls.object,
       cameras: this.frusta.object,
-      ground: ground(payload),
+      row: row(data),
+      ground: ground(data),
     };
-    this.world.add(...Object.values(this.layers), this.halo, this.lamp, new three.HemisphereLight(0xffffff, 0x8c8a80, 2.2));
-    const dark = matchMedia("(prefers-color-scheme: dark)");
-    dark.addEventListener("change", () => this.paper());
+    this.world.add(...Object.values(this.layers), this.extra, this.halo, this.lamp, new three.HemisphereLight(0xffffff, 0x8c8a80, 2.2));
+    this.navigation = new Navigation(canvas, box, data, fruits, () => this.draw());
     this.paper();
-    this.listen();
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paper());
+    this.listen(canvas);
     this.resize();
-    this.look("front", false);
+    this.navigation.look("photos", false);
   }
 
   show(layer: Layer, visible: boolean): void {
@@ -76,25 +71,38 @@ export class View {
     this.draw();
   }
 
+  showFruits(shown: boolean[]): void {
+    this.balls.show(shown);
+    this.draw();
+  }
+
   colourBy(by: ColourBy): Colouring {
-    const colours = colouring(by, this.fruits);
+    return this.colour(colouring(by, this.fruits));
+  }
+
+  colour(colours: Colouring): Colouring {
     this.balls.colour(colours);
     this.draw();
     return colours;
   }
 
-  /** Look at everything from one of the row's sides or from above. */
-  look(side: Side, smooth = true): void {
-    const { target, radius, toward, along } = this.payload.view;
-    const aspect = Math.max(this.camera.aspect, 0.2);
-    const half = three.MathUtils.degToRad(FOV_DEG / 2);
-    const distance = (0.95 * radius) / Math.sin(Math.min(half, Math.atan(Math.tan(half) * aspect)));
-    const outward = new three.Vector3().fromArray(toward).multiplyScalar(side === "back" ? -1 : 1);
-    // Not quite straight down or straight ahead: a little of the other directions shows depth.
-    const direction = side === "top" ? outward.multiplyScalar(0.02).add(new three.Vector3(0, 0, 1))
-      : outward.add(new three.Vector3(0, 0, 0.22)).addScaledVector(new three.Vector3().fromArray(along), 0.3);
-    const aim = new three.Vector3().fromArray(target);
-    this.fly(aim.clone().addScaledVector(direction.normalize(), distance), aim, smooth);
+  /** Show only what is on the positive side of all planes: points, not the fruits, which are shown whole or not at all. */
+  clip(planes: three.Plane[]): void {
+    for (const layer of ["scene", "fruitPoints"] as const) {
+      ((this.layers[layer] as three.Points).material as three.Material).clippingPlanes = planes;
+    }
+    this.draw();
+  }
+
+  /** Objects of others, such as a measured line. */
+  add(object: three.Object3D): void {
+    this.extra.add(object);
+    this.draw();
+  }
+
+  remove(object: three.Object3D): void {
+    this.extra.remove(object);
+    this.draw();
   }
 
   /** Mark a fruit, draw its sight lines and, where `fly`, go near it. */
@@ -112,69 +120,48 @@ export class View {
       this.halo.scale.setScalar(radius);
       this.sight = sightLines(fruit, cameras, this.frusta);
       this.world.add(this.sight);
-      if (fly) this.flyTo(fruit, radius);
+      if (fly) this.navigation.flyTo(new three.Vector3(fruit.x, fruit.y, fruit.z), radius);
     }
     this.draw();
   }
 
-  private paper(): void {
+  /** Where a place in the world is on the page's view, in pixels; null behind the viewer. */
+  onScreen(place: three.Vector3): { x: number; y: number } | null {
+    const at = place.clone().project(this.navigation.camera);
+    if (at.z > 1) return null;
+    return { x: ((at.x + 1) / 2) * this.box.clientWidth, y: ((1 - at.y) / 2) * this.box.clientHeight };
+  }
+
+  /** Take the paper's colour from the style. */
+  paper(): void {
     this.world.background = new three.Color(getComputedStyle(this.box).backgroundColor);
     this.draw();
   }
 
-  private flyTo(fruit: Fruit, radius: number): void {
-    const aim = new three.Vector3(fruit.x, fruit.y, fruit.z);
-    const outward = this.camera.position.clone().sub(this.controls.target).normalize();
-    const distance = Math.min(this.camera.position.distanceTo(this.controls.target), Math.max(radius * 32, this.payload.view.radius / 4));
-    this.fly(aim.clone().addScaledVector(outward, distance), aim, true);
-  }
-
-  private fly(position: three.Vector3, target: three.Vector3, smooth: boolean): void {
-    if (!smooth || matchMedia("(prefers-reduced-motion: reduce)").matches) {
-      this.flight = null;
-      this.camera.position.copy(position);
-      this.controls.target.copy(target);
-      this.controls.update();
-      this.draw();
-      return;
-    }
-    const from: [three.Vector3, three.Vector3] = [this.camera.position.clone(), this.controls.target.clone()];
-    this.flight = { from, to: [position, target], start: performance.now() };
-    this.draw();
-  }
-
-  private draw(): void {
+  draw(): void {
     if (this.pending) return;
     this.pending = true;
     requestAnimationFrame((now) => {
       this.pending = false;
-      this.step(now);
-      this.lamp.position.copy(this.camera.position).add(new three.Vector3(0, 0, this.payload.view.radius));
-      this.lamp.target.position.copy(this.controls.target);
+      this.navigation.step(now);
+      const { camera, controls } = this.navigation;
+      this.lamp.position.copy(camera.position).add(new three.Vector3(0, 0, this.data.view.radius));
+      this.lamp.target.position.copy(controls.target);
       this.lamp.target.updateMatrixWorld();
-      this.halo.quaternion.copy(this.camera.quaternion);
-      this.renderer.render(this.world, this.camera);
-      this.controls.update();
+      this.halo.quaternion.copy(camera.quaternion);
+      this.renderer.render(this.world, camera);
+      this.box.dispatchEvent(new Event("drawn"));
     });
   }
 
-  private step(now: number): void {
-    if (!this.flight) return;
-    const t = Math.min((now - this.flight.start) / 450, 1);
-    const eased = 1 - (1 - Math.max(t, 0)) ** 3;
-    this.camera.position.lerpVectors(this.flight.from[0], this.flight.to[0], eased);
-    this.controls.target.lerpVectors(this.flight.from[1], this.flight.to[1], eased);
-    this.camera.lookAt(this.controls.target);
-    if (t >= 1) this.flight = null;
-    else this.draw();
-  }
-
-  private listen(): void {
-    const canvas = this.renderer.domElement;
+  private listen(canvas: HTMLCanvasElement): void {
     let down: { x: number; y: number } | null = null;
     canvas.addEventListener("pointerdown", (event) => (down = event.isPrimary ? { x: event.clientX, y: event.clientY } : null));
     canvas.addEventListener("pointerup", (event) => {
-      if (down && Math.hypot(event.clientX - down.x, event.clientY - down.y) < CLICK_PX) this.onPick(this.pick(event));
+      if (down && Math.hypot(event.clientX - down.x, event.clientY - down.y) < CLICK_PX) {
+        const { picked, at } = this.pick(event);
+        this.onPick(picked, at);
+      }
       down = null;
     });
     canvas.addEventListener("pointermove", (event) => {
@@ -188,38 +175,53 @@ export class View {
     const { clientWidth, clientHeight } = this.box;
     if (!clientWidth || !clientHeight) return;
     this.renderer.setSize(clientWidth, clientHeight);
-    this.camera.aspect = clientWidth / clientHeight;
-    this.camera.updateProjectionMatrix();
+    this.navigation.resize(clientWidth / clientHeight);
     this.draw();
   }
 
-  private pick(event: PointerEvent): number | null {
-    if (!this.layers.fruits.visible) return null;
+  private ray(event: PointerEvent): three.Raycaster {
     const { offsetX, offsetY } = event;
     const pointer = new three.Vector2((2 * offsetX) / this.box.clientWidth - 1, 1 - (2 * offsetY) / this.box.clientHeight);
     const caster = new three.Raycaster();
-    caster.setFromCamera(pointer, this.camera);
-    const slack = event.pointerType === "touch" ? (FINGER_PX * three.MathUtils.degToRad(FOV_DEG)) / this.box.clientHeight : 0;
-    return this.balls.hit(caster.ray, slack);
+    caster.setFromCamera(pointer, this.navigation.camera);
+    return caster;
+  }
+
+  private pick(event: PointerEvent): { picked: Picked; at: three.Vector3 | null } {
+    const caster = this.ray(event);
+    const slack = event.pointerType === "touch" ? (FINGER_PX * three.MathUtils.degToRad(this.navigation.camera.fov)) / this.box.clientHeight : 0;
+    const fruit = this.layers.fruits.visible ? this.balls.hit(caster.ray, slack) : null;
+    if (fruit !== null) {
+      const { x, y, z } = this.fruits[fruit]!;
+      return { picked: { fruit }, at: new three.Vector3(x, y, z) };
+    }
+    if (this.picksPoints) return { picked: null, at: this.pointNear(caster) };
+    const camera = this.cameraNear(event.offsetX, event.offsetY);
+    return { picked: camera === null ? null : { camera }, at: null };
+  }
+
+  private pointNear(caster: three.Raycaster): three.Vector3 | null {
+    caster.params.Points.threshold = this.data.view.radius / 100;
+    const clouds = [this.layers.scene, this.layers.fruitPoints].filter((cloud) => cloud.visible);
+    return caster.intersectObjects(clouds, false)[0]?.point ?? null;
   }
 
   private hover(event: PointerEvent): void {
-    const index = this.pick(event);
-    const name = index === null ? this.cameraNear(event.offsetX, event.offsetY) : `Fruit ${this.fruits[index]!.id}`;
-    this.renderer.domElement.style.cursor = index === null ? "grab" : "pointer";
+    const { picked } = this.picksPoints ? { picked: null } : this.pick(event);
+    const name = !picked ? null : "fruit" in picked ? `Fruit ${this.fruits[picked.fruit]!.id}` : `${this.photos[picked.camera]!.name}: click to look through`;
+    this.renderer.domElement.style.cursor = this.picksPoints ? "crosshair" : picked ? "pointer" : "grab";
     this.onHover(name, event.offsetX, event.offsetY);
   }
 
-  private cameraNear(x: number, y: number): string | null {
-    if (!this.layers.cameras.visible) return null;
-    let nearest = 10;
-    let name: string | null = null;
+  private cameraNear(x: number, y: number): number | null {
+    if (!this.layers.cameras.visible || this.navigation.through !== null) return null;
+    let nearest = CAMERA_PX;
+    let found: number | null = null;
     for (let i = 0; i < this.frusta.count; i++) {
-      const at = this.frusta.center(i).project(this.camera);
-      if (at.z > 1) continue;
-      const away = Math.hypot(((at.x + 1) / 2) * this.box.clientWidth - x, ((1 - at.y) / 2) * this.box.clientHeight - y);
-      if (away < nearest) [nearest, name] = [away, this.payload.cameras.names[i]!];
+      const at = this.onScreen(this.frusta.center(i));
+      const away = at ? Math.hypot(at.x - x, at.y - y) : Infinity;
+      if (away < nearest) [nearest, found] = [away, i];
     }
-    return name;
+    return found;
   }
 }

@@ -1,21 +1,70 @@
-"""`pomona view`: look at a survey."""
+"""`pomona view`: look at a survey in the browser."""
 
 from __future__ import annotations
 
 import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pomona.cli import options as shared
-from pomona.errors import MissingFileError
-from pomona.survey import Survey
+from pomona.cli.progress import TerminalProgress
+from pomona.errors import InputError
+
+if TYPE_CHECKING:
+    from pomona.report import ReportData
+    from pomona.report.contract import TruthData
+
+_PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
+_NO_BROWSER = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
+_PHOTOS = Annotated[Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were.")]
+_TRUTH = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="True fruits, as for `pomona evaluate`: shown beside the result.")
+]
+_EXPORT = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Write a folder that opens from disk instead, with photos.")
+]
 
 
-def view(survey: shared.SurveyFolder) -> None:
-    """Open the report of a survey in the browser."""
-    path = Survey.open(survey).report
-    if not path.is_file():
-        raise MissingFileError(f"{path} does not exist: `pomona report {survey}` writes it")
-    if not webbrowser.open(path.as_uri()):
-        typer.echo("No browser could be opened; the report is this file:", err=True)
-    typer.echo(str(path))
+def view(
+    survey: shared.SurveyFolder,
+    port: _PORT = 0,
+    no_browser: _NO_BROWSER = False,
+    photos: _PHOTOS = None,
+    truth: _TRUTH = None,
+    export: _EXPORT = None,
+) -> None:
+    """Look at a survey in the browser: every fruit in 3D, and the photos that saw it. Ctrl-C ends it.
+
+    The page is served to this computer alone. With --export, a folder is written instead that needs no server.
+    """
+    from pomona.view import ViewServer, export_folder, read_survey
+
+    with TerminalProgress() as progress:
+        data = read_survey(survey, photos=photos, progress=progress)
+        compared = _compared(data, truth) if truth else None
+        if export is not None:
+            typer.echo(str(export_folder(data, export, truth=compared, progress=progress)))
+            return
+    try:
+        server = ViewServer(data, port=port, truth=compared)
+    except OSError as error:
+        raise InputError(f"--port {port}: {error.strerror or error}: choose another, or none for a free one") from None
+    with server:
+        typer.echo(server.url)
+        typer.echo("Ctrl-C ends it.", err=True)
+        if not no_browser and not webbrowser.open(server.url):
+            typer.echo("No browser could be opened; the page is at the address above.", err=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo("", err=True)
+
+
+def _compared(data: ReportData, path: Path) -> TruthData:
+    from pomona.evaluate import read_truth
+    from pomona.report.scene import origin_of
+    from pomona.view import truth_data
+
+    return truth_data(data.fruits, read_truth(path), origin_of(data))

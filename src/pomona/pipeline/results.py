@@ -16,6 +16,7 @@ from pomona.formats.tables import read_fruits, read_observations, write_fruits, 
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.pipeline.context import Context
 from pomona.pipeline.placing import unregistered_from
+from pomona.pipeline.seeing import trusted
 from pomona.progress import Progress
 from pomona.scale.values import Placed
 from pomona.sfm.values import Reconstruction
@@ -108,7 +109,7 @@ def report_stage(
         return [segment.token, scale.token, results.token, context.photo_details, context.photos.skipped]
 
     outputs = (survey.report, survey.contact_sheet)
-    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(scale, results))
+    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(segment, scale, results))
     return context.stage("report", key, work, rooms=("report",))
 
 
@@ -132,6 +133,7 @@ def _report_data(
         observations=results.value.observations,
         cloud=results.value.scene,
         detections=int(segment.ensure().info["detections"]),
+        masks=trusted(segment, context.options),
         lost=(*unregistered, *scale.value.lost),
         scale=scale.value.residuals,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),

@@ -56,6 +56,32 @@ def scene_points(data: ReportData) -> FloatArray:
     return np.zeros((1, 3))
 
 
+def seen_from(data: ReportData, axes: RowAxes) -> FloatArray:
+    """Return the direction (3,) from the fruits to where most photos saw them from, on the side that saw most of them.
+
+    It is where the cameras were, also of a video that moves towards a tree, or around it.
+    """
+    fruit_idx = {int(fruit_id): i for i, fruit_id in enumerate(data.fruits.ids)}
+    photo_idx = {name: k for k, name in enumerate(data.cameras.photos)}
+    pairs = [
+        (fruit_idx[int(fruit_id)], photo_idx[photo])
+        for fruit_id, photo in zip(data.observations.fruit_id, data.observations.photo, strict=True)
+        if int(fruit_id) in fruit_idx and photo in photo_idx
+    ]
+    if not pairs:
+        return axes.toward
+    fruit, camera = np.array(pairs).T
+    to_camera = data.cameras.centers_in_world[camera] - data.fruits.centers_in_world[fruit]
+    to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1, keepdims=True), 1e-9)
+    # Of opposite sides, the one of most sightings: directions within a right angle of the one that most are near.
+    near = (to_camera[:: max(1, len(to_camera) // 500)] @ to_camera.T > 0.5).sum(axis=1)
+    best = to_camera[:: max(1, len(to_camera) // 500)][np.argmax(near)]
+    mean: FloatArray = to_camera[to_camera @ best > 0].mean(axis=0)
+    # Hardly from above: fruits hide each other then, and the ground plan has a button of its own.
+    mean[2] = np.clip(mean[2], -0.2, 0.5)
+    return mean / np.linalg.norm(mean)
+
+
 def _paths(data: ReportData) -> FloatArray:
     """The cameras' centres, each side about its own middle, so that two sides of a row make one direction."""
     side_of = {photo.name: photo.side for photo in data.photos}

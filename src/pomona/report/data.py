@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.scale.values import ScaleReport
@@ -26,7 +27,8 @@ class ReportData:
 
     `cloud` holds the points of the scene (`fruit_id` 0) and of the fruits, in the frame of `cameras`. `photos` are
     all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place.
-    `detections` is their number in all photos (None: not known). `scale` says how metres were found, where known.
+    `detections` is their number in all photos (None: not known); `masks` are those that may have become fruit, where
+    outlines and crops are wanted. `scale` says how metres were found, where known.
     `version` is Pomona's.
     """
 
@@ -37,6 +39,7 @@ class ReportData:
     observations: Observations = field(default_factory=Observations.empty)
     cloud: FruitCloud = field(default_factory=FruitCloud.empty)
     detections: int | None = None
+    masks: SurveyDetections | None = None
     lost: tuple[Unregistered, ...] = ()
     scale: ScaleReport | None = None
     stages: tuple[StageTime, ...] = ()

@@ -1,46 +1,71 @@
-"""`report.html`: one file that opens from disk and fetches nothing."""
+"""The page: `report.html`, one file that opens from disk and fetches nothing; and the same page for `pomona view`."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any
 
+from pomona.report.contract import Source, SurveyData
+from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
 from pomona.report.plots import plots
-from pomona.report.scene import as_script, payload
+from pomona.report.scene import SceneOptions, as_script, survey_data
+from pomona.report.seen import detection_columns
 from pomona.report.tables import fruits_table, photos_table, trees_table
 from pomona.report.totals import notices, stage_times, totals
 
 _ROOM = files("pomona.report")
+# Nothing is fetched from anywhere but where the page itself came from.
+_IMAGES: dict[Source, str] = {"report": "data:", "folder": "data: 'self' file:", "server": "data: 'self'"}
+_NOTES: dict[Source, str] = {
+    "report": "The photos themselves are not in this file: `pomona view SURVEY` shows them.",
+    "folder": "This photo is not in the folder.",
+    "server": "This photo was not found; `pomona view SURVEY --photos FOLDER` says where photos are.",
+}
+_FOOTERS: dict[Source, str] = {
+    "report": "This file needs no network; share it as it is.",
+    "folder": "This folder needs no network; share it as a whole.",
+    "server": "Shown by `pomona view` on this computer alone.",
+}
 
 
 def write_report(data: ReportData, path: Path) -> None:
     """Write the report of one survey as a self-contained page: totals, plots, table, and a 3D view that can be turned.
 
     The page opens from disk without a network: script and style are in it, and its content security policy lets the
-    browser fetch nothing and run no other script, whatever names files have. It stays below some 15 MB.
+    browser fetch nothing and run no other script, whatever names files have. Where `data.masks` is given, up to three
+    crops of photos of each fruit are in it, of at most 15 MB together; all of it stays below some 30 MB.
     """
     path.write_text(report_html(data), encoding="utf-8")
 
 
 def report_html(data: ReportData) -> str:
     """Return the page that `write_report` writes."""
-    values = payload(data)
+    crops = embedded_crops(data)
+    outlines = detection_columns(data, only=crops)
+    note = _NOTES["report"]
+    values = survey_data(data, SceneOptions(source="report", crops=crops, detections=outlines, photos_note=note))
+    return page_html(data, values)
+
+
+def page_html(data: ReportData, values: SurveyData, *, data_url: str = "") -> str:
+    """Return the page of one survey with `values` in it, or with the address where its script finds them."""
     script = _static("viewer.js").replace("</script", "<\\/script")
+    source = values.source
     return Template(_ROOM.joinpath("template.html").read_text(encoding="utf-8")).substitute(
+        source=source,
+        policy=policy(source),
         title=escape(data.title),
         subtitle=escape(_subtitle(data)),
         version=escape(data.version),
         style=_static("viewer.css"),
         script=script,
-        script_digest=_digest(script),
         totals=totals(data),
         notices=notices(data),
         colour_choices=_colour_choices(data),
@@ -50,9 +75,29 @@ def report_html(data: ReportData) -> str:
         trees=trees_table(data),
         stages=stage_times(data),
         photos=photos_table(data),
-        payload=as_script(values),
-        footer=escape(f"Made by Pomona {data.version}".strip() + ". This file needs no network; share it as it is."),
+        data_url=f' data-url="{escape(data_url)}"' if data_url else "",
+        payload="" if data_url else as_script(values),
+        footer=escape(f"Made by Pomona {data.version}".strip() + ". " + _FOOTERS[source]),
     )
+
+
+def policy(source: Source) -> str:
+    """Return the content security policy of the page: no script but its own, nothing from outside."""
+    script = _static("viewer.js").replace("</script", "<\\/script")
+    rules = [
+        "default-src 'none'",
+        "style-src 'unsafe-inline'",
+        f"script-src '{_digest(script)}'",
+        f"img-src {_IMAGES[source]}",
+        "base-uri 'none'",
+        "form-action 'none'",
+    ]
+    return "; ".join([*rules, "connect-src 'self'"] if source == "server" else rules)
+
+
+def note_of(source: Source) -> str:
+    """Return what the page tells where a photo is not there."""
+    return _NOTES[source]
 
 
 def _static(name: str) -> str:
@@ -93,8 +138,8 @@ def _colour_choices(data: ReportData) -> str:
     return "".join(f'<option value="{value}">{label}</option>' for value, label in choices)
 
 
-def _view_note(data: ReportData, values: Mapping[str, Any]) -> str:
+def _view_note(data: ReportData, values: SurveyData) -> str:
     """How many points there are, how many of them are shown, and how large the grid's cells are."""
-    shown, total = values["scene"]["count"] + values["fruitPoints"]["count"], len(data.cloud)
+    shown, total = values.scene.count + values.fruit_points.count, len(data.cloud)
     points = f"{shown:,} of {total:,} points" if shown < total else f"{total:,} points"
-    return f"{points} · grid {values['view']['grid']:g} {values['unit']}"
+    return f"{points} · grid {values.view.grid:g} {values.unit}"

@@ -1,10 +1,8 @@
-"""The 3D data of a report: positions in 16 bits, everything else in base64, bounded in size."""
+"""The data of the view: positions in 16 bits, everything else in base64, bounded in size."""
 
 from __future__ import annotations
 
-import base64
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +11,49 @@ import numpy as np
 from pomona.arrays import Array, BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.fruits import FruitCloud
-from pomona.report.axes import RowAxes, row_axes, scene_points
+from pomona.report.axes import RowAxes, row_axes, scene_points, seen_from
+from pomona.report.contract import (
+    F32,
+    U8,
+    U16,
+    U32,
+    DetectionColumns,
+    FruitColumns,
+    PackedCloud,
+    PhotoColumns,
+    Source,
+    SurveyData,
+    TreePlaces,
+    TruthData,
+    Vector,
+    ViewHints,
+    packed,
+    to_json,
+)
 from pomona.report.data import ReportData
+from pomona.report.seen import detection_columns, sightings
 
 # 12 bytes a point in base64: 9.6 MB for the points, and little for the rest.
 MAX_POINTS = 600_000
-MAX_SIGHTINGS = 100_000
 _STEPS = 65535
 _GRIDS = (0.01, 0.1, 0.5, 1.0, 5.0, 10.0, 100.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """What beside the geometry goes into the data, and where the page finds the rest.
+
+    `crops` are JPEGs in base64 by detection id; `files` names of resized photos by photo; `detections` are outlines.
+    `photos_note` is told where a photo would be shown that is not there.
+    """
+
+    source: Source = "report"
+    max_points: int = MAX_POINTS
+    crops: dict[int, str] | None = None
+    files: dict[str, str] | None = None
+    detections: DetectionColumns | None = None
+    truth: TruthData | None = None
+    photos_note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,35 +68,54 @@ class _Box:
         return inside
 
 
-def payload(data: ReportData, *, max_points: int = MAX_POINTS) -> dict[str, Any]:
-    """Return what the viewer's `payload.ts` reads, as JSON values; positions are relative to the middle of the scene.
+def origin_of(data: ReportData) -> FloatArray:
+    """Return the middle (3,) of the scene, to which the view's positions are relative."""
+    middle: FloatArray = np.median(scene_points(data), axis=0)
+    return middle
+
+
+def survey_data(data: ReportData, options: SceneOptions | None = None) -> SurveyData:
+    """Return what the viewer shows; positions are relative to the middle of the scene.
 
     At most `max_points` points are kept, a fixed random sample of each of the scene's and the fruits' points.
     """
-    axes = row_axes(data)
-    middle = np.median(scene_points(data), axis=0)
+    options = options or SceneOptions()
+    axes, middle = row_axes(data), origin_of(data)
     box = _shown(data, middle)
-    scene, fruit = _sampled(data.cloud, box, max_points)
-    return {
-        "unit": "m" if data.cameras.frame.metric else "units",
-        "metric": data.cameras.frame.metric,
-        "scene": _packed_cloud(data.cloud, scene, middle),
-        "fruitPoints": _packed_cloud(data.cloud, fruit, middle),
-        "fruits": _fruits(data, middle),
-        "cameras": _cameras(data.cameras, middle, _frustum_depth(data, middle)),
-        "sightings": _sightings(data),
-        "view": _view(data, axes, middle, box),
-    }
+    scene, fruit = _sampled(data.cloud, box, options.max_points)
+    hints = _view(data, axes, middle, box)
+    return SurveyData(
+        source=options.source,
+        photos_note=options.photos_note,
+        title=data.title,
+        unit="m" if data.cameras.frame.metric else "units",
+        metric=data.cameras.frame.metric,
+        origin=_vector(middle),
+        scene=_packed_cloud(data.cloud, scene, middle),
+        fruit_points=_packed_cloud(data.cloud, fruit, middle),
+        fruits=_fruits(data, middle),
+        photos=_photos(data, middle, options.files or {}),
+        sightings=sightings(data, options.crops or {}),
+        detections=options.detections or detection_columns(data, only=()),
+        trees=_trees(data, middle, hints.ground),
+        view=hints,
+        truth=options.truth,
+    )
 
 
-def as_script(values: Mapping[str, Any]) -> str:
+def as_script(values: SurveyData) -> str:
     """Return JSON that can stand in a script element: no `<` that could end it, whatever the names of files are."""
-    text = json.dumps(values, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return as_json(values).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _base64(values: Array, dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode("ascii")
+def as_json(values: Any) -> str:
+    """Return a contract's dataclass as JSON."""
+    return json.dumps(to_json(values), separators=(",", ":"), allow_nan=False)
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
 
 
 def _shown(data: ReportData, middle: FloatArray) -> _Box:
@@ -89,30 +141,33 @@ def _sampled(cloud: FruitCloud, box: _Box, max_points: int) -> tuple[Array, Arra
     return scene, fruit
 
 
-def _packed_cloud(cloud: FruitCloud, idx: Array, middle: FloatArray) -> dict[str, Any]:
+def _packed_cloud(cloud: FruitCloud, idx: Array, middle: FloatArray) -> PackedCloud:
     points = cloud.points_in_world[idx] - middle
     low = points.min(axis=0) if len(points) else np.zeros(3)
     size = np.maximum(points.max(axis=0) - low, 1e-6) if len(points) else np.ones(3)
-    return {
-        "count": len(points),
-        "min": low.tolist(),
-        "size": size.tolist(),
-        "positions": _base64(np.round((points - low) / size * _STEPS), "<u2"),
-        "colours": _base64(cloud.rgb[idx], "u1"),
-    }
+    return PackedCloud(
+        count=len(points),
+        min=_vector(low),
+        size=_vector(size),
+        positions=U16(packed(np.round((points - low) / size * _STEPS), "<u2")),
+        colours=U8(packed(cloud.rgb[idx], "u1")),
+    )
 
 
-def _fruits(data: ReportData, middle: FloatArray) -> dict[str, Any]:
+def _fruits(data: ReportData, middle: FloatArray) -> FruitColumns:
     fruits = data.fruits
-    return {
-        "ids": fruits.ids.tolist(),
-        "centers": _base64(fruits.centers_in_world - middle, "<f4"),
-        "diameters": _base64(fruits.diameters_m, "<f4"),
-        "scores": _base64(fruits.scores, "<f4"),
-        "views": _base64(fruits.views, "<u4"),
-        "sides": list(fruits.sides),
-        "trees": fruits.tree_ids.tolist(),
-    }
+    return FruitColumns(
+        ids=fruits.ids.tolist(),
+        centers=F32(packed(fruits.centers_in_world - middle, "<f4")),
+        diameters=F32(packed(fruits.diameters_m, "<f4")),
+        diameter_sds=F32(packed(fruits.diameter_sds_m, "<f4")),
+        weights=F32(packed(fruits.weights_g, "<f4")),
+        scores=F32(packed(fruits.scores, "<f4")),
+        views=U32(packed(fruits.views, "<u4")),
+        sides=list(fruits.sides),
+        trees=fruits.tree_ids.tolist(),
+        reasons=list(fruits.reasons),
+    )
 
 
 def _frustum_depth(data: ReportData, middle: FloatArray) -> float:
@@ -121,7 +176,23 @@ def _frustum_depth(data: ReportData, middle: FloatArray) -> float:
     return float(np.median(np.linalg.norm(centers - middle, axis=1))) / 20 if len(centers) else 0.1
 
 
-def _cameras(cameras: Cameras, middle: FloatArray, depth: float) -> dict[str, Any]:
+def _photos(data: ReportData, middle: FloatArray, files: dict[str, str]) -> PhotoColumns:
+    cameras = data.cameras
+    side_of = {photo.name: photo.side for photo in data.photos}
+    lenses = [cameras.intrinsics_of(i) for i in range(len(cameras))]
+    return PhotoColumns(
+        names=list(cameras.photos),
+        sides=[side_of.get(name, "") for name in cameras.photos],
+        widths=[lens.width_px for lens in lenses],
+        heights=[lens.height_px for lens in lenses],
+        frusta=F32(packed(_frusta(cameras, middle, _frustum_depth(data, middle)), "<f4")),
+        rotations=F32(packed(cameras.cam_from_world[:, :, :3], "<f4")),
+        lenses=F32(packed(np.array([lens.opencv_params[:4] for lens in lenses]).reshape(-1, 4), "<f4")),
+        files=[files.get(name, "") for name in cameras.photos],
+    )
+
+
+def _frusta(cameras: Cameras, middle: FloatArray, depth: float) -> FloatArray:
     """Five points a camera: the centre and the photo's corners at `depth`, without lens distortion."""
     corners = np.zeros((len(cameras), 5, 3))
     for i in range(len(cameras)):
@@ -131,34 +202,36 @@ def _cameras(cameras: Cameras, middle: FloatArray, depth: float) -> dict[str, An
         rays_in_cam = np.stack([(x - cx) / fx, (y - cy) / fy, np.ones(4)], axis=1)
         corners[i, 1:] = depth * rays_in_cam @ cameras.cam_from_world[i][:, :3]
     corners += (cameras.centers_in_world - middle)[:, None]
-    return {"names": list(cameras.photos), "frusta": _base64(corners, "<f4")}
+    return corners
 
 
-def _sightings(data: ReportData) -> dict[str, str]:
-    fruit_idx = {int(fruit_id): i for i, fruit_id in enumerate(data.fruits.ids)}
-    camera_idx = {name: i for i, name in enumerate(data.cameras.photos)}
-    pairs = [
-        (fruit_idx[int(fruit_id)], camera_idx[photo])
-        for fruit_id, photo in zip(data.observations.fruit_id, data.observations.photo, strict=True)
-        if int(fruit_id) in fruit_idx and photo in camera_idx
-    ]
-    pairs = list(dict.fromkeys(pairs))[:MAX_SIGHTINGS]
-    columns = np.array(pairs, np.int64).reshape(-1, 2)
-    return {"fruits": _base64(columns[:, 0], "<u4"), "cameras": _base64(columns[:, 1], "<u4")}
+def _trees(data: ReportData, middle: FloatArray, ground: float) -> TreePlaces:
+    """Where trees stand: below the middle of their fruits, as nothing else is known of them."""
+    fruits = data.fruits
+    ids = [int(tree) for tree in np.unique(fruits.tree_ids) if tree]
+    places = np.array([np.median(fruits.centers_in_world[fruits.tree_ids == tree], axis=0) for tree in ids])
+    places = places.reshape(-1, 3) - middle
+    places[:, 2] = ground
+    return TreePlaces(ids=ids, places=F32(packed(places, "<f4")))
 
 
-def _view(data: ReportData, axes: RowAxes, middle: FloatArray, box: _Box) -> dict[str, Any]:
+def _view(data: ReportData, axes: RowAxes, middle: FloatArray, box: _Box) -> ViewHints:
     points = scene_points(data)
     radius = float(np.percentile(np.linalg.norm(points - middle, axis=1), 98))
     if not radius > 0:
         radius = max(float(np.linalg.norm(box.high - box.low)) / 4, 1e-3)
     inside = data.cloud.points_in_world[box.contains(data.cloud.points_in_world)]
     ground = float(np.percentile(inside[:, 2], 1)) if len(inside) else float(points[:, 2].min())
-    return {
-        "target": [0.0, 0.0, 0.0],
-        "radius": radius,
-        "along": axes.along.tolist(),
-        "toward": axes.toward.tolist(),
-        "ground": ground - float(middle[2]),
-        "grid": next((grid for grid in _GRIDS if grid >= radius / 6), _GRIDS[-1]),
-    }
+    along = axes.along_row(points - middle)
+    heights = np.concatenate([inside[:, 2], points[:, 2]]) - middle[2]
+    return ViewHints(
+        radius=radius,
+        toward=_vector(seen_from(data, axes)),
+        along=_vector(axes.along),
+        across=_vector(axes.toward),
+        row=(float(along.min()), float(along.max())),
+        low=float(heights.min()),
+        high=float(heights.max()),
+        ground=ground - float(middle[2]),
+        grid=next((grid for grid in _GRIDS if grid >= radius / 6), _GRIDS[-1]),
+    )

@@ -76,7 +76,10 @@ def _row(fruits: Fruits, columns: Sequence[_Column], i: int) -> str:
     cells = []
     for column in columns:
         text = column.cell(i)
-        if column.numeric:
+        if column.label == "id":
+            # A button, so that keyboards and screen readers reach the fruit; the script makes one of them a tab stop.
+            cells.append(f'<td><button type="button" tabindex="-1" aria-label="Fruit {text}">{text}</button></td>')
+        elif column.numeric:
             missing = f'<td class="none" title="{escape(fruits.reasons[i] or "not measured")}">–</td>'
             cells.append(f"<td>{text}</td>" if text else missing)
         else:

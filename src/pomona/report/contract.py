@@ -1,0 +1,195 @@
+"""What Python tells the viewer: dataclasses that become JSON, and the TypeScript types of the same, written from them.
+
+`python -m pomona.report.typescript` prints `viewer/src/contract.ts`; a test holds the two together. Fruits, photos and
+detections are known by their own ids and names, so that an answer of a later request can be joined to the first.
+
+Numbers in base64 are little-endian: `U8`, `U16`, `U32` and `F32` name their type. Positions are in the world
+frame, relative to `SurveyData.origin`; pixels are COLMAP's (the centre of the top-left pixel is (0.5, 0.5)).
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+from typing import Any, Literal, NewType
+
+import numpy as np
+
+from pomona.arrays import Array
+
+U8 = NewType("U8", str)
+U16 = NewType("U16", str)
+U32 = NewType("U32", str)
+F32 = NewType("F32", str)
+Vector = tuple[float, float, float]
+Source = Literal["report", "folder", "server"]
+
+
+@dataclasses.dataclass(frozen=True)
+class PackedCloud:
+    """`count` points: positions (n, 3) divide the box from `min` of extent `size` in 65535 steps; colours (n, 3)."""
+
+    count: int
+    min: Vector
+    size: Vector
+    positions: U16
+    colours: U8
+
+
+@dataclasses.dataclass(frozen=True)
+class FruitColumns:
+    """n fruits; NaN where something was not measured, and `reasons` says why. `trees`: 0 for none."""
+
+    ids: list[int]
+    centers: F32
+    diameters: F32
+    diameter_sds: F32
+    weights: F32
+    scores: F32
+    views: U32
+    sides: list[str]
+    trees: list[int]
+    reasons: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class PhotoColumns:
+    """n photos that have a place. `frusta` (n, 5, 3): the centre, then the corners from the top left, clockwise.
+
+    `rotations` (n, 3, 3) turn the world's axes into the camera's (x right, y down, z forward); `lenses` (n, 4) are fx,
+    fy, cx, cy in pixels. `files`: where a resized copy lies, in an exported folder ("": none).
+    """
+
+    names: list[str]
+    sides: list[str]
+    widths: list[int]
+    heights: list[int]
+    frusta: F32
+    rotations: F32
+    lenses: F32
+    files: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sightings:
+    """k times that a photo saw a fruit: indices into fruits and photos, the detection's id, the crop around it.
+
+    `boxes` (k, 4): x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
+    """
+
+    fruits: U32
+    photos: U32
+    detections: U32
+    boxes: F32
+    crops: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class DetectionColumns:
+    """n detections: ids, the index of the photo, the id of the fruit they became (0: none), and their outlines.
+
+    Outline i is points `starts[i]` to `starts[i + 1]` of `points` (m, 2), pixels; `starts` has n + 1 entries.
+    """
+
+    ids: U32
+    photos: U32
+    fruits: U32
+    scores: F32
+    starts: U32
+    points: F32
+
+
+@dataclasses.dataclass(frozen=True)
+class TreePlaces:
+    """n trees: their ids and where they stand, on the ground, (n, 3)."""
+
+    ids: list[int]
+    places: F32
+
+
+@dataclasses.dataclass(frozen=True)
+class Rates:
+    """Scores of the fruits whose score is at least `threshold`; None (null) where one is undefined."""
+
+    threshold: float
+    precision: float | None
+    recall: float | None
+    f1: float | None
+    true: int
+    false: int
+    missed: int
+    doubled: int
+
+
+@dataclasses.dataclass(frozen=True)
+class TruthData:
+    """n true fruits, and what becomes of found and true ones at each of k score thresholds.
+
+    `found` (k, fruits): 0 below the threshold, 1 true, 2 false, 3 doubled, 4 not scored. `missed` (k, n): 1 where no
+    found fruit is the true one. `label` says over which true fruits the scores are: "all" or "visible".
+    """
+
+    label: str
+    centers: F32
+    diameters: F32
+    steps: list[Rates]
+    found: U8
+    missed: U8
+
+
+@dataclasses.dataclass(frozen=True)
+class ViewHints:
+    """Where to look: `toward` is the direction from the fruits to where most photos were taken from (unit, in 3D).
+
+    `along` and `across` are the row's axes, horizontal and of unit length; `across` points to most of the cameras.
+    `radius` is that of the fruits; `row` the ends of the row's axis; `low` and `high` what there is in height.
+    """
+
+    radius: float
+    toward: Vector
+    along: Vector
+    across: Vector
+    row: tuple[float, float]
+    low: float
+    high: float
+    ground: float
+    grid: float
+
+
+@dataclasses.dataclass(frozen=True)
+class SurveyData:
+    """All that the view shows at once. `source` says where photos come from: none in a report, files, or a server."""
+
+    source: Source
+    photos_note: str
+    title: str
+    unit: str
+    metric: bool
+    origin: Vector
+    scene: PackedCloud
+    fruit_points: PackedCloud
+    fruits: FruitColumns
+    photos: PhotoColumns
+    sightings: Sightings
+    detections: DetectionColumns
+    trees: TreePlaces
+    view: ViewHints
+    truth: TruthData | None
+
+
+def packed(values: Array, dtype: str) -> str:
+    """Return numbers as base64 of little-endian `dtype`: "u1", "<u2", "<u4" or "<f4"."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode("ascii")
+
+
+def to_json(value: Any) -> Any:
+    """Return a contract's dataclass as JSON values, names in camelCase."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {camel_case(field.name): to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    return [to_json(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def camel_case(name: str) -> str:
+    """Return a name as TypeScript writes it."""
+    first, *rest = name.split("_")
+    return first + "".join(word.capitalize() for word in rest)

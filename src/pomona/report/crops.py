@@ -1,0 +1,95 @@
+"""Crops of photos around detections, and those few that a report carries in itself."""
+
+from __future__ import annotations
+
+import base64
+from collections import defaultdict
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+
+from pomona.arrays import ByteArray
+from pomona.errors import PomonaError
+from pomona.photos import Photo
+from pomona.report.choose import choose_photos
+from pomona.report.data import ReportData
+from pomona.report.seen import Box, boxes_by_id, crop_box, each_observation
+
+CROP_SIDE_PX = 128
+_JPEG_QUALITY = 80
+_OUTSIDE = (128, 128, 128)
+
+
+def crop_jpeg(pixels: ByteArray, scale: float, crop_px: Box, *, side_px: int = CROP_SIDE_PX) -> bytes:
+    """Return a square crop (x, y, width, height in the photo's pixels) as a JPEG of at most `side_px`.
+
+    `pixels` are the photo's, RGB, resized by `scale`. What lies outside the photo is grey.
+    """
+    x, y, width, _ = (round(value * scale) for value in crop_px)
+    width = max(1, width)
+    crop = np.full((width, width, 3), _OUTSIDE, np.uint8)
+    inner = pixels[max(0, y) : max(0, y + width), max(0, x) : max(0, x + width)]
+    top, left = max(0, -y), max(0, -x)
+    crop[top : top + inner.shape[0], left : left + inner.shape[1]] = inner
+    if width > side_px:
+        crop = np.asarray(cv2.resize(crop, (side_px, side_px), interpolation=cv2.INTER_AREA), np.uint8)
+    return jpeg(crop, quality=_JPEG_QUALITY)
+
+
+def jpeg(pixels: ByteArray, *, quality: int) -> bytes:
+    """Return RGB pixels as a JPEG."""
+    done, encoded = cv2.imencode(".jpg", pixels[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return bytes(encoded.tobytes())
+
+
+def embedded_crops(
+    data: ReportData, *, per_fruit: int = 3, max_photos: int = 120, max_mb: float = 15.0
+) -> dict[int, str]:
+    """Return crops as base64 by detection id: of each fruit the largest few, from at most `max_photos` photos.
+
+    Together they take at most `max_mb` of the page. A photo that cannot be read (any more) gives no crop.
+    """
+    photos = data.photos.by_name()
+    chosen = set(choose_photos(data.photos, data.cameras, data.observations, max_photos))
+    wanted: dict[str, list[tuple[int, Box]]] = defaultdict(list)
+    for photo, detection_id, box in _largest(data, chosen, per_fruit):
+        wanted[photo].append((detection_id, crop_box(box)))
+    crops: dict[int, str] = {}
+    room = max_mb * 1e6
+    for name, entries in wanted.items():
+        for detection_id, encoded in _crops_of(photos[name], entries):
+            text = base64.b64encode(encoded).decode("ascii")
+            room -= len(text)
+            if room < 0:
+                return crops
+            crops[detection_id] = text
+    return crops
+
+
+def _crops_of(photo: Photo, entries: list[tuple[int, Box]]) -> Iterable[tuple[int, bytes]]:
+    from pomona.capture import read_pixels
+
+    longer = max(photo.width_px, photo.height_px)
+    smallest_px = min(crop[2] for _, crop in entries)
+    wanted_px = round(longer * CROP_SIDE_PX / smallest_px)
+    try:
+        pixels = read_pixels(photo, max_side_px=max(1, min(longer, wanted_px)))
+    except (PomonaError, OSError):
+        return
+    scale = pixels.shape[1] / photo.width_px
+    for detection_id, crop in entries:
+        yield detection_id, crop_jpeg(pixels, scale, crop)
+
+
+def _largest(data: ReportData, photos: set[str], per_fruit: int) -> Iterable[tuple[str, int, Box]]:
+    boxes = boxes_by_id(data)
+    of_fruit: dict[int, list[tuple[float, str, int]]] = defaultdict(list)
+    for fruit_id, photo, detection_id, _ in each_observation(data):
+        if photo in photos and detection_id in boxes:
+            x0, y0, x1, y1 = boxes[detection_id]
+            of_fruit[fruit_id].append((-(x1 - x0) * (y1 - y0), photo, detection_id))
+    for found in of_fruit.values():
+        for _, photo, detection_id in sorted(found)[:per_fruit]:
+            yield photo, detection_id, boxes[detection_id]

@@ -1,0 +1,69 @@
+"""The contract as TypeScript: `python -m pomona.report.typescript` prints `viewer/src/contract.ts`."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import types
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from pomona.report.contract import (
+    F32,
+    U8,
+    U16,
+    U32,
+    DetectionColumns,
+    FruitColumns,
+    PackedCloud,
+    PhotoColumns,
+    Rates,
+    Sightings,
+    Source,
+    SurveyData,
+    TreePlaces,
+    TruthData,
+    ViewHints,
+    camel_case,
+)  # fmt: skip
+
+_INTERFACES = (
+    PackedCloud, FruitColumns, PhotoColumns, Sightings, DetectionColumns, TreePlaces, Rates, TruthData, ViewHints,
+    SurveyData,
+)  # fmt: skip
+_PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", type(None): "null"}
+
+
+def typescript() -> str:
+    """Return the contract as a TypeScript module."""
+    lines = ["/** What Python tells the viewer. Written by `python -m pomona.report.typescript`; do not edit. */", ""]
+    lines += [
+        f"/** Base64 of little-endian numbers. */\nexport type {t.__name__} = string;" for t in (U8, U16, U32, F32)
+    ]
+    lines += [f"export type Source = {' | '.join(repr(s) for s in get_args(Source))};".replace("'", '"'), ""]
+    for interface in _INTERFACES:
+        hints = get_type_hints(interface)
+        about = inspect.getdoc(interface) or ""
+        lines += ["/**", *(f" * {line}".rstrip() for line in about.splitlines()), " */"]
+        lines += [f"export interface {interface.__name__} {{"]
+        lines += [f"  {camel_case(f.name)}: {_typescript(hints[f.name])};" for f in dataclasses.fields(interface)]
+        lines += ["}", ""]
+    return "\n".join(lines)
+
+
+def _typescript(hint: Any) -> str:
+    if hint == Source:
+        return "Source"
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    if get_origin(hint) is list:
+        return f"{_typescript(get_args(hint)[0])}[]"
+    if get_origin(hint) is tuple:
+        return f"[{', '.join(_typescript(part) for part in get_args(hint))}]"
+    if get_origin(hint) in (Union, types.UnionType):
+        return " | ".join(_typescript(part) for part in get_args(hint))
+    name: str = hint.__name__
+    return name
+
+
+if __name__ == "__main__":
+    print(typescript(), end="")

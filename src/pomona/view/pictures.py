@@ -1,0 +1,112 @@
+"""Resized photos and crops, made on demand and kept within bounds."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from pomona.arrays import ByteArray
+from pomona.photos import Photo
+from pomona.report.crops import crop_jpeg, jpeg
+from pomona.report.data import ReportData
+from pomona.report.seen import Box, boxes_by_id, crop_box
+
+SIDES_PX = (1024, 2048, 4096, 8192)
+"""The sizes of resized copies (longer side); `viewer/src/source.ts` asks for the same."""
+CROP_SIDE_PX = 256
+_PHOTO_QUALITY = 85
+_DECODED_BYTES = 400_000_000
+_ENCODED_BYTES = 200_000_000
+
+_Value = TypeVar("_Value")
+
+
+class Kept(Generic[_Value]):
+    """The values asked for last, of at most `room` bytes together."""
+
+    def __init__(self, room: int, size: Callable[[_Value], int]) -> None:
+        self._room, self._size = room, size
+        self._values: OrderedDict[str, _Value] = OrderedDict()
+        self._held = 0
+        self._lock = threading.Lock()
+
+    def get(self, key: str, make: Callable[[], _Value]) -> _Value:
+        """Return the value of a key, made where it is not kept (any more)."""
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key]
+        value = make()
+        with self._lock:
+            if key not in self._values:
+                self._values[key] = value
+                self._held += self._size(value)
+            while self._held > self._room and len(self._values) > 1:
+                self._held -= self._size(self._values.popitem(last=False)[1])
+        return value
+
+    @property
+    def held_bytes(self) -> int:
+        """How much is held now."""
+        return self._held
+
+
+class Pictures:
+    """JPEGs of a survey's photos and of crops around its detections."""
+
+    def __init__(self, data: ReportData) -> None:
+        by_name = data.photos.by_name()
+        self._photos: list[Photo | None] = [by_name.get(name) for name in data.cameras.photos]
+        self._place = self._places(data)
+        self._decoded: Kept[ByteArray] = Kept(_DECODED_BYTES, lambda pixels: pixels.nbytes)
+        self._encoded: Kept[bytes] = Kept(_ENCODED_BYTES, len)
+        # Two crops of one photo decode it once, and memory holds a few photos, not one a thread.
+        self._decoding = threading.Lock()
+
+    def _places(self, data: ReportData) -> dict[int, tuple[int, Box]]:
+        """The photo and the crop of each detection in a photo that has a place."""
+        boxes = boxes_by_id(data)
+        index = {name: i for i, name in enumerate(data.cameras.photos)}
+        found = data.masks.items() if data.masks is not None else ()
+        return {
+            int(id_): (index[photo], crop_box(boxes[int(id_)]))
+            for photo, detections in found
+            if photo in index
+            for id_ in detections.ids
+        }
+
+    def has_photo(self, index: int) -> bool:
+        """Whether the photo's file is there."""
+        photo = self._photos[index]
+        return photo is not None and photo.path.is_file()
+
+    def photo(self, index: int, side_px: int) -> bytes:
+        """Return a photo as a JPEG with its longer side at most `side_px`; raises as `capture.read_pixels` does."""
+        from pomona.capture import read_pixels
+
+        photo = self._photos[index]
+        if photo is None:
+            raise KeyError(index)
+
+        def make() -> bytes:
+            with self._decoding:
+                return jpeg(read_pixels(photo, max_side_px=side_px), quality=_PHOTO_QUALITY)
+
+        return self._encoded.get(f"photo {index} {side_px}", make)
+
+    def crop(self, detection_id: int) -> bytes:
+        """Return the crop around a detection as a JPEG; raises `KeyError` where there is no such detection."""
+        index, box = self._place[detection_id]
+        return self._encoded.get(f"crop {detection_id}", lambda: self._crop(index, box))
+
+    def _crop(self, index: int, box: Box) -> bytes:
+        from pomona.capture import read_pixels
+
+        photo = self._photos[index]
+        if photo is None:
+            raise KeyError(index)
+        with self._decoding:
+            pixels = self._decoded.get(str(index), lambda: read_pixels(photo))
+        return crop_jpeg(pixels, 1.0, box, side_px=CROP_SIDE_PX)

@@ -1,0 +1,123 @@
+"""A survey folder as the values that its page is made of, with the photos where the survey says they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from pomona import __version__
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
+from pomona.errors import MissingFileError, PomonaError
+from pomona.formats.coco_file import parse_coco
+from pomona.formats.colmap import read_cameras
+from pomona.formats.tables import read_fruits, read_observations
+from pomona.fruits import FruitCloud
+from pomona.photos import Photo, Photos
+from pomona.pipeline.options import RunOptions
+from pomona.pipeline.placing import unregistered_from
+from pomona.progress import Progress, Silent
+from pomona.report import ReportData, StageTime
+from pomona.survey import Survey
+from pomona.survey.values import frame_from
+
+
+def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress | None = None) -> ReportData:
+    """Return a survey's values, with the masks that may have become fruit.
+
+    `photos` is where the photos are, if not where they were. Photos that are not found are told of through `progress`;
+    all else works without them.
+
+    Raises `MissingFileError` naming what the survey lacks and what writes it.
+    """
+    progress = progress or Silent()
+    survey = Survey.open(folder)
+    for path, stage in ((survey.cameras, "reconstruct"), (survey.fruits, "measure"), (survey.observations, "measure")):
+        if not path.exists():
+            raise MissingFileError(f"{path} does not exist: `pomona {stage} {folder}` writes it")
+    progress.start("reading the survey")
+    records = survey.records
+    scale, sfm, segment = records.get("scale"), records.get("sfm"), records.get("segment")
+    cameras = read_cameras(survey.cameras)
+    if scale is not None and scale.finished:
+        cameras = replace(cameras, frame=frame_from(scale.info["frame"]))
+    lost = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]
+    masks = _masks(survey)
+    return ReportData(
+        title=survey.folder.name,
+        photos=find_photos(survey, cameras, photos, progress),
+        cameras=cameras,
+        fruits=read_fruits(survey.fruits),
+        observations=read_observations(survey.observations),
+        cloud=_cloud(survey),
+        detections=segment.info.get("detections") if segment else None,
+        masks=masks,
+        lost=unregistered_from(lost),
+        stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
+        warnings=tuple(survey.get("warnings", ())),
+        version=__version__,
+    )
+
+
+def _masks(survey: Survey) -> SurveyDetections | None:
+    """The detections that may have become fruit: the file has weaker ones, too."""
+    from pomona.formats.coco import detections_by_image
+
+    if not survey.detections.is_file():
+        return None
+    found = SurveyDetections({i.file_name: d for i, d in detections_by_image(parse_coco(survey.detections))})
+    record = survey.record_of("segment")
+    threshold = record.info.get("score_threshold") if record else None
+    if threshold is None:
+        return found
+    return found.at_least(RunOptions.from_json(survey.get("options", {})).least_score(float(threshold)))
+
+
+def _cloud(survey: Survey) -> FruitCloud:
+    from pomona.formats.las import read_las
+
+    return read_las(survey.cloud) if survey.cloud.is_file() else FruitCloud.empty()
+
+
+def find_photos(survey: Survey, cameras: Cameras, folder: Path | None, progress: Progress) -> Photos:
+    """Return the survey's photos. Those that cannot be found keep their place in the list; their files do not exist."""
+    from pomona.capture import load_photos
+
+    places = [folder] if folder else [Path(place) for place in survey.get("sources") or ()]
+    sides = survey.get("options", {}).get("sides", "auto")
+    try:
+        found = load_photos(places, sides="none" if folder else sides, frames_dir=survey.work("frames"), min_photos=1)
+    except PomonaError as error:
+        progress.warn(f"The photos are not shown: {error}. Say where they are with --photos FOLDER")
+        found = Photos(())
+    by_name = _by_known_names(found.by_name(), cameras.photos)
+    known = {entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())}
+    known |= {name: known.get(name, "") for name in cameras.photos}
+    missing = [name for name in cameras.photos if name not in by_name]
+    if found and missing:
+        progress.warn(f"{len(missing)} of {len(cameras)} photos were not found, such as {missing[0]}")
+    items = [
+        replace(by_name[name], name=name, side=side) if name in by_name else _placeholder(name, side, cameras)
+        for name, side in known.items()
+        if name in by_name or name in cameras.photos
+    ]
+    return Photos(tuple(items), found.skipped, from_video=found.from_video)
+
+
+def _by_known_names(found: Mapping[str, Photo], names: tuple[str, ...]) -> dict[str, Photo]:
+    """Photos by the survey's names; where a folder was moved, its last part may be all that still agrees."""
+    by_last = {Path(name).name: photo for name, photo in found.items()}
+    result = dict(found)
+    for name in names:
+        photo = found.get(name) or by_last.get(Path(name).name)
+        if photo is not None:
+            result[name] = photo
+    return result
+
+
+def _placeholder(name: str, side: str, cameras: Cameras) -> Photo:
+    idx = cameras.index_of(name)
+    assert idx is not None
+    lens = cameras.intrinsics_of(idx)
+    return Photo(name, Path(name), lens.width_px, lens.height_px, side=side)

@@ -1,0 +1,185 @@
+"""The page of `pomona view`, served to this computer alone, with Python's own HTTP server.
+
+Addresses hold indices and ids, never names of files, so that nothing but the survey's own photos can be asked for.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from pomona.errors import PomonaError
+from pomona.report.contract import SurveyData, TruthData
+from pomona.report.data import ReportData
+from pomona.report.page import note_of, page_html, policy
+from pomona.report.scene import SceneOptions, as_json, survey_data
+from pomona.report.seen import detection_columns
+from pomona.view.pictures import SIDES_PX, Pictures
+
+HOST = "127.0.0.1"
+_DATA_URL = "data/survey.json"
+_JSON, _HTML, _JPEG = "application/json; charset=utf-8", "text/html; charset=utf-8", "image/jpeg"
+_LEAST_ZIPPED = 2000
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><circle cx="8" cy="9" r="6" fill="#b8322a"/>'
+    '<path d="M8 4q0-3 3-3" fill="none" stroke="#4f7d5a" stroke-width="1.6"/></svg>'
+)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is sent back: a body and its type."""
+
+    body: bytes
+    kind: str
+
+
+class Site:
+    """What there is to be asked for, by address."""
+
+    def __init__(self, data: ReportData, truth: TruthData | None = None) -> None:
+        self._data = data
+        self._truth = truth
+        self._pictures = Pictures(data)
+        self._routes: tuple[tuple[re.Pattern[str], Callable[..., Answer | None]], ...] = (
+            (re.compile(r"/"), self._page),
+            (re.compile(rf"/{re.escape(_DATA_URL)}"), self._survey),
+            (re.compile(r"/data/photos/(\d{1,7})\.json"), self._photo_detections),
+            (re.compile(r"/data/fruits/(\d{1,9})\.json"), self._fruit_detections),
+            (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
+            (re.compile(r"/crops/(\d{1,9})\.jpg"), self._crop),
+            (re.compile(r"/favicon\.ico"), lambda: Answer(_ICON.encode("ascii"), "image/svg+xml")),
+        )
+
+    def answer(self, path: str) -> Answer | None:
+        """Return what an address stands for; None where there is no such thing; raises for a lost photo."""
+        for pattern, make in self._routes:
+            found = pattern.fullmatch(path)
+            if found:
+                try:
+                    return make(*(int(part) for part in found.groups()))
+                except (KeyError, IndexError):
+                    return None
+        return None
+
+    @cached_property
+    def values(self) -> SurveyData:
+        """The survey's data, without photos, crops and outlines, which are asked for when they are needed."""
+        names = self._data.cameras.photos
+        files = {name: f"photos/{i}" for i, name in enumerate(names) if self._pictures.has_photo(i)}
+        return survey_data(
+            self._data,
+            SceneOptions(source="server", files=files, truth=self._truth, photos_note=note_of("server")),
+        )
+
+    @cached_property
+    def _page_body(self) -> bytes:
+        return page_html(self._data, self.values, data_url=_DATA_URL).encode("utf-8")
+
+    @cached_property
+    def _survey_body(self) -> bytes:
+        return as_json(self.values).encode("utf-8")
+
+    def _page(self) -> Answer:
+        return Answer(self._page_body, _HTML)
+
+    def _survey(self) -> Answer:
+        return Answer(self._survey_body, _JSON)
+
+    def _photo_detections(self, index: int) -> Answer:
+        return self._columns(detection_columns(self._data, photo=self._data.cameras.photos[index]))
+
+    def _fruit_detections(self, fruit_id: int) -> Answer:
+        seen = self._data.observations
+        return self._columns(detection_columns(self._data, only=seen.detection_id[seen.fruit_id == fruit_id].tolist()))
+
+    def _columns(self, columns: Any) -> Answer:
+        return Answer(as_json(columns).encode("utf-8"), _JSON)
+
+    def _photo(self, index: int, side_px: int) -> Answer | None:
+        return Answer(self._pictures.photo(index, side_px), _JPEG) if side_px in SIDES_PX else None
+
+    def _crop(self, detection_id: int) -> Answer:
+        return Answer(self._pictures.crop(detection_id), _JPEG)
+
+
+class ViewServer(ThreadingHTTPServer):
+    """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken."""
+
+    daemon_threads = True
+
+    def __init__(self, data: ReportData, *, port: int = 0, truth: TruthData | None = None) -> None:
+        super().__init__((HOST, port), _Handler)
+        self.site = Site(data, truth)
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{HOST}:{self.server_port}/"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: ViewServer
+    protocol_version = "HTTP/1.1"
+    server_version = "pomona"
+    sys_version = ""
+
+    def do_GET(self) -> None:
+        self._answer(body=True)
+
+    def do_HEAD(self) -> None:
+        self._answer(body=False)
+
+    def _answer(self, *, body: bool) -> None:
+        if not self._is_ours():
+            # Pages of others could reach this server under a name of theirs.
+            self.send_error(HTTPStatus.FORBIDDEN, "Only pages of this computer")
+            return
+        try:
+            answer = self.server.site.answer(self.path.split("?", 1)[0])
+        except (PomonaError, OSError) as error:
+            self.send_error(HTTPStatus.NOT_FOUND, explain=str(error))
+            return
+        if answer is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        self._send(answer, body=body)
+
+    def _is_ours(self) -> bool:
+        host = self.headers.get("Host", "")
+        return host in (f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}")
+
+    def _send(self, answer: Answer, *, body: bool) -> None:
+        content = answer.body
+        zipped = "gzip" in self.headers.get("Accept-Encoding", "") and answer.kind != _JPEG
+        self.send_response(HTTPStatus.OK)
+        if zipped and len(content) > _LEAST_ZIPPED:
+            content = gzip.compress(content, compresslevel=1)
+            self.send_header("Content-Encoding", "gzip")
+        self.send_header("Content-Type", answer.kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Security-Policy", policy("server"))
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
+        # A survey may be made again behind the same port.
+        self.send_header("Cache-Control", "no-store" if answer.kind != _JPEG else "private, max-age=600")
+        self.end_headers()
+        if body:
+            self.wfile.write(content)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing of each request."""
+
+    def handle(self) -> None:
+        """Serve a connection; one that the browser drops is no error."""
+        try:
+            super().handle()
+        except (ConnectionError, TimeoutError):
+            return

@@ -1,0 +1,241 @@
+"""`pomona view` without a browser: what the server gives and refuses, the exported folder, truth beside result."""
+
+from __future__ import annotations
+
+import gzip
+import http.client
+import json
+import re
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.errors import MissingFileError, SurveyError
+from pomona.evaluate import evaluate, read_truth
+from pomona.report import ReportData
+from pomona.report.page import report_html
+from pomona.report.scene import origin_of
+from pomona.view import ViewServer, export_folder, read_survey, truth_data
+from pomona.view.pictures import Kept
+from pomona.view.truth import thresholds
+from view_scenes import unpacked, write_truth, write_view_survey
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_view_survey(tmp_path_factory.mktemp("view"))
+
+
+@pytest.fixture(scope="module")
+def data(survey: Path) -> ReportData:
+    return read_survey(survey)
+
+
+@pytest.fixture(scope="module")
+def server(data: ReportData) -> Iterator[ViewServer]:
+    with ViewServer(data) as started:
+        threading.Thread(target=started.serve_forever, daemon=True).start()
+        yield started
+        started.shutdown()
+
+
+def _get(server: ViewServer, path: str, **headers: str) -> tuple[int, http.client.HTTPMessage, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+    connection.putrequest("GET", path, skip_host="Host" in headers, skip_accept_encoding=True)
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, answer.headers, body
+
+
+def _picture(body: bytes) -> np.ndarray[Any, Any]:
+    return np.asarray(cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR))
+
+
+def test_survey_is_read_whole(data: ReportData) -> None:
+    assert len(data.fruits) == 24
+    assert data.masks is not None
+    assert data.masks.total == len(data.observations) > 30
+    assert all(photo.path.is_file() for photo in data.photos)
+    assert data.photos.sides == ("east", "west")
+
+
+def test_page_lets_nothing_in_from_outside(server: ViewServer) -> None:
+    status, headers, body = _get(server, "/")
+    assert status == 200
+    text = body.decode()
+    rules = headers["Content-Security-Policy"]
+    assert rules in text
+    assert "default-src 'none'" in rules
+    assert "connect-src 'self'" in rules
+    assert "http:" not in rules
+    assert 'data-url="data/survey.json"' in text
+    assert not re.findall(r'(?:src|href)="(?!#)[^"]+"', text.split("<script>")[0])
+
+
+def test_data_are_the_contract_and_zipped_where_wanted(server: ViewServer, data: ReportData) -> None:
+    status, headers, body = _get(server, "/data/survey.json", **{"Accept-Encoding": "gzip"})
+    assert (status, headers["Content-Encoding"]) == (200, "gzip")
+    values = json.loads(gzip.decompress(body))
+    assert values["source"] == "server"
+    assert values["fruits"]["ids"] == data.fruits.ids.tolist()
+    assert values["photos"]["files"][2] == "photos/2"
+    assert json.loads(_get(server, "/data/survey.json")[2]) == values
+
+
+def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, data: ReportData) -> None:
+    status, headers, body = _get(server, "/photos/1/1024.jpg")
+    assert (status, headers["Content-Type"]) == (200, "image/jpeg")
+    assert _picture(body).shape == (600, 800, 3)  # never enlarged
+    assert _get(server, "/photos/1/999.jpg")[0] == 404
+    detection = int(data.observations.detection_id[0])
+    crop = _picture(_get(server, f"/crops/{detection}.jpg")[2])
+    blue, green, red = crop[crop.shape[0] // 2, crop.shape[1] // 2]
+    assert red > 150
+    assert green < 90
+    assert blue < 90
+    assert crop[2, 2, 1] > crop[2, 2, 2]  # a corner is leaves
+
+
+def test_detections_by_photo_and_by_fruit(server: ViewServer, data: ReportData) -> None:
+    assert data.masks is not None
+    of_photo = json.loads(_get(server, "/data/photos/0.json")[2])
+    assert np.array_equal(unpacked(of_photo["ids"], "<u4"), data.masks[data.cameras.photos[0]].ids)
+    fruit = int(data.observations.fruit_id[0])
+    of_fruit = json.loads(_get(server, f"/data/fruits/{fruit}.json")[2])
+    expected = data.observations.detection_id[data.observations.fruit_id == fruit]
+    assert sorted(unpacked(of_fruit["ids"], "<u4").tolist()) == sorted(expected.tolist())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/survey.json", "/../survey.json", "/photos/../../survey.json", "/photos/%2e%2e/1024.jpg", "//etc/passwd",
+        "/photos/99/1024.jpg", "/photos/-1/1024.jpg", "/crops/999999.jpg", "/data/photos/99.json", "/crops/1.jpg/..",
+        "/photos/1/1024.jpg%00", "/fruits.csv",
+    ],
+)  # fmt: skip
+def test_nothing_else_is_served(server: ViewServer, path: str) -> None:
+    assert _get(server, path)[0] == 404
+
+
+def test_other_sites_cannot_ask(server: ViewServer) -> None:
+    assert _get(server, "/data/survey.json", Host="evil.example")[0] == 403
+    assert _get(server, "/data/survey.json", Host=f"localhost:{server.server_port}")[0] == 200
+
+
+def test_only_this_computer_is_served(server: ViewServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    assert server.url == f"http://127.0.0.1:{server.server_port}/"
+
+
+def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
+    class Told:
+        said: list[str] = []  # noqa: RUF012
+
+        def start(self, label: str, total: int | None = None) -> None: ...
+        def advance(self, units: int = 1) -> None: ...
+        def warn(self, message: str) -> None:
+            self.said.append(message)
+
+    (tmp_path / "other").mkdir()
+    lost = read_survey(survey, photos=tmp_path / "other", progress=Told())
+    assert any("--photos FOLDER" in said for said in Told.said)
+    assert len(lost.photos) == 8
+    with ViewServer(lost) as started:
+        threading.Thread(target=started.serve_forever, daemon=True).start()
+        assert json.loads(_get(started, "/data/survey.json")[2])["photos"]["files"] == [""] * 8
+        assert _get(started, "/photos/0/1024.jpg")[0] == 404
+        started.shutdown()
+
+
+def test_photos_may_have_been_moved(survey: Path, tmp_path: Path) -> None:
+    source = Path(json.loads((survey / "survey.json").read_text())["sources"][0])
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    for photo in (source / "east").iterdir():
+        (moved / photo.name).write_bytes(photo.read_bytes())
+    found = read_survey(survey, photos=moved).photos.by_name()
+    assert found["east/IMG_0000.JPG"].path == moved / "IMG_0000.JPG"
+
+
+def test_a_survey_that_is_not_finished_says_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "survey.json").write_text('{"format": "pomona-survey", "stages": {}}')
+    with pytest.raises(MissingFileError, match="pomona reconstruct"):
+        read_survey(tmp_path)
+
+
+def test_kept_values_stay_within_bounds() -> None:
+    kept: Kept[bytes] = Kept(100, len)
+    made: list[str] = []
+
+    def make(key: str) -> bytes:
+        made.append(key)
+        return b"x" * 40
+
+    for key in ("a", "b", "a", "c", "a", "b"):
+        assert len(kept.get(key, lambda key=key: make(key))) == 40
+        assert kept.held_bytes <= 100
+    assert made == ["a", "b", "c", "b"]
+
+
+def test_exported_folder_has_photos_and_names_them(data: ReportData, tmp_path: Path) -> None:
+    page = export_folder(data, tmp_path / "out")
+    text = page.read_text(encoding="utf-8")
+    found = re.search(r'id="survey-data">(.*?)</script>', text, re.DOTALL)
+    assert found
+    values = json.loads(found[1])
+    assert values["source"] == "folder"
+    assert all((page.parent / file).is_file() for file in values["photos"]["files"])
+    assert len(unpacked(values["detections"]["ids"], "<u4")) == len(data.observations)
+    assert "connect-src" not in text.split("<style>")[0]
+    export_folder(data, tmp_path / "out")  # over itself
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("x")
+    with pytest.raises(SurveyError, match="something else"):
+        export_folder(data, tmp_path / "mine")
+
+
+def test_report_carries_up_to_three_crops_a_fruit_with_outlines(data: ReportData) -> None:
+    found = re.search(r'id="survey-data">(.*?)</script>', report_html(data), re.DOTALL)
+    assert found
+    values = json.loads(found[1])
+    crops, fruits = values["sightings"]["crops"], unpacked(values["sightings"]["fruits"], "<u4")
+    with_crop = np.array([crop != "" for crop in crops])
+    each = np.bincount(fruits[with_crop])
+    assert 1 <= each[each > 0].min() <= each.max() == 3
+    assert len(unpacked(values["detections"]["ids"], "<u4")) == with_crop.sum()
+
+
+def test_truth_says_what_evaluate_says(data: ReportData, survey: Path, tmp_path: Path) -> None:
+    write_truth(tmp_path / "truth.csv", survey)
+    truth = read_truth(tmp_path / "truth.csv")
+    result = truth_data(data.fruits, truth, origin_of(data))
+    assert result.steps[0].threshold == 0
+    assert (result.steps[0].true, result.steps[0].false, result.steps[0].missed) == (22, 2, 2)
+    found = unpacked(result.found, "u1").reshape(len(result.steps), -1)
+    missed = unpacked(result.missed, "u1").reshape(len(result.steps), -1)
+    for k, step in enumerate(result.steps):
+        kept = data.fruits.scores >= step.threshold - 1e-6
+        tally = evaluate(data.fruits[kept], truth).all
+        assert (step.true, step.false) == (tally.true_positives, tally.false_positives)
+        assert step.f1 == pytest.approx(tally.f1, abs=1e-4)
+        assert np.array_equal(found[k] > 0, kept)
+        assert (found[k] == 1).sum() == tally.true_positives
+        assert missed[k].sum() == step.missed == tally.true_fruits - tally.true_positives
+
+
+def test_thresholds_are_the_sliders_steps_at_which_a_fruit_goes() -> None:
+    assert thresholds(np.array([0.5, 0.501, 0.944, 1.0])) == [0.0, 0.51, 0.95]
+    assert thresholds(np.zeros(0)) == [0.0]
+    many = thresholds(np.linspace(0, 1, 5000))
+    assert len(many) == 60
+    assert (many[0], many[-1]) == (0.0, 1.0)

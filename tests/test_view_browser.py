@@ -1,0 +1,329 @@
+"""`pomona view` in a real browser: layers, a click on a fruit and on a camera, crops, photos, tools, truth."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.evaluate import read_truth
+from pomona.report.page import write_report
+from pomona.report.scene import origin_of
+from pomona.view import ViewServer, export_folder, read_survey, truth_data
+from test_report_browser import Opened, _open, _red_px, browser  # noqa: F401 (a fixture)
+from view_scenes import write_truth, write_view_survey
+
+pytestmark = pytest.mark.slow
+_DRAWN = "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 50))))"
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_view_survey(tmp_path_factory.mktemp("view"))
+
+
+@pytest.fixture(scope="module")
+def url(survey: Path) -> Iterator[str]:
+    data = read_survey(survey)
+    write_truth(survey.parent / "truth.csv", survey)
+    truth = truth_data(data.fruits, read_truth(survey.parent / "truth.csv"), origin_of(data))
+    with ViewServer(data, truth=truth) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield server.url
+        server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, url: str) -> Iterator[Opened]:  # noqa: F811
+    opened = _open(browser, url)
+    opened.page.set_viewport_size({"width": 1200, "height": 800})
+    opened.page.set_default_timeout(10_000)
+    yield opened
+    # After all that was done: nothing was complained of, nothing came from elsewhere.
+    assert opened.said == []
+    assert [asked for asked in opened.asked if not asked.startswith((url, "data:"))] == []
+    opened.page.close()
+
+
+def _center(page: Any) -> tuple[float, float]:
+    page.evaluate(_DRAWN)
+    box = page.locator("#view canvas").bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def _picture(page: Any) -> Any:
+    """The pixels (h, w, 3; BGR) of the view below its tools and right of its panels."""
+    page.evaluate(_DRAWN)
+    box = page.locator("#view").bounding_box()
+    clip = {"x": box["x"] + 250, "y": box["y"] + 150, "width": box["width"] - 260, "height": box["height"] - 200}
+    encoded = np.frombuffer(page.screenshot(clip=clip), np.uint8)
+    return np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR)).astype(int)
+
+
+def _red(page: Any) -> Any:
+    pixels = _picture(page)
+    return (pixels[:, :, 2] > 90) & (pixels[:, :, 2] > 2 * pixels[:, :, 1])
+
+
+def _open_fruit(page: Any, fruit: int) -> None:
+    page.fill("#find-id", str(fruit))
+    page.click("#find button")
+    page.wait_for_selector("#card:not([hidden])")
+
+
+def _loaded(page: Any, selector: str) -> None:
+    page.wait_for_function(
+        "s => { const i = document.querySelector(s); return i && i.complete && i.naturalWidth > 0 }", arg=selector
+    )
+
+
+def test_view_comes_first_and_truth_is_beside_it(opened: Opened) -> None:
+    page = opened.page
+    view, totals = page.locator("#view").bounding_box(), page.locator(".totals").bounding_box()
+    assert view["y"] < totals["y"]
+    assert page.inner_text("#truth-rates").split() == ["P", "0.917", "R", "0.917", "F1", "0.917"]
+    assert page.inner_text("#truth-counts").split("\n") == ["22 true", "2 false", "2 missed", "0 doubled"]
+
+
+def test_score_slider_moves_the_scores_and_hides_fruits(opened: Opened) -> None:
+    page = opened.page
+    page.click("#tool-filter")
+    page.fill("#limit-score", "0.8")
+    shown = int(page.inner_text("#limit-count").split()[0])
+    assert 0 < shown < 24
+    true, false = (int(text.split()[0]) for text in page.inner_text("#truth-counts").split("\n")[:2])
+    assert true + false == shown
+    assert page.locator("#fruits tbody tr:not([hidden])").count() == shown
+    page.fill("#limit-high", "60")
+    assert int(page.inner_text("#limit-count").split()[0]) < shown
+    page.select_option("#limit-tree", "2")
+    page.click("#limit-reset")
+    assert page.inner_text("#limit-count") == "24 of 24 fruits"
+    assert page.input_value("#limit-tree") == "0"
+    page.click("#tool-filter")
+    assert page.is_hidden("#limits")
+
+
+def test_each_layer_can_be_seen_and_hidden(opened: Opened) -> None:
+    page = opened.page
+    page.select_option("#colour-by", "fruit")
+
+    for layer in ("fruits", "fruitPoints", "scene", "cameras", "row", "ground"):
+        page.click("[data-look=top]" if layer in ("row", "ground") else "[data-look=photos]")
+        before = _picture(page)
+        box = page.locator(f"[data-layer={layer}]")
+        box.click()
+        assert (_picture(page) != before).sum() > 100, layer
+        box.click()
+        assert (_picture(page) != before).sum() < 100, layer
+
+
+def test_looks_and_fly_along_move_the_picture(opened: Opened) -> None:
+    page = opened.page
+    seen = set()
+    for look in ("top", "side", "back", "front", "photos"):
+        page.click(f"[data-look={look}]")
+        seen.add(_picture(page).tobytes())
+    page.click("#tool-fly")  # without motion: a step
+    seen.add(_picture(page).tobytes())
+    assert len(seen) == 6
+    page.click("[data-look=photos]")
+
+
+def test_click_on_a_sphere_shows_the_fruit_and_its_crops(opened: Opened) -> None:
+    page = opened.page
+    _open_fruit(page, 20)
+    page.click("#card .close")
+    page.mouse.click(*_center(page))
+    chosen = page.inner_text("#card h3")
+    assert re.fullmatch(r"Fruit \d+", chosen)
+    facts = page.inner_text("#card dl")
+    for label in ("Score", "Diameter", "Tree", "Side", "Seen in", "x, y, z"):
+        assert label in facts
+    assert re.search(r"\d+\.\d ± 3\.0 mm", facts)
+    _loaded(page, ".crop img")
+    page.wait_for_selector(".crop svg path.mine")
+    assert page.locator(".crop").count() == page.locator(".crop svg path.mine").count() >= 1
+
+
+def test_click_on_a_crop_opens_the_photo_with_all_outlines(opened: Opened) -> None:
+    page = opened.page
+    _open_fruit(page, 20)
+    page.locator(".crop").first.click()
+    page.wait_for_selector("#photo[open]")
+    _loaded(page, "#photo .photo-sheet img")
+    page.wait_for_selector("#photo path.mine")
+    assert page.locator("#photo path").count() > page.locator("#photo path.mine").count() == 1
+    # The outline lies in the middle of the stage, around red.
+    outline, stage = page.locator("#photo path.mine").bounding_box(), page.locator("#photo .stage").bounding_box()
+    assert abs(outline["x"] + outline["width"] / 2 - stage["x"] - stage["width"] / 2) < stage["width"] / 4
+    first = page.inner_text("#photo-name")
+    page.uncheck("#photo-only")
+    page.keyboard.press("ArrowRight")
+    assert page.inner_text("#photo-name") != first
+    page.click("#photo-previous")
+    assert page.inner_text("#photo-name") == first
+    page.click("#photo-whole")
+    other = page.locator("#photo path.other").first
+    expected = re.search(r"Fruit (\d+)", other.locator("title").text_content() or "")
+    assert expected
+    other.click()
+    assert page.locator("#photo[open]").count() == 0
+    assert page.inner_text("#card h3") == f"Fruit {expected[1]}"
+
+
+def test_looking_through_a_camera_lays_the_photo_over_the_scene(opened: Opened) -> None:
+    page = opened.page
+    page.select_option("#colour-by", "fruit")
+    _open_fruit(page, 20)
+    page.locator(".crop").first.click()
+    page.wait_for_selector("#photo[open]")
+    page.click("#photo-through")
+    page.wait_for_selector("#through:not([hidden])")
+    _loaded(page, "#through-photo")
+    page.click("#card .close")
+    # With the photo wholly there and wholly gone, red is at the same places: camera and photo agree.
+    for layer in ("scene", "cameras", "row", "ground"):
+        page.uncheck(f"[data-layer={layer}]")
+    page.evaluate("document.querySelectorAll('.tools, .panels, .hint, #legend').forEach(e => e.style.opacity = 0)")
+    masks = []
+    for transparency in ("0", "100"):
+        page.fill("#through-opacity", transparency)
+        masks.append(_red(page))
+    page.evaluate("document.querySelectorAll('.tools, .panels, .hint, #legend').forEach(e => e.style.opacity = '')")
+    side, _ = page.inner_text("#through-name").split("/")
+    # The scene shows fruits of both sides; those of the photo's side are drawn in the photo.
+    assert side in ("east", "west")
+    assert masks[0].sum() > 100
+    assert (masks[0] & masks[1]).sum() > 0.8 * masks[0].sum()
+    name = page.inner_text("#through-name")
+    page.click("#through-next")
+    assert page.inner_text("#through-name") != name
+    page.click("#through-close")
+    assert page.is_hidden("#through")
+    assert page.is_hidden("#through-photo")
+    for layer in ("scene", "cameras", "row", "ground"):
+        page.check(f"[data-layer={layer}]")
+
+
+def test_measured_distance_is_that_of_the_fruits(opened: Opened) -> None:
+    page = opened.page
+    page.click("#tool-measure")
+    _open_fruit(page, 20)
+    page.mouse.click(*_center(page))
+    _open_fruit(page, 30)
+    page.mouse.click(*_center(page))
+    found = re.search(r"([\d.]+) m$", page.inner_text("#measured"))
+    assert found
+    places = []
+    for fruit in (20, 30):
+        cells = page.locator(f"tr[data-id='{fruit}'] td").all_inner_texts()
+        places.append(np.array([float(cell) for cell in cells[1:4]]))
+    # The nearer of two fruits in one line may have been met.
+    assert abs(float(found[1]) - np.linalg.norm(places[0] - places[1])) < 0.3
+    page.click("#tool-measure")
+    assert page.is_hidden("#measured")
+
+
+def test_keyboard_reaches_table_view_and_photos(opened: Opened) -> None:
+    page = opened.page
+    page.keyboard.press("Escape")
+    page.locator('#fruits button[tabindex="0"]').focus()
+    page.keyboard.press("Enter")
+    first = page.inner_text("#card h3")
+    page.keyboard.press("ArrowDown")
+    assert page.inner_text("#card h3") != first
+    focused = page.evaluate("document.activeElement.textContent")
+    assert page.inner_text("#card h3") == f"Fruit {focused}"
+    assert page.inner_text("#live").startswith(f"Fruit {focused} selected")
+    page.locator("#view canvas").focus()
+    before = _picture(page)
+    page.keyboard.press("ArrowLeft")
+    assert (_picture(page) != before).sum() > 1000
+    page.keyboard.press("Home")
+    page.locator(".crop").first.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#photo[open]")
+    page.keyboard.press("Escape")
+    assert page.locator("#photo[open]").count() == 0
+
+
+def test_every_control_has_a_name(opened: Opened) -> None:
+    nameless = opened.page.evaluate(
+        """[...document.querySelectorAll('button, input, select, canvas')].filter(e =>
+             !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length)).map(e => e.outerHTML)"""
+    )
+    assert nameless == []
+
+
+def test_search_says_when_there_is_no_such_fruit(opened: Opened) -> None:
+    page = opened.page
+    page.fill("#find-id", "7777")
+    page.click("#find button")
+    assert page.inner_text("#live") == "There is no fruit 7777"
+    page.fill("#find-id", "20")
+
+
+def test_dark_and_light(opened: Opened) -> None:
+    page = opened.page
+    colour = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(colour)
+    page.click("#tool-light")
+    assert page.evaluate(colour) != light
+    page.click("#tool-light")
+    assert page.evaluate(colour) == light
+
+
+def test_exported_folder_works_from_disk(browser: Any, survey: Path, tmp_path: Path) -> None:  # noqa: F811
+    page_path = export_folder(read_survey(survey), tmp_path / "out")
+    opened = _open(browser, page_path)
+    page = opened.page
+    _open_fruit(page, 20)
+    _loaded(page, ".crop img")
+    page.wait_for_selector(".crop svg path.mine")
+    page.locator(".crop").first.click()
+    _loaded(page, "#photo .photo-sheet img")
+    assert page.locator("#photo path").count() > 1
+    page.click("#photo-through")
+    _loaded(page, "#through-photo")
+    assert opened.said == []
+    assert all(asked.startswith((tmp_path.as_uri(), "data:")) for asked in opened.asked)
+    page.close()
+
+
+def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, tmp_path: Path) -> None:  # noqa: F811
+    write_report(read_survey(survey), tmp_path / "report.html")
+    opened = _open(browser, tmp_path / "report.html")
+    page = opened.page
+    _open_fruit(page, 20)
+    _loaded(page, ".crop img")
+    page.wait_for_selector(".crop svg path.mine")
+    assert "pomona view" in page.inner_text("#card .note")
+    page.locator(".crop").first.click()
+    assert "pomona view" in page.inner_text("#photo-missing")
+    assert opened.said == []
+    page.close()
+
+
+def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noqa: F811
+    with ViewServer(read_survey(survey)) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        page = browser.new_page()
+        page.route("**/data/survey.json", lambda route: route.abort())
+        page.goto(server.url)
+        page.wait_for_selector("#no-data:not([hidden])")
+        assert page.is_visible("text=still running")
+        page.close()
+        server.shutdown()
+
+
+def test_red_fruits_are_seen(opened: Opened) -> None:
+    opened.page.select_option("#colour-by", "fruit")
+    opened.page.click("[data-look=photos]")
+    assert _red_px(opened.page) > 300

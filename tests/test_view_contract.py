@@ -1,0 +1,108 @@
+"""What Python sends and what TypeScript reads are the same: one contract, written once."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.report import ReportData
+from pomona.report.contract import SurveyData, packed, to_json
+from pomona.report.scene import SceneOptions, as_json, survey_data
+from pomona.report.seen import crop_box, detection_columns
+from pomona.report.typescript import typescript
+from report_scenes import LENS, row_report
+from view_scenes import unpacked
+
+_VIEWER = Path(__file__).parents[1] / "viewer" / "src"
+
+
+def test_typescript_types_are_those_of_python() -> None:
+    path = _VIEWER / "contract.ts"
+    if not path.is_file():
+        pytest.skip("viewer/ is not here")
+    hint = "write it again: python -m pomona.report.typescript > viewer/src/contract.ts, then `make viewer`"
+    assert path.read_text(encoding="utf-8") == typescript(), hint
+
+
+def test_json_has_the_names_of_the_typescript_interface() -> None:
+    values = json.loads(as_json(survey_data(row_report(5, scene_points=10))))
+    written = typescript()
+    for name, value in (("SurveyData", values), ("FruitColumns", values["fruits"]), ("PhotoColumns", values["photos"])):
+        found = re.search(rf"export interface {name} \{{(.*?)\n\}}", written, re.DOTALL)
+        assert found
+        assert re.findall(r"^  (\w+):", found[1], re.MULTILINE) == list(value)
+    assert len(values) == len(dataclasses.fields(SurveyData))
+
+
+def test_numbers_are_little_endian() -> None:
+    assert packed(np.array([1, 65535]), "<u2") == "AQD//w=="
+
+
+def test_no_number_is_nan_in_json() -> None:
+    text = as_json(survey_data(row_report(0, scene_points=0)))
+    assert "NaN" not in text
+    assert to_json(survey_data(row_report(0, scene_points=0)))["truth"] is None
+
+
+def _seen(data: ReportData) -> ReportData:
+    """The report's data with a round mask for each observation, where it was seen."""
+    disc = np.hypot(*np.mgrid[-6:7, -6:7]) < 6
+    by_photo = {}
+    for name in data.cameras.photos:
+        mine = [i for i, photo in enumerate(data.observations.photo) if photo == name]
+        places = data.observations.xy_px[mine].astype(int)
+        inside = [k for k, (x, y) in enumerate(places) if 6 <= x < LENS.width_px - 7 and 6 <= y < LENS.height_px - 7]
+        masks = tuple(Mask.from_pixels(disc, int(places[k][0]) - 6, int(places[k][1]) - 6) for k in inside)
+        ids = data.observations.detection_id[mine][inside]
+        by_photo[name] = Detections(name, LENS.width_px, LENS.height_px, masks, np.full(len(masks), 0.9), ids)
+    return dataclasses.replace(data, masks=SurveyDetections(by_photo))
+
+
+def test_outlines_lie_around_their_masks_and_name_their_fruit() -> None:
+    data = _seen(row_report(12, scene_points=0))
+    assert data.masks is not None
+    columns = detection_columns(data)
+    ids, starts = unpacked(columns.ids, "<u4"), unpacked(columns.starts, "<u4")
+    fruits, points = unpacked(columns.fruits, "<u4"), unpacked(columns.points, "<f4").reshape(-1, 2)
+    assert len(ids) == data.masks.total
+    fruit_of = dict(zip(data.observations.detection_id.tolist(), data.observations.fruit_id.tolist(), strict=True))
+    boxes = {int(i): m.box_px for d in data.masks.values() for i, m in zip(d.ids, d.masks, strict=True)}
+    for k, id_ in enumerate(ids):
+        outline = points[starts[k] : starts[k + 1]]
+        box = np.array(boxes[int(id_)], float)
+        assert np.abs(np.concatenate([outline.min(0), outline.max(0)]) - box).max() < 0.6
+        assert fruits[k] == fruit_of[int(id_)]
+
+
+def test_detections_of_one_photo_or_of_some_ids() -> None:
+    data = _seen(row_report(12, scene_points=0))
+    assert data.masks is not None
+    name = data.cameras.photos[3]
+    assert np.array_equal(unpacked(detection_columns(data, photo=name).ids, "<u4"), data.masks[name].ids)
+    some = data.masks[name].ids[:2].tolist()
+    assert unpacked(detection_columns(data, only=some).ids, "<u4").tolist() == some
+    assert unpacked(detection_columns(dataclasses.replace(data, masks=None)).starts, "<u4").tolist() == [0]
+
+
+def test_crop_is_square_and_around_its_detection() -> None:
+    x, y, width, height = crop_box((100, 50, 140, 80))
+    assert width == height == 80
+    assert abs(x + width / 2 - 120) <= 0.5
+    assert abs(y + height / 2 - 65) <= 0.5
+    assert crop_box((0, 0, 1, 1))[2] == 24
+
+
+def test_sightings_come_with_the_largest_first() -> None:
+    data = _seen(row_report(12, scene_points=0))
+    seen = survey_data(data, SceneOptions()).sightings
+    fruits, boxes = unpacked(seen.fruits, "<u4"), unpacked(seen.boxes, "<f4").reshape(-1, 4)
+    assert len(fruits) == len(data.observations)
+    for fruit in np.unique(fruits):
+        sizes = boxes[fruits == fruit, 2]
+        assert np.all(np.diff(sizes) <= 0)

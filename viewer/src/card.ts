@@ -1,0 +1,64 @@
+/** What is known of the selected fruit, and crops of the photos that saw it. */
+
+import { cropButton, drawOutlines } from "./crop";
+import { button, element } from "./dom";
+import type { Fruit, Photo, Sighting } from "./payload";
+import type { PhotoSource } from "./source";
+
+const FIRST = 12;
+
+export interface CardWants {
+  metric: boolean;
+  unit: string;
+  origin: [number, number, number];
+  onClose(): void;
+  onOpen(sighting: Sighting): void;
+}
+
+/** Pairs of label and text; what was not measured says why. */
+export function facts(fruit: Fruit, wants: Pick<CardWants, "metric" | "unit" | "origin">): [string, string][] {
+  const missing = fruit.reason ? `not measured: ${fruit.reason}` : "not measured";
+  const size = (value: number): string => (wants.metric ? (1000 * value).toFixed(1) : value.toPrecision(3));
+  const sizeUnit = wants.metric ? "mm" : wants.unit;
+  const spread = Number.isFinite(fruit.diameterSd) ? ` ± ${size(fruit.diameterSd)}` : "";
+  const place = [fruit.x, fruit.y, fruit.z].map((v, axis) => (v + wants.origin[axis]!).toFixed(3)).join(", ");
+  const pairs: [string, string][] = [
+    ["Score", fruit.score.toFixed(2)],
+    ["Diameter", Number.isFinite(fruit.diameter) ? `${size(fruit.diameter)}${spread} ${sizeUnit}` : missing],
+  ];
+  if (Number.isFinite(fruit.weight)) pairs.push(["Weight", `${fruit.weight.toFixed(0)} g`]);
+  if (fruit.tree) pairs.push(["Tree", String(fruit.tree)]);
+  if (fruit.side) pairs.push(["Side", fruit.side]);
+  pairs.push(["Seen in", `${fruit.views} photo${fruit.views === 1 ? "" : "s"}`], ["x, y, z", `${place} ${wants.unit}`]);
+  return pairs;
+}
+
+export function fillCard(card: HTMLElement, fruit: Fruit, seen: Sighting[], photos: Photo[], source: PhotoSource, wants: CardWants): void {
+  const list = element("dl");
+  for (const [label, text] of facts(fruit, wants)) list.append(element("dt", label), element("dd", text));
+  const crops = element("div", "", "crops");
+  const heading = element("h3", `Fruit ${fruit.id}`);
+  heading.tabIndex = -1;
+  card.replaceChildren(button("×", "Close", wants.onClose, "close"), heading, list, crops);
+  const pictures = seen.map((sighting) => ({ sighting, picture: source.crop(sighting, photos[sighting.photo]!) }));
+  const shown = pictures.filter(({ picture }) => picture);
+  // Photos without a picture are named where there are none with one.
+  const all = shown.length ? shown : pictures;
+  const add = (from: number, to: number): void => {
+    for (const { sighting, picture } of all.slice(from, to)) {
+      crops.append(cropButton(sighting, photos[sighting.photo]!, picture, fruit.id, () => wants.onOpen(sighting)));
+    }
+    void source.ofFruit(fruit.index).then((detections) => drawOutlines(crops, seen, detections), () => undefined);
+  };
+  add(0, FIRST);
+  if (all.length > FIRST) {
+    const more = button(`Show all ${all.length} photos`, "", () => {
+      more.remove();
+      add(FIRST, all.length);
+    }, "more");
+    card.append(more);
+  }
+  const missing = seen.some(({ photo }) => !source.hasPhoto(photos[photo]!));
+  if (missing && source.note) card.append(element("p", source.note, "note"));
+  card.hidden = false;
+}

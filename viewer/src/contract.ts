@@ -1,0 +1,158 @@
+/** What Python tells the viewer. Written by `python -m pomona.report.typescript`; do not edit. */
+
+/** Base64 of little-endian numbers. */
+export type U8 = string;
+/** Base64 of little-endian numbers. */
+export type U16 = string;
+/** Base64 of little-endian numbers. */
+export type U32 = string;
+/** Base64 of little-endian numbers. */
+export type F32 = string;
+export type Source = "report" | "folder" | "server";
+
+/**
+ * `count` points: positions (n, 3) divide the box from `min` of extent `size` in 65535 steps; colours (n, 3).
+ */
+export interface PackedCloud {
+  count: number;
+  min: [number, number, number];
+  size: [number, number, number];
+  positions: U16;
+  colours: U8;
+}
+
+/**
+ * n fruits; NaN where something was not measured, and `reasons` says why. `trees`: 0 for none.
+ */
+export interface FruitColumns {
+  ids: number[];
+  centers: F32;
+  diameters: F32;
+  diameterSds: F32;
+  weights: F32;
+  scores: F32;
+  views: U32;
+  sides: string[];
+  trees: number[];
+  reasons: string[];
+}
+
+/**
+ * n photos that have a place. `frusta` (n, 5, 3): the centre, then the corners from the top left, clockwise.
+ *
+ * `rotations` (n, 3, 3) turn the world's axes into the camera's (x right, y down, z forward); `lenses` (n, 4) are fx,
+ * fy, cx, cy in pixels. `files`: where a resized copy lies, in an exported folder ("": none).
+ */
+export interface PhotoColumns {
+  names: string[];
+  sides: string[];
+  widths: number[];
+  heights: number[];
+  frusta: F32;
+  rotations: F32;
+  lenses: F32;
+  files: string[];
+}
+
+/**
+ * k times that a photo saw a fruit: indices into fruits and photos, the detection's id, the crop around it.
+ *
+ * `boxes` (k, 4): x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
+ */
+export interface Sightings {
+  fruits: U32;
+  photos: U32;
+  detections: U32;
+  boxes: F32;
+  crops: string[];
+}
+
+/**
+ * n detections: ids, the index of the photo, the id of the fruit they became (0: none), and their outlines.
+ *
+ * Outline i is points `starts[i]` to `starts[i + 1]` of `points` (m, 2), pixels; `starts` has n + 1 entries.
+ */
+export interface DetectionColumns {
+  ids: U32;
+  photos: U32;
+  fruits: U32;
+  scores: F32;
+  starts: U32;
+  points: F32;
+}
+
+/**
+ * n trees: their ids and where they stand, on the ground, (n, 3).
+ */
+export interface TreePlaces {
+  ids: number[];
+  places: F32;
+}
+
+/**
+ * Scores of the fruits whose score is at least `threshold`; None (null) where one is undefined.
+ */
+export interface Rates {
+  threshold: number;
+  precision: number | null;
+  recall: number | null;
+  f1: number | null;
+  true: number;
+  false: number;
+  missed: number;
+  doubled: number;
+}
+
+/**
+ * n true fruits, and what becomes of found and true ones at each of k score thresholds.
+ *
+ * `found` (k, fruits): 0 below the threshold, 1 true, 2 false, 3 doubled, 4 not scored. `missed` (k, n): 1 where no
+ * found fruit is the true one. `label` says over which true fruits the scores are: "all" or "visible".
+ */
+export interface TruthData {
+  label: string;
+  centers: F32;
+  diameters: F32;
+  steps: Rates[];
+  found: U8;
+  missed: U8;
+}
+
+/**
+ * Where to look: `toward` is the direction from the fruits to where most photos were taken from (unit, in 3D).
+ *
+ * `along` and `across` are the row's axes, horizontal and of unit length; `across` points to most of the cameras.
+ * `radius` is that of the fruits; `row` the ends of the row's axis; `low` and `high` what there is in height.
+ */
+export interface ViewHints {
+  radius: number;
+  toward: [number, number, number];
+  along: [number, number, number];
+  across: [number, number, number];
+  row: [number, number];
+  low: number;
+  high: number;
+  ground: number;
+  grid: number;
+}
+
+/**
+ * All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
+ */
+export interface SurveyData {
+  source: Source;
+  photosNote: string;
+  title: string;
+  unit: string;
+  metric: boolean;
+  origin: [number, number, number];
+  scene: PackedCloud;
+  fruitPoints: PackedCloud;
+  fruits: FruitColumns;
+  photos: PhotoColumns;
+  sightings: Sightings;
+  detections: DetectionColumns;
+  trees: TreePlaces;
+  view: ViewHints;
+  truth: TruthData | null;
+}

@@ -1,0 +1,181 @@
+/** The photo window: one whole photo with the outlines of all its detections; zoom, move, step to the next. */
+
+import { find, pathOf, say, svg } from "./dom";
+import type { Box, Detection, Fruit, Photo, Sighting } from "./payload";
+import type { PhotoSource } from "./source";
+
+const MOST_ZOOM = 40;
+
+export class PhotoWindow {
+  onFruit: (id: number) => void = () => {};
+  onLookThrough: (photo: number) => void = () => {};
+
+  private readonly dialog = find<HTMLDialogElement>("#photo");
+  private readonly stage = find("#photo .stage");
+  private readonly sheet = find("#photo .photo-sheet");
+  private readonly image = find<HTMLImageElement>("#photo img");
+  private readonly drawing = find<SVGSVGElement>("#photo svg.outlines");
+  private readonly onlyMine = find<HTMLInputElement>("#photo-only");
+  private at = 0;
+  private fruit: Fruit | null = null;
+  private seen: Sighting[] = [];
+  /** Photo pixels to screen, and the place of the photo's corner. */
+  private zoom = 1;
+  private corner: [number, number] = [0, 0];
+
+  constructor(private readonly photos: Photo[], private readonly source: PhotoSource, private readonly byId: Map<number, Fruit>) {
+    const buttons: [string, () => void][] = [
+      ["#photo-previous", () => this.step(-1)], ["#photo-next", () => this.step(1)], ["#photo-in", () => this.zoomBy(1.5)],
+      ["#photo-out", () => this.zoomBy(1 / 1.5)], ["#photo-whole", () => this.whole()], ["#photo-close", () => this.dialog.close()],
+      ["#photo-through", () => { this.dialog.close(); this.onLookThrough(this.at); }],
+    ];
+    for (const [selector, act] of buttons) find(selector).addEventListener("click", act);
+    this.dialog.addEventListener("keydown", (event) => this.key(event));
+    this.dialog.addEventListener("close", () => this.image.removeAttribute("src"));
+    this.stage.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoomBy(Math.exp(-event.deltaY / 400), [event.offsetX, event.offsetY]);
+    }, { passive: false });
+    this.drag();
+  }
+
+  /** Show a photo; where a fruit is selected, at its place there. */
+  open(photo: number, fruit: Fruit | null, seen: Sighting[]): void {
+    this.fruit = fruit;
+    this.seen = seen;
+    this.onlyMine.checked = fruit !== null && seen.length > 1;
+    find("#photo-only-label").hidden = fruit === null;
+    find("#photo-only-text").textContent = fruit ? `only photos of fruit ${fruit.id}` : "";
+    if (!this.dialog.open) this.dialog.showModal();
+    this.show(photo);
+  }
+
+  private show(index: number): void {
+    const photo = this.photos[index]!;
+    this.at = index;
+    find("#photo-name").textContent = photo.name;
+    find("#photo-missing").hidden = this.source.hasPhoto(photo);
+    find("#photo-missing").textContent = this.source.note;
+    this.image.hidden = !this.source.hasPhoto(photo);
+    this.image.width = photo.width;
+    this.image.height = photo.height;
+    this.image.alt = `Photo ${photo.name}`;
+    this.image.removeAttribute("src");
+    this.sheet.style.width = `${photo.width}px`;
+    this.sheet.style.height = `${photo.height}px`;
+    this.drawing.setAttribute("viewBox", `0 0 ${photo.width} ${photo.height}`);
+    this.drawing.replaceChildren();
+    const mine = this.seen.find((sighting) => sighting.photo === index);
+    this.lookAt(mine ? around(mine.box, 6) : [0, 0, photo.width, photo.height]);
+    if (mine) this.keepInside();
+    void this.source.ofPhoto(index).then((detections) => this.at === index && this.draw(detections), () => undefined);
+  }
+
+  private draw(detections: Detection[]): void {
+    const shapes = detections.map((detection) => {
+      const fruit = this.byId.get(detection.fruit);
+      const kind = !fruit ? "loose" : fruit === this.fruit ? "mine" : "other";
+      const shape = svg("path", { d: pathOf(detection.outline), class: `outline ${kind}` });
+      const title = svg("title", {});
+      title.textContent = fruit ? `Fruit ${fruit.id}, detected with score ${detection.score.toFixed(2)}`
+        : `Detected with score ${detection.score.toFixed(2)}, became no fruit`;
+      shape.append(title);
+      shape.dataset.fruit = String(detection.fruit);
+      return shape;
+    });
+    this.drawing.replaceChildren(...shapes);
+    const fruits = detections.filter(({ fruit }) => this.byId.has(fruit)).length;
+    const text = detections.length ? `${detections.length} detections, ${fruits} of them became fruits` : "";
+    find("#photo-summary").textContent = text;
+    say(`Photo ${this.photos[this.at]!.name}. ${text}`);
+  }
+
+  private step(by: number): void {
+    const mine = this.onlyMine.checked ? [...new Set(this.seen.map(({ photo }) => photo))].sort((a, b) => a - b) : [];
+    const order = mine.length ? mine : this.photos.map((_, i) => i);
+    const at = order.indexOf(this.at);
+    this.show(order[(at + by + order.length) % order.length]!);
+  }
+
+  /** Make a part of the photo fill the stage. */
+  private lookAt(box: Box): void {
+    const { clientWidth, clientHeight } = this.stage;
+    this.zoom = Math.min(clientWidth / box[2], clientHeight / box[3]);
+    this.corner = [clientWidth / 2 - (box[0] + box[2] / 2) * this.zoom, clientHeight / 2 - (box[1] + box[3] / 2) * this.zoom];
+    this.place();
+  }
+
+  /** Where the photo is larger than the stage, it fills it. */
+  private keepInside(): void {
+    const photo = this.photos[this.at]!;
+    const { clientWidth, clientHeight } = this.stage;
+    const kept = (corner: number, size: number, room: number): number => (size > room ? Math.min(0, Math.max(room - size, corner)) : (room - size) / 2);
+    this.corner = [kept(this.corner[0], photo.width * this.zoom, clientWidth), kept(this.corner[1], photo.height * this.zoom, clientHeight)];
+    this.place();
+  }
+
+  private whole(): void {
+    const photo = this.photos[this.at]!;
+    this.lookAt([0, 0, photo.width, photo.height]);
+  }
+
+  private zoomBy(factor: number, at: [number, number] = [this.stage.clientWidth / 2, this.stage.clientHeight / 2]): void {
+    const zoom = Math.min(Math.max(this.zoom * factor, 0.02), MOST_ZOOM);
+    const by = zoom / this.zoom;
+    this.corner = [at[0] - (at[0] - this.corner[0]) * by, at[1] - (at[1] - this.corner[1]) * by];
+    this.zoom = zoom;
+    this.place();
+  }
+
+  private place(): void {
+    const photo = this.photos[this.at]!;
+    this.sheet.style.transform = `translate(${this.corner[0]}px, ${this.corner[1]}px) scale(${this.zoom})`;
+    if (!this.source.hasPhoto(photo)) return;
+    const url = this.source.photo(photo, Math.max(photo.width, photo.height) * this.zoom * window.devicePixelRatio);
+    if (this.image.getAttribute("src") === url) return;
+    // The copy that is shown stays until the sharper one is there.
+    if (!this.image.getAttribute("src")) this.image.src = url;
+    else {
+      const sharper = new Image();
+      const index = this.at;
+      sharper.onload = () => this.at === index && (this.image.src = url);
+      sharper.src = url;
+    }
+  }
+
+  private key(event: KeyboardEvent): void {
+    const act: Record<string, () => void> = {
+      ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), "+": () => this.zoomBy(1.5), "-": () => this.zoomBy(1 / 1.5), "0": () => this.whole(),
+    };
+    const does = act[event.key];
+    if (!does) return;
+    event.preventDefault();
+    does();
+  }
+
+  private drag(): void {
+    let from: { x: number; y: number; corner: [number, number] } | null = null;
+    let moved = false;
+    this.stage.addEventListener("pointerdown", (event) => {
+      from = { x: event.clientX, y: event.clientY, corner: this.corner };
+      moved = false;
+    });
+    this.stage.addEventListener("pointermove", (event) => {
+      if (!from || !event.buttons) return;
+      moved ||= Math.hypot(event.clientX - from.x, event.clientY - from.y) > 4;
+      this.corner = [from.corner[0] + event.clientX - from.x, from.corner[1] + event.clientY - from.y];
+      this.place();
+    });
+    this.stage.addEventListener("click", (event) => {
+      const id = Number((event.target as SVGElement).dataset.fruit ?? 0);
+      if (moved || !this.byId.has(id)) return;
+      this.dialog.close();
+      this.onFruit(id);
+    });
+  }
+}
+
+function around(box: Box, times: number): Box {
+  const [x, y, width, height] = box;
+  return [x - ((times - 1) / 2) * width, y - ((times - 1) / 2) * height, times * width, times * height];
+}

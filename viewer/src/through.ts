@@ -1,0 +1,54 @@
+/** Looking through a camera: its photo over the scene, more or less transparent. */
+
+import { find, say } from "./dom";
+import type { Photo } from "./payload";
+import type { PhotoSource } from "./source";
+import type { View } from "./view";
+
+export class Through {
+  onPhoto: (photo: number) => void = () => {};
+  private readonly panel = find("#through");
+  private readonly image = find<HTMLImageElement>("#through-photo");
+  private readonly opacity = find<HTMLInputElement>("#through-opacity");
+
+  constructor(private readonly view: View, box: HTMLElement, private readonly photos: Photo[], private readonly source: PhotoSource) {
+    this.opacity.addEventListener("input", () => this.fade());
+    find("#through-previous").addEventListener("click", () => this.step(-1));
+    find("#through-next").addEventListener("click", () => this.step(1));
+    find("#through-close").addEventListener("click", () => view.navigation.leave());
+    find("#through-open").addEventListener("click", () => view.navigation.through && this.onPhoto(view.navigation.through.index));
+    view.navigation.onLeave = () => this.close();
+    new ResizeObserver(() => view.navigation.through && this.open(view.navigation.through.index)).observe(box);
+  }
+
+  open(index: number): void {
+    const photo = this.photos[index]!;
+    const place = this.view.navigation.lookThrough(photo);
+    Object.assign(this.image.style, { left: `${place.left}px`, top: `${place.top}px`, width: `${place.width}px`, height: `${place.height}px` });
+    const there = this.source.hasPhoto(photo);
+    const url = there ? this.source.photo(photo, place.width * window.devicePixelRatio) : "";
+    this.image.hidden = !there;
+    if (there && this.image.getAttribute("src") !== url) this.image.src = url;
+    this.image.alt = `Photo ${photo.name}`;
+    find("#through-name").textContent = photo.name;
+    find("#through-note").textContent = there ? "" : this.source.note;
+    for (const part of [find("#through-opacity-label"), find("#through-open")]) part.hidden = !there;
+    if (this.panel.hidden) say(`Looking through the camera of ${photo.name}`);
+    this.panel.hidden = false;
+    this.fade();
+  }
+
+  private close(): void {
+    this.panel.hidden = true;
+    this.image.hidden = true;
+  }
+
+  private step(by: number): void {
+    const at = this.view.navigation.through?.index ?? 0;
+    this.open((at + by + this.photos.length) % this.photos.length);
+  }
+
+  private fade(): void {
+    this.image.style.opacity = String(1 - Number(this.opacity.value) / 100);
+  }
+}

@@ -1,0 +1,131 @@
+/** The view's tools: layers, colours, looks, filter, measuring, search, truth, light and dark. */
+
+import * as three from "three";
+import type { SurveyData } from "./contract";
+import { css, rampCss, type ColourBy, type Colouring } from "./colours";
+import { element, find, say } from "./dom";
+import { Filter, type Limits } from "./filter";
+import { Measure } from "./measure";
+import type { Look } from "./navigation";
+import type { Fruit } from "./payload";
+import { TruthLayer } from "./truth";
+import type { Layer, View } from "./view";
+
+export class Tools {
+  onFind: (id: number) => void = () => {};
+  onShown: (shown: boolean[]) => void = () => {};
+  readonly measure: Measure;
+  private readonly filter: Filter;
+  private readonly truth: TruthLayer | null;
+  private readonly choice = find<HTMLSelectElement>("#colour-by");
+
+  constructor(private readonly view: View, private readonly data: SurveyData, fruits: Fruit[], private readonly box: HTMLElement) {
+    this.measure = new Measure(view, box, data.unit);
+    this.filter = new Filter(data, fruits);
+    this.truth = data.truth ? new TruthLayer(data.truth, fruits.length) : null;
+  }
+
+  start(): void {
+    for (const input of document.querySelectorAll<HTMLInputElement>("[data-layer]")) {
+      const show = (): void => this.view.show(input.dataset.layer as Layer, input.checked);
+      input.addEventListener("change", show);
+      show();
+    }
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-look]")) {
+      button.addEventListener("click", () => this.view.navigation.look(button.dataset.look as Look));
+    }
+    if (this.truth) {
+      this.view.add(this.truth.object);
+      this.choice.prepend(new Option("truth", "truth"));
+      this.choice.value = "truth";
+    }
+    this.choice.addEventListener("change", () => this.colour());
+    this.filter.onChange = (shown, planes, limits) => this.filtered(shown, planes, limits);
+    this.filter.changed();
+    this.colour();
+    this.buttons();
+    this.search();
+    // What lies over the view begins below the tools, however many lines they take.
+    const bar = find(".tools");
+    new ResizeObserver(() => this.box.style.setProperty("--below-tools", `${bar.offsetTop + bar.offsetHeight + 8}px`)).observe(bar);
+  }
+
+  private colour(): void {
+    const by = this.choice.value as ColourBy;
+    const colours = by === "truth" && this.truth ? this.view.colour(this.truth.colouring()) : this.view.colourBy(by);
+    // The truth's panel is its own legend.
+    fillLegend(find("#legend"), this.data, by, by === "truth" ? { of: colours.of } : colours);
+    if (this.truth) this.truth.object.visible = by === "truth";
+  }
+
+  private filtered(shown: boolean[], planes: three.Plane[], limits: Limits): void {
+    this.view.showFruits(shown);
+    this.view.clip(planes);
+    this.onShown(shown);
+    if (!this.truth) return;
+    this.truth.at(limits.score, (x, y, z) => planes.every((plane) => plane.distanceToPoint(new three.Vector3(x, y, z)) >= 0));
+    if (this.choice.value === "truth") this.colour();
+  }
+
+  private buttons(): void {
+    const toggle = (selector: string, act: () => boolean): void => {
+      const button = find<HTMLButtonElement>(selector);
+      button.addEventListener("click", () => button.setAttribute("aria-pressed", String(act())));
+    };
+    const panel = find("#limits");
+    toggle("#tool-filter", () => !(panel.hidden = !panel.hidden));
+    toggle("#tool-measure", () => {
+      this.measure.toggle();
+      return this.measure.on;
+    });
+    toggle("#tool-fly", () => this.view.navigation.flyAlong());
+    const fly = find("#tool-fly");
+    this.box.addEventListener("drawn", () => {
+      if (!this.view.navigation.flies) fly.setAttribute("aria-pressed", "false");
+    });
+    find("#tool-light").addEventListener("click", () => {
+      const root = document.documentElement;
+      root.dataset.theme = getComputedStyle(root).getPropertyValue("--theme").trim() === "dark" ? "light" : "dark";
+      this.view.paper();
+    });
+    const whole = find<HTMLButtonElement>("#whole-screen");
+    whole.hidden = !document.fullscreenEnabled;
+    whole.addEventListener("click", () => void (document.fullscreenElement ? document.exitFullscreen() : this.box.requestFullscreen()));
+  }
+
+  private search(): void {
+    const form = find<HTMLFormElement>("#find");
+    const input = find<HTMLInputElement>("#find-id");
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      const id = Number(input.value);
+      const known = this.data.fruits.ids.includes(id);
+      input.setCustomValidity(known ? "" : `There is no fruit ${input.value}`);
+      if (known) this.onFind(id);
+      else {
+        input.reportValidity();
+        say(`There is no fruit ${input.value}`);
+      }
+    });
+    input.addEventListener("input", () => input.setCustomValidity(""));
+  }
+}
+
+function formatted(data: SurveyData, by: ColourBy, value: number): string {
+  if (by === "diameter") return data.metric ? `${(1000 * value).toFixed(0)} mm` : value.toPrecision(3);
+  return by === "score" ? value.toFixed(2) : value.toFixed(0);
+}
+
+function fillLegend(box: HTMLElement, data: SurveyData, by: ColourBy, colours: Colouring): void {
+  box.replaceChildren();
+  if (colours.range) {
+    const bar = element("span", "", "ramp");
+    bar.style.background = rampCss();
+    box.append(element("span", formatted(data, by, colours.range[0])), bar, element("span", formatted(data, by, colours.range[1])));
+  }
+  for (const [name, colour] of (colours.categories ?? []).slice(0, 12)) {
+    const entry = element("span", name, "category");
+    entry.style.setProperty("--colour", css(colour));
+    box.append(entry);
+  }
+}
