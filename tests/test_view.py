@@ -6,6 +6,7 @@ import gzip
 import http.client
 import json
 import re
+import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -160,11 +161,12 @@ def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
 def test_photos_may_have_been_moved(survey: Path, tmp_path: Path) -> None:
     source = Path(json.loads((survey / "survey.json").read_text())["sources"][0])
     moved = tmp_path / "moved"
-    moved.mkdir()
-    for photo in (source / "east").iterdir():
-        (moved / photo.name).write_bytes(photo.read_bytes())
+    shutil.copytree(source, moved)
     found = read_survey(survey, photos=moved).photos.by_name()
-    assert found["east/IMG_0000.JPG"].path == moved / "IMG_0000.JPG"
+    assert found["west/IMG_0001.JPG"].path == moved / "west" / "IMG_0001.JPG"
+    # Both sides have photos of these names: which side's these are is not known, and none is shown.
+    flat = read_survey(survey, photos=moved / "west").photos
+    assert not any(photo.path.is_file() for photo in flat)
 
 
 def test_a_survey_that_is_not_finished_says_what_to_do(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import { decodeF32, decodeU16, decodeU8, type Fruit } from "./payload";
 
 const CAMERA_COLOUR = 0x5b7fa6;
 const SIGHT_COLOUR = 0xe8960c;
-const ROW_COLOUR = 0x8a6d3b;
 
 /** sRGB bytes to the linear values that three.js works with. */
 const LINEAR = Float32Array.from({ length: 256 }, (_, i) => new three.Color().setRGB(i / 255, 0, 0, three.SRGBColorSpace).r);
@@ -139,21 +138,6 @@ export function halo(): three.Mesh {
   ring.renderOrder = 10;
   ring.visible = false;
   return ring;
-}
-
-/** The row's axis on the ground with a mark at every cell of the grid, and a post where each tree stands. */
-export function row(data: SurveyData): three.LineSegments {
-  const { along, row: ends, ground: height, grid, radius } = data.view;
-  const at = (t: number, z: number): three.Vector3 => new three.Vector3(along[0] * t, along[1] * t, z);
-  const lines = [at(ends[0], height), at(ends[1], height)];
-  for (let t = Math.ceil(ends[0] / grid) * grid; t <= ends[1]; t += grid) lines.push(at(t, height), at(t, height + radius / 40));
-  const places = decodeF32(data.trees.places);
-  data.trees.ids.forEach((_, i) => {
-    const foot = new three.Vector3().fromArray(places, 3 * i);
-    lines.push(foot, foot.clone().setZ(data.view.high));
-  });
-  const material = new three.LineBasicMaterial({ color: ROW_COLOUR });
-  return new three.LineSegments(new three.BufferGeometry().setFromPoints(lines), material);
 }
 
 export function ground(data: SurveyData): three.GridHelper {

@@ -147,10 +147,18 @@ export class PhotoWindow {
     const act: Record<string, () => void> = {
       ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), "+": () => this.zoomBy(1.5), "-": () => this.zoomBy(1 / 1.5), "0": () => this.whole(),
     };
-    const does = act[event.key];
+    const room = Math.min(this.stage.clientWidth, this.stage.clientHeight) / 6;
+    const pan: Record<string, [number, number]> = { ArrowLeft: [room, 0], ArrowRight: [-room, 0], ArrowUp: [0, room], ArrowDown: [0, -room] };
+    const by = event.shiftKey ? pan[event.key] : undefined;
+    const does = by ? () => this.pan(by) : act[event.key];
     if (!does) return;
     event.preventDefault();
     does();
+  }
+
+  private pan([x, y]: [number, number]): void {
+    this.corner = [this.corner[0] + x, this.corner[1] + y];
+    this.place();
   }
 
   private drag(): void {

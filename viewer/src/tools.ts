@@ -74,6 +74,8 @@ export class Tools {
     };
     const panel = find("#limits");
     toggle("#tool-filter", () => !(panel.hidden = !panel.hidden));
+    // With the truth, the score's slider is what one looks for.
+    if (this.truth) find("#tool-filter").click();
     toggle("#tool-measure", () => {
       this.measure.toggle();
       return this.measure.on;

@@ -3,9 +3,10 @@
 import * as three from "three";
 import type { SurveyData } from "./contract";
 import { colouring, type ColourBy, type Colouring } from "./colours";
-import { Frusta, FruitBalls, ground, halo, points, row, sightLines } from "./layers";
+import { Frusta, FruitBalls, ground, halo, points, sightLines } from "./layers";
 import { Navigation } from "./navigation";
 import type { Fruit, Photo } from "./payload";
+import { row } from "./row";
 
 export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "row" | "ground";
 export type Picked = { fruit: number } | { camera: number } | null;

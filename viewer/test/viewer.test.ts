@@ -4,6 +4,7 @@ import { placed } from "../src/crop";
 import type { DetectionColumns, Rates, SurveyData } from "../src/contract";
 import { within } from "../src/filter";
 import { decodeDetections, decodeFruits, decodeSightings, decodeU16, median, quantile } from "../src/payload";
+import { marks } from "../src/row";
 import { compareCells } from "../src/table";
 import { stepAt } from "../src/truth";
 
@@ -102,4 +103,11 @@ test("quantile of none is 0", () => {
   expect(quantile([], 0.5)).toBe(0);
   expect(quantile([3, NaN, 1, 2], 0)).toBe(1);
   expect(quantile([3, 1, 2], 1)).toBe(3);
+});
+
+test("marks along the row begin at 0 and are few", () => {
+  expect(marks(-1, 1.2, 0.5)).toEqual([0, 0.5, 1, 1.5, 2]);
+  expect(marks(0, 200, 1).length).toBeLessThanOrEqual(13);
+  expect(marks(0, 0, 1)).toEqual([0]);
+  expect(marks(0, 5000, 1).length).toBeLessThanOrEqual(14);
 });

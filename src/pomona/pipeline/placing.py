@@ -103,7 +103,7 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         from pomona.formats.colmap import read_cameras
 
         cameras = replace(read_cameras(path), frame=frame_from(info["frame"]))
-        return Placed(cameras, unregistered_from(info["lost"]), _report_from(info["report"]))
+        return Placed(cameras, unregistered_from(info["lost"]), scale_report_from(info["report"]))
 
     work = StageWork(compute=compute, save=save, load=load, outputs=(path,), needs=(segment, sfm))
     return context.stage("scale", key, work, rooms=("scale", "fuse"))
@@ -222,7 +222,8 @@ def _no_cameras() -> Cameras:
     return Cameras((), (), np.zeros(0, np.int64), np.zeros((0, 3, 4)))
 
 
-def _report_from(values: Mapping[str, Any]) -> ScaleReport:
+def scale_report_from(values: Mapping[str, Any]) -> ScaleReport:
+    """Return how metres were found, of which the manifest holds the entries; raises `KeyError` where one is missing."""
     return ScaleReport(
         source=values["source"],
         pieces=tuple(PieceScale(**_nan(entry)) for entry in values["pieces"]),

@@ -18,6 +18,8 @@ from pomona.report.seen import Box, boxes_by_id, crop_box, each_observation
 
 CROP_SIDE_PX = 128
 _JPEG_QUALITY = 80
+# Of a crop in base64.
+_USUAL_BYTES = 5000
 _OUTSIDE = (128, 128, 128)
 
 
@@ -49,8 +51,10 @@ def embedded_crops(
 ) -> dict[int, str]:
     """Return crops as base64 by detection id: of each fruit the largest few, from at most `max_photos` photos.
 
-    Together they take at most `max_mb` of the page. A photo that cannot be read (any more) gives no crop.
+    Together they take at most `max_mb` of the page: of many fruits there are fewer of each. A photo that cannot be
+    read (any more) gives no crop.
     """
+    per_fruit = max(1, min(per_fruit, int(max_mb * 1e6 / (_USUAL_BYTES * max(1, len(data.fruits))))))
     photos = data.photos.by_name()
     chosen = set(choose_photos(data.photos, data.cameras, data.observations, max_photos))
     wanted: dict[str, list[tuple[int, Box]]] = defaultdict(list)

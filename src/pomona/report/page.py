@@ -24,14 +24,14 @@ _ROOM = files("pomona.report")
 # Nothing is fetched from anywhere but where the page itself came from.
 _IMAGES: dict[Source, str] = {"report": "data:", "folder": "data: 'self' file:", "server": "data: 'self'"}
 _NOTES: dict[Source, str] = {
-    "report": "The photos themselves are not in this file: `pomona view SURVEY` shows them.",
+    "report": "The photos themselves are not in this file: the command pomona view SURVEY shows them.",
     "folder": "This photo is not in the folder.",
-    "server": "This photo was not found; `pomona view SURVEY --photos FOLDER` says where photos are.",
+    "server": "This photo was not found; pomona view SURVEY --photos FOLDER says where photos are.",
 }
 _FOOTERS: dict[Source, str] = {
     "report": "This file needs no network; share it as it is.",
     "folder": "This folder needs no network; share it as a whole.",
-    "server": "Shown by `pomona view` on this computer alone.",
+    "server": "Shown by pomona view on this computer alone.",
 }
 
 

@@ -36,7 +36,7 @@ def fruits_table(data: ReportData) -> str:
     head = "".join(_heading(column) for column in columns)
     rows = "".join(_row(fruits, columns, i) for i in range(len(fruits)))
     table = f'<table id="fruits"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-    return f'<div class="scroll" tabindex="0" aria-label="Table of fruits">{table}</div>'
+    return f'<div class="scroll" tabindex="0" role="region" aria-label="Table of fruits">{table}</div>'
 
 
 def _columns(data: ReportData) -> list[_Column]:

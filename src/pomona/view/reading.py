@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +17,11 @@ from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
-from pomona.pipeline.placing import unregistered_from
+from pomona.pipeline.placing import scale_report_from, unregistered_from
 from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
-from pomona.survey import Survey
+from pomona.scale import ScaleReport
+from pomona.survey import StageRecord, Survey
 from pomona.survey.values import frame_from
 
 
@@ -54,10 +56,19 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
         detections=segment.info.get("detections") if segment else None,
         masks=masks,
         lost=unregistered_from(lost),
+        scale=_scale(scale),
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(survey.get("warnings", ())),
         version=__version__,
     )
+
+
+def _scale(record: StageRecord | None) -> ScaleReport | None:
+    """How metres were found; a survey of an older version may lack entries, and is shown without."""
+    try:
+        return scale_report_from(record.info["report"]) if record else None
+    except KeyError:
+        return None
 
 
 def _masks(survey: Survey) -> SurveyDetections | None:
@@ -106,13 +117,14 @@ def find_photos(survey: Survey, cameras: Cameras, folder: Path | None, progress:
 
 
 def _by_known_names(found: Mapping[str, Photo], names: tuple[str, ...]) -> dict[str, Photo]:
-    """Photos by the survey's names; where a folder was moved, its last part may be all that still agrees."""
+    """Photos by the survey's names; in another folder the last part may be all that agrees, where it is unique."""
+    wanted, there = (Counter(Path(name).name for name in of) for of in (names, found))
     by_last = {Path(name).name: photo for name, photo in found.items()}
     result = dict(found)
     for name in names:
-        photo = found.get(name) or by_last.get(Path(name).name)
-        if photo is not None:
-            result[name] = photo
+        last = Path(name).name
+        if name not in result and wanted[last] == there[last] == 1:
+            result[name] = by_last[last]
     return result
 
 

@@ -1,0 +1,67 @@
+/** The row on the ground: its axis with metres written along it, and a post with its number at each tree. */
+
+import * as three from "three";
+import type { SurveyData } from "./contract";
+import { decodeF32 } from "./payload";
+
+const COLOUR = 0x8a6d3b;
+const MOST_LABELS = 12;
+/** Steps between marks, in cells of the grid. */
+const STEPS = [1, 2, 4, 10, 20, 50, 100];
+
+/** Places of marks along the row, from its start on, and how far they are from there. */
+export function marks(start: number, end: number, grid: number): number[] {
+  const cells = (end - start) / grid;
+  const step = grid * (STEPS.find((s) => cells / s < MOST_LABELS) ?? Math.ceil(cells / MOST_LABELS));
+  return Array.from({ length: Math.floor((end - start) / step + 1e-9) + 1 }, (_, i) => i * step);
+}
+
+export function row(data: SurveyData): three.Object3D {
+  const { along, across, row: ends, ground, grid, radius, high } = data.view;
+  const size = radius / 14;
+  const at = (t: number, z = ground): three.Vector3 => new three.Vector3(along[0] * t, along[1] * t, z);
+  const lines = [at(ends[0]), at(ends[1])];
+  const group = new three.Group();
+  for (const far of marks(ends[0], ends[1], grid)) {
+    const place = at(ends[0] + far);
+    lines.push(place, place.clone().setZ(ground + size / 3));
+    const label = text(`${Number(far.toPrecision(6))} ${data.unit}`, size);
+    // In front of the axis, where most cameras are.
+    label.position.copy(place).addScaledVector(new three.Vector3().fromArray(across), size);
+    group.add(label);
+  }
+  const places = decodeF32(data.trees.places);
+  data.trees.ids.forEach((id, i) => {
+    const foot = new three.Vector3().fromArray(places, 3 * i);
+    const top = foot.clone().setZ(high);
+    lines.push(foot, top);
+    const label = text(`tree ${id}`, size);
+    label.position.copy(top).setZ(high + size);
+    group.add(label);
+  });
+  group.add(new three.LineSegments(new three.BufferGeometry().setFromPoints(lines), new three.LineBasicMaterial({ color: COLOUR })));
+  return group;
+}
+
+/** Text that turns to the viewer, of this height in the world. */
+function text(words: string, height: number): three.Sprite {
+  const canvas = document.createElement("canvas");
+  const pen = canvas.getContext("2d")!;
+  const font = "600 40px system-ui, sans-serif";
+  pen.font = font;
+  canvas.width = Math.ceil(pen.measureText(words).width) + 16;
+  canvas.height = 56;
+  pen.font = font;
+  pen.textBaseline = "middle";
+  pen.lineWidth = 8;
+  pen.lineJoin = "round";
+  pen.strokeStyle = "#fffc";
+  pen.strokeText(words, 8, 30);
+  pen.fillStyle = "#5d4a28";
+  pen.fillText(words, 8, 30);
+  const texture = new three.CanvasTexture(canvas);
+  texture.colorSpace = three.SRGBColorSpace;
+  const sprite = new three.Sprite(new three.SpriteMaterial({ map: texture, depthWrite: false }));
+  sprite.scale.set((height * canvas.width) / canvas.height, height, 1);
+  return sprite;
+}
