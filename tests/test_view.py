@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 import pytest
 
+from pomona.cameras import Intrinsics
 from pomona.errors import MissingFileError, SurveyError
 from pomona.evaluate import evaluate, read_truth
 from pomona.report import ReportData
 from pomona.report.page import report_html
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
-from pomona.view.pictures import Kept
+from pomona.view.pictures import Kept, straightened
 from pomona.view.truth import thresholds
 from view_scenes import unpacked, write_truth, write_view_survey
 
@@ -97,6 +98,7 @@ def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, 
     assert (status, headers["Content-Type"]) == (200, "image/jpeg")
     assert _picture(body).shape == (600, 800, 3)  # never enlarged
     assert _get(server, "/photos/1/999.jpg")[0] == 404
+    assert _picture(_get(server, "/straight/1/1024.jpg")[2]).shape == (600, 800, 3)
     detection = int(data.observations.detection_id[0])
     crop = _picture(_get(server, f"/crops/{detection}.jpg")[2])
     blue, green, red = crop[crop.shape[0] // 2, crop.shape[1] // 2]
@@ -187,6 +189,21 @@ def test_kept_values_stay_within_bounds() -> None:
         assert len(kept.get(key, lambda key=key: make(key))) == 40
         assert kept.held_bytes <= 100
     assert made == ["a", "b", "c", "b"]
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_straightened_photo_lies_where_a_pinhole_would_see(scale: float) -> None:
+    bent = Intrinsics("SIMPLE_RADIAL", 800, 600, np.array([700.0, 400.0, 300.0, 0.1]))
+    pinhole = Intrinsics("SIMPLE_PINHOLE", 800, 600, np.array([700.0, 400.0, 300.0]))
+    point_in_cam = np.array([[0.4, -0.3, 1.0]])
+    (x, y), (true_x, true_y) = bent.px_from_cam(point_in_cam)[0], pinhole.px_from_cam(point_in_cam)[0]
+    assert np.hypot(x - true_x, y - true_y) > 5
+    columns, rows = np.meshgrid(np.arange(int(800 * scale)) + 0.5, np.arange(int(600 * scale)) + 0.5)
+    spot = np.exp(-((columns - x * scale) ** 2 + (rows - y * scale) ** 2) / 18) * 255
+    straight = straightened(np.repeat(spot[:, :, None], 3, 2).astype(np.uint8), bent)[:, :, 0].astype(float)
+    found = np.array([(straight * columns).sum(), (straight * rows).sum()]) / straight.sum()
+    assert np.hypot(*(found - np.array([true_x, true_y]) * scale)) < 0.4
+    assert straightened(np.zeros((6, 8, 3), np.uint8), pinhole).shape == (6, 8, 3)
 
 
 def test_exported_folder_has_photos_and_names_them(data: ReportData, tmp_path: Path) -> None:

@@ -212,6 +212,27 @@ def test_looking_through_a_camera_lays_the_photo_over_the_scene(opened: Opened) 
         page.check(f"[data-layer={layer}]")
 
 
+def test_click_on_a_camera_looks_through_it(opened: Opened) -> None:
+    page = opened.page
+    page.keyboard.press("Escape")
+    page.click("[data-look=photos]")
+    page.evaluate(_DRAWN)
+    box = page.locator("#view").bounding_box()
+    ys, xs = range(int(box["height"]) - 40, 160, -14), range(20, int(box["width"]) - 20, 14)
+    for x, y in ((box["x"] + x, box["y"] + y) for y in ys for x in xs):
+        page.mouse.move(x, y)
+        if "look through" in (page.locator("#tip").text_content() or ""):
+            name = (page.locator("#tip").text_content() or "").split(":")[0]
+            page.mouse.click(x, y)
+            break
+    assert page.inner_text("#through-name") == name
+    # A drag leaves the camera.
+    page.mouse.down()
+    page.mouse.move(x + 40, y + 10, steps=4)
+    page.mouse.up()
+    assert page.is_hidden("#through")
+
+
 def test_measured_distance_is_that_of_the_fruits(opened: Opened) -> None:
     page = opened.page
     page.click("#tool-measure")
@@ -278,6 +299,24 @@ def test_dark_and_light(opened: Opened) -> None:
     assert page.evaluate(colour) != light
     page.click("#tool-light")
     assert page.evaluate(colour) == light
+
+
+def test_fly_along_moves_until_it_is_stopped(browser: Any, url: str) -> None:  # noqa: F811
+    page = browser.new_page(viewport={"width": 1200, "height": 800}, reduced_motion="no-preference")
+    page.goto(url)
+    page.wait_for_selector("html.has-webgl")
+    before = _picture(page)
+    page.click("#tool-fly")
+    page.wait_for_timeout(600)
+    assert (_picture(page) != before).sum() > 1000
+    assert page.get_attribute("#tool-fly", "aria-pressed") == "true"
+    page.click("#tool-fly")
+    page.wait_for_timeout(500)
+    before = _picture(page)
+    page.wait_for_timeout(300)
+    assert (_picture(page) != before).sum() < 100
+    assert page.get_attribute("#tool-fly", "aria-pressed") == "false"
+    page.close()
 
 
 def test_exported_folder_works_from_disk(browser: Any, survey: Path, tmp_path: Path) -> None:  # noqa: F811

@@ -37,6 +37,11 @@ export class PhotoSource {
     return `${photo.file}/${SIDES.find((size) => size >= Math.min(side, longer)) ?? SIDES[SIDES.length - 1]}.jpg`;
   }
 
+  /** The photo without the lens's distortion, where the server can make that. */
+  straight(photo: Photo, side: number): string {
+    return this.photo(photo, side).replace(/^photos\/(?=\d+\/)/, "straight/");
+  }
+
   /** A picture of what the photo saw there; null where there is none. */
   crop(sighting: Sighting, photo: Photo): Picture | null {
     if (sighting.crop) return { url: `data:image/jpeg;base64,${sighting.crop}`, box: sighting.box };

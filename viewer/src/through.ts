@@ -26,7 +26,7 @@ export class Through {
     const place = this.view.navigation.lookThrough(photo);
     Object.assign(this.image.style, { left: `${place.left}px`, top: `${place.top}px`, width: `${place.width}px`, height: `${place.height}px` });
     const there = this.source.hasPhoto(photo);
-    const url = there ? this.source.photo(photo, place.width * window.devicePixelRatio) : "";
+    const url = there ? this.source.straight(photo, Math.max(place.width, place.height) * window.devicePixelRatio) : "";
     this.image.hidden = !there;
     if (there && this.image.getAttribute("src") !== url) this.image.src = url;
     this.image.alt = `Photo ${photo.name}`;

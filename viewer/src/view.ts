@@ -29,6 +29,7 @@ export class View {
   private readonly frusta: Frusta;
   private readonly halo = halo();
   private readonly extra = new three.Group();
+  private readonly shows = { cameras: true };
   private sight: three.LineSegments | null = null;
   private readonly lamp = new three.DirectionalLight(0xffffff, 2.0);
   private pending = false;
@@ -68,6 +69,7 @@ export class View {
 
   show(layer: Layer, visible: boolean): void {
     this.layers[layer].visible = visible;
+    if (layer === "cameras") this.shows.cameras = visible;
     if (layer === "fruitPoints") this.balls.seeThrough(visible);
     this.draw();
   }
@@ -145,7 +147,10 @@ export class View {
     requestAnimationFrame((now) => {
       this.pending = false;
       this.navigation.step(now);
-      const { camera, controls } = this.navigation;
+      const { camera, controls, through } = this.navigation;
+      // In a camera's place, the lines to and of cameras would only be in the way.
+      this.frusta.object.visible = this.shows.cameras && !through;
+      if (this.sight) this.sight.visible = !through;
       this.lamp.position.copy(camera.position).add(new three.Vector3(0, 0, this.data.view.radius));
       this.lamp.target.position.copy(controls.target);
       this.lamp.target.updateMatrixWorld();

@@ -7,7 +7,11 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+import cv2
+import numpy as np
+
 from pomona.arrays import ByteArray
+from pomona.cameras import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo
 from pomona.report.crops import crop_jpeg, jpeg
 from pomona.report.data import ReportData
@@ -53,12 +57,25 @@ class Kept(Generic[_Value]):
         return self._held
 
 
+def straightened(pixels: ByteArray, lens: Intrinsics) -> ByteArray:
+    """Return a photo (resized or not) as a lens of the same focal lengths without distortion would have taken it."""
+    if not np.any(lens.distortion):
+        return pixels
+    height, width = pixels.shape[:2]
+    across, down = width / lens.width_px, height / lens.height_px
+    matrix = np.diag([across, down, 1.0]) @ lens.matrix
+    matrix[:2, 2] = opencv_from_colmap_px(matrix[:2, 2])
+    maps = cv2.initUndistortRectifyMap(matrix, lens.distortion, np.eye(3), matrix, (width, height), cv2.CV_32FC1)
+    return np.asarray(cv2.remap(pixels, *maps, cv2.INTER_LINEAR), np.uint8)
+
+
 class Pictures:
     """JPEGs of a survey's photos and of crops around its detections."""
 
     def __init__(self, data: ReportData) -> None:
         by_name = data.photos.by_name()
         self._photos: list[Photo | None] = [by_name.get(name) for name in data.cameras.photos]
+        self._cameras = data.cameras
         self._place = self._places(data)
         self._decoded: Kept[ByteArray] = Kept(_DECODED_BYTES, lambda pixels: pixels.nbytes)
         self._encoded: Kept[bytes] = Kept(_ENCODED_BYTES, len)
@@ -82,8 +99,11 @@ class Pictures:
         photo = self._photos[index]
         return photo is not None and photo.path.is_file()
 
-    def photo(self, index: int, side_px: int) -> bytes:
-        """Return a photo as a JPEG with its longer side at most `side_px`; raises as `capture.read_pixels` does."""
+    def photo(self, index: int, side_px: int, *, straight: bool = False) -> bytes:
+        """Return a photo as a JPEG with its longer side at most `side_px`; raises as `capture.read_pixels` does.
+
+        With `straight`, the lens's distortion is taken out, so that the photo lies over the scene.
+        """
         from pomona.capture import read_pixels
 
         photo = self._photos[index]
@@ -92,9 +112,11 @@ class Pictures:
 
         def make() -> bytes:
             with self._decoding:
-                return jpeg(read_pixels(photo, max_side_px=side_px), quality=_PHOTO_QUALITY)
+                pixels = read_pixels(photo, max_side_px=side_px)
+                pixels = straightened(pixels, self._cameras.intrinsics_of(index)) if straight else pixels
+                return jpeg(pixels, quality=_PHOTO_QUALITY)
 
-        return self._encoded.get(f"photo {index} {side_px}", make)
+        return self._encoded.get(f"photo {index} {side_px} {straight}", make)
 
     def crop(self, detection_id: int) -> bytes:
         """Return the crop around a detection as a JPEG; raises `KeyError` where there is no such detection."""

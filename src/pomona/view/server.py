@@ -9,7 +9,7 @@ import gzip
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -53,6 +53,7 @@ class Site:
             (re.compile(r"/data/photos/(\d{1,7})\.json"), self._photo_detections),
             (re.compile(r"/data/fruits/(\d{1,9})\.json"), self._fruit_detections),
             (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
+            (re.compile(r"/straight/(\d{1,7})/(\d{1,5})\.jpg"), partial(self._photo, straight=True)),
             (re.compile(r"/crops/(\d{1,9})\.jpg"), self._crop),
             (re.compile(r"/favicon\.ico"), lambda: Answer(_ICON.encode("ascii"), "image/svg+xml")),
         )
@@ -102,8 +103,10 @@ class Site:
     def _columns(self, columns: Any) -> Answer:
         return Answer(as_json(columns).encode("utf-8"), _JSON)
 
-    def _photo(self, index: int, side_px: int) -> Answer | None:
-        return Answer(self._pictures.photo(index, side_px), _JPEG) if side_px in SIDES_PX else None
+    def _photo(self, index: int, side_px: int, *, straight: bool = False) -> Answer | None:
+        if side_px not in SIDES_PX:
+            return None
+        return Answer(self._pictures.photo(index, side_px, straight=straight), _JPEG)
 
     def _crop(self, detection_id: int) -> Answer:
         return Answer(self._pictures.crop(detection_id), _JPEG)
