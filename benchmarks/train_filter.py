@@ -1,11 +1,12 @@
 """Train the support vector machine that tells fruits from false positives.
 
-python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--repeats N]
+python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--repeats N] [--left-out FOLDER]
 
 A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
 Detections are those of the shipped segmenter, for `object` from several
 scores up, and true masks of which some were dropped and false ones added, with scores that say nothing, so that what is
-learnt is not one segmenter's habits; for `paper` true masks made worse and joined by false ones, `--repeats` times.
+learnt is not one segmenter's habits; each of these from all photos, from every second and from every third, so that it
+is not one density of photos either. For `paper` true masks made worse and joined by false ones, `--repeats` times.
 Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
 """
 
@@ -19,6 +20,7 @@ import cv2
 import numpy as np
 
 from association import dropped, with_false
+from even_odd import part_of
 from pomona.cameras import Cameras, Intrinsics, WorldFrame
 from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
@@ -26,7 +28,7 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import Truth, evaluate, read_truth
 from pomona.evaluate.matching import candidates_by_center
 from pomona.evaluate.options import EvaluateOptions
-from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features
+from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features, view_probability
 from pomona.filter.features import FEATURE_NAMES
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object, paper
@@ -43,6 +45,8 @@ SMALLEST_SHARE = 0.08
 # The scores from which detections are used, as shares of the segmenter's own threshold.
 SHARES = (1.0, 0.8, 0.6, 0.4)
 LEAST_CHANCE_SCORE = 0.4
+# Which photos: every n-th, from which on.
+THINNED = ((1, 0), (2, 0), (2, 1), (3, 1))
 
 
 def cameras_of(row: RowFolder, photos: Photos) -> Cameras:
@@ -153,24 +157,53 @@ def with_chance_scores(found: Detections, least: float, rng: np.random.Generator
 
 
 def examples(folder: Path, method: str, repeats: int) -> Iterator[Example]:
-    row, truth, options = RowFolder(folder), read_truth(folder), RunOptions(method=method)
+    row, truth = RowFolder(folder), read_truth(folder)
     photos = load_photos([folder / "images"])
     cameras = cameras_of(row, photos)
     for kind, detections in kinds_of_detections(method, row, photos, cameras, truth, repeats):
         if method == "paper":
-            fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=options.paper)
-        else:
-            fused = object.fuse(detections, cameras)
-        # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
-        measured = measure(fused, detections, cameras, options=options.measure)
-        if method == "paper":
-            values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth)
-            values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)))
-            measured = measured[np.isin(measured.ids, fused.cloud.fruit_id)]
-        else:
-            near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
-            values, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
-        yield Example(f"{folder.name}, {kind}", values, is_fruit, measured, truth)
+            yield paper_example(f"{folder.name}, {kind}", photos, detections, cameras, truth)
+            continue
+        for step, first in THINNED:
+            names = sorted(cameras.photos)[first::step]
+            some = SurveyDetections({name: detections[name] for name in names})
+            label = f"{folder.name}, {kind}, every photo {step} from {first}"
+            yield object_example(label, some, part_of(cameras, set(names)), truth)
+
+
+def paper_example(label: str, photos: Photos, detections: SurveyDetections, cameras: Cameras, truth: Truth) -> Example:
+    options = RunOptions(method="paper")
+    fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=options.paper)
+    # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
+    measured = measure(fused, detections, cameras, options=options.measure)
+    values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth)
+    values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)))
+    return Example(label, values, is_fruit, measured[np.isin(measured.ids, fused.cloud.fruit_id)], truth)
+
+
+def object_example(label: str, detections: SurveyDetections, cameras: Cameras, truth: Truth) -> Example:
+    fused = object.fuse(detections, cameras)
+    measured = measure(fused, detections, cameras, options=RunOptions().measure)
+    near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
+    return Example(
+        label, view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near), measured, truth
+    )
+
+
+def trained(done: list[Example], method: str, repeats: int) -> LinearSvm:
+    values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
+    rows = ", ".join(dict.fromkeys(e.label.partition(",")[0] for e in done))
+    worse = {
+        "paper": f"true masks made worse and joined by false ones, {repeats} times a row",
+        "object": "true masks of which 30 % were dropped and 20 % false ones added, with scores that say nothing; "
+        "of all photos, of every second and of every third",
+    }[method]
+    trained_on = (
+        f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
+        f"cameras; detections: those of the shipped segmenter, and {worse}. No real orchard."
+    )
+    names = FEATURE_NAMES if method == "paper" else VIEW_FEATURE_NAMES
+    return LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
 
 
 def main() -> None:
@@ -179,30 +212,25 @@ def main() -> None:
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--method", choices=("object", "paper"), default="object")
     parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--left-out", type=Path, help="also write FOLDER/ROW.json, trained on the other rows")
     arguments = parser.parse_args()
-    done = []
+    done: list[Example] = []
     for folder in arguments.rows:
         for example in examples(folder, arguments.method, arguments.repeats):
             done.append(example)
             fruits = example.is_fruit.sum()
             print(f"{example.label}: {fruits} fruits, {len(example.is_fruit) - fruits} false positives", flush=True)
-    values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
-    rows = ", ".join(folder.name for folder in arguments.rows)
-    worse = {
-        "paper": f"true masks made worse and joined by false ones, {arguments.repeats} times a row",
-        "object": "true masks of which 30 % were dropped and 20 % false ones added, with scores that say nothing",
-    }[arguments.method]
-    trained_on = (
-        f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
-        f"cameras; detections: those of the shipped segmenter, and {worse}. No real orchard."
-    )
-    names = FEATURE_NAMES if arguments.method == "paper" else VIEW_FEATURE_NAMES
-    svm = LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
+    if arguments.left_out:
+        arguments.left_out.mkdir(parents=True, exist_ok=True)
+        for folder in arguments.rows:
+            others = [e for e in done if not e.label.startswith(f"{folder.name},")]
+            trained(others, arguments.method, arguments.repeats).save(arguments.left_out / f"{folder.name}.json")
+    svm = trained(done, arguments.method, arguments.repeats)
     svm.save(arguments.out)
-    print(trained_on, dict(zip(names, svm.weights.round(2).tolist(), strict=True)))
-    print(f"accuracy {((svm.probability(values) > 0.5) == is_fruit).mean():.3f}")
+    print(svm.trained_on, dict(zip(svm.names, svm.weights.round(2).tolist(), strict=True)))
+    probability = svm.probability if arguments.method == "paper" else lambda values: view_probability(values, svm)
     for example in done:
-        kept = svm.probability(example.values) >= 0.5
+        kept = probability(example.values) >= 0.5
         before = evaluate(example.fruits, example.truth).all
         after = evaluate(example.fruits[kept], example.truth).all
         print(f"{example.label}: F1 {before.f1:.3f} -> {after.f1:.3f}, FDR {before.false_detection_rate:.3f} -> "

@@ -24,8 +24,10 @@ from pomona.filter import (
     shipped,
     training_table,
     view_features,
+    view_probability,
 )
 from pomona.filter.features import hull_volume_m3, psi
+from pomona.filter.views import place_probability
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.fuse.object import fuse
@@ -152,8 +154,8 @@ def test_the_shipped_machine_of_views_wants_fruits_seen_often_and_largely() -> N
     svm = LinearSvm.load(shipped("object"))
     assert svm.names == VIEW_FEATURE_NAMES
     assert len(svm.trained_on) > 40
-    often = [np.log(9), 0.9, 0.7, 1.0]
-    twice_and_little = [np.log(2), 0.25, 0.45, 0.2]
+    often = [np.log(9), 0.9, 0.7, 1.0, np.log(0.05)]
+    twice_and_little = [np.log(2), 0.25, 0.45, 0.2, np.log(0.4)]
     probability = svm.probability(np.array([often, twice_and_little]))
     assert probability[0] > 0.9
     assert probability[1] < 0.5
@@ -254,12 +256,38 @@ def test_views_tell_how_often_a_fruit_was_seen_where_it_should_be() -> None:
     worse = SurveyDetections(fewer)
     fused = fuse(worse, cameras)
     assert len(fused.fruits) == 2
-    log_views, seen_share, mean_score, largest_share = view_features(fused, worse, cameras).T
+    log_views, seen_share, mean_score, largest_share, log_place_sd = view_features(fused, worse, cameras).T
     np.testing.assert_array_equal(np.round(np.exp(log_views)), [8, 4])
     np.testing.assert_allclose(seen_share, [1, 0.5], atol=0.08)
     np.testing.assert_allclose(mean_score, [0.9, 0.6])
     assert (largest_share > 0.85).all()
+    assert 0.01 < np.exp(log_place_sd[0]) < np.exp(log_place_sd[1]) < 0.1
     kept = apply_to_views(fused, worse, cameras, LinearSvm.load(shipped("object")), threshold=0.0)
     assert kept.fruits.scores[0] > kept.fruits.scores[1]
     none = apply_to_views(fused, worse, cameras, LinearSvm.load(shipped("object")), threshold=1.0)
     assert (len(none.fruits), len(none.observations)) == (0, 0)
+
+
+@pytest.mark.parametrize(("step_m", "least", "most"), [(0.15, 0.0, 0.1), (0.003, 0.5, 5.0)])
+def test_photos_from_nearly_one_place_do_not_tell_where_a_fruit_is(step_m: float, least: float, most: float) -> None:
+    cameras, center = cameras_in_a_row(8, step_m=step_m), np.array([[0.0, 0.0, 0.0]])
+    detections = detections_of(cameras, center, np.array([0.08]))
+    names = cameras.photos
+    observations = Observations(
+        np.ones(8, np.int64), names, np.array([detections[n].ids[0] for n in names]), np.zeros((8, 2))
+    )
+    fused = Fused(
+        Fruits(np.array([1]), center, np.array([0.08]), np.ones(1), np.array([8])), observations, FruitCloud.empty()
+    )
+    values = view_features(fused, detections, cameras)
+    assert least < np.exp(values[0, -1]) < most
+    machine = LinearSvm.load(shipped("object"))
+    assert view_probability(values, machine)[0] <= machine.probability(values)[0]
+    if step_m < 0.01:
+        assert len(apply_to_views(fused, detections, cameras, machine).fruits) == 0
+
+
+def test_the_probability_of_the_place_is_that_of_half_a_diameter() -> None:
+    values = np.zeros((3, len(VIEW_FEATURE_NAMES)))
+    values[:, VIEW_FEATURE_NAMES.index("log_place_sd")] = np.log([0.05, 0.5, 5.0])
+    np.testing.assert_allclose(place_probability(values), [1, 0.683, 0.0797], atol=1e-3)

@@ -12,7 +12,7 @@ from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.filter.features import features, resized
 from pomona.filter.svm import LinearSvm
-from pomona.filter.views import view_features
+from pomona.filter.views import place_probability, view_features
 from pomona.fruits import FruitCloud
 from pomona.fuse import Fused
 
@@ -35,11 +35,19 @@ def apply(fused: Fused, svm: LinearSvm, *, threshold: float = 0.5) -> Fused:
 def apply_to_views(
     fused: Fused, detections: SurveyDetections, cameras: Cameras, svm: LinearSvm, *, threshold: float = 0.5
 ) -> Fused:
-    """Return the fruits that the photos speak for (`view_features`), with the probability as their score.
+    """Return the fruits that the photos speak for (`view_features`), with a probability as their score.
+
+    That is, that there is a fruit within half a diameter of that place: that it is fruit, times that the place is
+    right.
 
     Raises `InputError` for a threshold outside 0 to 1.
     """
-    return _kept(fused, svm.probability(view_features(fused, detections, cameras)), threshold)
+    return _kept(fused, view_probability(view_features(fused, detections, cameras), svm), threshold)
+
+
+def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
+    """Return for features (n, 5) the probability (n,) that a fruit is within half a diameter of where it is said."""
+    return svm.probability(values) * place_probability(values)
 
 
 def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import erf
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fuse import Fused
+from pomona.fuse.object.fit import place_sds_m
 from pomona.fuse.object.masks import Masks, masks_of
-from pomona.fuse.object.spheres import Spheres, shares_of
+from pomona.fuse.object.spheres import Claims, Spheres, shares_of
 
-VIEW_FEATURE_NAMES = ("log_views", "seen_share", "mean_score", "largest_share")
-_RAYS = 4  # outlines are not looked at
+VIEW_FEATURE_NAMES = ("log_views", "seen_share", "mean_score", "largest_share", "log_place_sd")
+_RAYS = 16  # along each outline
+_LEAST_SD = 0.01  # diameters: no place is known better than that
 # A photo should see a fruit that another sees from a direction so near, unless it is so much farther away.
 _NEAR_DEG, _FARTHER = 20.0, 1.15
 
 
 def view_features(fused: Fused, detections: SurveyDetections, cameras: Cameras) -> FloatArray:
-    """Return `VIEW_FEATURE_NAMES` (n, 4) of the n fruits. Each has observations in photos that have cameras.
+    """Return `VIEW_FEATURE_NAMES` (n, 5) of the n fruits. Each has observations in photos that have cameras.
 
     The logarithm of the number of photos that saw it; these as a share of the photos that should have, being near to
-    one that did and having it in the picture; the mean score of its detections; and the largest share of its disc that
-    a mask fills. More was tried, and told nothing more (docs/object-method.md).
+    one that did and having it in the picture; the mean score of its detections; the largest share of its disc that a
+    mask fills; and the logarithm of how well its place is known, a standard deviation in diameters. More was tried,
+    and told nothing more (docs/object-method.md).
     """
     masks = masks_of(detections, cameras, rays=_RAYS)
-    spheres = Spheres(fused.fruits.centers_in_world, fused.fruits.diameters_m / 2)
+    usual_m = float(np.nanmedian(fused.fruits.diameters_m)) / 2 if len(fused.fruits) else 1.0
+    radii_m = fused.fruits.diameters_m / 2
+    spheres = Spheres(fused.fruits.centers_in_world, np.where(np.isfinite(radii_m), radii_m, usual_m))
     sphere_idx, mask_idx = _claims(fused, masks)
     n = len(spheres)
     views = np.maximum(np.bincount(sphere_idx, minlength=n), 1)
@@ -37,6 +43,7 @@ def view_features(fused: Fused, detections: SurveyDetections, cameras: Cameras) 
             _seen_shares(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras),
             np.bincount(sphere_idx, masks.scores[mask_idx], n) / views,
             largest_share,
+            np.log(_place_sds(spheres, sphere_idx, mask_idx, masks, usual_m)),
         ],
         axis=1,
     )
@@ -55,6 +62,24 @@ def _claims(fused: Fused, masks: Masks) -> tuple[IntArray, IntArray]:
     ]
     sphere_idx, mask_idx = np.array(pairs, np.int64).reshape(-1, 2).T
     return sphere_idx, mask_idx
+
+
+def place_probability(values: FloatArray) -> FloatArray:
+    """Return the probability (n,) that fruits with these features are within half a diameter of where they are said.
+
+    Rows that the filter learns from are seen from many sides. What they do not teach is geometry: a fruit that all
+    photos see from one direction may be a fruit for sure, and nobody knows how far away.
+    """
+    sds = np.exp(np.asarray(values)[:, VIEW_FEATURE_NAMES.index("log_place_sd")])
+    result: FloatArray = erf(0.5 / (np.sqrt(2) * sds))
+    return result
+
+
+def _place_sds(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, usual_m: float) -> FloatArray:
+    """Return how well it is known where each fruit is (n,): standard deviations in diameters of the usual fruit."""
+    shares = shares_of(spheres, sphere_idx, mask_idx, masks)
+    claims = Claims(sphere_idx, mask_idx, np.zeros(len(shares)), shares)
+    return np.maximum(place_sds_m(spheres, claims, masks, usual_m) / (2 * usual_m), _LEAST_SD)
 
 
 def _seen_shares(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras) -> FloatArray:

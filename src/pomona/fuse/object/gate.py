@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.fuse.object.masks import Masks
-from pomona.fuse.object.spheres import Claims, Spheres, beside_rays, depths_of, outside_radii, shares_of
+from pomona.fuse.object.spheres import Claims, Spheres, depths_of, outside_radii, shares_of
 
 _REACH_RADII = 1.3  # a mask's centre of mass lies in the sphere's image, or hardly beside it
 # An outline's point so far outside, in radii, is a perfect misfit; more than twice that says no more.
@@ -68,17 +70,28 @@ class Gate:
             near = tree.query_ball_point(in_cam[:, :2] / in_cam[:, 2:], reach, return_sorted=True)
             counts = np.array([len(k) for k in near], np.int64)
             sphere_idx.append(np.repeat(idx, counts))
-            mask_idx.append(np.concatenate([*near, []]).astype(np.int64) + self._masks.of_photo(photo_idx).start)
+            found = np.fromiter(chain.from_iterable(near), np.int64, int(counts.sum()))
+            mask_idx.append(found + self._masks.of_photo(photo_idx).start)
         return np.concatenate(sphere_idx), np.concatenate(mask_idx)
 
 
 def best_in_photo(claims: Claims, masks: Masks) -> Claims:
     """Return the claim with the least misfit of each sphere in each photo."""
-    photo_of_sphere = claims.sphere_idx * len(masks.eyes_in_world) + masks.photo_idx[claims.mask_idx]
-    order = np.lexsort((claims.misfits, photo_of_sphere))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = np.diff(photo_of_sphere[order]) > 0
-    return claims[order[first]]
+    keys = masks.photo_idx[claims.mask_idx] * (1 + claims.sphere_idx.max(initial=0)) + claims.sphere_idx
+    if (np.diff(keys) < 0).any():  # a gate's claims are in this order
+        order = np.argsort(keys, kind="stable")
+        claims, keys = claims[order], keys[order]
+    first = np.ones(len(keys), dtype=bool)
+    first[1:] = np.diff(keys) > 0
+    starts = np.flatnonzero(first)
+    if len(starts) == 0:
+        return claims
+    least = np.minimum.reduceat(claims.misfits, starts)
+    group = np.cumsum(first) - 1
+    best = np.flatnonzero(claims.misfits == least[group])
+    only = np.ones(len(best), dtype=bool)
+    only[1:] = np.diff(group[best]) > 0
+    return claims[best[only]]
 
 
 def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, quick: bool) -> Claims:
@@ -101,7 +114,7 @@ def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks:
 
 def _off_centre(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
     """Return how far from the centre masks' middles are (k,), in radii."""
-    eyes = masks.eyes_in_world[masks.photo_idx[mask_idx]]
-    beside = beside_rays(spheres.centers_in_world[sphere_idx], eyes, masks.rays[mask_idx, None])[:, 0]
-    result: FloatArray = np.linalg.norm(beside, axis=1) / spheres.radii_m[sphere_idx]
+    from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[masks.photo_idx[mask_idx]]
+    beside2 = (from_eyes**2).sum(1) - (from_eyes * masks.rays[mask_idx]).sum(1) ** 2
+    result: FloatArray = np.sqrt(np.maximum(beside2, 0)) / spheres.radii_m[sphere_idx]
     return result

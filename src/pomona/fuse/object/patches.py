@@ -8,10 +8,10 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.fuse.object.masks import Masks
-from pomona.fuse.object.spheres import Claims, Spheres
+from pomona.fuse.object.spheres import Claims, Spheres, beside_rays
 
 # Photos whose rays differ by less tell no distance; by more, they see other parts of the fruit.
-_LEAST_ANGLE_DEG, _MOST_ANGLE_DEG = 1.5, 30.0
+_LEAST_ANGLE_DEG, _MOST_ANGLE_DEG = 0.2, 30.0
 # Standard deviations in radii: of a mask's middle on the fruit, more of it by how much the mask shrinks or grows from
 # photo to photo, and of how far before the centre the visible part is.
 _MIDDLE_SD, _CHANGE_SD, _DEPTH_SD = 0.15, 0.5, 0.3
@@ -67,18 +67,20 @@ def seen_patches(spheres: Spheres, claims: Claims, masks: Masks) -> Patches:
     fit = np.cos(np.radians(_MOST_ANGLE_DEG)) < cosines
     fit &= cosines < np.cos(np.radians(_LEAST_ANGLE_DEG))
     one, other, cosines = one[fit], other[fit], cosines[fit]
-    baselines = eyes[other] - eyes[one]
-    along_one, along_other = (rays[one] * baselines).sum(1), (rays[other] * baselines).sum(1)
-    sines2 = 1 - cosines**2
-    s, t = (along_one - cosines * along_other) / sines2, (cosines * along_one - along_other) / sines2
     sights = rays[one] + rays[other]
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+    centers = spheres.centers_in_world[sphere_idx]
+    beside = beside_rays(centers, eyes, rays[:, None])[:, 0]
+    # Seen along both rays' middle, a place that is farther by 1 is farther off one ray than off the other by `apart`.
+    apart = rays[other] - rays[one]
+    sines2 = (apart**2).sum(1)
+    farther = ((beside[one] - beside[other]) * apart).sum(1) / sines2
     change = np.abs(np.sqrt(shares[one]) - np.sqrt(shares[other]))
     idx = sphere_idx[one]
     photos, pairs = claims.counts(len(spheres)), np.bincount(idx, minlength=len(spheres))
     return Patches(
         idx,
-        (eyes[one] + s[:, None] * rays[one] + eyes[other] + t[:, None] * rays[other]) / 2,
+        centers[one] - farther[:, None] * sights,
         sights,
         np.sqrt(1 - (shares[one] + shares[other]) / 2),
         np.hypot((_MIDDLE_SD + _CHANGE_SD * change) / np.sqrt(sines2), _DEPTH_SD),

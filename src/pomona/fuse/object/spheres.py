@@ -94,9 +94,10 @@ class Claims:
 
 def outside_radii(spheres: Spheres, claims_sphere: IntArray, claims_mask: IntArray, masks: Masks) -> FloatArray:
     """Return how far outside the spheres outlines pass (k, rays), in radii; negative inside."""
-    eyes = masks.eyes_in_world[masks.photo_idx[claims_mask]]
-    beside = beside_rays(spheres.centers_in_world[claims_sphere], eyes, masks.outlines[claims_mask])
-    result: FloatArray = np.linalg.norm(beside, axis=2) / spheres.radii_m[claims_sphere, None] - 1
+    from_eyes = spheres.centers_in_world[claims_sphere] - masks.eyes_in_world[masks.photo_idx[claims_mask]]
+    along = (masks.outlines[claims_mask] @ from_eyes[:, :, None])[:, :, 0]
+    beside2 = np.maximum((from_eyes**2).sum(1)[:, None] - along**2, 0)
+    result: FloatArray = np.sqrt(beside2) / spheres.radii_m[claims_sphere, None] - 1
     return result
 
 

@@ -1,0 +1,115 @@
+"""Is the `score` of fruits.csv a probability? Fruits of rows with truth, by score: a table and a plot for the docs.
+
+python benchmarks/reliability.py SURVEY=TRUTH[=FILTER.json] [...] [--plot docs/images/reliability.png]
+
+A SURVEY is a folder of `pomona run --method object` over a rendered row that the filter was not trained on, TRUTH the
+row's folder; a row that it was trained on needs a FILTER trained on the others (`train_filter.py --left-out`). All
+photos, the even and the odd, and each third of them are surveys of their own. Of all fruits before the cut at 0.5, the
+share is told that are true: at most half a diameter from a true fruit's centre, visible or not, one to one.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from even_odd import detections_of, part_of
+from pomona import filter as filters
+from pomona.detections import SurveyDetections
+from pomona.evaluate import EvaluateOptions, Truth, read_truth
+from pomona.evaluate.matching import assign, candidates_by_center
+from pomona.formats.colmap import read_cameras
+from pomona.fuse import object
+from pomona.measure import measure
+from pomona.pipeline import RunOptions
+
+EDGES = np.linspace(0, 1, 11)
+THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
+
+
+def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarray, np.ndarray]:
+    """Scores (n,), and whether each is true (n,), of all fruits that the photos and their parts give."""
+    cameras, detections = read_cameras(survey / "cameras"), detections_of(survey)
+    scores, true = [], []
+    for step, first in THINNED:
+        names = sorted(cameras.photos)[first::step]
+        some = SurveyDetections({name: detections[name] for name in names if name in detections})
+        seen_by = part_of(cameras, set(names))
+        fused = filters.apply_to_views(object.fuse(some, seen_by), some, seen_by, svm, threshold=0.0)
+        fruits = measure(fused, some, seen_by, options=RunOptions().measure)
+        pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
+        scores.append(fruits.scores)
+        true.append(np.isin(np.arange(len(fruits)), pairs[:, 0]))
+    return np.concatenate(scores), np.concatenate(true)
+
+
+def bins(scores: np.ndarray, true: np.ndarray) -> list[tuple[float, float, int, float, float]]:
+    """Of each bin that has fruits: from, to, how many, mean score, share that are true."""
+    place = np.clip(np.searchsorted(EDGES, scores, side="right") - 1, 0, len(EDGES) - 2)
+    return [
+        (EDGES[k], EDGES[k + 1], int(mine.sum()), float(scores[mine].mean()), float(true[mine].mean()))
+        for k in range(len(EDGES) - 1)
+        if (mine := place == k).any()
+    ]
+
+
+def summary(scores: np.ndarray, true: np.ndarray) -> str:
+    error = sum(n * abs(mean - share) for _, _, n, mean, share in bins(scores, true)) / len(scores)
+    known = (true.mean() - true) ** 2
+    return f"{len(scores)} | {true.mean():.3f} | {((scores - true) ** 2).mean():.3f} ({known.mean():.3f}) | {error:.3f}"
+
+
+def plot(path: Path, scores: np.ndarray, true: np.ndarray) -> None:
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(5, 6), sharex=True, height_ratios=(3, 1), constrained_layout=True
+    )
+    found = bins(scores, true)
+    means, shares, counts = (np.array([b[k] for b in found]) for k in (3, 4, 2))
+    sds = np.sqrt(np.maximum(shares * (1 - shares), 1e-9) / counts)
+    above.plot([0, 1], [0, 1], "--", color="0.6", label="a probability")
+    above.errorbar(means, shares, yerr=sds, fmt="o-", color="tab:red", capsize=3, label="fruits, ± one sd")
+    above.set(ylabel="share that are true", xlim=(0, 1), ylim=(0, 1))
+    above.legend(loc="upper left")
+    below.hist([scores[true], scores[~true]], EDGES, stacked=True, color=["tab:red", "0.7"], label=["true", "false"])
+    below.set(xlabel="score", ylabel="fruits")
+    below.legend(loc="upper center")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("rows", nargs="+")
+    parser.add_argument("--plot", type=Path)
+    arguments = parser.parse_args()
+    scores, true = [], []
+    print(
+        "| row | fruits | true | Brier score (of the mean alone) | expected calibration error |",
+        "|---" * 5 + "|",
+        sep="\n",
+    )
+    for each in arguments.rows:
+        survey, truth, *machine = each.split("=")
+        svm = filters.load(Path(machine[0]) if machine else filters.shipped("object"))
+        found = judged(Path(survey), read_truth(Path(truth)), svm)
+        scores.append(found[0])
+        true.append(found[1])
+        print(f"| {Path(survey).name} | {summary(*found)} |", flush=True)
+    together = np.concatenate(scores), np.concatenate(true)
+    print(
+        f"| together | {summary(*together)} |\n\n| score | fruits | mean score | share that are true |",
+        "|---" * 4 + "|",
+        sep="\n",
+    )
+    for low, high, count, mean, share in bins(*together):
+        print(f"| {low:.1f} to {high:.1f} | {count} | {mean:.2f} | {share:.2f} |")
+    if arguments.plot:
+        plot(arguments.plot, *together)
+
+
+if __name__ == "__main__":
+    main()
