@@ -112,11 +112,11 @@ def test_row_and_fruit_are_selected_together(opened: Opened) -> None:
     # A click on a row brings its fruit to the middle of the view, where it can be clicked after it was left.
     page.keyboard.press("Escape")
     assert page.is_hidden("#card")
-    assert page.locator("tr[aria-selected]").count() == 0
+    assert page.locator("tr[aria-current]").count() == 0
     page.locator("#view canvas").scroll_into_view_if_needed()
     box = page.locator("#view canvas").bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    selected = page.locator("tr[aria-selected]")
+    selected = page.locator("tr[aria-current]")
     assert selected.count() == 1
     assert page.inner_text("#card h3") == f"Fruit {selected.get_attribute('data-id')}"
     assert opened.said == []

@@ -6,6 +6,8 @@ import { decodeF32 } from "./payload";
 
 const COLOUR = 0x8a6d3b;
 const MOST_LABELS = 12;
+/** Height of a label at distance 1. */
+const LABEL = 0.026;
 /** Steps between marks, in cells of the grid. */
 const STEPS = [1, 2, 4, 10, 20, 50, 100];
 
@@ -25,7 +27,7 @@ export function row(data: SurveyData): three.Object3D {
   for (const far of marks(ends[0], ends[1], grid)) {
     const place = at(ends[0] + far);
     lines.push(place, place.clone().setZ(ground + size / 3));
-    const label = text(`${Number(far.toPrecision(6))} ${data.unit}`, size);
+    const label = text(`${Number(far.toPrecision(6))} ${data.unit}`);
     // In front of the axis, where most cameras are.
     label.position.copy(place).addScaledVector(new three.Vector3().fromArray(across), size);
     group.add(label);
@@ -35,7 +37,7 @@ export function row(data: SurveyData): three.Object3D {
     const foot = new three.Vector3().fromArray(places, 3 * i);
     const top = foot.clone().setZ(high);
     lines.push(foot, top);
-    const label = text(`tree ${id}`, size);
+    const label = text(`tree ${id}`);
     label.position.copy(top).setZ(high + size);
     group.add(label);
   });
@@ -43,8 +45,8 @@ export function row(data: SurveyData): three.Object3D {
   return group;
 }
 
-/** Text that turns to the viewer, of this height in the world. */
-function text(words: string, height: number): three.Sprite {
+/** Text that turns to the viewer and is as large from near as from afar. */
+function text(words: string): three.Sprite {
   const canvas = document.createElement("canvas");
   const pen = canvas.getContext("2d")!;
   const font = "600 40px system-ui, sans-serif";
@@ -53,15 +55,12 @@ function text(words: string, height: number): three.Sprite {
   canvas.height = 56;
   pen.font = font;
   pen.textBaseline = "middle";
-  pen.lineWidth = 8;
-  pen.lineJoin = "round";
-  pen.strokeStyle = "#fffc";
-  pen.strokeText(words, 8, 30);
-  pen.fillStyle = "#5d4a28";
+  // Readable on light and on dark paper.
+  pen.fillStyle = "#9a7a44";
   pen.fillText(words, 8, 30);
   const texture = new three.CanvasTexture(canvas);
   texture.colorSpace = three.SRGBColorSpace;
-  const sprite = new three.Sprite(new three.SpriteMaterial({ map: texture, depthWrite: false }));
-  sprite.scale.set((height * canvas.width) / canvas.height, height, 1);
+  const sprite = new three.Sprite(new three.SpriteMaterial({ map: texture, depthWrite: false, sizeAttenuation: false }));
+  sprite.scale.set((LABEL * canvas.width) / canvas.height, LABEL, 1);
   return sprite;
 }

@@ -53,10 +53,10 @@ export class FruitTable {
 
   /** Mark a fruit's row and bring it into sight within the table, without moving the page. */
   show(id: number | null): void {
-    this.selected?.removeAttribute("aria-selected");
+    this.selected?.removeAttribute("aria-current");
     this.selected = id === null ? null : (this.rows.get(id) ?? null);
     if (!this.selected) return;
-    this.selected.setAttribute("aria-selected", "true");
+    this.selected.setAttribute("aria-current", "true");
     this.reach(this.selected);
     const row = this.selected;
     const head = this.table.tHead!.offsetHeight;

@@ -130,7 +130,7 @@ def _taken(times: Sequence[datetime | None]) -> str:
 def _colour_choices(data: ReportData) -> str:
     """The measurements by which fruits can be coloured: those that tell fruits apart."""
     fruits = data.fruits
-    choices = [("fruit", "one for all"), ("diameter", "diameter"), ("views", "photos"), ("score", "score")]
+    choices = [("fruit", "one for all"), ("diameter", "diameter"), ("views", "number of photos"), ("score", "score")]
     if len(set(fruits.sides)) > 1:
         choices.append(("side", "side"))
     if fruits.tree_ids.any():

@@ -167,7 +167,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Encoding", "gzip")
         self.send_header("Content-Type", answer.kind)
         self.send_header("Content-Length", str(len(content)))
-        self.send_header("Content-Security-Policy", policy("server"))
+        self.send_header("Content-Security-Policy", policy("server") + "; frame-ancestors 'none'")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Referrer-Policy", "no-referrer")
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
