@@ -2,6 +2,7 @@
 
 import * as three from "three";
 import { drawnRadii, type Colouring } from "./colours";
+import { FruitDiscs, FruitSpheres, type FruitDrawing } from "./balls";
 import type { PackedCloud, SurveyData } from "./contract";
 import { decodeF32, decodeU16, decodeU8, type Fruit } from "./payload";
 
@@ -11,11 +12,32 @@ const SIGHT_COLOUR = 0xe8960c;
 /** sRGB bytes to the linear values that three.js works with. */
 const LINEAR = Float32Array.from({ length: 256 }, (_, i) => new three.Color().setRGB(i / 255, 0, 0, three.SRGBColorSpace).r);
 
+/** 0 to n − 1 in a fixed random order, so that the first points of a cloud are an even sample of it. */
+export function shuffled(n: number): Uint32Array {
+  const order = Uint32Array.from({ length: n }, (_, i) => i);
+  let seed = 1;
+  for (let i = n - 1; i > 0; i--) {
+    seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0;
+    const j = Math.floor((seed / 4294967296) * (i + 1));
+    [order[i], order[j]] = [order[j]!, order[i]!];
+  }
+  return order;
+}
+
+function reordered<T extends Uint8Array | Uint16Array>(values: T, order: Uint32Array): T {
+  const result = values.slice() as T;
+  order.forEach((from, to) => {
+    for (let axis = 0; axis < 3; axis++) result[3 * to + axis] = values[3 * from + axis]!;
+  });
+  return result;
+}
+
 /** Points, as large as fills a scene of this radius without hiding it. */
 export function points(cloud: PackedCloud, radius: number): three.Points {
   const geometry = new three.BufferGeometry();
-  geometry.setAttribute("position", new three.BufferAttribute(decodeU16(cloud.positions), 3, true));
-  const colours = Float32Array.from(decodeU8(cloud.colours), (byte) => LINEAR[byte]!);
+  const order = shuffled(cloud.count);
+  geometry.setAttribute("position", new three.BufferAttribute(reordered(decodeU16(cloud.positions), order), 3, true));
+  const colours = Float32Array.from(reordered(decodeU8(cloud.colours), order), (byte) => LINEAR[byte]!);
   geometry.setAttribute("color", new three.BufferAttribute(colours, 3));
   const size = radius * Math.min(1 / 35, Math.max(1 / 180, 4 / Math.sqrt(cloud.count + 1)));
   const material = new three.PointsMaterial({ size, vertexColors: true, sizeAttenuation: true });
@@ -37,16 +59,20 @@ export function points(cloud: PackedCloud, radius: number): three.Points {
   return object;
 }
 
+/** More fruits than this are drawn as shaded discs, which cost a point each and not a hundred faces. */
+const MANY = 3000;
+
 export class FruitBalls {
-  readonly object: three.InstancedMesh;
+  readonly object: three.Object3D;
   readonly radii: Float32Array;
+  private readonly drawn: FruitDrawing;
   private shown: boolean[];
 
   constructor(private readonly fruits: Fruit[]) {
     this.shown = fruits.map(() => true);
     this.radii = drawnRadii(fruits);
-    const ball = new three.SphereGeometry(1, fruits.length > 4000 ? 12 : 24, fruits.length > 4000 ? 8 : 16);
-    this.object = new three.InstancedMesh(ball, new three.MeshStandardMaterial({ roughness: 0.55 }), fruits.length);
+    this.drawn = fruits.length > MANY ? new FruitDiscs(fruits) : new FruitSpheres(fruits);
+    this.object = this.drawn.object;
     this.object.frustumCulled = false;
     this.show(this.shown);
   }
@@ -54,29 +80,16 @@ export class FruitBalls {
   /** Show some of the fruits; the others can neither be seen nor clicked. */
   show(shown: boolean[]): void {
     this.shown = shown;
-    const matrix = new three.Matrix4();
-    this.fruits.forEach((fruit, i) => {
-      const r = shown[i] ? this.radii[i]! : 0;
-      this.object.setMatrixAt(i, matrix.makeScale(r, r, r).setPosition(fruit.x, fruit.y, fruit.z));
-    });
-    this.object.instanceMatrix.needsUpdate = true;
+    this.drawn.size(this.radii.map((radius, i) => (shown[i] ? radius : 0)));
   }
 
   /** See-through balls show the points in them. */
   seeThrough(yes: boolean): void {
-    const material = this.object.material as three.Material;
-    material.transparent = yes;
-    material.opacity = yes ? 0.35 : 1;
-    material.depthWrite = !yes;
-    material.needsUpdate = true;
+    this.drawn.seeThrough(yes ? 0.35 : 1);
   }
 
   colour(colouring: Colouring): void {
-    const colour = new three.Color();
-    this.fruits.forEach((fruit, i) => {
-      this.object.setColorAt(i, colour.setRGB(...colouring.of(fruit), three.SRGBColorSpace));
-    });
-    if (this.object.instanceColor) this.object.instanceColor.needsUpdate = true;
+    this.drawn.colour(this.fruits.map((fruit) => colouring.of(fruit)));
   }
 
   /** The nearest fruit that a ray meets; `slack` (radians) widens small fruits for fingers. */

@@ -14,6 +14,9 @@ export type Picked = { fruit: number } | { camera: number } | null;
 const CLICK_PX = 5;
 const FINGER_PX = 7;
 const CAMERA_PX = 12;
+/** How long the picture has to stand still until all points are drawn; and how many are while it moves, of each kind. */
+const STANDS_MS = 250;
+const MOVING_POINTS = 100_000;
 
 export class View {
   onPick: (picked: Picked, at: three.Vector3 | null) => void = () => {};
@@ -33,6 +36,9 @@ export class View {
   private sight: three.LineSegments | null = null;
   private readonly lamp = new three.DirectionalLight(0xffffff, 2.0);
   private pending = false;
+  private lastPlace = "";
+  private movedAt = -Infinity;
+  private later = 0;
 
   /** Throws where the browser gives no WebGL. */
   constructor(private readonly box: HTMLElement, private readonly data: SurveyData, private readonly fruits: Fruit[], private readonly photos: Photo[]) {
@@ -141,6 +147,21 @@ export class View {
     this.draw();
   }
 
+  /** Fewer points while the picture moves, all of them once it stands. */
+  private thin(): void {
+    const now = performance.now();
+    const place = [...this.navigation.camera.position.toArray(), ...this.navigation.controls.target.toArray()].join();
+    if (place !== this.lastPlace) this.movedAt = now;
+    this.lastPlace = place;
+    const moves = now - this.movedAt < STANDS_MS;
+    for (const layer of ["scene", "fruitPoints"] as const) {
+      const { geometry } = this.layers[layer] as three.Points;
+      geometry.setDrawRange(0, moves ? MOVING_POINTS : Infinity);
+    }
+    window.clearTimeout(this.later);
+    if (moves) this.later = window.setTimeout(() => this.draw(), STANDS_MS + 10);
+  }
+
   draw(): void {
     if (this.pending) return;
     this.pending = true;
@@ -155,6 +176,7 @@ export class View {
       this.lamp.target.position.copy(controls.target);
       this.lamp.target.updateMatrixWorld();
       this.halo.quaternion.copy(camera.quaternion);
+      this.thin();
       this.renderer.render(this.world, camera);
       this.box.dispatchEvent(new Event("drawn"));
     });

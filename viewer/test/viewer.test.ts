@@ -4,6 +4,7 @@ import { placed } from "../src/crop";
 import type { DetectionColumns, Rates, SurveyData } from "../src/contract";
 import { within } from "../src/filter";
 import { decodeDetections, decodeFruits, decodeSightings, decodeU16, median, quantile } from "../src/payload";
+import { shuffled } from "../src/layers";
 import { marks } from "../src/row";
 import { compareCells } from "../src/table";
 import { stepAt } from "../src/truth";
@@ -110,4 +111,11 @@ test("marks along the row begin at 0 and are few", () => {
   expect(marks(0, 200, 1).length).toBeLessThanOrEqual(13);
   expect(marks(0, 0, 1)).toEqual([0]);
   expect(marks(0, 5000, 1).length).toBeLessThanOrEqual(14);
+});
+
+test("a shuffled order has every index once, and is the same again", () => {
+  const order = shuffled(1000);
+  expect([...order].sort((a, b) => a - b)).toEqual(Array.from({ length: 1000 }, (_, i) => i));
+  expect(order.slice(0, 100).filter((i) => i < 500).length).toBeGreaterThan(30);
+  expect(shuffled(1000)).toEqual(order);
 });

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import FloatArray, checked
+from pomona.arrays import FloatArray, IntArray, checked
 from pomona.report.data import ReportData
 
 
@@ -61,16 +61,9 @@ def seen_from(data: ReportData, axes: RowAxes) -> FloatArray:
 
     It is where the cameras were, also of a video that moves towards a tree, or around it.
     """
-    fruit_idx = {int(fruit_id): i for i, fruit_id in enumerate(data.fruits.ids)}
-    photo_idx = {name: k for k, name in enumerate(data.cameras.photos)}
-    pairs = [
-        (fruit_idx[int(fruit_id)], photo_idx[photo])
-        for fruit_id, photo in zip(data.observations.fruit_id, data.observations.photo, strict=True)
-        if int(fruit_id) in fruit_idx and photo in photo_idx
-    ]
-    if not pairs:
+    fruit, camera = sightings_idx(data)
+    if not len(fruit):
         return axes.toward
-    fruit, camera = np.array(pairs).T
     to_camera = data.cameras.centers_in_world[camera] - data.fruits.centers_in_world[fruit]
     to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1, keepdims=True), 1e-9)
     # Of opposite sides, the one of most sightings: directions within a right angle of the one that most are near.
@@ -80,6 +73,19 @@ def seen_from(data: ReportData, axes: RowAxes) -> FloatArray:
     # Hardly from above: fruits hide each other then, and the ground plan has a button of its own.
     mean[2] = np.clip(mean[2], -0.2, 0.5)
     return mean / np.linalg.norm(mean)
+
+
+def sightings_idx(data: ReportData) -> tuple[IntArray, IntArray]:
+    """Return indices (k,) of fruits and of the cameras that saw them."""
+    fruit_idx = {int(fruit_id): i for i, fruit_id in enumerate(data.fruits.ids)}
+    photo_idx = {name: k for k, name in enumerate(data.cameras.photos)}
+    pairs = [
+        (fruit_idx[fruit_id], photo_idx[photo])
+        for fruit_id, photo in zip(data.observations.fruit_id.tolist(), data.observations.photo, strict=True)
+        if fruit_id in fruit_idx and photo in photo_idx
+    ]
+    table = np.array(pairs, np.int64).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
 
 
 def _paths(data: ReportData) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from pomona.arrays import Array, BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.fruits import FruitCloud
-from pomona.report.axes import RowAxes, row_axes, scene_points, seen_from
+from pomona.report.axes import RowAxes, row_axes, scene_points, seen_from, sightings_idx
 from pomona.report.contract import (
     F32,
     U8,
@@ -36,7 +36,7 @@ from pomona.report.seen import detection_columns, sightings
 # 12 bytes a point in base64: 9.6 MB for the points, and little for the rest.
 MAX_POINTS = 600_000
 _STEPS = 65535
-_GRIDS = (0.01, 0.1, 0.5, 1.0, 5.0, 10.0, 100.0)
+_GRIDS = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,9 +171,13 @@ def _fruits(data: ReportData, middle: FloatArray) -> FruitColumns:
 
 
 def _frustum_depth(data: ReportData, middle: FloatArray) -> float:
-    """How deep a drawn frustum is: a twentieth of the distance to the fruits."""
+    """How deep a drawn frustum is: a twentieth of the distance from which fruits were seen."""
     centers = data.cameras.centers_in_world
-    return float(np.median(np.linalg.norm(centers - middle, axis=1))) / 20 if len(centers) else 0.1
+    if not len(centers):
+        return 0.1
+    fruit, camera = sightings_idx(data)
+    from_camera = data.fruits.centers_in_world[fruit] - centers[camera] if len(fruit) else middle - centers
+    return float(np.median(np.linalg.norm(from_camera, axis=1))) / 20
 
 
 def _photos(data: ReportData, middle: FloatArray, files: dict[str, str]) -> PhotoColumns:
