@@ -16,6 +16,7 @@ from pomona.evaluate import read_truth
 from pomona.report.page import write_report
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
+from report_scenes import row_report
 from test_report_browser import Opened, _open, _red_px, browser  # noqa: F401 (a fixture)
 from view_scenes import write_truth, write_view_survey
 
@@ -366,3 +367,21 @@ def test_red_fruits_are_seen(opened: Opened) -> None:
     opened.page.select_option("#colour-by", "fruit")
     opened.page.click("[data-look=photos]")
     assert _red_px(opened.page) > 300
+
+
+def test_many_fruits_are_drawn_as_discs_and_can_be_clicked(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+    write_report(row_report(3100, scene_points=100), tmp_path / "many.html")
+    opened = _open(browser, tmp_path / "many.html")
+    page = opened.page
+    page.set_viewport_size({"width": 1200, "height": 800})
+    assert _red(page).sum() > 3000
+    page.uncheck("[data-layer=fruits]")
+    assert _red(page).sum() < 300
+    page.check("[data-layer=fruits]")
+    _open_fruit(page, 20)
+    page.click("#card .close")
+    page.locator("#view").scroll_into_view_if_needed()
+    page.mouse.click(*_center(page))
+    assert re.fullmatch(r"Fruit \d+", page.inner_text("#card h3"))
+    assert opened.said == []
+    page.close()
