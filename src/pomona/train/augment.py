@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
+from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.errors import InputError
 from pomona.train.copy_paste import paste_fruits
 from pomona.train.crop import FEWEST_SEEN, Crop, too_small, with_doubts
+from pomona.train.leaves import behind_leaves
 from pomona.train.samples import Labels, Sample, boxes_of
 
 _PADDING = 114
@@ -23,7 +24,9 @@ class AugmentOptions:
     `fruit_px` is the range of the sample's median fruit width, drawn log-uniformly; None leaves photos at their own
     size. Width over height changes by up to a factor exp(±2 `stretch`). A share `mosaics` of crops is four quarters of
     different photos, shown smaller, `mosaic_fruit_px`. Into a share `copy_paste` of crops, `pasted` fruits of another
-    photo are pasted. `recolours`: light, colour, blur, noise and compression change too. All are mirrored at random.
+    photo are pasted. In a share `leafy` of crops with exact masks, leaves hide parts of fruits; in a share `shaded` of
+    those that change colour, leaves throw shade. `recolours`: light, colour, blur, noise and compression change too. All
+    are mirrored at random.
     """
 
     crop_px: int = 320
@@ -35,12 +38,14 @@ class AugmentOptions:
     at_a_fruit: float = 0.8  # share of crops which are placed around a fruit
     copy_paste: float = 0.0
     pasted: tuple[int, int] = (1, 6)
+    leafy: float = 0.0
+    shaded: float = 0.0
     recolours: bool = True
 
     def __post_init__(self) -> None:
         if self.crop_px < 32 or self.crop_px % 32:
             raise InputError(f"crop_px: expected a multiple of 32, found {self.crop_px}")
-        for name in ("mosaics", "at_a_fruit", "copy_paste"):
+        for name in ("mosaics", "at_a_fruit", "copy_paste", "leafy", "shaded"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name}: expected a share of 0 to 1, found {getattr(self, name)}")
 
@@ -59,7 +64,7 @@ def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentO
         donor = _cut(samples[rng.integers(len(samples))], size, options.fruit_px, rng, options)
         low, high = options.pasted
         crop = paste_fruits(crop, donor, int(rng.integers(low, high + 1)), rng)
-    return replace(crop, pixels=recolour(crop.pixels, rng)) if options.recolours else crop
+    return replace(crop, pixels=recolour(crop.pixels, rng, options.shaded)) if options.recolours else crop
 
 
 def _cut(
@@ -96,7 +101,10 @@ def _cut(
     cut_labels = cv2.warpAffine(labels, warp, shape, flags=cv2.INTER_NEAREST, borderValue=0)
     corners = boxes.reshape(-1, 2, 2) @ to_crop[:, :2].T + to_crop[:, 2]
     whole = np.concatenate([corners.min(1), corners.max(1)], axis=1)
-    return _kept(cut, cut_labels.astype(np.int16), whole, exact=not sample.weak)
+    cut_labels = cut_labels.astype(np.int16)
+    if options.leafy > 0 and not sample.weak and len(boxes) and rng.random() < options.leafy:
+        cut, cut_labels = behind_leaves(cut, cut_labels, typical * np.sqrt(sx * sy), rng)
+    return _kept(cut, cut_labels, whole, exact=not sample.weak)
 
 
 def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) -> Crop:
@@ -126,7 +134,18 @@ def _mosaic(quarters: list[Crop]) -> Crop:
     return Crop(pixels, labels, np.concatenate(boxes), np.concatenate(doubtful))
 
 
-def recolour(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:
+def _shade(shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Return factors (h, w, 3) of the light where leaves throw shade: patches with soft edges, bluish as the sky."""
+    cells = int(rng.integers(2, 9))
+    field = cv2.resize(rng.standard_normal((cells, cells), np.float32), shape[::-1], interpolation=cv2.INTER_CUBIC)
+    edge = rng.uniform(0.05, 0.6)
+    shaded = np.clip((field - rng.uniform(-0.7, 0.7)) / edge + 0.5, 0, 1)[:, :, None]
+    light = np.exp(rng.uniform(-1.7, -0.3)) * np.array([rng.uniform(0.8, 1.0), 1.0, rng.uniform(1.0, 1.25)])
+    factors: Array = (1 - shaded * (1 - light)).astype(np.float32)
+    return factors
+
+
+def recolour(pixels: ByteArray, rng: np.random.Generator, shaded: float = 0.0) -> ByteArray:
     """Return the crop in another light and from another camera: colour, exposure, white balance, blur, noise."""
     hsv = cv2.cvtColor(pixels, cv2.COLOR_RGB2HSV).astype(np.float32)
     hsv[:, :, 0] = (hsv[:, :, 0] + rng.uniform(-9, 9)) % 180
@@ -136,6 +155,12 @@ def recolour(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:
     image = image ** np.float32(np.exp(rng.uniform(0.1, 0.8) if dark else rng.uniform(-0.35, 0.5)))
     gain = np.exp(rng.uniform(-1.3, -0.2) if dark else rng.uniform(-0.35, 0.15))
     image *= (gain * np.exp(rng.uniform(-0.1, 0.1, 3))).astype(np.float32)
+    if not dark and shaded > 0 and rng.random() < shaded:
+        shade = _shade(image.shape[:2], rng)
+        image *= shade
+        if rng.random() < 0.5:  # the darker, the grainier: what cameras and renderers make of deep shade
+            grain = rng.standard_normal(image.shape, np.float32) * rng.uniform(0.05, 0.4)
+            image *= 1 + grain.astype(np.float32) * (1 - shade)
     if rng.random() < 0.25:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.6))
     if rng.random() < 0.4:  # a sensor's noise: of reading out, and of light, which grows with its root
