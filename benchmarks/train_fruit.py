@@ -1,6 +1,7 @@
 """Train the shipped weights: real tiles with boxes, and rendered scenes with masks where there are some.
 
-python benchmarks/train_fruit.py OUT.onnx [--rows FOLDER] [--weights best.pt] [--steps N] [--leafy SHARE] [--shaded SHARE]
+python benchmarks/train_fruit.py OUT.onnx [--rows FOLDER] [--weights best.pt] [--steps N]
+        [--leafy SHARE] [--shaded SHARE]
 """
 
 import argparse

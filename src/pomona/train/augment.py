@@ -25,7 +25,7 @@ class AugmentOptions:
     size. Width over height changes by up to a factor exp(±2 `stretch`). A share `mosaics` of crops is four quarters of
     different photos, shown smaller, `mosaic_fruit_px`. Into a share `copy_paste` of crops, `pasted` fruits of another
     photo are pasted. In a share `leafy` of crops with exact masks, leaves hide parts of fruits; in a share `shaded` of
-    those that change colour, leaves throw shade. `recolours`: light, colour, blur, noise and compression change too. All
+    those that change colour, leaves throw shade. `recolours`: light, colour, blur, noise, compression change too. All
     are mirrored at random.
     """
 
