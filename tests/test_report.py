@@ -303,7 +303,7 @@ def test_how_well_sides_agree_is_said(data: ReportData, tmp_path: Path) -> None:
     assert "Sides agree to" in text
     assert "7 <small>mm</small>" in text
     both = sum(side == "both" for side in fruits.sides)
-    assert f"{both} fruits seen from both sides; of 34 each side alone" in text
+    assert f"{both} fruits seen from both, 34 of them placed by each side alone" in text
     assert "which brought the sides into one frame" in text
     write_report(replace(data, scale=ScaleReport("markers")), tmp_path / "report.html")
     assert "Sides agree" not in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -84,7 +84,7 @@ def _sides(data: ReportData) -> str:
         return ""
     tie = max(ties, key=lambda tie: tie.fruits)
     seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
-    more = f"{seen_from_both:,} fruits seen from both sides; of {tie.fruits:,} each side alone tells the place as well"
+    more = f"{seen_from_both:,} fruits seen from both, {tie.fruits:,} of them placed by each side alone"
     return _card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 
