@@ -28,8 +28,8 @@ def fit_spheres(
 ) -> tuple[Spheres, FloatArray]:
     """Return the spheres that fit their points best, and the standard deviations (n,) of their radii.
 
-    All is in radii of the usual fruit. Gauss–Newton on the points' distances from the spheres with Welsch weights against strays; radii are tied to 1 by
-    `options.size_spread`, centres to where they were by `tie`.
+    All is in radii of the usual fruit. Gauss–Newton on the points' distances from the spheres with Welsch weights
+    against strays; radii are tied to 1 by `options.size_spread`, centres to where they were by `tie`.
     """
     points = surface.points[near.point_idx]
     start, scatter = spheres.centers_in_world, options.scatter_radii
