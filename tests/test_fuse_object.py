@@ -160,3 +160,49 @@ def test_cameras_without_metres_are_refused() -> None:
 def test_options_out_of_range_are_named(change: dict[str, object], named: str) -> None:
     with pytest.raises(InputError, match=named):
         replace(ObjectOptions(), **change)
+
+
+# A leaf across a fruit.
+
+
+def cut_by_leaves(
+    detections: SurveyDetections, cameras: Cameras, centers: FloatArray, cut: int, *, at: float, wide: float
+) -> SurveyDetections:
+    """An upright leaf before one fruit: its masks fall into two, `at` and `wide` in radii from its middle."""
+    by_photo, next_id = {}, 10_000 * (cut + 1)
+    for i, name in enumerate(cameras.photos):
+        found, xy_px, depths = detections[name], *cameras.project(i, centers)
+        radius_px = cameras.intrinsics_of(i).focal_px * DIAMETER_M / 2 / depths[cut]
+        masks, ids = [], []
+        for mask, detection_id in zip(found.masks, found.ids.tolist(), strict=True):
+            if np.linalg.norm(xy_px - mask.center_px, axis=1).argmin() != cut:
+                masks.append(mask)
+                ids.append(detection_id)
+                continue
+            off = (mask.x_px + np.arange(mask.pixels.shape[1]) + 0.5 - xy_px[cut, 0]) / radius_px
+            for side in (off < at - wide / 2, off > at + wide / 2):
+                pixels = mask.pixels & side
+                if pixels.sum() > 3:
+                    masks.append(Mask.from_pixels(pixels, mask.x_px, mask.y_px))
+                    ids.append(next_id)
+                    next_id += 1
+        scores = np.full(len(masks), 0.9)
+        by_photo[name] = Detections(name, found.width_px, found.height_px, tuple(masks), scores, np.array(ids))
+    return SurveyDetections(by_photo)
+
+
+@pytest.mark.parametrize(
+    ("at", "wide"), [(0, 0.2), (0, 0.4), (0.2, 0.2), (0.2, 0.4), (0.2, 0.6), (-0.3, 0.2), (-0.3, 0.6)]
+)
+def test_a_fruit_that_a_leaf_cuts_in_two_is_one(at: float, wide: float) -> None:
+    cameras = cameras_in_a_row(7)
+    centers = np.array([[0, 0, 0], [0.25, 0, 0.1], [-0.25, 0.02, -0.1], [0.1, 0.05, 0.2], [-0.12, 0, 0.22]])
+    detections = detections_of(cameras, centers, diameters(5))
+    for cut in (0, 3):
+        detections = cut_by_leaves(detections, cameras, centers, cut, at=at, wide=wide)
+    assert detections.total > 5 * 7
+    fused = fuse(detections, cameras)
+    assert len(fused.fruits) == 5
+    assert errors_m(fused.fruits, centers).max() < 0.12 * DIAMETER_M
+    seen = fused.observations
+    assert len(set(zip(seen.fruit_id.tolist(), seen.photo, strict=True))) == len(seen)

@@ -103,7 +103,7 @@ def _best_proposals(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: flo
         scale = np.linalg.norm(of_b, axis=1) / np.linalg.norm(of_a)
         heading = np.arctan2(of_b[:, 1], of_b[:, 0]) - np.arctan2(of_a[1], of_a[0])
         middle_a, middle_b = (a[first] + a[second]) / 2, (b[to_first] + b[to_second]) / 2
-        around = near.query(middle_a, k=min(_NEIGHBOURS + 2, len(a)))[1]
+        around = np.asarray(near.query(middle_a, k=min(_NEIGHBOURS + 2, len(a)))[1])
         around = around[(around != first) & (around != second)]
         placed = scale[:, None, None] * _turned(a[around] - middle_a, heading) + middle_b[:, None]
         distance = tree.query(placed.reshape(-1, 3), distance_upper_bound=_SAME_PLACE * diameter_m)[0]
@@ -170,11 +170,11 @@ def _similarity(scale: float, heading: float, origin_a: FloatArray, origin_b: Fl
 
 def mutually_nearest(points: FloatArray, target: FloatArray, reach_m: float) -> IntArray:
     """Return index pairs (k, 2) of points that are each other's nearest, at most `reach_m` apart."""
-    distance, nearest = cKDTree(target).query(points, distance_upper_bound=reach_m)
+    distance, nearest = map(np.asarray, cKDTree(target).query(points, distance_upper_bound=reach_m))
     near = np.flatnonzero(np.isfinite(distance))
     if len(near) == 0:
         return np.zeros((0, 2), np.int64)
-    back = cKDTree(points).query(target[nearest[near]])[1]
+    back = np.asarray(cKDTree(points).query(target[nearest[near]])[1])
     mutual = near[back == near]
     return np.stack([mutual, nearest[mutual]], axis=1)
 

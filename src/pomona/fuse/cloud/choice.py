@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -108,7 +109,8 @@ def pruned(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
         poor = worth < options.price
         if not poor.any():
             break
-        near_to = cKDTree(fruits.centers_in_world).query_ball_point(fruits.centers_in_world, _widest(fruits, fruits))
+        tree = cKDTree(fruits.centers_in_world)
+        near_to: Any = tree.query_ball_point(fruits.centers_in_world, _widest(fruits, fruits))
         worst = [min(others, key=lambda i: (worth[i], i)) == k for k, others in enumerate(near_to)]
         fruits = fruits[~(poor & np.array(worst, dtype=bool))]
     return fruits
@@ -150,5 +152,5 @@ def _widest(some: Spheres, others: Spheres) -> float:
 def _close(some: Spheres, others: Spheres) -> list[tuple[int, int]]:
     """Return the pairs that may overlap."""
     tree = cKDTree(others.centers_in_world)
-    lists = tree.query_ball_point(some.centers_in_world, _widest(some, others), return_sorted=True)
+    lists: Any = tree.query_ball_point(some.centers_in_world, _widest(some, others), return_sorted=True)
     return [(i, j) for i, each in enumerate(lists) for j in each]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -55,7 +56,7 @@ class Near:
 
 def neighbours(tree: cKDTree, places: FloatArray, reach: float | FloatArray) -> Near:
     """Return the points of `tree` within `reach` (one for all, or (n,)) of each of the places (n, 3)."""
-    lists = tree.query_ball_point(places, reach, return_sorted=True) if len(places) else []
+    lists: Any = tree.query_ball_point(places, reach, return_sorted=True) if len(places) else []
     counts = np.array([len(each) for each in lists], np.int64)
     flat = np.concatenate([np.zeros(0, np.int64), *(np.asarray(each, np.int64) for each in lists)])
     return Near(np.repeat(np.arange(len(counts)), counts), flat, np.concatenate([[0], np.cumsum(counts)]))

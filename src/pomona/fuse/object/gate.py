@@ -40,7 +40,9 @@ class Gate:
             mine = free[mask_idx]
             sphere_idx, mask_idx = sphere_idx[mine], mask_idx[mine]
         chunks = [slice(k, k + _CHUNK) for k in range(0, len(sphere_idx), _CHUNK)]
-        parts = [_possible(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, quick) for chunk in chunks]
+        parts = [
+            possible_claims(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, quick=quick) for chunk in chunks
+        ]
         columns = zip(*((c.sphere_idx, c.mask_idx, c.misfits, c.shares) for c in parts), strict=True)
         return Claims(*(np.concatenate(column) for column in columns)) if parts else Claims.none()
 
@@ -94,7 +96,9 @@ def best_in_photo(claims: Claims, masks: Masks) -> Claims:
     return claims[best[only]]
 
 
-def _possible(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, quick: bool) -> Claims:
+def possible_claims(
+    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, *, quick: bool = False
+) -> Claims:
     """Return the pairs whose misfit is below 1.
 
     A mask must not reach out; of those that fill the image, the middle must be the image's.

@@ -18,6 +18,7 @@ from pomona.fuse.object.fit import fit_spheres
 from pomona.fuse.object.gate import Gate
 from pomona.fuse.object.masks import Masks, masks_of
 from pomona.fuse.object.options import ObjectOptions
+from pomona.fuse.object.pieces import without_pieces
 from pomona.fuse.object.seeds import Seeds, find_seeds
 from pomona.fuse.object.spheres import Claims, Spheres
 from pomona.fuse.values import Fused
@@ -71,8 +72,14 @@ def fuse(
     masks = masks_of(detections, ordered, rays=options.rays_per_mask)
     if len(masks) == 0:
         return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
-    found = _search(masks, usual_m, options, progress)
+    found = _without_pieces(_search(masks, usual_m, options, progress), masks)
     return _fused(found.kept(found.claims.largest_shares(len(found.spheres)) >= options.min_share), masks, ordered)
+
+
+def _without_pieces(found: _Found, masks: Masks) -> _Found:
+    if len(found.spheres) < 2:
+        return found
+    return _Found(*without_pieces(found.spheres, found.claims, masks, float(np.median(found.spheres.radii_m))))
 
 
 def _search(masks: Masks, usual_m: float, options: ObjectOptions, progress: Progress) -> _Found:
