@@ -13,7 +13,7 @@ from pomona.cli.evaluate_detections import Pictures, find_photos
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import MissingFileError
 from pomona.formats.tables import read_fruits, read_observations
-from pomona.pipeline.options import RunOptions
+from pomona.pipeline.seeing import least_score_in
 from pomona.survey import Survey
 from pomona.survey.values import columns_from, read_arrays
 
@@ -85,7 +85,7 @@ def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Prog
         fruits=fruits,
         observations=read_observations(survey.observations),
         joined=_joined(survey, fruits, progress),
-        least_score=_least_score(survey),
+        least_score=least_score_in(survey),
         title=survey.folder.name,
     )
 
@@ -102,10 +102,3 @@ def _joined(survey: Survey, fruits: Fruits, progress: Progress) -> tuple[Fruits,
             return before
     progress.warn(f"What the filter dropped is not known: {path} is not there, or of other fruits than {survey.fruits}")
     return None
-
-
-def _least_score(survey: Survey) -> float:
-    """Return the score from which detections could become fruit; 0 where the survey does not say."""
-    record = survey.record_of("segment")
-    threshold = None if record is None else record.info.get("score_threshold")
-    return 0.0 if threshold is None else RunOptions.from_json(survey.get("options", {})).least_score(float(threshold))

@@ -12,7 +12,7 @@ from pomona.photos import Photo, Photos
 from pomona.pipeline.context import Context, code_digest
 from pomona.pipeline.options import RunOptions
 from pomona.progress import Progress
-from pomona.survey import Stage
+from pomona.survey import Stage, Survey
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import write_file
 from pomona.survey.stage import StageWork
@@ -57,6 +57,13 @@ def counted(segment: Stage[SurveyDetections]) -> SurveyDetections:
 def trusted(segment: Stage[SurveyDetections], options: RunOptions) -> SurveyDetections:
     """Return the detections that may become fruit when all photos are looked at together."""
     return segment.value.at_least(options.least_score(float(segment.ensure().info["score_threshold"])))
+
+
+def least_score_in(survey: Survey) -> float:
+    """Return the score from which a survey's detections could become fruit; 0 where the survey does not say."""
+    record = survey.record_of("segment")
+    threshold = record.info.get("score_threshold") if record else None
+    return 0.0 if threshold is None else RunOptions.from_json(survey.get("options", {})).least_score(float(threshold))
 
 
 def _key(context: Context) -> Any:

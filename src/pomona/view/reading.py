@@ -16,8 +16,8 @@ from pomona.formats.colmap import read_cameras
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
-from pomona.pipeline.options import RunOptions
 from pomona.pipeline.placing import scale_report_from, unregistered_from
+from pomona.pipeline.seeing import least_score_in
 from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
 from pomona.scale import ScaleReport
@@ -78,11 +78,7 @@ def _masks(survey: Survey) -> SurveyDetections | None:
     if not survey.detections.is_file():
         return None
     found = SurveyDetections({i.file_name: d for i, d in detections_by_image(parse_coco(survey.detections))})
-    record = survey.record_of("segment")
-    threshold = record.info.get("score_threshold") if record else None
-    if threshold is None:
-        return found
-    return found.at_least(RunOptions.from_json(survey.get("options", {})).least_score(float(threshold)))
+    return found.at_least(least_score_in(survey))
 
 
 def _cloud(survey: Survey) -> FruitCloud:

@@ -91,8 +91,8 @@ def _fruits_in(surface: Surface, options: CloudOptions) -> Spheres:
         new = guesses[elected(guesses, fruits, gains, surface, options)]
         if len(new) == 0:
             break
-        fruits = _settled(_joined(fruits, new), surface, options)
-    return _joined(fruits, left_over(fruits, surface, options))
+        fruits = _settled(Spheres.joined([fruits, new]), surface, options)
+    return Spheres.joined([fruits, left_over(fruits, surface, options)])
 
 
 def _settled(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
@@ -150,10 +150,3 @@ def _tell_doubts(found: _Found, options: CloudOptions, progress: Progress) -> No
             f"The cloud is thin: a whole fruit of {2000 * found.usual_m:.0f} mm would have {found.surface.whole:.0f} "
             f"points, which do not show a surface; {_THIN} or more are wanted"
         )
-
-
-def _joined(some: Spheres, others: Spheres) -> Spheres:
-    return Spheres(
-        np.concatenate([some.centers_in_world, others.centers_in_world]),
-        np.concatenate([some.radii_m, others.radii_m]),
-    )

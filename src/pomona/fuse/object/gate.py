@@ -40,11 +40,9 @@ class Gate:
             mine = free[mask_idx]
             sphere_idx, mask_idx = sphere_idx[mine], mask_idx[mine]
         chunks = [slice(k, k + _CHUNK) for k in range(0, len(sphere_idx), _CHUNK)]
-        parts = [
-            possible_claims(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, quick=quick) for chunk in chunks
-        ]
-        columns = zip(*((c.sphere_idx, c.mask_idx, c.misfits, c.shares) for c in parts), strict=True)
-        return Claims(*(np.concatenate(column) for column in columns)) if parts else Claims.none()
+        return Claims.joined(
+            [possible_claims(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, quick=quick) for chunk in chunks]
+        )
 
     def best_claims(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Claims:
         """Return the best claim of each sphere in each photo."""
@@ -77,20 +75,21 @@ class Gate:
         return np.concatenate(sphere_idx), np.concatenate(mask_idx)
 
 
-def best_in_photo(claims: Claims, masks: Masks) -> Claims:
-    """Return the claim with the least misfit of each sphere in each photo."""
+def best_in_photo(claims: Claims, masks: Masks, costs: FloatArray | None = None) -> Claims:
+    """Return the claim of each sphere in each photo that costs (k,) least; by default, that with the least misfit."""
+    costs = claims.misfits if costs is None else costs
     keys = masks.photo_idx[claims.mask_idx] * (1 + claims.sphere_idx.max(initial=0)) + claims.sphere_idx
     if (np.diff(keys) < 0).any():  # a gate's claims are in this order
         order = np.argsort(keys, kind="stable")
-        claims, keys = claims[order], keys[order]
+        claims, keys, costs = claims[order], keys[order], costs[order]
     first = np.ones(len(keys), dtype=bool)
     first[1:] = np.diff(keys) > 0
     starts = np.flatnonzero(first)
     if len(starts) == 0:
         return claims
-    least = np.minimum.reduceat(claims.misfits, starts)
+    least = np.minimum.reduceat(costs, starts)
     group = np.cumsum(first) - 1
-    best = np.flatnonzero(claims.misfits == least[group])
+    best = np.flatnonzero(costs == least[group])
     only = np.ones(len(best), dtype=bool)
     only[1:] = np.diff(group[best]) > 0
     return claims[best[only]]

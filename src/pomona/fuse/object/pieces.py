@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, IntArray
 from pomona.fuse.object.fit import fit_spheres
-from pomona.fuse.object.gate import possible_claims
+from pomona.fuse.object.gate import best_in_photo, possible_claims
 from pomona.fuse.object.masks import Masks
 from pomona.fuse.object.spheres import Claims, Spheres
 
@@ -48,10 +48,9 @@ def without_pieces(spheres: Spheres, claims: Claims, masks: Masks, usual_m: floa
             sphere_idx[sphere_idx == j] = i
     merged = Spheres(centers, radii)
     mine = taken[sphere_idx]
-    joined = _largest_in_photo(possible_claims(merged, sphere_idx[mine], claims.mask_idx[mine], masks), masks)
-    others = claims[~mine]
-    columns = ((getattr(others, name), getattr(joined, name)) for name in Claims.__dataclass_fields__)
-    return merged[~gone], Claims(*(np.concatenate(column) for column in columns)).kept(~gone)
+    of_merged = possible_claims(merged, sphere_idx[mine], claims.mask_idx[mine], masks)
+    largest = best_in_photo(of_merged, masks, -of_merged.shares)
+    return merged[~gone], Claims.joined([claims[~mine], largest]).kept(~gone)
 
 
 def _seen_together(claims: Claims, masks: Masks, pairs: IntArray, n: int) -> BoolArray:
@@ -85,11 +84,3 @@ def _most_filled(claims: Claims, masks: Masks, n: int) -> np.ndarray[tuple[int],
     result = np.zeros(n)
     np.maximum.at(result, unique // len(masks.eyes_in_world), filled)
     return result
-
-
-def _largest_in_photo(claims: Claims, masks: Masks) -> Claims:
-    keys = claims.sphere_idx * len(masks.eyes_in_world) + masks.photo_idx[claims.mask_idx]
-    order = np.lexsort((-claims.shares, keys))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = np.diff(keys[order]) > 0
-    return claims[np.sort(order[first])]

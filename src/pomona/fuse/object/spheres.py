@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +33,13 @@ class Spheres:
         return Spheres(self.centers_in_world[selection], self.radii_m[selection])
 
     @classmethod
+    def joined(cls, parts: Sequence[Spheres]) -> Spheres:
+        """Return the spheres of all parts, at least one, one part after the other."""
+        return cls(
+            np.concatenate([part.centers_in_world for part in parts]), np.concatenate([part.radii_m for part in parts])
+        )
+
+    @classmethod
     def alike(cls, centers_in_world: FloatArray, radius_m: float) -> Spheres:
         """Return spheres of one size."""
         return cls(centers_in_world, np.full(len(centers_in_world), radius_m))
@@ -60,6 +68,17 @@ class Claims:
     def none(cls) -> Claims:
         """Return no claims."""
         return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Claims]) -> Claims:
+        """Return the claims of all parts, one part after the other."""
+        parts = [*parts, cls.none()]
+        return cls(
+            np.concatenate([part.sphere_idx for part in parts]),
+            np.concatenate([part.mask_idx for part in parts]),
+            np.concatenate([part.misfits for part in parts]),
+            np.concatenate([part.shares for part in parts]),
+        )
 
     def __len__(self) -> int:
         return len(self.sphere_idx)

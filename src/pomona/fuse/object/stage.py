@@ -113,10 +113,7 @@ def _further(found: _Found, seeds: Seeds, gate: Gate, masks: Masks, usual_m: flo
     new = new[elected(new, gate, masks, free, options.min_support)]
     new = new[_away_from(found.spheres, new, options.overlap_radii * usual_m)]
     support = np.concatenate([found.support, np.ones(len(new))])
-    spheres = Spheres(
-        np.concatenate([found.spheres.centers_in_world, new.centers_in_world]),
-        np.concatenate([found.spheres.radii_m, new.radii_m]),
-    )
+    spheres = Spheres.joined([found.spheres, new])
     for _ in range(options.repeats):
         found = _settled(spheres, support, gate, masks, usual_m, options)
         spheres, support = found.spheres, found.support
