@@ -29,8 +29,8 @@ from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import evaluate, read_truth
-from pomona.formats.coco import read_coco
 from pomona.formats.colmap import read_cameras
+from pomona.formats.detections.coco import read_coco
 from pomona.fuse import object, paper
 from pomona.measure import measure
 from pomona.pipeline import RunOptions

@@ -22,9 +22,9 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.evaluate import EvaluateOptions, Truth, evaluate, read_truth
 from pomona.evaluate.matching import assign, candidates_by_center
-from pomona.formats.coco import detections_by_image
-from pomona.formats.coco_file import parse_coco
 from pomona.formats.colmap import read_cameras
+from pomona.formats.detections.coco import detections_by_image
+from pomona.formats.detections.coco_file import parse_coco
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object
 from pomona.measure import measure

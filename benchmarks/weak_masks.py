@@ -18,9 +18,9 @@ import numpy as np
 
 from pomona.capture.images import size_of
 from pomona.detections import Mask
-from pomona.formats.label_sets import find_label_sets, read_label_set
-from pomona.formats.labelled import LabelledPhoto
-from pomona.formats.shapes import ellipse_mask
+from pomona.formats.detections.label_sets import find_label_sets, read_label_set
+from pomona.formats.detections.labelled import LabelledPhoto
+from pomona.formats.detections.shapes import ellipse_mask
 from pomona.train.samples import FEWEST_PIXELS, Sample
 from pomona.train.weak_masks import label_image_from_boxes
 

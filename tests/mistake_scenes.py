@@ -14,8 +14,8 @@ from pomona.cameras import Cameras, Intrinsics, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import Truth, read_truth
 from pomona.evaluate.mistakes import Evidence
-from pomona.formats.coco import write_coco
 from pomona.formats.colmap import write_cameras
+from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import write_fruits, write_observations
 from pomona.fruits import Fruits, Observations
 from pomona.photos import Photo, Photos

@@ -14,9 +14,9 @@ from pycocotools import mask as coco_mask
 
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.coco import read_coco, write_coco
-from pomona.formats.coco_masks import ellipse_mask, mask_of
-from pomona.formats.rle import counts_of, decode_counts, encode, mask_from_counts
+from pomona.formats.detections.coco import read_coco, write_coco
+from pomona.formats.detections.coco_masks import ellipse_mask, mask_of
+from pomona.formats.detections.rle import counts_of, decode_counts, encode, mask_from_counts
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.segment import given_detections

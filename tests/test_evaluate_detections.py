@@ -35,9 +35,9 @@ from pomona.evaluate.detections.matching import right
 from pomona.evaluate.detections.names import pair_names
 from pomona.evaluate.detections.overlap import box_overlap, mask_overlap
 from pomona.evaluate.detections.scores import precision_curve
-from pomona.formats.coco import write_coco
-from pomona.formats.labelled import LabelledFruit, LabelledPhoto
-from pomona.formats.rle import encode
+from pomona.formats.detections.coco import write_coco
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.rle import encode
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 

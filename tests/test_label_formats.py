@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.coco_labels import read_coco_labels
-from pomona.formats.label_sets import find_label_sets, part_of, read_label_set
-from pomona.formats.labelled import LabelledFruit, LabelledPhoto, classes_of
-from pomona.formats.labelme import read_labelme
-from pomona.formats.png_masks import read_png_masks
-from pomona.formats.via import read_via_json
-from pomona.formats.via_csv import read_via_csv
-from pomona.formats.yolo import read_yolo
+from pomona.formats.detections.coco_labels import read_coco_labels
+from pomona.formats.detections.label_sets import find_label_sets, part_of, read_label_set
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, classes_of
+from pomona.formats.detections.labelme import read_labelme
+from pomona.formats.detections.png_masks import read_png_masks
+from pomona.formats.detections.via import read_via_json
+from pomona.formats.detections.via_csv import read_via_csv
+from pomona.formats.detections.yolo import read_yolo
 
 WIDTH, HEIGHT = 80, 60
 

@@ -17,7 +17,7 @@ from pomona.capture.images import size_of  # noqa: E402
 from pomona.cli.app import app  # noqa: E402
 from pomona.detections import Mask  # noqa: E402
 from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
-from pomona.formats.coco_labels import read_coco_labels  # noqa: E402
+from pomona.formats.detections.coco_labels import read_coco_labels  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.onnx import OnnxSegmenter  # noqa: E402

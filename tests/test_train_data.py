@@ -14,8 +14,8 @@ from PIL import Image
 
 from pomona.capture.images import size_of
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.labelled import LabelledFruit, LabelledPhoto
-from pomona.formats.shapes import ellipse_mask
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.shapes import ellipse_mask
 from pomona.progress import Silent
 from pomona.train.augment import AugmentOptions, draw_crop
 from pomona.train.gather import gather
@@ -307,7 +307,7 @@ def test_photos_without_labels_are_warned_of(tmp_path: Path) -> None:
 
 
 def test_weak_masks_are_close_to_true_ones_on_a_rendered_photo(shared_data: Path) -> None:
-    from pomona.formats.png_masks import read_png_masks
+    from pomona.formats.detections.png_masks import read_png_masks
     from pomona.train.weak_masks import label_image_from_boxes
 
     photo = read_png_masks(shared_data / "orchard-dev", size_of)[0]

@@ -13,8 +13,8 @@ import numpy as np
 from pomona.arrays import Array
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.formats.coco import write_coco
 from pomona.formats.colmap import write_cameras
+from pomona.formats.detections.coco import write_coco
 from pomona.formats.las import write_las
 from pomona.formats.tables import write_fruits, write_observations
 from pomona.fruits import Fruits, Observations

@@ -33,7 +33,7 @@ def segment_stage(context: Context) -> Stage[SurveyDetections]:
         return detections
 
     def save(detections: SurveyDetections) -> Mapping[str, Any]:
-        from pomona.formats.coco import write_coco
+        from pomona.formats.detections.coco import write_coco
 
         threshold = thresholds.pop()
         write_file(path, lambda temporary: write_coco(temporary, context.photos, detections))
@@ -41,7 +41,7 @@ def segment_stage(context: Context) -> Stage[SurveyDetections]:
         return {"detections": total, "photos": len(detections), "score_threshold": threshold}
 
     def load(info: Mapping[str, Any]) -> SurveyDetections:
-        from pomona.formats.coco import read_coco
+        from pomona.formats.detections.coco import read_coco
 
         return read_coco(path, context.photos)
 
@@ -95,7 +95,7 @@ def _segmented(context: Context, progress: Progress) -> tuple[SurveyDetections, 
 
     Segments photo after photo; each is kept in `work/` at once, so that a stopped run goes on with the next.
     """
-    from pomona.formats.coco import write_coco
+    from pomona.formats.detections.coco import write_coco
     from pomona.segment import iter_detections, load_segmenter
     from pomona.segment.stage import threshold_of
 
@@ -127,7 +127,7 @@ def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
 
 def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
     """Detections that an earlier, stopped run kept; what is damaged, or has ids that clash, is done again."""
-    from pomona.formats.coco import read_coco
+    from pomona.formats.detections.coco import read_coco
 
     done: dict[str, Detections] = {}
     ids: set[int] = set()

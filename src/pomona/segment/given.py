@@ -10,8 +10,8 @@ import numpy as np
 
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, few
-from pomona.formats.coco import check_size, detections_by_image
-from pomona.formats.coco_file import CocoFile, CocoImage, parse_coco
+from pomona.formats.detections.coco import check_size, detections_by_image
+from pomona.formats.detections.coco_file import CocoFile, CocoImage, parse_coco
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 

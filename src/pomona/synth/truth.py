@@ -136,7 +136,7 @@ def write_visible_pixels(folder: RowFolder, names: list[str]) -> None:
 
 def write_masks_as_coco(row: Path, path: Path) -> None:
     """Write a row's true masks as a COCO file, as `pomona run --detections` takes them; `row` is its folder."""
-    from pomona.formats.coco import write_coco
+    from pomona.formats.detections.coco import write_coco
 
     photos, detections, next_id = [], {}, 1
     for file in sorted((row / "truth" / "masks").glob("*.png")):

@@ -8,8 +8,8 @@ from pathlib import Path, PurePosixPath
 
 from pomona.capture.images import size_of
 from pomona.errors import InputError
-from pomona.formats.label_sets import LabelSet, find_label_sets, part_of, read_label_set
-from pomona.formats.labelled import LabelledPhoto, classes_of
+from pomona.formats.detections.label_sets import LabelSet, find_label_sets, part_of, read_label_set
+from pomona.formats.detections.labelled import LabelledPhoto, classes_of
 from pomona.progress import Progress, Silent, track
 from pomona.train.label_images import samples_of, typical_fruit_px
 from pomona.train.samples import RENDERED, Sample, split
@@ -39,10 +39,10 @@ def gather(
     """Return (training, validation) samples of labelled photos; label images are made once, under `cache`.
 
     Each of `data` is a folder of photos with labels, a folder of such folders, or a label file; the format is found
-    from the content (`formats.label_sets`). `classes` names those which are fruit (None: all). Where a folder of `data`
-    says itself what is for training and what for validation, `split_by="folders"` does as it says and warns where parts
-    of one photo are on both sides; "photos" splits anew, by photo. What it keeps for tests is left out. Rendered rows
-    are trained on only: what counts is how real fruits are found.
+    from the content (`formats.detections.label_sets`). `classes` names those which are fruit (None: all). Where a
+    folder of `data` says itself what is for training and what for validation, `split_by="folders"` does as it says and
+    warns where parts of one photo are on both sides; "photos" splits anew, by photo. What it keeps for tests is left
+    out. Rendered rows are trained on only: what counts is how real fruits are found.
 
     Raises `MissingFileError`, `FormatError` naming file and place, or `InputError` when a side has no photo.
     """

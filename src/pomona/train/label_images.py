@@ -18,7 +18,7 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.capture.images import read_header, read_pixels, write_jpeg
 from pomona.detections import Mask
-from pomona.formats.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.photos import Photo
 from pomona.train.groups import group_of
 from pomona.train.samples import FEWEST_PIXELS, IGNORED, Labels, Sample

@@ -11,8 +11,8 @@ from pomona import __version__
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import MissingFileError, PomonaError
-from pomona.formats.coco_file import parse_coco
 from pomona.formats.colmap import read_cameras
+from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
@@ -73,7 +73,7 @@ def _scale(record: StageRecord | None) -> ScaleReport | None:
 
 def _masks(survey: Survey) -> SurveyDetections | None:
     """The detections that may have become fruit: the file has weaker ones, too."""
-    from pomona.formats.coco import detections_by_image
+    from pomona.formats.detections.coco import detections_by_image
 
     if not survey.detections.is_file():
         return None

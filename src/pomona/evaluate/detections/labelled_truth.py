@@ -9,8 +9,8 @@ import numpy as np
 
 from pomona.errors import FormatError
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
-from pomona.formats.label_sets import LabelSet, read_label_set
-from pomona.formats.labelled import LabelledPhoto, classes_of
+from pomona.formats.detections.label_sets import LabelSet, read_label_set
+from pomona.formats.detections.labelled import LabelledPhoto, classes_of
 
 
 def truth_of_sets(path: Path, sets: Sequence[LabelSet]) -> DetectionTruth:

@@ -14,9 +14,9 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, MissingFileError
 from pomona.evaluate.detections.labelled_truth import truth_of_sets
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
-from pomona.formats.coco import detections_by_image
-from pomona.formats.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
-from pomona.formats.label_sets import find_label_sets
+from pomona.formats.detections.coco import detections_by_image
+from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
+from pomona.formats.detections.label_sets import find_label_sets
 from pomona.progress import Progress, Silent, track
 
 
@@ -34,7 +34,7 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
     - a COCO file (or a folder with one), with masks or boxes; annotations with `iscrowd` or `ignore` are not scored;
     - a rendered row's folder, its `truth` folder, or a folder of images (PNG, 8 or 16 bits, one channel) that are 0
       where there is no fruit, else the fruit's id; named as the photos are, which need not be there;
-    - photos with labels of another program that `formats.label_sets` knows (VIA, LabelMe, YOLO).
+    - photos with labels of another program that `formats.detections.label_sets` knows (VIA, LabelMe, YOLO).
 
     Raises `MissingFileError`, `InputError` where there are no labels, and `FormatError` naming the file, the place and
     what was expected.

@@ -12,7 +12,7 @@ from pomona.detections import Mask
 from pomona.errors import InputError, few
 from pomona.evaluate.detections.names import pair_names
 from pomona.evaluate.detections.options import EvaluateDetectionsOptions
-from pomona.formats.coco_file import CocoImage
+from pomona.formats.detections.coco_file import CocoImage
 from pomona.progress import Progress, Silent
 
 

@@ -19,7 +19,7 @@ from pomona.evaluate.mistakes.draw import Drawing, Outline, Window
 from pomona.evaluate.mistakes.options import MistakeOptions
 from pomona.evaluate.mistakes.spheres import Circle, Spheres
 from pomona.evaluate.mistakes.values import Evidence, Mistake, View
-from pomona.formats.png_masks import read_ids
+from pomona.formats.detections.png_masks import read_ids
 from pomona.photos import Photo
 from pomona.progress import Progress, track
 from pomona.sphere_outlines import centers_px

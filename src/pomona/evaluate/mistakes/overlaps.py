@@ -13,7 +13,7 @@ from pomona.cameras import Cameras, Intrinsics
 from pomona.detections import Detections, Mask
 from pomona.errors import FormatError
 from pomona.evaluate.truth import Truth
-from pomona.formats.png_masks import read_ids
+from pomona.formats.detections.png_masks import read_ids
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 # A detection shows a fruit that has so much of it: of pixels the rest may be leaves; a disc reaches under neighbours.

@@ -1,0 +1,150 @@
+"""Labels of YOLO: a text file a photo, a fruit a line, in shares of the photo's width and height.
+
+Source: https://docs.ultralytics.com/datasets/: `class x_center y_center width height` for boxes, `class x1 y1 x2 y2 …`
+for outlines. A file lies in `labels/` where its photo lies in `images/`, or beside the photo. A photo without a file
+has no fruit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml  # type: ignore[import-untyped]
+
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, SizeOf, named_within, photos_below
+from pomona.formats.detections.shapes import clipped_box, polygon_mask
+from pomona.formats.json_file import read_text
+
+EXPECTED = "labels of YOLO"
+# Rounded shares may reach over the edge; 1 % of the photo's side is what exporters have been seen to do.
+_TOLERANCE = 0.01
+_NOT_LABELS = frozenset({"classes.txt", "obj.names", "readme.txt", "notes.txt", "requirements.txt"})
+
+
+def label_files(folder: Path) -> list[Path]:
+    """Return the files of a folder and those below that look like YOLO's: a text beside a photo or in `labels/`."""
+    texts = [
+        p for p in sorted(folder.rglob("*.txt")) if p.name.lower() not in _NOT_LABELS and ".dataset." not in p.name
+    ]
+    stems = {(photo.parent, photo.stem) for photo in photos_below(folder)} if texts else set()
+    return [p for p in texts if "labels" in p.relative_to(folder).parts or (p.parent, p.stem) in stems]
+
+
+def read_yolo(folder: Path, size_of: SizeOf) -> list[LabelledPhoto]:
+    """Read boxes and outlines of YOLO in a folder; names of classes come from `data.yaml` or `classes.txt` if there.
+
+    Raises `MissingFileError`, and `FormatError` naming file, line and what was expected.
+    """
+    names = class_names(folder)
+    files = label_files(folder)
+    photo_of: dict[Path, Path] = {}
+    for photo in photos_below(folder):
+        label = _label_of(photo, folder)
+        if label in photo_of:
+            raise FormatError(
+                f"{label}: expected one photo of this name, found {photo_of[label].name} and {photo.name}"
+            )
+        photo_of[label] = photo
+    if lost := [file for file in files if file not in photo_of]:
+        place = "images/ instead of labels/, or beside it" if "labels" in lost[0].parts else "beside it"
+        raise MissingFileError(
+            f"{lost[0]}: expected a photo of the same name ({place}), found none; {len(lost)} files are without a photo"
+        )
+    labelled_places = {file.parent for file in files}
+    result = []
+    for label, photo in photo_of.items():
+        if label.parent in labelled_places:
+            width, height = size_of(photo)
+            fruits = _read_file(label, names, width, height) if label.is_file() else ()
+            result.append(LabelledPhoto(photo, named_within(photo, folder), width, height, fruits))
+    return result
+
+
+def class_names(folder: Path) -> Mapping[int, str] | None:
+    """Return the names of classes by number, or None where no file gives them."""
+    for file in [*sorted(folder.glob("*.yaml")), *sorted(folder.glob("*.yml"))]:
+        try:
+            content = yaml.safe_load(read_text(file, "settings of a YOLO data set"))
+        except yaml.YAMLError as error:
+            raise FormatError(f"{file}: expected YAML, but it cannot be read: {error}") from None
+        if isinstance(content, dict) and "names" in content:
+            return _names(file, content["names"])
+    for file in (folder / "classes.txt", folder / "obj.names", folder / "labels" / "classes.txt"):
+        if file.is_file():
+            return dict(enumerate(read_text(file, "names of classes, one a line").split("\n")))
+    return None
+
+
+def _names(file: Path, names: Any) -> Mapping[int, str]:
+    if isinstance(names, list):
+        return {k: str(name) for k, name in enumerate(names)}
+    if isinstance(names, dict) and all(isinstance(key, int) for key in names):
+        return {key: str(name) for key, name in names.items()}
+    raise FormatError(f"{file}: names: expected a list of names or an object from numbers to names")
+
+
+def _label_of(photo: Path, folder: Path) -> Path:
+    """Where the labels of a photo would be: in `labels/` for the last `images/` of its path, else beside it."""
+    parts = list(photo.relative_to(folder).parts)
+    if "images" in parts[:-1]:
+        last = len(parts) - 2 - parts[-2::-1].index("images")
+        parts[last] = "labels"
+        return folder.joinpath(*parts).with_suffix(".txt")
+    # Photos in images/ of which `folder` itself is one have their labels beside that folder.
+    return photo.with_suffix(".txt")
+
+
+def _read_file(file: Path, names: Mapping[int, str] | None, width: int, height: int) -> tuple[LabelledFruit, ...]:
+    try:
+        text = file.read_text(encoding="utf-8-sig")  # an empty file is a photo without fruit
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{file}: expected {EXPECTED}, but it cannot be read: {error}") from None
+    fruits = []
+    for k, line in enumerate(text.splitlines(), start=1):
+        if line.strip():
+            try:
+                fruits.append(_fruit(line.split(), names, width, height))
+            except InputError as error:
+                raise FormatError(f"{file}: line {k}: {error}") from None
+    return tuple(fruits)
+
+
+def _fruit(cells: Sequence[str], names: Mapping[int, str] | None, width: int, height: int) -> LabelledFruit:
+    category = _category(cells[0], names)
+    try:
+        values = [float(cell) for cell in cells[1:]]
+    except ValueError:
+        raise InputError(f"expected numbers after the class, found '{' '.join(cells)[:40]}'") from None
+    if not all(math.isfinite(value) and -_TOLERANCE <= value <= 1 + _TOLERANCE for value in values):
+        raise InputError(f"expected shares of the photo's sides, from 0 to 1, found '{' '.join(cells)[:60]}'")
+    if len(values) == 4:
+        x, y, w, h = (value * side for value, side in zip(values, (width, height, width, height), strict=True))
+        slack = _TOLERANCE * max(width, height)
+        box = clipped_box(x - w / 2, y - h / 2, x + w / 2, y + h / 2, width, height, tolerance_px=slack)
+        return LabelledFruit(box, None, category)
+    if len(values) < 6 or len(values) % 2:
+        raise InputError(
+            f"expected a class and 4 numbers (a box) or 3 points and more (an outline), found {len(values)} numbers"
+        )
+    xs, ys = values[::2], values[1::2]
+    points = [(min(max(x, 0), 1) * width, min(max(y, 0), 1) * height) for x, y in zip(xs, ys, strict=True)]
+    mask = polygon_mask(points, width, height)
+    if mask is None:
+        raise InputError("expected an outline that covers a pixel, found one that covers none")
+    return LabelledFruit.from_mask(mask, category)
+
+
+def _category(cell: str, names: Mapping[int, str] | None) -> str:
+    try:
+        number = int(cell)
+    except ValueError:
+        raise InputError(f"expected the number of a class first, found '{cell[:20]}'") from None
+    if names is None:
+        return str(number)
+    if number not in names:
+        raise InputError(f"expected the number of a class from {min(names)} to {max(names)}, found {number}")
+    return names[number]
