@@ -68,7 +68,7 @@ def _read_one(photo: Path, mask: Path, folder: Path, size_of: SizeOf) -> Labelle
         raise FormatError(
             f"{mask}: expected the size of {photo.name}, {width} × {height}, found {ids.shape[1]} × {ids.shape[0]}"
         )
-    fruits = tuple(LabelledFruit(tuple(float(v) for v in m.box_px), m) for m in masks_of_ids(ids))  # type: ignore[arg-type]
+    fruits = tuple(LabelledFruit(tuple(float(v) for v in m.box_px), m) for _, m in masks_of_ids(ids))  # type: ignore[arg-type]
     return LabelledPhoto(photo, named_within(photo, folder), width, height, fruits)
 
 
@@ -91,12 +91,14 @@ def read_ids(path: Path) -> IntArray:
     return ids
 
 
-def masks_of_ids(ids: IntArray) -> Iterator[Mask]:
-    """Yield the mask of each id above 0, in order of id."""
-    if ids.max(initial=0) > 65535:
-        _, inverse = np.unique(ids, return_inverse=True)
-        ids = inverse.reshape(ids.shape) + (0 if (ids == 0).any() else 1)
+def masks_of_ids(ids: IntArray) -> Iterator[tuple[int, Mask]]:
+    """Yield each id above 0 of an image (h, w) and its mask, in order of id."""
+    known = None
+    if ids.max(initial=0) > 65535:  # colours: too many numbers to look for each
+        known, inverse = np.unique(np.append(0, ids), return_inverse=True)
+        ids = inverse[1:].reshape(ids.shape)
     for number, place in enumerate(ndimage.find_objects(ids), start=1):
         if place is not None:
             rows, columns = place
-            yield Mask.from_pixels(ids[place] == number, columns.start, rows.start)
+            id_ = number if known is None else int(known[number])
+            yield id_, Mask.from_pixels(ids[place] == number, columns.start, rows.start)

@@ -1,0 +1,121 @@
+"""Masks as the paper's authors' code reads them: a MATLAB file a photo, with `mask` and `scores`.
+
+`mask` (h, w) is 0 where there is no fruit, else the fruit's label from 1; place k of `scores` is of label k. A
+label may have no pixel, where other fruits' masks cover its own.
+Source: https://github.com/GRAP-UdL-AT/SfM_3D_fruit_detection, main_SfM_3D_fruit_detection.m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.detections import Mask
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.png_masks import masks_of_ids
+
+EXPECTED = "a MATLAB file with mask (a label image) and scores (one a label)"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MOST_LABELS = 65535  # as the authors' code, which keeps label images in 16 bits
+
+
+@dataclass(frozen=True, eq=False)
+class MatMasks:
+    """The n fruits of one file, in the order of their `labels` (n,); `scores` (n,) in [0, 1], None if it has none."""
+
+    width_px: int
+    height_px: int
+    labels: IntArray
+    masks: tuple[Mask, ...]
+    scores: FloatArray | None
+
+    def __post_init__(self) -> None:
+        set_checked(self, "labels", (len(self.masks),), np.int64)
+        if self.scores is not None:
+            set_checked(self, "scores", (len(self.masks),), np.float64)
+
+
+def is_mat(head: bytes) -> bool:
+    """Say whether a file that begins so is MATLAB's, of any version with a header."""
+    return head.startswith(b"MATLAB ") or head.startswith(_HDF5)
+
+
+def read_mat_masks(path: Path) -> MatMasks:
+    """Read the masks and scores of one photo, of MATLAB's versions 4 to 7; the photo is the one of the same name.
+
+    Raises `MissingFileError`, and `FormatError` naming the file, the variable and what was expected.
+    """
+    variables = _variables(path)
+    if "mask" not in variables:
+        raise FormatError(f"{path}: expected {EXPECTED}, but there is no variable mask")
+    try:
+        ids = _label_image(variables["mask"])
+        of_label = _scores(variables["scores"], int(ids.max())) if "scores" in variables else None
+    except InputError as error:
+        raise FormatError(f"{path}: {error}") from None
+    found = list(masks_of_ids(ids))
+    labels = np.array([label for label, _ in found], np.int64)
+    masks = tuple(mask for _, mask in found)
+    return MatMasks(ids.shape[1], ids.shape[0], labels, masks, None if of_label is None else of_label[labels - 1])
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: expected {EXPECTED}, but there is no such file") from None
+    except OSError as error:
+        raise FormatError(f"{path}: expected {EXPECTED}, but it cannot be read: {error}") from None
+    if head.startswith(b"MATLAB 7.3") or _HDF5 in head:
+        raise FormatError(
+            f"{path}: expected a MATLAB file of version 7 or older, found one of 7.3 (HDF5): "
+            "save it again with save(file, 'mask', 'scores', '-v7')"
+        )
+    try:
+        content: dict[str, Any] = loadmat(path, variable_names=("mask", "scores"))
+    except Exception as error:  # of a damaged file scipy raises errors of many kinds
+        raise FormatError(f"{path}: expected {EXPECTED}, but it cannot be read: {error}") from None
+    return content
+
+
+def _label_image(value: Any) -> IntArray:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "buif" or value.ndim != 2 or value.size == 0:
+        raise InputError(f"mask: expected a label image of height × width numbers, found {_what(value)}")
+    with np.errstate(invalid="ignore"):
+        ids = value.astype(np.int64)
+    if not np.array_equal(ids, value) or ids.min() < 0 or ids.max() > _MOST_LABELS:
+        raise InputError(f"mask: expected whole numbers from 0 to {_MOST_LABELS}, found {_first_other(value)}")
+    return ids
+
+
+def _scores(value: Any, labels: int) -> FloatArray:
+    """The scores of labels 1, 2, …; there may be more than labels, not fewer."""
+    is_vector = isinstance(value, np.ndarray) and value.dtype.kind in "buif" and value.size in (0, *value.shape)
+    if not is_vector:
+        raise InputError(f"scores: expected a row or a column of numbers, found {_what(value)}")
+    scores: FloatArray = value.ravel().astype(np.float64)
+    if len(scores) < labels:
+        raise InputError(f"scores: expected one for each label up to {labels}, found {len(scores)}")
+    if len(wrong := np.flatnonzero(~((scores >= 0) & (scores <= 1)))):
+        raise InputError(f"scores({wrong[0] + 1}): expected a number from 0 to 1, found {scores[wrong[0]]:g}")
+    return scores
+
+
+def _what(value: Any) -> str:
+    if not isinstance(value, np.ndarray):
+        return (
+            f"{type(value).__name__} (sparse ones: give full(mask))" if "sparse" in repr(type(value)) else repr(value)
+        )
+    return f"an array of {' × '.join(map(str, value.shape))}, {value.dtype}"[:80]
+
+
+def _first_other(value: np.ndarray[Any, Any]) -> str:
+    other = value[~((value >= 0) & (value <= _MOST_LABELS) & (np.round(value) == value))]
+    return f"{other[0]:g}"
