@@ -9,6 +9,7 @@ export type U32 = string;
 /** Base64 of little-endian numbers. */
 export type F32 = string;
 export type Source = "report" | "folder" | "server";
+export type CorrectionKind = "delete" | "add" | "split" | "merge" | "move" | "undo" | "redo";
 
 /**
  * `count` points: positions (n, 3) divide the box from `min` of extent `size` in 65535 steps; colours (n, 3).
@@ -137,6 +138,67 @@ export interface ViewHints {
 }
 
 /**
+ * What a person changed, in words, the last one last; and what was undone, the next to be redone last.
+ *
+ * `revision` names this state of the log: a request made from another one is refused. `lost` are corrections that
+ * match no fruit. `fruits`: how each fruit was corrected ("": not at all). `usual_diameter` is the size of an added
+ * fruit unless it is clicked. `note` says why nothing can be corrected ("": it can).
+ */
+export interface CorrectionState {
+  revision: string;
+  done: string[];
+  undone: string[];
+  lost: string[];
+  fruits: string[];
+  usualDiameter: number | null;
+  note: string;
+}
+
+/**
+ * A place clicked in a photo: the photo's index, pixels.
+ */
+export interface PhotoMark {
+  photo: number;
+  x: number;
+  y: number;
+}
+
+/**
+ * What the page asks the server to change.
+ *
+ * `fruits` are ids: one to delete, split or move, two to merge. `marks` are the middle of a missed fruit in two or
+ * more photos, or the middles of two fruits that were taken for one, in one photo. `size`: none, or two marks on
+ * opposite edges of the fruit. `tree`: where to move a fruit to (0: to none).
+ */
+export interface CorrectionRequest {
+  kind: CorrectionKind;
+  revision: string;
+  fruits: number[];
+  marks: PhotoMark[];
+  size: PhotoMark[];
+  tree: number;
+}
+
+/**
+ * What was done, or why nothing was, in words; and the id of the fruit to look at then (0: none).
+ */
+export interface CorrectionAnswer {
+  message: string;
+  fruit: number;
+}
+
+/**
+ * Where other photos may show what was clicked in one: n photos, the best suited first, and a line in each.
+ *
+ * Line i is points `starts[i]` to `starts[i + 1]` of `points` (m, 2), pixels.
+ */
+export interface SightLines {
+  photos: number[];
+  starts: U32;
+  points: F32;
+}
+
+/**
  * All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
  */
 export interface SurveyData {
@@ -155,4 +217,5 @@ export interface SurveyData {
   trees: TreePlaces;
   view: ViewHints;
   truth: TruthData | null;
+  corrections: CorrectionState | null;
 }

@@ -23,6 +23,7 @@ U32 = NewType("U32", str)
 F32 = NewType("F32", str)
 Vector = tuple[float, float, float]
 Source = Literal["report", "folder", "server"]
+CorrectionKind = Literal["delete", "add", "split", "merge", "move", "undo", "redo"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,6 +158,70 @@ class ViewHints:
 
 
 @dataclasses.dataclass(frozen=True)
+class CorrectionState:
+    """What a person changed, in words, the last one last; and what was undone, the next to be redone last.
+
+    `revision` names this state of the log: a request made from another one is refused. `lost` are corrections that
+    match no fruit. `fruits`: how each fruit was corrected ("": not at all). `usual_diameter` is the size of an added
+    fruit unless it is clicked. `note` says why nothing can be corrected ("": it can).
+    """
+
+    revision: str
+    done: list[str]
+    undone: list[str]
+    lost: list[str]
+    fruits: list[str]
+    usual_diameter: float | None
+    note: str
+
+
+@dataclasses.dataclass(frozen=True)
+class PhotoMark:
+    """A place clicked in a photo: the photo's index, pixels."""
+
+    photo: int
+    x: float
+    y: float
+
+
+@dataclasses.dataclass(frozen=True)
+class CorrectionRequest:
+    """What the page asks the server to change.
+
+    `fruits` are ids: one to delete, split or move, two to merge. `marks` are the middle of a missed fruit in two or
+    more photos, or the middles of two fruits that were taken for one, in one photo. `size`: none, or two marks on
+    opposite edges of the fruit. `tree`: where to move a fruit to (0: to none).
+    """
+
+    kind: CorrectionKind
+    revision: str
+    fruits: list[int]
+    marks: list[PhotoMark]
+    size: list[PhotoMark]
+    tree: int
+
+
+@dataclasses.dataclass(frozen=True)
+class CorrectionAnswer:
+    """What was done, or why nothing was, in words; and the id of the fruit to look at then (0: none)."""
+
+    message: str
+    fruit: int
+
+
+@dataclasses.dataclass(frozen=True)
+class SightLines:
+    """Where other photos may show what was clicked in one: n photos, the best suited first, and a line in each.
+
+    Line i is points `starts[i]` to `starts[i + 1]` of `points` (m, 2), pixels.
+    """
+
+    photos: list[int]
+    starts: U32
+    points: F32
+
+
+@dataclasses.dataclass(frozen=True)
 class SurveyData:
     """All that the view shows at once. `source` says where photos come from: none in a report, files, or a server."""
 
@@ -175,6 +240,7 @@ class SurveyData:
     trees: TreePlaces
     view: ViewHints
     truth: TruthData | None
+    corrections: CorrectionState | None
 
 
 def packed(values: Array, dtype: str) -> str:

@@ -17,6 +17,7 @@ from pomona.report.contract import (
     U8,
     U16,
     U32,
+    CorrectionState,
     DetectionColumns,
     FruitColumns,
     PackedCloud,
@@ -44,7 +45,8 @@ class SceneOptions:
     """What beside the geometry goes into the data, and where the page finds the rest.
 
     `crops` are JPEGs in base64 by detection id; `files` names of resized photos by photo; `detections` are outlines.
-    `photos_note` is told where a photo would be shown that is not there.
+    `corrections` are what a person changed, where more can be changed. `photos_note` is told where a photo would be
+    shown that is not there.
     """
 
     source: Source = "report"
@@ -53,6 +55,7 @@ class SceneOptions:
     files: dict[str, str] | None = None
     detections: DetectionColumns | None = None
     truth: TruthData | None = None
+    corrections: CorrectionState | None = None
     photos_note: str = ""
 
 
@@ -100,6 +103,7 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
         trees=_trees(data, middle, hints.ground),
         view=hints,
         truth=options.truth,
+        corrections=options.corrections,
     )
 
 

@@ -12,12 +12,18 @@ from pomona.report.contract import (
     U8,
     U16,
     U32,
+    CorrectionAnswer,
+    CorrectionKind,
+    CorrectionRequest,
+    CorrectionState,
     DetectionColumns,
     FruitColumns,
     PackedCloud,
     PhotoColumns,
+    PhotoMark,
     Rates,
     Sightings,
+    SightLines,
     Source,
     SurveyData,
     TreePlaces,
@@ -28,8 +34,9 @@ from pomona.report.contract import (
 
 _INTERFACES = (
     PackedCloud, FruitColumns, PhotoColumns, Sightings, DetectionColumns, TreePlaces, Rates, TruthData, ViewHints,
-    SurveyData,
+    CorrectionState, PhotoMark, CorrectionRequest, CorrectionAnswer, SightLines, SurveyData,
 )  # fmt: skip
+_CHOICES = {"Source": Source, "CorrectionKind": CorrectionKind}
 _PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", type(None): "null"}
 
 
@@ -39,7 +46,9 @@ def typescript() -> str:
     lines += [
         f"/** Base64 of little-endian numbers. */\nexport type {t.__name__} = string;" for t in (U8, U16, U32, F32)
     ]
-    lines += [f"export type Source = {' | '.join(repr(s) for s in get_args(Source))};".replace("'", '"'), ""]
+    for name, choices in _CHOICES.items():
+        lines += [f"export type {name} = {' | '.join(repr(s) for s in get_args(choices))};".replace("'", '"')]
+    lines.append("")
     for interface in _INTERFACES:
         hints = get_type_hints(interface)
         about = inspect.getdoc(interface) or ""
@@ -51,8 +60,9 @@ def typescript() -> str:
 
 
 def _typescript(hint: Any) -> str:
-    if hint == Source:
-        return "Source"
+    for name, choices in _CHOICES.items():
+        if hint == choices:
+            return name
     if hint in _PLAIN:
         return _PLAIN[hint]
     if get_origin(hint) is list:
@@ -61,8 +71,7 @@ def _typescript(hint: Any) -> str:
         return f"[{', '.join(_typescript(part) for part in get_args(hint))}]"
     if get_origin(hint) in (Union, types.UnionType):
         return " | ".join(_typescript(part) for part in get_args(hint))
-    name: str = hint.__name__
-    return name
+    return str(hint.__name__)
 
 
 if __name__ == "__main__":
