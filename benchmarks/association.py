@@ -29,7 +29,7 @@ from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import evaluate, read_truth
-from pomona.formats.colmap import read_cameras
+from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import read_coco
 from pomona.fuse import object, paper
 from pomona.measure import measure
@@ -128,7 +128,7 @@ def place(row: Path, out: Path) -> Path:
 
 
 def variants(kind: str, row: Path, survey: Path, seeds: int) -> Iterator[tuple[SurveyDetections, Cameras]]:
-    photos, cameras = load_photos([row / "images"]), read_cameras(survey / "cameras")
+    photos, cameras = load_photos([row / "images"]), read_colmap(survey / "cameras")
     if kind == SEGMENTER:
         yield segment_photos(photos, load_segmenter(None), options=SegmentOptions(kept_share=KEPT_SHARE)), cameras
         return

@@ -22,7 +22,7 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.evaluate import EvaluateOptions, Truth, evaluate, read_truth
 from pomona.evaluate.matching import assign, candidates_by_center
-from pomona.formats.colmap import read_cameras
+from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.fruits import Fruits
@@ -82,7 +82,7 @@ def same_places(one: Fruits, other: Fruits, diameter_m: float) -> np.ndarray:
 
 
 def halves_of(survey: Path) -> Halves:
-    cameras, detections = read_cameras(survey / "cameras"), detections_of(survey)
+    cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
     names = sorted(cameras.photos)
     even, odd = (
         surveyed(SurveyDetections({n: detections[n] for n in part if n in detections}), part_of(cameras, set(part)))
@@ -120,7 +120,7 @@ def share(part: int, whole: int) -> str:
 
 def write_crops(survey: Path, photos: Path, halves: Halves, out: Path) -> None:
     """One picture a fruit that one half alone has: its circle in three photos of each half, its own half above."""
-    cameras = read_cameras(survey / "cameras")
+    cameras = read_colmap(survey / "cameras")
     names = sorted(cameras.photos)
     out.mkdir(parents=True, exist_ok=True)
     for label, mine, column in (("even", halves.even, 0), ("odd", halves.odd, 1)):

@@ -22,7 +22,7 @@ from pomona import filter as filters
 from pomona.detections import SurveyDetections
 from pomona.evaluate import EvaluateOptions, Truth, read_truth
 from pomona.evaluate.matching import assign, candidates_by_center
-from pomona.formats.colmap import read_cameras
+from pomona.formats.cameras.colmap import read_colmap
 from pomona.fuse import object
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
@@ -33,7 +33,7 @@ THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
 
 def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarray, np.ndarray]:
     """Scores (n,), and whether each is true (n,), of all fruits that the photos and their parts give."""
-    cameras, detections = read_cameras(survey / "cameras"), detections_of(survey)
+    cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
     scores, true = [], []
     for step, first in THINNED:
         names = sorted(cameras.photos)[first::step]

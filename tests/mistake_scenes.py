@@ -14,7 +14,7 @@ from pomona.cameras import Cameras, Intrinsics, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import Truth, read_truth
 from pomona.evaluate.mistakes import Evidence
-from pomona.formats.colmap import write_cameras
+from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import write_fruits, write_observations
 from pomona.fruits import Fruits, Observations
@@ -185,7 +185,7 @@ def write_survey(scene: Scene, folder: Path) -> Path:
         "stages": {"segment": {"fingerprint": "x", "info": {"score_threshold": 0.5}}},
     }
     (folder / "survey.json").write_text(json.dumps(manifest))
-    write_cameras(folder / "cameras", evidence.cameras, scene.photos)
+    write_colmap(folder / "cameras", evidence.cameras, scene.photos)
     write_coco(folder / "detections.json", scene.photos, evidence.detections)
     write_fruits(folder / "fruits.csv", evidence.fruits)
     write_observations(folder / "observations.csv", evidence.observations)

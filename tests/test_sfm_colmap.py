@@ -11,7 +11,7 @@ import pytest
 
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.colmap import read_cameras, write_cameras
+from pomona.formats.cameras.colmap import read_colmap, write_colmap
 from pomona.photos import Photos
 from test_sfm_parts import model, photos
 
@@ -28,8 +28,8 @@ def some_cameras() -> Cameras:
 
 def test_cameras_are_read_as_they_were_written(tmp_path: Path) -> None:
     cameras = some_cameras()
-    write_cameras(tmp_path / "cameras", cameras, SURVEY)
-    back = read_cameras(tmp_path / "cameras", SURVEY)
+    write_colmap(tmp_path / "cameras", cameras, SURVEY)
+    back = read_colmap(tmp_path / "cameras", SURVEY)
     assert back.photos == cameras.photos
     assert back.frame == FRAME
     assert [i.model for i in back.intrinsics] == [i.model for i in cameras.intrinsics]
@@ -48,7 +48,7 @@ def test_cameras_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 def test_colmap_reads_what_was_written(tmp_path: Path) -> None:
     cameras = some_cameras()
-    write_cameras(tmp_path / "cameras", cameras, SURVEY)
+    write_colmap(tmp_path / "cameras", cameras, SURVEY)
     theirs = pycolmap.Reconstruction()
     theirs.read_text(tmp_path / "cameras")
     assert theirs.num_reg_images() == 5
@@ -67,21 +67,21 @@ def test_colmap_reads_what_was_written(tmp_path: Path) -> None:
 
 def test_no_cameras_are_a_valid_result(tmp_path: Path) -> None:
     empty = Cameras((), (), np.zeros(0, int), np.zeros((0, 3, 4)))
-    write_cameras(tmp_path / "c", empty, SURVEY)
-    assert len(read_cameras(tmp_path / "c", SURVEY)) == 0
+    write_colmap(tmp_path / "c", empty, SURVEY)
+    assert len(read_colmap(tmp_path / "c", SURVEY)) == 0
 
 
 def test_names_may_have_spaces_and_folders(tmp_path: Path) -> None:
     names = tuple(f"east side/IMG {i}.jpg" for i in range(5))
     survey = Photos(tuple(replace(photo, name=name) for photo, name in zip(photos(5), names, strict=True)))
-    write_cameras(tmp_path / "c", replace(some_cameras(), photos=names), survey)
-    assert read_cameras(tmp_path / "c", survey).photos == names
+    write_colmap(tmp_path / "c", replace(some_cameras(), photos=names), survey)
+    assert read_colmap(tmp_path / "c", survey).photos == names
 
 
 def test_a_model_of_another_tool_has_no_frame(tmp_path: Path) -> None:
-    write_cameras(tmp_path / "c", some_cameras(), SURVEY)
+    write_colmap(tmp_path / "c", some_cameras(), SURVEY)
     (tmp_path / "c" / "frame.json").unlink()
-    assert read_cameras(tmp_path / "c").frame == WorldFrame()
+    assert read_colmap(tmp_path / "c").frame == WorldFrame()
 
 
 @pytest.mark.parametrize(
@@ -99,17 +99,17 @@ def test_a_model_of_another_tool_has_no_frame(tmp_path: Path) -> None:
     ],
 )
 def test_broken_models_are_refused_with_file_and_line(tmp_path: Path, file: str, text: str, words: str) -> None:
-    write_cameras(tmp_path / "c", some_cameras(), SURVEY)
+    write_colmap(tmp_path / "c", some_cameras(), SURVEY)
     (tmp_path / "c" / file).write_text(text + "\n", encoding="utf-8")
     with pytest.raises(FormatError, match=words):
-        read_cameras(tmp_path / "c")
+        read_colmap(tmp_path / "c")
 
 
 def test_models_of_other_photos_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"6\.jpg"):
-        write_cameras(tmp_path / "c", some_cameras(), Photos(tuple(photos(6))))
-    write_cameras(tmp_path / "c", some_cameras(), SURVEY)
+        write_colmap(tmp_path / "c", some_cameras(), Photos(tuple(photos(6))))
+    write_colmap(tmp_path / "c", some_cameras(), SURVEY)
     with pytest.raises(InputError, match=r"6\.jpg"):
-        read_cameras(tmp_path / "c", Photos(tuple(photos(6))))
+        read_colmap(tmp_path / "c", Photos(tuple(photos(6))))
     with pytest.raises(MissingFileError):
-        read_cameras(tmp_path / "nowhere")
+        read_colmap(tmp_path / "nowhere")

@@ -13,7 +13,7 @@ import numpy as np
 from pomona.arrays import Array
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.formats.colmap import write_cameras
+from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.las import write_las
 from pomona.formats.tables import write_fruits, write_observations
@@ -37,7 +37,7 @@ def write_view_survey(folder: Path, count: int = 24, per_side: int = 4) -> Path:
     observations, detections = _look(cameras, fruits, sources)
     survey = folder / "survey"
     survey.mkdir(parents=True)
-    write_cameras(survey / "cameras", cameras, photos)
+    write_colmap(survey / "cameras", cameras, photos)
     write_coco(survey / "detections.json", photos, detections)
     write_fruits(survey / "fruits.csv", fruits)
     write_observations(survey / "observations.csv", observations)

@@ -65,7 +65,7 @@ def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Prog
     """
     from pomona.evaluate.detections import read_found
     from pomona.evaluate.mistakes import Evidence
-    from pomona.formats.colmap import read_cameras
+    from pomona.formats.cameras.colmap import read_colmap
 
     survey = Survey.open(source)
     for path, stage in (
@@ -76,7 +76,7 @@ def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Prog
     ):
         if not path.exists():
             raise MissingFileError(f"{path} does not exist: `pomona {stage}` writes it")
-    cameras, fruits = read_cameras(survey.cameras), read_fruits(survey.fruits)
+    cameras, fruits = read_colmap(survey.cameras), read_fruits(survey.fruits)
     return Evidence(
         photos=find_photos(source, truth, cameras.photos, photos),
         sides={entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())},

@@ -22,7 +22,7 @@ from pomona.dense.depth_maps import DepthMap, empty_map
 from pomona.dense.scene import Scene
 from pomona.dense.views import View
 from pomona.errors import FormatError
-from pomona.formats.colmap import write_cameras
+from pomona.formats.cameras.colmap import write_colmap
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, track
 
@@ -88,7 +88,7 @@ def write_workspace(scene: Scene, folder: Path, progress: Progress) -> None:
     names = tuple(photo.name for photo in photos)
     poses = scene.cameras.cam_from_world
     cameras = Cameras(names, tuple(intrinsics), np.arange(len(names)), poses)
-    write_cameras(folder / "sparse", cameras, Photos(tuple(photos)))
+    write_colmap(folder / "sparse", cameras, Photos(tuple(photos)))
 
 
 def _pinhole(view: View) -> Intrinsics:

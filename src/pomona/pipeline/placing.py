@@ -86,9 +86,9 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         )
 
     def save(placed: Placed) -> Mapping[str, Any]:
-        from pomona.formats.colmap import write_cameras
+        from pomona.formats.cameras.colmap import write_colmap
 
-        write_cameras(path, placed.cameras, context.photos)
+        write_colmap(path, placed.cameras, context.photos)
         info: dict[str, Any] = plain(
             {
                 "photos": len(placed.cameras),
@@ -100,9 +100,9 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         return info
 
     def load(info: Mapping[str, Any]) -> Placed:
-        from pomona.formats.colmap import read_cameras
+        from pomona.formats.cameras.colmap import read_colmap
 
-        cameras = replace(read_cameras(path), frame=frame_from(info["frame"]))
+        cameras = replace(read_colmap(path), frame=frame_from(info["frame"]))
         return Placed(cameras, unregistered_from(info["lost"]), scale_report_from(info["report"]))
 
     work = StageWork(compute=compute, save=save, load=load, outputs=(path,), needs=(segment, sfm))
@@ -153,10 +153,10 @@ def _no_piece(reconstruction: Reconstruction) -> str:
 
 
 def _given(context: Context) -> Reconstruction:
-    from pomona.formats.colmap import read_cameras
+    from pomona.formats.cameras.colmap import read_colmap
 
     assert context.options.cameras is not None
-    cameras = _renamed(read_cameras(context.options.cameras), context.photos)
+    cameras = _renamed(read_colmap(context.options.cameras), context.photos)
     known = context.photos.by_name()
     strangers = {name for name in cameras.photos if name not in known}
     if len(strangers) == len(cameras):

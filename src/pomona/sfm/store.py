@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pomona.errors import FormatError, MissingFileError
-from pomona.formats.colmap import read_cameras, write_cameras
+from pomona.formats.cameras.colmap import read_colmap, write_colmap
 from pomona.photos import Photos
 from pomona.sfm.values import Piece, Reconstruction, Unregistered
 
@@ -21,7 +21,7 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction, photos: P
     folder.mkdir(parents=True)
     entries = []
     for i, piece in enumerate(reconstruction.pieces):
-        write_cameras(folder / f"piece-{i}", piece.cameras, photos)
+        write_colmap(folder / f"piece-{i}", piece.cameras, photos)
         entries.append({"side": piece.side, "mean_reprojection_error_px": piece.mean_reprojection_error_px})
     index = {"pieces": entries, "unregistered": [asdict(photo) for photo in reconstruction.unregistered]}
     # The index comes last, under a temporary name first: with it there, all else is there.
@@ -45,5 +45,5 @@ def read_reconstruction(folder: Path, photos: Photos) -> Reconstruction:
         lost = tuple(Unregistered(**entry) for entry in index["unregistered"])
     except (ValueError, KeyError, TypeError) as error:
         raise FormatError(f"{path}: expected the index of a reconstruction ({error!r})") from None
-    pieces = (Piece(side, read_cameras(folder / f"piece-{i}", photos), e) for i, (side, e) in enumerate(sides))
+    pieces = (Piece(side, read_colmap(folder / f"piece-{i}", photos), e) for i, (side, e) in enumerate(sides))
     return Reconstruction(tuple(pieces), lost)

@@ -11,7 +11,7 @@ from pomona import __version__
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import MissingFileError, PomonaError
-from pomona.formats.colmap import read_cameras
+from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
@@ -41,7 +41,7 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
     progress.start("reading the survey")
     records = survey.records
     scale, sfm, segment = records.get("scale"), records.get("sfm"), records.get("segment")
-    cameras = read_cameras(survey.cameras)
+    cameras = read_colmap(survey.cameras)
     if scale is not None and scale.finished:
         cameras = replace(cameras, frame=frame_from(scale.info["frame"]))
     lost = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]

@@ -19,13 +19,13 @@ from scipy.spatial.transform import Rotation
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import InputError
-from pomona.formats.colmap_text import parse_frame, read_model
+from pomona.formats.cameras.colmap_text import parse_frame, read_model
 from pomona.photos import Photos
 
 _FRAME = "frame.json"
 
 
-def write_cameras(folder: Path, cameras: Cameras, photos: Photos) -> None:
+def write_colmap(folder: Path, cameras: Cameras, photos: Photos) -> None:
     """Write cameras, points and frame to `folder`, which is replaced; image ids are the photos' places in the survey.
 
     A folder that was written halfway never bears the name `folder`.
@@ -51,7 +51,7 @@ def write_cameras(folder: Path, cameras: Cameras, photos: Photos) -> None:
     part.replace(folder)
 
 
-def read_cameras(folder: Path, photos: Photos | None = None) -> Cameras:
+def read_colmap(folder: Path, photos: Photos | None = None) -> Cameras:
     """Read cameras, points and frame from `folder`; without frame.json the frame is unknown (`WorldFrame()`).
 
     Raises `MissingFileError` when a file of the model is not there, `FormatError` (with file and line) when one cannot

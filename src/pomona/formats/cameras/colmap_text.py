@@ -138,7 +138,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 def parse_frame(path: Path) -> WorldFrame:
     """Read the world frame that is kept beside the model.
 
-    Raises `FormatError` when the file is not what `write_cameras` writes.
+    Raises `FormatError` when the file is not what `write_colmap` writes.
     """
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
