@@ -1,12 +1,14 @@
 """Train the support vector machine that tells fruits from false positives.
 
-python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--repeats N] [--left-out FOLDER]
+python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--variant published-code]
+                                  [--repeats N] [--left-out FOLDER]
 
 A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
 Detections are those of the shipped segmenter, for `object` from several
 scores up, and true masks of which some were dropped and false ones added, with scores that say nothing, so that what is
 learnt is not one segmenter's habits; each of these from all photos, from every second and from every third, so that it
-is not one density of photos either. For `paper` true masks made worse and joined by false ones, `--repeats` times.
+is not one density of photos either. For `paper` true masks made worse and joined by false ones, `--repeats` times;
+with `--variant published-code` on that program's six features, of detections of any score, through the true lens.
 Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
 """
 
@@ -29,7 +31,7 @@ from pomona.evaluate import Truth, evaluate, read_truth
 from pomona.evaluate.matching import candidates_by_center
 from pomona.evaluate.options import EvaluateOptions
 from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features, view_probability
-from pomona.filter.features import FEATURE_NAMES
+from pomona.filter.features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object, paper
 from pomona.measure import measure
@@ -156,13 +158,13 @@ def with_chance_scores(found: Detections, least: float, rng: np.random.Generator
     return replace(found, scores=rng.uniform(least, 1, len(found)))
 
 
-def examples(folder: Path, method: str, repeats: int) -> Iterator[Example]:
+def examples(folder: Path, method: str, variant: str | None, repeats: int) -> Iterator[Example]:
     row, truth = RowFolder(folder), read_truth(folder)
     photos = load_photos([folder / "images"])
     cameras = cameras_of(row, photos)
     for kind, detections in kinds_of_detections(method, row, photos, cameras, truth, repeats):
         if method == "paper":
-            yield paper_example(f"{folder.name}, {kind}", photos, detections, cameras, truth)
+            yield paper_example(f"{folder.name}, {kind}", photos, detections, cameras, truth, variant)
             continue
         for step, first in THINNED:
             names = sorted(cameras.photos)[first::step]
@@ -171,13 +173,17 @@ def examples(folder: Path, method: str, repeats: int) -> Iterator[Example]:
             yield object_example(label, some, part_of(cameras, set(names)), truth)
 
 
-def paper_example(label: str, photos: Photos, detections: SurveyDetections, cameras: Cameras, truth: Truth) -> Example:
-    options = RunOptions(method="paper")
-    fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=options.paper)
+def paper_example(
+    label: str, photos: Photos, detections: SurveyDetections, cameras: Cameras, truth: Truth, variant: str | None
+) -> Example:
+    options = RunOptions(method="paper", variant=variant)
+    chosen = replace(options.paper, min_score=0.0, projection="lens")
+    fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=chosen)
     # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
     measured = measure(fused, detections, cameras, options=options.measure)
-    values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth)
-    values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)))
+    names = names_of("paper", variant)
+    values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth, names=names)
+    values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)), names)
     return Example(label, values, is_fruit, measured[np.isin(measured.ids, fused.cloud.fruit_id)], truth)
 
 
@@ -190,7 +196,13 @@ def object_example(label: str, detections: SurveyDetections, cameras: Cameras, t
     )
 
 
-def trained(done: list[Example], method: str, repeats: int) -> LinearSvm:
+def names_of(method: str, variant: str | None) -> tuple[str, ...]:
+    if method == "object":
+        return VIEW_FEATURE_NAMES
+    return CODE_FEATURE_NAMES if variant == "published-code" else FEATURE_NAMES
+
+
+def trained(done: list[Example], method: str, variant: str | None, repeats: int) -> LinearSvm:
     values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
     rows = ", ".join(dict.fromkeys(e.label.partition(",")[0] for e in done))
     worse = {
@@ -202,7 +214,7 @@ def trained(done: list[Example], method: str, repeats: int) -> LinearSvm:
         f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
         f"cameras; detections: those of the shipped segmenter, and {worse}. No real orchard."
     )
-    names = FEATURE_NAMES if method == "paper" else VIEW_FEATURE_NAMES
+    names = names_of(method, variant)
     return LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
 
 
@@ -211,12 +223,13 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--method", choices=("object", "paper"), default="object")
+    parser.add_argument("--variant", choices=("published-code",), help="of --method paper")
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--left-out", type=Path, help="also write FOLDER/ROW.json, trained on the other rows")
     arguments = parser.parse_args()
     done: list[Example] = []
     for folder in arguments.rows:
-        for example in examples(folder, arguments.method, arguments.repeats):
+        for example in examples(folder, arguments.method, arguments.variant, arguments.repeats):
             done.append(example)
             fruits = example.is_fruit.sum()
             print(f"{example.label}: {fruits} fruits, {len(example.is_fruit) - fruits} false positives", flush=True)
@@ -224,8 +237,10 @@ def main() -> None:
         arguments.left_out.mkdir(parents=True, exist_ok=True)
         for folder in arguments.rows:
             others = [e for e in done if not e.label.startswith(f"{folder.name},")]
-            trained(others, arguments.method, arguments.repeats).save(arguments.left_out / f"{folder.name}.json")
-    svm = trained(done, arguments.method, arguments.repeats)
+            trained(others, arguments.method, arguments.variant, arguments.repeats).save(
+                arguments.left_out / f"{folder.name}.json"
+            )
+    svm = trained(done, arguments.method, arguments.variant, arguments.repeats)
     svm.save(arguments.out)
     print(svm.trained_on, dict(zip(svm.names, svm.weights.round(2).tolist(), strict=True)))
     probability = svm.probability if arguments.method == "paper" else lambda values: view_probability(values, svm)

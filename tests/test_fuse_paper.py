@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, cloud_of, detections_of, sphere_points
+from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
+from pomona.filter import CODE_FEATURE_NAMES, features
 from pomona.fuse.paper import PaperOptions, fuse
 
 TWO = np.array([[-0.1, 0.0, 0.02], [0.08, 0.05, -0.03]])
 DIAMETERS = np.array([0.08, 0.07])
 
 
-@pytest.mark.parametrize("options", [PaperOptions(), PaperOptions.as_printed(), PaperOptions(projection="dlt")])
+CODE = replace(PaperOptions.as_published_code(), min_score=0.9)
+
+
+def with_tie_points(cameras: Cameras, count: int = 40) -> Cameras:
+    """The cameras with random points that every photo sees where they are."""
+    points = np.random.default_rng(3).uniform([-0.3, -0.3, -0.3], [0.3, 0.5, 0.3], (count, 3))
+    n = len(cameras)
+    return replace(
+        cameras, points_in_world=points, points_rgb=np.zeros((count, 3), np.uint8), points_error_px=np.zeros(count),
+        track_point_idx=np.tile(np.arange(count), n), track_photo_idx=np.repeat(np.arange(n), count),
+        track_xy_px=np.concatenate([cameras.project(i, points)[0] for i in range(n)]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("options", [PaperOptions(), PaperOptions.as_printed(), CODE])
 def test_two_spheres_seen_from_six_cameras_are_two_fruits(options: PaperOptions) -> None:
-    cameras = cameras_in_a_row()
+    cameras = with_tie_points(cameras_in_a_row())
     cloud = cloud_of(*(sphere_points(c, d) for c, d in zip(TWO, DIAMETERS, strict=True)))
     fused = fuse(detections_of(cameras, TWO, DIAMETERS), cameras, cloud, options=options)
 
@@ -33,6 +51,39 @@ def test_two_spheres_seen_from_six_cameras_are_two_fruits(options: PaperOptions)
     assert set(of_second) <= {0, 2}
     assert (of_first == 1).mean() > 0.95
     assert (of_second == 2).mean() > 0.95
+
+
+def test_the_published_code_needs_tie_points_and_leaves_photos_with_few_out() -> None:
+    cloud = cloud_of(sphere_points(TWO[0], 0.08))
+    cameras = cameras_in_a_row()
+    detections = detections_of(cameras, TWO, DIAMETERS)
+    with pytest.raises(InputError, match="tie points"):
+        fuse(detections, cameras, cloud, options=CODE)
+    tied = with_tie_points(cameras)
+    few = (tied.track_photo_idx != 2) | (tied.track_point_idx < 9)
+    tied = replace(
+        tied, track_point_idx=tied.track_point_idx[few], track_photo_idx=tied.track_photo_idx[few],
+        track_xy_px=tied.track_xy_px[few],
+    )  # fmt: skip
+    fused = fuse(detections, tied, cloud, options=CODE)
+    assert fused.fruits.views.tolist() == [5]
+    assert "002.jpg" not in fused.observations.photo
+
+
+def test_the_cloud_knows_the_detections_of_its_points() -> None:
+    cameras = cameras_in_a_row()
+    fused = fuse(detections_of(cameras, TWO, DIAMETERS), cameras, cloud_of(sphere_points(TWO[0], 0.08)))
+    taken = fused.cloud.detections > 0
+    assert taken.mean() > 0.95
+    assert fused.cloud.detections.max() == 6
+    np.testing.assert_allclose(fused.cloud.scores[taken], 0.9)
+    values = features(fused.cloud, CODE_FEATURE_NAMES).values
+    assert values[0, 0] == (fused.cloud.fruit_id == 1).sum()
+    assert 0.8 * np.pi / 6 * 0.08**3 < values[0, 1] < np.pi / 6 * 0.08**3
+    assert values[0, 2] > 0.95
+    assert values[0, 3] == pytest.approx(0.9)
+    assert 5 < values[0, 4] <= 6
+    assert values[0, 5] == pytest.approx(values[0, 1] / values[0, 0])
 
 
 def test_observations_name_the_photo_the_detection_and_its_centre() -> None:
@@ -106,7 +157,15 @@ def test_cameras_without_a_scale_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [("overlap", "most"), ("projection", "fisheye"), ("eps_m", 0.0), ("min_score", 2.0), ("min_points", 0)],
+    [
+        ("overlap", "most"),
+        ("projection", "fisheye"),
+        ("unify", "none"),
+        ("grouping", "optics"),
+        ("eps_m", 0.0),
+        ("min_score", 2.0),
+        ("min_points", 0),
+    ],
 )
 def test_unknown_option_values_are_refused(option: str, value: object) -> None:
     with pytest.raises(InputError, match=option):

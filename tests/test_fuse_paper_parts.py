@@ -9,14 +9,14 @@ from sklearn.cluster import DBSCAN
 from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
 from pomona.fuse.paper.first_estimate import first_estimates
-from pomona.fuse.paper.groups import connected_groups, nearest_group
+from pomona.fuse.paper.groups import connected_groups, nearest_group, nearest_reach
 from pomona.fuse.paper.projection import CellGrid, dlt_camera
 from pomona.fuse.paper.unify import Sighting, Unifier
 
 
 @pytest.mark.parametrize(("shared", "fruits"), [(49, 2), (50, 2), (51, 1)])
 def test_overlap_above_one_half_unifies(shared: int, fruits: int) -> None:
-    unifier = Unifier(200, "either", 0.5, unify_all=True)
+    unifier = Unifier(200, "either", 0.5, unify="all")
     unifier.add(np.arange(100), Sighting(0, 0))
     unifier.add(np.arange(100 - shared, 200 - shared), Sighting(1, 0))
     assert len(unifier.fruits()) == fruits
@@ -25,7 +25,7 @@ def test_overlap_above_one_half_unifies(shared: int, fruits: int) -> None:
 @pytest.mark.parametrize(("shared", "fruits"), [(49, 2), (51, 1)])
 def test_intersection_over_union_counts_the_union(shared: int, fruits: int) -> None:
     # 100 points in all, `shared` of them in both sets.
-    unifier = Unifier(100, "iou", 0.5, unify_all=False)
+    unifier = Unifier(100, "iou", 0.5, unify="best")
     unifier.add(np.arange(75), Sighting(0, 0))
     unifier.add(np.arange(75 - shared, 100), Sighting(1, 0))
     assert len(unifier.fruits()) == fruits
@@ -33,26 +33,42 @@ def test_intersection_over_union_counts_the_union(shared: int, fruits: int) -> N
 
 def test_a_small_part_of_a_fruit_joins_by_either_size_and_not_by_union() -> None:
     for overlap, fruits in (("either", 1), ("iou", 2)):
-        unifier = Unifier(100, overlap, 0.5, unify_all=True)  # type: ignore[arg-type]
+        unifier = Unifier(100, overlap, 0.5, unify="all")  # type: ignore[arg-type]
         unifier.add(np.arange(100), Sighting(0, 0))
         unifier.add(np.arange(40), Sighting(1, 0))
         assert len(unifier.fruits()) == fruits
 
 
-def test_a_detection_over_two_fruits_makes_one_of_them_or_joins_the_best() -> None:
-    for unify_all, fruits in ((True, 1), (False, 2)):
-        unifier = Unifier(100, "either", 0.5, unify_all)
+def test_a_detection_over_two_fruits_makes_one_of_them_or_joins_the_best_or_the_first() -> None:
+    for unify, sizes in (("all", [50]), ("best", [36, 14]), ("first", [36, 14])):
+        unifier = Unifier(100, "either", 0.5, unify)  # type: ignore[arg-type]
         unifier.add(np.arange(20), Sighting(0, 0))
         unifier.add(np.arange(20, 50), Sighting(0, 1))
         unifier.add(np.arange(36), Sighting(1, 0))
         found = unifier.fruits()
-        assert len(found) == fruits
-        assert sum(len(points) for points, _ in found) == 50
+        assert [len(points) for points, _ in found] == sizes
         assert sum(len(sightings) for _, sightings in found) == 3
 
 
+def test_the_first_fruit_is_joined_though_a_later_one_fits_better() -> None:
+    for unify, sizes in (("best", [10, 60]), ("first", [60, 10])):
+        unifier = Unifier(100, "either", 0.5, unify)  # type: ignore[arg-type]
+        unifier.add(np.arange(30), Sighting(0, 0))
+        unifier.add(np.arange(30, 70), Sighting(0, 1))
+        unifier.add(np.arange(10, 70) if unify == "best" else np.arange(60), Sighting(1, 0))
+        assert [len(points) for points, _ in unifier.fruits()] == sizes
+
+
+def test_each_point_knows_how_many_detections_took_it_and_their_mean_score() -> None:
+    unifier = Unifier(6, "either", 0.5, "first")
+    unifier.add(np.array([0, 1, 2]), Sighting(0, 0), 0.9)
+    unifier.add(np.array([1, 2, 3]), Sighting(1, 0), 0.7)
+    assert unifier.detections.tolist() == [1, 2, 2, 1, 0, 0]
+    np.testing.assert_allclose(unifier.mean_scores, [0.9, 0.8, 0.8, 0.7, 0, 0])
+
+
 def test_points_belong_to_one_fruit_and_go_to_the_last_detection() -> None:
-    unifier = Unifier(10, "iou", 0.5, unify_all=False)
+    unifier = Unifier(10, "iou", 0.5, unify="best")
     unifier.add(np.arange(6), Sighting(0, 0))
     unifier.add(np.arange(4, 10), Sighting(1, 0))
     (first, _), (second, _) = unifier.fruits()
@@ -88,6 +104,18 @@ def test_the_group_nearest_to_the_camera_is_kept_and_noise_is_not() -> None:
     kept = nearest_group(points, points[:, 1] + 1, eps_m=0.03, min_points=10)
     assert kept.tolist() == list(range(200, 240))
     assert len(nearest_group(stray, np.ones(1), eps_m=0.03, min_points=10)) == 0
+
+
+def test_the_published_code_keeps_noise_unless_there_are_two_groups() -> None:
+    near, far = sphere_points(np.zeros(3), 0.05, 40), sphere_points(np.array([0, 0.2, 0]), 0.05, 200)
+    stray = np.array([[0.0, -0.2, 0.0]])
+    # A thread of points that are no group themselves, but can be reached from one.
+    thread = near[:1] + np.array([[0.02 * k, 0.0, 0.0] for k in range(1, 4)])
+    one = np.concatenate([near, stray])
+    assert len(nearest_reach(one, one[:, 1] + 1, eps_m=0.03, min_points=11)) == 41
+    assert nearest_reach(stray, np.ones(1), eps_m=0.03, min_points=11).tolist() == [0]
+    two = np.concatenate([far, near, thread, stray])
+    assert nearest_reach(two, two[:, 1] + 1, eps_m=0.03, min_points=11).tolist() == list(range(200, 243))
 
 
 def test_a_photo_looks_only_at_its_part_of_a_long_row() -> None:

@@ -15,14 +15,24 @@ BOTH_SIDES = "both"
 
 @dataclass(frozen=True, eq=False)
 class FruitCloud:
-    """Points on fruit surfaces: `points_in_world` (m, 3), `rgb` (m, 3), `fruit_id` (m,) with 0 for none."""
+    """Points on fruit surfaces: `points_in_world` (m, 3), `rgb` (m, 3), `fruit_id` (m,) with 0 for none.
+
+    `detections` (m,) counts the detections that took a point while masks were joined, and `scores` (m,) is their mean
+    score; both are 0 where there were none, or where fruits were not joined by points.
+    """
 
     points_in_world: FloatArray
     rgb: ByteArray
     fruit_id: IntArray
+    detections: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    scores: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         m = len(self.points_in_world)
+        for name, dtype in (("detections", np.int64), ("scores", np.float64)):
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.zeros(m, dtype))
+            set_checked(self, name, (m,), dtype)
         set_checked(self, "points_in_world", (m, 3), np.float64)
         set_checked(self, "rgb", (m, 3), np.uint8)
         set_checked(self, "fruit_id", (m,), np.int64)

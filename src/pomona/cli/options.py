@@ -40,6 +40,12 @@ GivenDetections = Annotated[
     Path | None, typer.Option("--detections", metavar="COCO", help="Masks of your own, in place of a segmenter.")
 ]
 Method = Annotated[str, typer.Option(metavar="paper", help="How masks become fruits.")]
+Variant = Annotated[
+    str | None,
+    typer.Option(
+        metavar="text|published-code", help="With --method paper: to its letter, or as its authors' program does it."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 

@@ -26,6 +26,7 @@ def run(
     detections: shared.GivenDetections = None,
     cameras: shared.Cameras = None,
     method: shared.Method = "object",
+    variant: shared.Variant = None,
     sides: shared.Sides = "auto",
     engine: Annotated[
         str, typer.Option(metavar="auto|opencv|patchmatch", help="What makes the dense cloud; patchmatch needs a GPU.")
@@ -45,6 +46,7 @@ def run(
     chosen = RunOptions(
         sides=sides,
         method=method,
+        variant=variant,
         model=model,
         score_threshold=score_threshold,
         detections=detections,

@@ -37,12 +37,20 @@ def reconstruct(
         "fruit_diameter_m": fruit_diameter,
         "cameras": cameras,
     }
-    _go_on(survey, "scale", changed, as_json)
+    _go_on(survey, "scale", _given(changed), as_json)
 
 
-def fuse(survey: shared.SurveyFolder, method: _METHOD = None, as_json: shared.Json = False) -> None:
-    """Join the detections of a survey's photos into fruits."""
-    _go_on(survey, "filter", {"method": method}, as_json)
+def fuse(
+    survey: shared.SurveyFolder,
+    method: _METHOD = None,
+    variant: shared.Variant = None,
+    as_json: shared.Json = False,
+) -> None:
+    """Join the detections of a survey's photos into fruits. A method that is given without a variant has none."""
+    changed: dict[str, Any] = _given({"method": method, "variant": variant})
+    if method is not None:
+        changed["variant"] = variant
+    _go_on(survey, "filter", changed, as_json)
 
 
 def measure(survey: shared.SurveyFolder, as_json: shared.Json = False) -> None:
@@ -56,8 +64,12 @@ def report(survey: shared.SurveyFolder, as_json: shared.Json = False) -> None:
 
 
 def _go_on(survey: Path, until: str, changed: dict[str, Any], as_json: bool) -> None:
-    given = {name: value for name, value in changed.items() if value is not None}
     summary = with_progress(
-        lambda progress: go_on(survey, progress, until=until, changed=given, on_stage=progress.stage), survey
+        lambda progress: go_on(survey, progress, until=until, changed=changed, on_stage=progress.stage), survey
     )
     show(summary, as_json=as_json)
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    """Return what was given: options left out stay as they were."""
+    return {name: value for name, value in options.items() if value is not None}

@@ -1,4 +1,4 @@
-"""The paper's four features of a fruit's points, section 2.2.3 of Gené-Mola et al. 2020."""
+"""What points say of a fruit: the four features of section 2.2.3 of Gené-Mola et al. 2020, and its code's six."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.fruits import FruitCloud
 
 FEATURE_NAMES = ("points", "volume_m3", "density_m3", "psi")
-# How many powers of a length each feature has.
-_LENGTH_POWERS = np.array([0.0, 3.0, 3.0, 0.0])
+CODE_FEATURE_NAMES = ("points", "volume_m3", "psi", "max_score", "mean_detections", "density_m3")
+"""The features of the authors' published program, in its order (FP_removal.m, CCfeatureExtraction.m)."""
+# Those that are a length to the third power; the others have no length.
+_VOLUMES = ("volume_m3", "density_m3")
 
 
 @dataclass(frozen=True, eq=False)
 class FruitFeatures:
-    """Features `values` (n, 4), columns as in `names`, of the fruits `ids` (n,) that have points, in order of id."""
+    """Features `values` (n, k), columns as in `names` (k,), of the fruits `ids` (n,) that have points, by id."""
 
     ids: IntArray
     values: FloatArray
@@ -32,24 +34,43 @@ class FruitFeatures:
         return len(self.ids)
 
 
-def features(cloud: FruitCloud) -> FruitFeatures:
-    """Return P, V, δ = V / P and Ψ of every fruit in a cloud in metres; points of no fruit are left out."""
+def features(cloud: FruitCloud, names: tuple[str, ...] = FEATURE_NAMES) -> FruitFeatures:
+    """Return the features `names` of every fruit in a cloud in metres; points of no fruit are left out.
+
+    P `points`; V `volume_m3`, of the convex hull; δ = V / P `density_m3`; Ψ `psi`; and of the fruit's points the
+    largest of their `scores` and the mean of their `detections` (`FruitCloud`).
+    """
     ids, rows = [], []
-    for fruit_id, points in fruit_points(cloud):
+    for fruit_id, idx in _members(cloud):
+        points = cloud.points_in_world[idx]
         volume = hull_volume_m3(points)
+        known = {
+            "points": len(idx),
+            "volume_m3": volume,
+            "density_m3": volume / len(idx),
+            "psi": psi(points),
+            "max_score": float(cloud.scores[idx].max()),
+            "mean_detections": float(cloud.detections[idx].mean()),
+        }
         ids.append(fruit_id)
-        rows.append((len(points), volume, volume / len(points), psi(points)))
-    return FruitFeatures(np.array(ids, np.int64), np.array(rows, float).reshape(-1, 4))
+        rows.append([known[name] for name in names])
+    return FruitFeatures(np.array(ids, np.int64), np.array(rows, float).reshape(-1, len(names)), names)
 
 
 def fruit_points(cloud: FruitCloud) -> Iterator[tuple[int, FloatArray]]:
     """Yield each fruit's id and points (m, 3), in order of id."""
+    for fruit_id, idx in _members(cloud):
+        yield fruit_id, cloud.points_in_world[idx]
+
+
+def _members(cloud: FruitCloud) -> Iterator[tuple[int, IntArray]]:
+    """Yield each fruit's id and the indices of its points, in order of id."""
     order = np.argsort(cloud.fruit_id, kind="stable")
     order = order[cloud.fruit_id[order] > 0]
     sorted_ids = cloud.fruit_id[order]
     for part in np.split(order, np.flatnonzero(np.diff(sorted_ids)) + 1):
         if len(part):
-            yield int(cloud.fruit_id[part[0]]), cloud.points_in_world[part]
+            yield int(cloud.fruit_id[part[0]]), part
 
 
 def hull_volume_m3(points: FloatArray) -> float:
@@ -77,7 +98,7 @@ def psi(points: FloatArray) -> float:
     return float(27 * np.prod(singular / total))
 
 
-def resized(values: FloatArray, factor: float) -> FloatArray:
-    """Return the features (n, 4) that the same points would have, were they `factor` times as large."""
-    result: FloatArray = values * factor**_LENGTH_POWERS
+def resized(values: FloatArray, factor: float, names: tuple[str, ...] = FEATURE_NAMES) -> FloatArray:
+    """Return the features (n, k) that the same points would have, were they `factor` times as large."""
+    result: FloatArray = values * np.array([factor**3 if name in _VOLUMES else 1.0 for name in names])
     return result

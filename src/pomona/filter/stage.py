@@ -13,7 +13,6 @@ from pomona.errors import InputError
 from pomona.filter.features import features, resized
 from pomona.filter.svm import LinearSvm
 from pomona.filter.views import place_probability, view_features
-from pomona.fruits import FruitCloud
 from pomona.fuse import Fused
 
 
@@ -26,8 +25,8 @@ def apply(fused: Fused, svm: LinearSvm, *, threshold: float = 0.5) -> Fused:
 
     Raises `InputError` for a threshold outside 0 to 1.
     """
-    found = features(fused.cloud)
-    probability = svm.probability(resized(found.values, _size_factor(fused, svm)))
+    found = features(fused.cloud, svm.names)
+    probability = svm.probability(resized(found.values, _size_factor(fused, svm), svm.names))
     judged = dict(zip(found.ids.tolist(), probability.tolist(), strict=True))
     return _kept(fused, np.array([judged.get(i, np.nan) for i in fused.fruits.ids.tolist()]), threshold)
 
@@ -59,12 +58,11 @@ def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:
         raise InputError(f"threshold: expected 0 to 1, found {threshold}")
     scores = np.where(np.isnan(probability), fused.fruits.scores, probability)
     fruits = replace(fused.fruits, scores=scores)[np.isnan(probability) | (probability >= threshold)]
-    cloud = fused.cloud
-    fruit_id = np.where(np.isin(cloud.fruit_id, fruits.ids), cloud.fruit_id, 0)
+    fruit_id = np.where(np.isin(fused.cloud.fruit_id, fruits.ids), fused.cloud.fruit_id, 0)
     return Fused(
         fruits,
         fused.observations[np.isin(fused.observations.fruit_id, fruits.ids)],
-        FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id),
+        replace(fused.cloud, fruit_id=fruit_id),
     )
 
 

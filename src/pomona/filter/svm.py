@@ -19,9 +19,13 @@ _FOLDS = 5
 _WEIGHTS = Path(__file__).parent / "weights"
 
 
-def shipped(method: str) -> Path:
-    """Return the machine that is shipped for fruits found by `method`, "paper" or "object"."""
-    return _WEIGHTS / f"{method}_svm.json"
+def shipped(method: str, variant: str | None = None) -> Path:
+    """Return the machine that is shipped for fruits found by `method`, "paper" or "object".
+
+    Of the paper's method the variant "published-code" has one of its own, on that program's six features.
+    """
+    name = "published_code" if variant == "published-code" else method
+    return _WEIGHTS / f"{name}_svm.json"
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,25 @@ import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.evaluate import EvaluateOptions, Truth
-from pomona.evaluate.matching import candidates_by_center
-from pomona.filter.features import features
+from pomona.evaluate.matching import candidates_of
+from pomona.filter.features import FEATURE_NAMES, features
 from pomona.fuse import Fused
 
 
 def training_table(
-    fused: Fused, truth: Truth, *, options: EvaluateOptions | None = None
+    fused: Fused,
+    truth: Truth,
+    *,
+    names: tuple[str, ...] = FEATURE_NAMES,
+    options: EvaluateOptions | None = None,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return features (n, 4) of the fruits that have points, and whether each is one (n,).
+    """Return features (n, k), `names` (k,), of the fruits that have points, and whether each is one (n,).
 
-    It is where its centre is at most half a diameter from a true fruit's; a fruit found twice is a fruit twice.
+    It is where it may be a true fruit by what `options` ask for (else: its centre is at most half a diameter from a
+    true fruit's); a fruit found twice is a fruit twice.
+
+    Raises `InputError` where `options.match` asks for boxes and the truth has none.
     """
-    found = features(fused.cloud)
-    candidates = candidates_by_center(fused.fruits, truth, options or EvaluateOptions())
+    found = features(fused.cloud, names)
+    candidates = candidates_of(fused.fruits, truth, options or EvaluateOptions(match="centers"))
     return found.values, np.isin(found.ids, fused.fruits.ids[candidates.found_idx])

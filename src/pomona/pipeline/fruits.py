@@ -109,7 +109,7 @@ def filter_stage(
     def key() -> Any:
         from pomona.filter.svm import shipped
 
-        model = options.filter_model or shipped(options.method)
+        model = options.filter_model or shipped(options.method, options.variant)
         return [options.method, options.filter_false_positives, file_digest(model), fuse.token]
 
     return _fused_stage(context, "filter", key, compute, needs=(segment, scale, fuse), rooms=("filter",))
@@ -143,7 +143,7 @@ def filtered(
     from pomona.filter.svm import shipped
 
     progress.start("telling fruits from leaves")
-    svm = filters.load(options.filter_model or shipped(options.method))
+    svm = filters.load(options.filter_model or shipped(options.method, options.variant))
     if options.method == "paper":
         return filters.apply(fused, svm)
     return filters.apply_to_views(fused, detections, cameras, svm)

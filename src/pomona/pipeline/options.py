@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from pomona.sfm import SfmOptions
 
 Method = Literal["object", "paper"]
+Variant = Literal["text", "published-code"]
 Engine = Literal["auto", "opencv", "patchmatch"]
 METHODS: tuple[str, ...] = get_args(Method)
+VARIANTS: tuple[str, ...] = get_args(Variant)
 ENGINES: tuple[str, ...] = get_args(Engine)
 
 
@@ -33,14 +35,16 @@ class RunOptions:
     installed segmenter; `score_threshold` None: the model's own. `detections`: a COCO file, used in place of a
     segmenter. `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
     `scale_bar` (two ids, metres), `use_gnss`, `fruit_diameter_m`: where metres come from, in this order.
-    `engine` makes the dense cloud. `filter_false_positives`: whether the support vector machine has its say, with
-    `filter_model` (None: the shipped one).
+    `variant` of the method "paper": to the letter of its "text", or as its authors' "published-code" does it; None:
+    what is best of both (docs/paper-method.md). `engine` makes the dense cloud. `filter_false_positives`: whether the
+    support vector machine has its say, with `filter_model` (None: the shipped one).
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
 
     sides: str = "auto"
     method: str = "object"
+    variant: str | None = None
     model: str | None = None
     score_threshold: float | None = None
     detections: Path | None = None
@@ -57,6 +61,10 @@ class RunOptions:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise InputError(f"--method: expected one of {', '.join(METHODS)}, found '{self.method}'")
+        if self.variant is not None and self.variant not in VARIANTS:
+            raise InputError(f"--variant: expected one of {', '.join(VARIANTS)}, found '{self.variant}'")
+        if self.variant is not None and self.method != "paper":
+            raise InputError(f"--variant {self.variant} is of --method paper, found --method {self.method}")
         if self.engine not in ENGINES:
             raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, found '{self.engine}'")
         for name in ("detections", "cameras", "markers", "filter_model"):
@@ -119,8 +127,12 @@ class RunOptions:
         """Options of the paper's fusion."""
         from pomona.fuse.paper import PaperOptions
 
-        # 3 cm were chosen for apples of 75 mm; other fruits have their own size. Scores were looked at when segmenting.
-        return PaperOptions(eps_m=0.4 * self.fruit_diameter_m, min_score=0.0)
+        made = {"text": PaperOptions.as_printed, "published-code": PaperOptions.as_published_code}
+        options = made[self.variant]() if self.variant else PaperOptions()
+        # Scores were looked at when segmenting; but the published code has its own threshold.
+        as_code = self.variant == "published-code" and self.score_threshold is None
+        # 3 cm were chosen for apples of 75 mm; other fruits have their own size.
+        return replace(options, eps_m=0.4 * self.fruit_diameter_m, min_score=options.min_score if as_code else 0.0)
 
     @property
     def object(self) -> ObjectOptions:
@@ -154,9 +166,10 @@ class RunOptions:
 
             read_markers(self.markers)
         if self.filter_model is not None:
-            from pomona.filter import FEATURE_NAMES, VIEW_FEATURE_NAMES, LinearSvm
+            from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, VIEW_FEATURE_NAMES, LinearSvm
 
-            expected = FEATURE_NAMES if self.method == "paper" else VIEW_FEATURE_NAMES
+            of_points = CODE_FEATURE_NAMES if self.variant == "published-code" else FEATURE_NAMES
+            expected = of_points if self.method == "paper" else VIEW_FEATURE_NAMES
             found = LinearSvm.load(self.filter_model).names
             if found != expected:
                 raise InputError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pomona.arrays import IntArray
@@ -21,7 +23,7 @@ def assemble(members: list[Member], detections: SurveyDetections, cameras: Camer
     fruit_id = np.zeros(len(cloud), np.int64)
     for new_id, (points_idx, _) in enumerate(members, start=1):
         fruit_id[points_idx] = new_id
-    labelled = FruitCloud(cloud.points_in_world, cloud.rgb, fruit_id)
+    labelled = replace(cloud, fruit_id=fruit_id)
     if not members:
         return Fused(Fruits.empty(), Observations.empty(), labelled)
     eyes = cameras.centers_in_world

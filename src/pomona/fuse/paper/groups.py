@@ -15,12 +15,31 @@ _CELLS_PER_EPS = 6
 def nearest_group(points_in_world: FloatArray, depth_m: FloatArray, *, eps_m: float, min_points: int) -> IntArray:
     """Return the indices of the points in the group nearest to the camera by mean depth; none where all is noise."""
     groups = connected_groups(points_in_world, eps_m=eps_m, min_points=min_points)
+    return _nearest(groups, depth_m)
+
+
+def nearest_reach(points_in_world: FloatArray, depth_m: FloatArray, *, eps_m: float, min_points: int) -> IntArray:
+    """Return the same as the authors' published program: of fewer than two groups all points, noise too.
+
+    Its DBSCAN (Daszykowski 2004) goes on from every point of a group, core or not: a group is all that can be reached
+    by steps of `eps_m`, if one of its points has `min_points` that near.
+    """
+    dense = connected_groups(points_in_world, eps_m=eps_m, min_points=min_points)
+    reached = connected_groups(points_in_world, eps_m=eps_m, min_points=1)
+    groups = np.where(np.isin(reached, reached[dense >= 0]), reached, -1)
+    if len(np.unique(groups[groups >= 0])) < 2:
+        return np.arange(len(points_in_world))
+    return _nearest(groups, depth_m)
+
+
+def _nearest(groups: IntArray, depth_m: FloatArray) -> IntArray:
     count = int(groups.max(initial=-1)) + 1
     if count == 0:
         return np.zeros(0, np.int64)
     in_group = groups >= 0
     total = np.bincount(groups[in_group], depth_m[in_group], minlength=count)
-    mean_depth = total / np.bincount(groups[in_group], minlength=count)
+    sizes = np.bincount(groups[in_group], minlength=count)
+    mean_depth = np.where(sizes > 0, total / np.maximum(sizes, 1), np.inf)
     return np.flatnonzero(groups == int(np.argmin(mean_depth)))
 
 

@@ -12,7 +12,8 @@ from pomona.dense.views import paint_labels
 from pomona.detections import Detections
 from pomona.fuse.paper.options import Projection
 
-_MIN_DLT_POINTS = 12
+# As in the authors' code, which leaves photos with fewer out.
+MIN_DLT_POINTS = 10
 
 
 class CellGrid:
@@ -53,7 +54,10 @@ class Projector:
     def points_in_masks(self, photo_idx: int, detections: Detections) -> Iterator[tuple[int, IntArray, FloatArray]]:
         """Yield for each detection with points: its index, its points' indices in the cloud, their depths (m)."""
         candidates = self._in_cone(photo_idx, self._grid.in_sight(self._cameras, photo_idx))
-        xy_px, depth_m = self._project(photo_idx, self._grid.points_in_world[candidates])
+        projected = self._project(photo_idx, self._grid.points_in_world[candidates])
+        if projected is None:
+            return
+        xy_px, depth_m = projected
         size = np.array([detections.width_px, detections.height_px])
         with np.errstate(invalid="ignore"):
             inside = (depth_m > 0) & (xy_px >= 0).all(1) & (xy_px < size).all(1)
@@ -76,14 +80,16 @@ class Projector:
         kept: IntArray = points_idx[off_axis <= 1.02 * _half_angle(self._cameras.intrinsics_of(photo_idx))]
         return kept
 
-    def _project(self, photo_idx: int, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
-        if self._projection == "dlt":
-            matrix = dlt_camera(self._cameras, photo_idx)
-            if matrix is not None:
-                homogeneous = points_in_world @ matrix[:, :3].T + matrix[:, 3]
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    return homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
-        return self._cameras.project(photo_idx, points_in_world)
+    def _project(self, photo_idx: int, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return pixels (n, 2) and depths (n,); None where the camera is to be fitted to its points and has too few."""
+        if self._projection == "lens":
+            return self._cameras.project(photo_idx, points_in_world)
+        matrix = dlt_camera(self._cameras, photo_idx)
+        if matrix is None:
+            return None
+        homogeneous = points_in_world @ matrix[:, :3].T + matrix[:, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
 
 
 def dlt_camera(cameras: Cameras, photo_idx: int) -> FloatArray | None:
@@ -93,7 +99,7 @@ def dlt_camera(cameras: Cameras, photo_idx: int) -> FloatArray | None:
     Hartley and Zisserman 2004, algorithm 7.1 without its last step; the authors' code re-estimates cameras so.
     """
     seen = cameras.track_photo_idx == photo_idx
-    if seen.sum() < _MIN_DLT_POINTS:
+    if seen.sum() < MIN_DLT_POINTS:
         return None
     points = cameras.points_in_world[cameras.track_point_idx[seen]]
     xy_px = cameras.track_xy_px[seen]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import FruitCloud
 from pomona.fuse.paper.assemble import Member, assemble
-from pomona.fuse.paper.groups import nearest_group, split_in_two
+from pomona.fuse.paper.groups import nearest_group, nearest_reach, split_in_two
 from pomona.fuse.paper.options import PaperOptions
-from pomona.fuse.paper.projection import Projector
+from pomona.fuse.paper.projection import MIN_DLT_POINTS, Projector
 from pomona.fuse.paper.unify import Sighting, Unifier
 from pomona.fuse.values import Fused
 from pomona.progress import Progress, Silent, track
@@ -32,16 +36,14 @@ def fuse(
     kept; where it overlaps an earlier fruit they are one, else it is a new fruit. Centres and diameters are first
     estimates. No detections or no points give no fruits.
 
-    Raises `InputError` where the cameras' frame is not metric: the distances above are metres.
+    Raises `InputError` where the cameras' frame is not metric (the distances above are metres), and where cameras are
+    to be fitted to their sparse points, but have none.
     """
     options, progress = options or PaperOptions(), progress or Silent()
-    if not cameras.frame.metric:
-        raise InputError(
-            "The paper's method needs cameras in metres (its DBSCAN distance is 3 cm), found cameras without a scale: "
-            "give --markers, --scale-bar or --fruit-diameter"
-        )
-    unifier = Unifier(len(cloud), options.overlap, options.min_overlap, options.unify_all)
+    _check(cameras, options)
+    unifier = Unifier(len(cloud), options.overlap, options.min_overlap, options.unify)
     projector = Projector(cameras, cloud.points_in_world, _CELL_EPS * options.eps_m, options.projection)
+    nearest = nearest_reach if options.grouping == "reach" else nearest_group
     for photo_idx, photo in enumerate(track(cameras.photos, progress, "fuse")):
         found = detections.get(photo)
         if found is None:
@@ -50,11 +52,27 @@ def fuse(
             if found.scores[k] < options.min_score:
                 continue
             points = cloud.points_in_world[points_idx]
-            group = nearest_group(points, depth_m, eps_m=options.eps_m, min_points=options.dbscan_min_points)
+            group = nearest(points, depth_m, eps_m=options.eps_m, min_points=options.dbscan_min_points)
             if len(group):
-                unifier.add(points_idx[group], Sighting(photo_idx, k))
+                unifier.add(points_idx[group], Sighting(photo_idx, k), float(found.scores[k]))
     members = _split([m for m in unifier.fruits() if _kept(m, options)], cloud, options.split_above_points)
-    return assemble(members, detections, cameras, cloud)
+    return assemble(
+        members, detections, cameras, replace(cloud, detections=unifier.detections, scores=unifier.mean_scores)
+    )
+
+
+def _check(cameras: Cameras, options: PaperOptions) -> None:
+    if not cameras.frame.metric:
+        raise InputError(
+            "The paper's method needs cameras in metres (its DBSCAN distance is 3 cm), found cameras without a scale: "
+            "give --markers, --scale-bar or --fruit-diameter"
+        )
+    seen = np.bincount(cameras.track_photo_idx, minlength=len(cameras))
+    if options.projection == "dlt" and len(cameras) and seen.max() < MIN_DLT_POINTS:
+        raise InputError(
+            f"The published code fits each camera to its tie points, at least {MIN_DLT_POINTS} a photo, but these "
+            "cameras have none: give cameras with tie points, or leave --variant published-code out"
+        )
 
 
 def _kept(member: Member, options: PaperOptions) -> bool:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pomona.arrays import IntArray
-from pomona.fuse.paper.options import Overlap
+from pomona.arrays import FloatArray, IntArray
+from pomona.fuse.paper.options import Overlap, Unify
 
 
 @dataclass
@@ -34,18 +34,32 @@ class Unifier:
     detection depends on its own points and those of the fruits they belong to, not on the length of the row.
     """
 
-    def __init__(self, points: int, overlap: Overlap, min_overlap: float, unify_all: bool) -> None:
+    def __init__(self, points: int, overlap: Overlap, min_overlap: float, unify: Unify) -> None:
         self._label = np.zeros(points, np.int64)
+        self._detections, self._score_sums = np.zeros(points, np.int64), np.zeros(points)
         self._fruits: dict[int, _Candidate] = {}
-        self._overlap, self._min_overlap, self._unify_all = overlap, min_overlap, unify_all
+        self._overlap, self._min_overlap, self._unify = overlap, min_overlap, unify
         self._last = 0
 
-    def add(self, points_idx: IntArray, sighting: Sighting) -> None:
+    @property
+    def detections(self) -> IntArray:
+        """How many detections took each point."""
+        return self._detections
+
+    @property
+    def mean_scores(self) -> FloatArray:
+        """The mean score of the detections that took each point; 0 of none."""
+        means: FloatArray = self._score_sums / np.maximum(self._detections, 1)
+        return means
+
+    def add(self, points_idx: IntArray, sighting: Sighting, score: float = 0.0) -> None:
         """Give a detection's points (indices without repetition) to the fruit it overlaps, or to a new one."""
+        self._detections[points_idx] += 1
+        self._score_sums[points_idx] += score
         fits = self._overlapping(points_idx)
         if fits:
             target, *others = fits
-            for other in others if self._unify_all else []:
+            for other in others if self._unify == "all" else []:
                 self._merge(target, other)
         else:
             self._last += 1
@@ -60,7 +74,7 @@ class Unifier:
         return [(members, sightings) for members, sightings in found if len(members)]
 
     def _overlapping(self, points_idx: IntArray) -> list[int]:
-        """Return the fruits that overlap enough, the best first."""
+        """Return the fruits that overlap enough, the best first; where the first is to be joined, the earliest."""
         labels, counts = np.unique(self._label[points_idx], return_counts=True)
         scored = []
         for label, shared in zip(labels.tolist(), counts.tolist(), strict=True):
@@ -68,7 +82,9 @@ class Unifier:
                 overlap = self._measure(shared, len(points_idx), self._fruits[label].size)
                 if overlap > self._min_overlap:
                     scored.append((-overlap, label))
-        return [label for _, label in sorted(scored)]
+        return (
+            sorted(label for _, label in scored) if self._unify == "first" else [label for _, label in sorted(scored)]
+        )
 
     def _measure(self, shared: int, mine: int, theirs: int) -> float:
         return shared / (min(mine, theirs) if self._overlap == "either" else mine + theirs - shared)
