@@ -10,7 +10,7 @@ import numpy as np
 from pyproj import Transformer
 
 from pomona.arrays import BoolArray, FloatArray
-from pomona.cameras import Cameras
+from pomona.cameras import Cameras, local_crs
 from pomona.errors import InputError
 from pomona.geometry import Similarity
 from pomona.photos import Photo
@@ -27,8 +27,7 @@ _MOST_PAIRS = 1000
 class LocalFrame:
     """East-north-up metres around `origin` (latitude_deg, longitude_deg, altitude_m).
 
-    `crs` is a transverse Mercator projection about the origin, which GIS programs read; within a kilometre of the
-    origin it differs from the tangent plane by less than a millimetre. z is the altitude above the origin's.
+    `crs` is `local_crs` of the origin. z is the altitude above the origin's.
     """
 
     crs: str
@@ -54,10 +53,7 @@ def local_frame(photos: Sequence[Photo]) -> LocalFrame | None:
     latitude = round(float(np.median([fix.latitude_deg for fix in fixes])), 7)
     longitude = round(float(np.median([fix.longitude_deg for fix in fixes])), 7)
     altitude = round(float(np.median(altitudes)), 2) if altitudes else 0.0
-    crs = (
-        f"+proj=tmerc +lat_0={latitude} +lon_0={longitude} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs +type=crs"
-    )
-    return LocalFrame(crs, (latitude, longitude, altitude))
+    return LocalFrame(local_crs(latitude, longitude), (latitude, longitude, altitude))
 
 
 def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray:
