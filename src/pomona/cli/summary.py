@@ -41,6 +41,7 @@ def _entries(summary: Summary) -> list[tuple[str, str]]:
         *_listed("not placed", summary.lost),
         *_listed("skipped", summary.skipped),
         ("detections", detections),
+        ("corrections", summary.corrections or ""),
         ("scale", summary.scale or ""),
         ("sides", "; ".join(summary.sides)),
         ("time", _times(summary)),

@@ -16,7 +16,7 @@ from pomona.progress import Progress, track
 from pomona.survey import Stage, Survey
 from pomona.survey.digest import digest, file_digest, plain
 from pomona.survey.files import write_file
-from pomona.survey.stage import StageWork
+from pomona.survey.stage import KeptStage, StageWork
 
 T = TypeVar("T")
 
@@ -25,7 +25,8 @@ T = TypeVar("T")
 class Context:
     """One run. `digests` are of the photos' contents, by name; `on_stage` hears the name of each stage that begins.
 
-    `warnings` are those that the person was told of so far, in this run.
+    `warnings` are those that the person was told of so far, in this run. Stages named in `kept` are taken as an earlier
+    run left them.
     """
 
     survey: Survey
@@ -35,6 +36,7 @@ class Context:
     progress: Progress
     on_stage: Callable[[str], None]
     warnings: Sequence[str] = ()
+    kept: frozenset[str] = frozenset()
 
     def stage(self, name: str, key: Callable[[], Any], work: StageWork[T], *, rooms: Sequence[str]) -> Stage[T]:
         """Return a stage of this run. Its result depends on `key` and on the code of `rooms`, packages of Pomona."""
@@ -42,7 +44,8 @@ class Context:
         def full_key() -> Any:
             return [key(), [code_digest(room) for room in rooms]]
 
-        return Stage(self.survey, name, full_key, work, self.progress, self.on_stage)
+        kind = KeptStage if name in self.kept else Stage
+        return kind(self.survey, name, full_key, work, self.progress, self.on_stage)
 
     @property
     def photo_details(self) -> list[Any]:

@@ -15,6 +15,7 @@ from pomona.formats.geojson import write_geojson
 from pomona.formats.tables import read_fruits, read_observations, write_fruits, write_observations
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.pipeline.context import Context
+from pomona.pipeline.correcting import Correcting
 from pomona.pipeline.placing import unregistered_from
 from pomona.pipeline.seeing import trusted
 from pomona.progress import Progress
@@ -38,14 +39,22 @@ class Results:
     scene: FruitCloud
 
 
-def results_stage(context: Context, scale: Stage[Placed], measured: Stage[Fused]) -> Stage[Results]:
-    """Return the stage that writes `fruits.csv`, `fruits.geojson`, `observations.csv` and `cloud.laz`."""
+def results_stage(
+    context: Context, scale: Stage[Placed], measured: Stage[Fused], correcting: Correcting
+) -> Stage[Results]:
+    """Return the stage that writes `fruits.csv`, `fruits.geojson`, `observations.csv` and `cloud.laz`, as corrected."""
     survey = context.survey
 
     def compute(progress: Progress) -> Results:
         progress.start("writing tables, map and cloud")
-        fused = measured.value
-        return Results(fused.fruits, fused.observations, scene_cloud(scale.value.cameras, fused.cloud))
+        fused, corrected = measured.value, correcting.value
+        if corrected is None:
+            return Results(fused.fruits, fused.observations, scene_cloud(scale.value.cameras, fused.cloud))
+        for outcome in corrected.outcomes:
+            if outcome.problem:
+                progress.warn(outcome.warning())
+        scene = scene_cloud(scale.value.cameras, corrected.relabelled(fused.cloud))
+        return Results(corrected.fruits, corrected.detected, scene)
 
     def save(results: Results) -> Mapping[str, Any]:
         from pomona.formats.las import write_las
@@ -55,7 +64,8 @@ def results_stage(context: Context, scale: Stage[Placed], measured: Stage[Fused]
         write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
         write_file(survey.observations, lambda path: write_observations(path, results.observations))
         write_file(survey.cloud, lambda path: write_las(path, results.scene, frame=frame))
-        return {"fruits": len(results.fruits), "observations": len(results.observations)}
+        numbers = {"fruits": len(results.fruits), "observations": len(results.observations)}
+        return numbers | ({"corrections": correcting.numbers} if correcting.log else {})
 
     def load(info: Mapping[str, Any]) -> Results:
         from pomona.formats.las import read_las
@@ -64,7 +74,11 @@ def results_stage(context: Context, scale: Stage[Placed], measured: Stage[Fused]
 
     outputs = (survey.fruits, survey.geojson, survey.observations, survey.cloud)
     work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(scale, measured))
-    return context.stage("results", lambda: [scale.token, measured.token], work, rooms=("formats",))
+
+    def key() -> Any:
+        return [scale.token, measured.token, *correcting.key]
+
+    return context.stage("results", key, work, rooms=("formats", "corrections"))
 
 
 def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
@@ -82,6 +96,7 @@ def report_stage(
     sfm: Stage[Reconstruction],
     scale: Stage[Placed],
     results: Stage[Results],
+    correcting: Correcting,
 ) -> Stage[None]:
     """Return the stage that writes `report.html` and `contact_sheet.jpg`."""
     survey = context.survey
@@ -89,7 +104,7 @@ def report_stage(
 
     def compute(progress: Progress) -> None:
         progress.start("gathering")
-        written.append(_report_data(context, segment, sfm, scale, results))
+        written.append(_report_data(context, segment, sfm, scale, results, correcting))
 
     def save(_: None) -> Mapping[str, Any]:
         from pomona.report import write_contact_sheet, write_report
@@ -119,21 +134,23 @@ def _report_data(
     sfm: Stage[Reconstruction],
     scale: Stage[Placed],
     results: Stage[Results],
+    correcting: Correcting,
 ) -> ReportData:
     from pomona.report import ReportData, StageTime
 
     records = context.survey.records
     warnings = [*context.warnings, *(warning for record in records.values() for warning in record.warnings)]
+    corrected = correcting.value
     unregistered = unregistered_from(sfm.ensure().info["unregistered"])
     return ReportData(
         title=context.survey.folder.name,
         photos=context.photos,
         cameras=scale.value.cameras,
         fruits=results.value.fruits,
-        observations=results.value.observations,
+        observations=corrected.observations if corrected else results.value.observations,
         cloud=results.value.scene,
         detections=int(segment.ensure().info["detections"]),
-        masks=trusted(segment, context.options),
+        masks=correcting.masks if corrected else trusted(segment, context.options),
         lost=(*unregistered, *scale.value.lost),
         scale=scale.value.residuals,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),

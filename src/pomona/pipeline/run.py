@@ -37,6 +37,8 @@ def run(
     Raises errors of `pomona.errors`: for photos and options that cannot be used, photos that cannot be placed, a
     folder that holds something else, a full disk.
     """
+    from pomona.corrections import read_corrections
+
     options, listening = options or RunOptions(), _Kept(progress or Silent())
     if until not in STAGES:
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
@@ -46,6 +48,7 @@ def run(
     with disk_errors(survey.folder), survey.locked():
         if overwrite:
             survey.clear()
+        read_corrections(survey.corrections)  # a mistake in it is told of before hours of work
         survey.note(sources=paths, options=options.to_json())
         on_stage("photos")
         least = 1 if until == "segment" else 2
@@ -99,6 +102,7 @@ def go_on(
 def make_stages(context: Context) -> dict[str, Stage[Any]]:
     """Return all stages of a run by name, in order, each knowing those it depends on."""
     # Imported here, as they bring the engines: `pomona --help` has to be quick.
+    from pomona.pipeline.correcting import Correcting
     from pomona.pipeline.fruits import dense_stage, filter_stage, fuse_stage, measure_stage, sphere_cloud_stage
     from pomona.pipeline.placing import scale_stage, sfm_stage
     from pomona.pipeline.results import report_stage, results_stage
@@ -113,8 +117,9 @@ def make_stages(context: Context) -> dict[str, Stage[Any]]:
     filtered = filter_stage(context, segment, scale, fuse)
     measured = measure_stage(context, segment, scale, filtered)
     shown = measured if cloud else sphere_cloud_stage(context, segment, scale, measured)
-    results = results_stage(context, scale, shown)
-    report = report_stage(context, segment, sfm, scale, results)
+    correcting = Correcting(context, segment, scale, shown)
+    results = results_stage(context, scale, shown, correcting)
+    report = report_stage(context, segment, sfm, scale, results, correcting)
     if cloud:
         found = (segment, sfm, scale, cloud, fuse, filtered, measured, results, report)
         return dict(zip(_STAGES_OF_PAPER, found, strict=True))

@@ -35,13 +35,14 @@ class StageTime:
 @dataclass(frozen=True)
 class Summary:
     """The end of a run. What a partial run did not come to is None. `sides` says how well the sides of the row agree;
-    `lost` are photo names with reasons."""
+    `corrections` how many were applied; `lost` are photo names with reasons."""
 
     survey: Path
     photos: int
     detections: int | None
     photos_used: int | None
     fruits: int | None
+    corrections: str | None
     scale: str | None
     approximate: bool | None
     sides: tuple[str, ...]
@@ -72,6 +73,7 @@ def summarise(
         detections=records["segment"].info["detections"] if "segment" in records else None,
         photos_used=int(scale.info["photos"]) if scale else None,
         fruits=int(results.info["fruits"]) if results else None,
+        corrections=_corrections(results.info) if results else None,
         scale=_scale(scale.info) if scale else None,
         approximate=bool(scale.info["frame"]["approximate"]) if scale else None,
         sides=tuple(_tie(entry) for entry in scale.info["report"]["ties"]) if scale else (),
@@ -83,6 +85,14 @@ def summarise(
         warnings=tuple(all_warnings),
         report=survey.report if "report" in records else None,
     )
+
+
+def _corrections(info: Mapping[str, Any]) -> str | None:
+    numbers = info.get("corrections")
+    if numbers is None:
+        return None
+    lost = f"; {numbers['lost']} match no fruit any more" if numbers["lost"] else ""
+    return f"{numbers['all'] - numbers['lost']} applied{lost}"
 
 
 def _lost(record: StageRecord | None, entry: str) -> list[tuple[str, str]]:

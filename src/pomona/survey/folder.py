@@ -111,6 +111,11 @@ class Survey:
         return self.folder / "observations.csv"
 
     @property
+    def corrections(self) -> Path:
+        """`corrections.json`: what a person corrected. No run removes it."""
+        return self.folder / "corrections.json"
+
+    @property
     def report(self) -> Path:
         """`report.html`."""
         return self.folder / "report.html"

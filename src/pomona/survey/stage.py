@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from pomona.errors import SurveyError
 from pomona.progress import Progress
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import disk_errors
@@ -163,3 +164,17 @@ class Stage(Generic[T]):
             aside = next(path.with_name(name) for name in names if not path.with_name(name).exists())
             path.rename(aside)
             self._progress.warn(f"{path.name} was changed since Pomona wrote it: kept as {aside.name}")
+
+
+class KeptStage(Stage[T]):
+    """A stage as an earlier run left it: whether it is out of date is not asked, as that takes the photos."""
+
+    def _valid_record(self) -> StageRecord | None:
+        record = self._survey.record_of(self.name)
+        return record if record and record.finished else None
+
+    def _run(self) -> StageRecord:
+        raise SurveyError(
+            f"{self._survey.folder} lacks what stage '{self.name}' keeps in work/, or it was changed: use `pomona run` "
+            "with the photos again, which makes it"
+        )

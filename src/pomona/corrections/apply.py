@@ -1,0 +1,214 @@
+"""Corrections applied to the fruits of a survey, in the order in which they were made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.corrections.masks import divided, joined, radius_px
+from pomona.corrections.outcome import Corrected, Found, MadeMask, Outcome
+from pomona.corrections.state import State, joined_observations
+from pomona.corrections.values import Added, Correction, Deleted, Merged, Moved, Place, Split
+from pomona.detections import Mask, SurveyDetections
+from pomona.errors import InputError
+from pomona.fruits import Fruits, Observations
+from pomona.sphere_outlines import centers_px
+
+_NOTHING_THERE = "there is no fruit"
+
+
+def apply(corrections: Sequence[Correction], found: Found) -> Corrected:
+    """Return the fruits as corrected. A correction whose fruit is not there changes nothing and says so.
+
+    A fruit is known by its place alone: it is the one whose centre is within half its diameter of where it was when it
+    was corrected. What a new run finds by itself, or does not find any more, needs no correction.
+    """
+    state = State(found)
+    outcomes = tuple(_apply_one(state, correction) for correction in corrections)
+    return Corrected(
+        fruits=state.fruits,
+        observations=state.observations,
+        detections=SurveyDetections(state.detections),
+        made=state.made,
+        false_ids=frozenset(state.false_ids),
+        how=state.how,
+        became=state.became,
+        outcomes=outcomes,
+    )
+
+
+def _apply_one(state: State, correction: Correction) -> Outcome:
+    try:
+        match correction:
+            case Deleted():
+                fruits = _delete(state, correction)
+            case Added():
+                fruits = _add(state, correction)
+            case Split():
+                fruits = _split(state, correction)
+            case Merged():
+                fruits = _merge(state, correction)
+            case Moved():
+                fruits = _move(state, correction)
+    except InputError as error:
+        return Outcome(correction, problem=str(error))
+    return Outcome(correction, fruits)
+
+
+def _matched(state: State, place: Place) -> int:
+    idx = state.match(place)
+    if idx is None:
+        raise InputError(_NOTHING_THERE)
+    return idx
+
+
+def _delete(state: State, correction: Deleted) -> tuple[int, ...]:
+    idx = _matched(state, correction.at)
+    id_ = int(state.fruits.ids[idx])
+    seen = state.drop(idx)
+    state.changed(id_, ())
+    state.false_ids |= {
+        original for made in seen.detection_id.tolist() for original in (made, *_originals(state, made))
+    }
+    return ()
+
+
+def _originals(state: State, detection_id: int) -> tuple[int, ...]:
+    made = state.made.get(detection_id)
+    # What a neighbour's mask was divided from is not false as a whole.
+    return made.of if made is not None and made.how == "joined" else ()
+
+
+def _add(state: State, correction: Added) -> tuple[int, ...]:
+    there = state.match(correction.at)
+    if there is not None:
+        return (int(state.fruits.ids[there]),)
+    place = np.array(correction.at)
+    fruit = _new(state, place, correction.diameter_m, correction.diameter_sd_m)
+    id_, diameter = int(fruit.ids[0]), float(fruit.diameters_m[0])
+    seen = state.look_for(id_, place, diameter, correction.marks, Observations.empty())
+    fruit = state.seen_from(fruit, [*seen.photo, *(mark.photo for mark in correction.marks)])
+    state.put(fruit, seen, "added")
+    return (id_,)
+
+
+def _new(state: State, place: FloatArray, diameter: float | None, sd: float | None) -> Fruits:
+    if diameter is None:
+        return state.of_usual_size(state.new_id(), place)
+    one = Fruits(np.array([state.new_id()]), place[None], np.array([diameter]), np.ones(1), np.zeros(1, np.int64))
+    return replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd]), tree_ids=state.tree_near(place))
+
+
+def _merge(state: State, correction: Merged) -> tuple[int, ...]:
+    one, other = (_matched(state, place) for place in correction.at)
+    if one == other:  # the run joined them by itself
+        return (int(state.fruits.ids[one]),)
+    # The one that more photos saw says more; on a tie the first.
+    kept, gone = sorted((one, other), key=lambda i: -int(state.fruits.views[i]))
+    first, second = (state.fruits[np.array([i])] for i in (kept, gone))
+    id_, gone_id = int(first.ids[0]), int(second.ids[0])
+    at = kept - (gone < kept)
+    seen_second = state.drop(gone)
+    seen = _one_a_photo(state, id_, joined_observations([state.drop(at), seen_second]))
+    views = np.maximum([first.views[0], second.views[0]], 1)
+    middle = np.average([first.centers_in_world[0], second.centers_in_world[0]], axis=0, weights=views)
+    size = first if np.isfinite(first.diameters_m[0]) else second
+    fruit = replace(
+        size,
+        ids=first.ids,
+        centers_in_world=middle[None],
+        scores=np.ones(1),
+        tree_ids=first.tree_ids if first.tree_ids[0] else second.tree_ids,
+        weights_g=np.full(1, np.nan),
+    )
+    fruit = state.seen_from(state.measured(fruit, seen), seen.photo)
+    state.put(fruit, seen, "merged", at=at)
+    state.changed(id_, (id_,))
+    state.changed(gone_id, (id_,))
+    return (id_,)
+
+
+def _one_a_photo(state: State, fruit_id: int, seen: Observations) -> Observations:
+    """The detections of a fruit with two of one photo joined to one mask."""
+    rows = sorted(zip(seen.photo, seen.detection_id.tolist(), strict=True))
+    kept: list[tuple[str, int]] = []
+    for photo, of_photo in groupby(rows, key=lambda row: row[0]):
+        ids = list(dict.fromkeys(id_ for _, id_ in of_photo))
+        masks = [mask for id_ in ids if (mask := state.mask(photo, id_)) is not None]
+        if len(masks) > 1:
+            originals = tuple(o for id_ in ids for o in (state.made[id_].of if id_ in state.made else (id_,)))
+            ids = state.replace_masks(photo, ids, [joined(masks)], MadeMask("joined", tuple(dict.fromkeys(originals))))
+        kept += [(photo, id_) for id_ in ids]
+    return state.sightings(fruit_id, kept)
+
+
+def _split(state: State, correction: Split) -> tuple[int, ...]:
+    there = [state.match(part) for part in correction.parts]
+    if None not in there and there[0] != there[1]:  # the run tells them apart by itself
+        return tuple(int(state.fruits.ids[i]) for i in there if i is not None)
+    at = _matched(state, correction.at)
+    fruit = state.fruits[np.array([at])]
+    old_id, places = int(fruit.ids[0]), np.array(correction.parts)
+    ids = old_id, state.new_id()
+    parts = [state.of_usual_size(id_, place, fruit) for id_, place in zip(ids, places, strict=True)]
+    diameters = np.array([float(part.diameters_m[0]) for part in parts])
+    rows = _divide(state, state.drop(at), places, diameters)
+    for k, (part, mine) in enumerate(zip(parts, rows, strict=True)):
+        seen = state.sightings(ids[k], mine)
+        more = state.look_for(ids[k], places[k], diameters[k], correction.marks, seen)
+        seen = joined_observations([seen, more])
+        part = state.seen_from(state.measured(part, seen), seen.photo)
+        state.put(part, seen, "split", at=at if k == 0 else None)
+    state.changed(old_id, ids)
+    return ids
+
+
+def _divide(
+    state: State, seen: Observations, places: FloatArray, diameters: FloatArray
+) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
+    """Give each detection of a fruit that is two to one of them, or a part of its mask to each."""
+    rows: tuple[list[tuple[str, int]], list[tuple[str, int]]] = [], []
+    for photo, id_ in zip(seen.photo, seen.detection_id.tolist(), strict=True):
+        mask = state.mask(photo, id_)
+        if mask is None:
+            continue
+        one, other = _parts_in(state, photo, mask, places, diameters)
+        if one is not None and other is not None:
+            originals = state.made[id_].of if id_ in state.made else (id_,)
+            new = state.replace_masks(photo, [id_], [one, other], MadeMask("divided", originals))
+            rows[0].append((photo, new[0]))
+            rows[1].append((photo, new[1]))
+        else:
+            rows[0 if one is not None else 1].append((photo, id_))
+    return rows
+
+
+def _parts_in(
+    state: State, photo: str, mask: Mask, places: FloatArray, diameters: FloatArray
+) -> tuple[Mask | None, Mask | None]:
+    cameras = state.found.cameras
+    i = cameras.index_of(photo)
+    if i is None:
+        return mask, None
+    at_px = centers_px(cameras, i, places)
+    radii = np.array([radius_px(cameras, i, place, d) for place, d in zip(places, diameters, strict=True)])
+    if not (np.isfinite(at_px).all() and np.isfinite(radii).all()):
+        return mask, None
+    if np.linalg.norm(at_px[0] - at_px[1]) < 0.5 * radii.mean():
+        # One hides the other: what is seen is the nearer one.
+        return (mask, None) if radii[0] / diameters[0] >= radii[1] / diameters[1] else (None, mask)
+    return divided(mask, at_px, radii)
+
+
+def _move(state: State, correction: Moved) -> tuple[int, ...]:
+    idx = _matched(state, correction.at)
+    trees = state.fruits.tree_ids.copy()
+    trees[idx] = correction.tree_id
+    state.fruits = replace(state.fruits, tree_ids=trees)
+    id_ = int(state.fruits.ids[idx])
+    state.how.setdefault(id_, "moved")
+    return (id_,)

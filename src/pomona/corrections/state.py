@@ -1,0 +1,218 @@
+"""The fruits, observations and masks of a survey while corrections are applied, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.corrections.masks import drawn_mask, free_detection
+from pomona.corrections.outcome import Found, How, MadeMask
+from pomona.corrections.values import Mark, Place
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import InputError
+from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
+from pomona.fuse import Fused
+from pomona.measure import measure
+
+
+class State:
+    """What corrections have made of the survey so far. Ids of new fruits and masks go on from the highest there are."""
+
+    def __init__(self, found: Found) -> None:
+        self.found = found
+        self.fruits = found.fruits
+        self.observations = found.observations
+        self.detections = dict(found.detections)
+        self.made: dict[int, MadeMask] = {}
+        self.false_ids: set[int] = set()
+        self.how: dict[int, How] = {}
+        self.became: dict[int, tuple[int, ...]] = {}
+        self._taken = set(found.observations.detection_id.tolist())
+        self._next_fruit = int(found.fruits.ids.max(initial=0)) + 1
+        self._next_mask = max((int(d.ids.max(initial=0)) for d in found.detections.values()), default=0) + 1
+
+    def match(self, place: Place) -> int | None:
+        """Return the index of the fruit at a place: the nearest whose centre is within half its diameter of it."""
+        if not len(self.fruits):
+            return None
+        away = np.linalg.norm(self.fruits.centers_in_world - np.array(place), axis=1)
+        nearest = int(away.argmin())
+        diameter = float(self.fruits.diameters_m[nearest])
+        reach = (diameter if np.isfinite(diameter) else self.found.usual_diameter) / 2
+        return nearest if away[nearest] <= reach else None
+
+    def new_id(self) -> int:
+        """Return the id of a fruit that is new."""
+        self._next_fruit += 1
+        return self._next_fruit - 1
+
+    def seen(self, fruit_id: int) -> Observations:
+        """Return the observations of a fruit."""
+        return self.observations[self.observations.fruit_id == fruit_id]
+
+    def drop(self, idx: int) -> Observations:
+        """Take a fruit away; returns what had seen it."""
+        id_ = int(self.fruits.ids[idx])
+        seen = self.seen(id_)
+        self.observations = self.observations[self.observations.fruit_id != id_]
+        self.fruits = self.fruits[np.arange(len(self.fruits)) != idx]
+        self.how.pop(id_, None)
+        return seen
+
+    def put(self, fruit: Fruits, seen: Observations, how: How, *, at: int | None = None) -> None:
+        """Put one fruit (1 row) in, at an index or at the end, with what saw it."""
+        at = len(self.fruits) if at is None else at
+        order = np.arange(len(self.fruits))
+        self.fruits = joined_fruits([self.fruits[order < at], fruit, self.fruits[order >= at]])
+        self.observations = joined_observations([self.observations, seen])
+        self._taken |= set(seen.detection_id.tolist())
+        self.how[int(fruit.ids[0])] = how
+
+    def changed(self, before: int, now: tuple[int, ...]) -> None:
+        """Remember what the fruit with the id `before` became, and so those that it was made of."""
+        sources = [id_ for id_, ids in self.became.items() if before in ids]
+        if before in self.found.fruits.ids and before not in self.became:
+            sources.append(before)
+        for id_ in sources:
+            rest = [i for i in self.became.get(id_, ()) if i != before]
+            self.became[id_] = tuple(dict.fromkeys([*rest, *now]))
+
+    def mask(self, photo: str, detection_id: int) -> Mask | None:
+        """Return the mask of a detection."""
+        found = self.detections.get(photo)
+        if found is None:
+            return None
+        return next((found.masks[int(k)] for k in np.flatnonzero(found.ids == detection_id)), None)
+
+    def replace_masks(self, photo: str, of: Sequence[int], masks: Sequence[Mask], made: MadeMask) -> list[int]:
+        """Put new masks in place of detections of one photo; returns their ids."""
+        found = self.detections[photo]
+        kept = found[~np.isin(found.ids, of)]
+        ids = [self._next_mask + k for k in range(len(masks))]
+        self._next_mask += len(masks)
+        self.made |= dict.fromkeys(ids, made)
+        for id_ in of:
+            self.made.pop(id_, None)
+        assert kept.boxes_px is not None
+        self.detections[photo] = Detections(
+            photo,
+            found.width_px,
+            found.height_px,
+            (*kept.masks, *masks),
+            np.concatenate([kept.scores, np.ones(len(masks))]),
+            np.concatenate([kept.ids, np.array(ids, np.int64)]),
+            np.concatenate([kept.boxes_px, np.array([m.box_px for m in masks], float).reshape(-1, 4)]),
+        )
+        return ids
+
+    def look_for(
+        self, fruit_id: int, place: FloatArray, diameter: float, marks: Sequence[Mark], seen: Observations
+    ) -> Observations:
+        """Return what more saw a fruit: detections that are nobody's and fit its sphere; where marked, it is drawn."""
+        cameras, marked = self.found.cameras, {mark.photo for mark in marks}
+        rows: list[tuple[str, int]] = []
+        for i, photo in enumerate(cameras.photos):
+            found = self.detections.get(photo)
+            if found is None or photo in seen.photo:
+                continue
+            k = free_detection(found, self._free(found), cameras, i, place, diameter)
+            if k is not None:
+                rows.append((photo, int(found.ids[k])))
+            elif photo in marked and (drawn := drawn_mask(cameras, i, place, diameter)) is not None:
+                rows.append((photo, self.replace_masks(photo, (), [drawn], MadeMask("drawn"))[0]))
+        return self.sightings(fruit_id, rows)
+
+    def sightings(self, fruit_id: int, rows: Iterable[tuple[str, int]]) -> Observations:
+        """Return observations of a fruit by photo and detection id."""
+        rows = list(rows)
+        places = [mask.center_px for photo, id_ in rows if (mask := self.mask(photo, id_)) is not None]
+        return Observations(
+            np.full(len(rows), fruit_id),
+            tuple(photo for photo, _ in rows),
+            np.array([id_ for _, id_ in rows], np.int64),
+            np.array(places).reshape(-1, 2),
+        )
+
+    def _free(self, found: Detections) -> BoolArray:
+        taken = np.array([id_ in self._taken or id_ in self.false_ids for id_ in found.ids.tolist()], bool)
+        return (found.scores >= self.found.least_score) & ~taken
+
+    def seen_from(self, fruit: Fruits, photos: Iterable[str]) -> Fruits:
+        """Return a fruit (1 row) with the number and the sides of the photos that saw it."""
+        names = set(photos)
+        sides = {self.found.side_of.get(name, "") for name in names} - {""}
+        side = BOTH_SIDES if len(sides) > 1 else "".join(sides)
+        return replace(fruit, views=np.array([len(names)]), sides=(side,))
+
+    def measured(self, fruit: Fruits, seen: Observations) -> Fruits:
+        """Return a fruit (1 row) measured anew; as it is where that fails or contradicts what the person said."""
+        photos = {photo: self.detections[photo] for photo in seen.photo}
+        if len(photos) < 2:
+            return fruit
+        usual = self.found.usual_diameter
+        options = self.found.measure
+        fused = Fused(fruit, seen, FruitCloud.empty())
+        new = measure(fused, SurveyDetections(photos), self.found.cameras, options=options)
+        away = float(np.linalg.norm(new.centers_in_world[0] - fruit.centers_in_world[0]))
+        if (
+            new.reasons[0]
+            or away > usual / 2
+            or not options.smallest * usual <= new.diameters_m[0] <= options.largest * usual
+        ):
+            return fruit
+        return new
+
+    def of_usual_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
+        """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour.
+
+        Raises `InputError` where no fruit of the survey has a size.
+        """
+        fruits = self.found.fruits
+        sizes = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
+        if not len(sizes):
+            raise InputError("no fruit of the survey has a size: click its size")
+        return Fruits(
+            np.array([fruit_id]),
+            place[None],
+            np.array([np.median(sizes)]),
+            np.ones(1),  # a person saw it
+            np.zeros(1, np.int64),
+            np.array([sizes.std()]),
+            tree_ids=self.tree_near(place) if like is None else like.tree_ids,
+            sides=("",) if like is None else like.sides,
+        )
+
+    def tree_near(self, place: FloatArray) -> IntArray:
+        """Return the tree (1,) of the fruit nearest to a place."""
+        if not len(self.fruits):
+            return np.zeros(1, np.int64)
+        away = np.linalg.norm(self.fruits.centers_in_world - place, axis=1)
+        nearest: IntArray = self.fruits.tree_ids[away.argmin()][None]
+        return nearest
+
+
+def joined_fruits(parts: Sequence[Fruits]) -> Fruits:
+    """Return the fruits of all parts."""
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in (
+            "ids", "centers_in_world", "diameters_m", "scores", "views", "diameter_sds_m", "visibilities", "weights_g",
+            "tree_ids",
+        )
+    }  # fmt: skip
+    columns |= {name: tuple(t for part in parts for t in getattr(part, name)) for name in ("sides", "reasons")}
+    return Fruits(**columns)
+
+
+def joined_observations(parts: Sequence[Observations]) -> Observations:
+    """Return the observations of all parts."""
+    return Observations(
+        np.concatenate([part.fruit_id for part in parts]),
+        tuple(photo for part in parts for photo in part.photo),
+        np.concatenate([part.detection_id for part in parts]),
+        np.concatenate([part.xy_px for part in parts]),
+    )
