@@ -34,7 +34,8 @@ _TRUTH = Annotated[
 _MATCH = Annotated[
     str,
     typer.Option(
-        metavar="auto|centers|boxes|masks", help="What makes a found fruit a true one (masks: with --detections)."
+        metavar="auto|centers|boxes|inside|masks",
+        help="What makes a found fruit a true one (inside: its centre in the box; masks: with --detections).",
     ),
 ]
 _DETECTIONS = Annotated[

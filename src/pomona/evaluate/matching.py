@@ -60,14 +60,27 @@ def candidates_by_box(fruits: Fruits, truth: Truth, options: EvaluateOptions) ->
     return Candidates(found_idx, true_idx, 1 - overlap)[overlap > options.min_overlap]
 
 
+def candidates_inside(fruits: Fruits, truth: Truth) -> Candidates:
+    """Return the pairs whose found centre lies in the true box; the cost is 0 in its middle and 1 at its sides."""
+    assert truth.boxes_in_world is not None
+    halves = (truth.boxes_in_world[:, 3:] - truth.boxes_in_world[:, :3]) / 2
+    found_idx, true_idx = _within(fruits.centers_in_world, truth.centers_in_world, np.linalg.norm(halves, axis=1))
+    off = np.abs(fruits.centers_in_world[found_idx] - truth.centers_in_world[true_idx]) / halves[true_idx]
+    cost = off.max(1, initial=0)
+    return Candidates(found_idx, true_idx, cost)[cost <= 1]
+
+
 def candidates_of(fruits: Fruits, truth: Truth, options: EvaluateOptions) -> Candidates:
     """Return the pairs by what `options.match` asks for: boxes, also where it leaves the choice and there are some.
 
     Raises `InputError` where it asks for boxes and the truth has none.
     """
-    by_box = options.match == "boxes" or (options.match == "auto" and truth.boxes_in_world is not None)
-    if by_box and truth.boxes_in_world is None:
+    has_boxes = truth.boxes_in_world is not None
+    if options.match in ("boxes", "inside") and not has_boxes:
         raise InputError("match: expected a truth with boxes, found one with centres and diameters")
+    if options.match == "inside":
+        return candidates_inside(fruits, truth)
+    by_box = options.match == "boxes" or (options.match == "auto" and has_boxes)
     return (candidates_by_box if by_box else candidates_by_center)(fruits, truth, options)
 
 

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 from pomona.errors import InputError
 
-Match = Literal["auto", "centers", "boxes"]
+Match = Literal["auto", "centers", "boxes", "inside"]
 Overlap = Literal["detection", "iou"]
 
 
@@ -17,7 +17,8 @@ class EvaluateOptions:
 
     `match`: "centers" pairs a found with a true fruit when their centres are at most `max_distance_diameters` true
     diameters apart; "boxes" when more than `min_overlap` of the found box ("detection"), or of both boxes' union
-    ("iou"), is shared; "auto" takes boxes where the truth has them. A true fruit is visible when `visible_photos`
+    ("iou"), is shared; "inside" when the found centre lies in the true box; "auto" takes boxes where the truth has
+    them. A true fruit is visible when `visible_photos`
     photos show at least `visible_px` pixels of it.
     """
 

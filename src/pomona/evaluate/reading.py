@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, IntArray
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.truth import Truth
 
@@ -22,7 +23,7 @@ def read_truth(path: Path) -> Truth:
 
     - a row's folder, its `truth` folder, or `fruits.csv` with the columns `id,x,y,z,diameter` and perhaps `tree`; a
       `visible_pixels.json` beside it, {photo: {fruit id: pixels}}, says what can be seen;
-    - a table with the columns `x_min,y_min,z_min,x_max,y_max,z_max` and perhaps `id`, a line a fruit;
+    - a table with the columns `x_min,y_min,z_min,x_max,y_max,z_max` and perhaps `id` and `tree`, a line a fruit;
     - numbers without a header, the paper's annotation of boxes: 6 a line (lowest and highest corner), 24 a line (the
       eight corners), or 3 a line (eight lines of corners a fruit). Turned boxes become the upright box around them.
 
@@ -34,15 +35,16 @@ def read_truth(path: Path) -> Truth:
     if header >= set(_FRUIT_COLUMNS):
         return _with_visible(file, _read_columns(file, lines))
     if header >= set(_BOX_COLUMNS):
-        rows = _rows(file, lines, _BOX_COLUMNS, optional="id")
-        boxes, ids = rows[:, :6], rows[:, 6].astype(np.int64)
-        return _boxes(file, boxes, None if (ids == 0).all() else ids)
-    return _boxes(file, _read_boxes(file, lines), None)
+        rows = _rows(file, lines, _BOX_COLUMNS, optional=("id", "tree"))
+        ids, trees = rows[:, 6:].astype(np.int64).T
+        return _boxes(file, rows[:, :6], None if (ids == 0).all() else ids, trees)
+    return _boxes(file, _read_boxes(file, lines))
 
 
-def _boxes(file: Path, boxes: FloatArray, ids: np.ndarray[tuple[int], np.dtype[np.int64]] | None) -> Truth:
+def _boxes(file: Path, boxes: FloatArray, ids: IntArray | None = None, trees: IntArray | None = None) -> Truth:
     try:
-        return Truth.from_boxes(boxes, ids)
+        truth = Truth.from_boxes(boxes, ids)
+        return truth if trees is None else replace(truth, tree_ids=trees)
     except InputError as error:
         raise FormatError(f"{file}: {error}") from error
 
@@ -56,23 +58,23 @@ def _file_of(path: Path) -> Path:
 
 
 def _read_columns(file: Path, lines: list[str]) -> Truth:
-    rows = _rows(file, lines, _FRUIT_COLUMNS, optional="tree")
+    rows = _rows(file, lines, _FRUIT_COLUMNS, optional=("tree",))
     try:
         return Truth(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4], rows[:, 5].astype(np.int64))
     except InputError as error:
         raise FormatError(f"{file}: {error}") from error
 
 
-def _rows(file: Path, lines: list[str], columns: tuple[str, ...], *, optional: str) -> FloatArray:
-    """Return the columns and after them `optional` (0 where it is missing) as (n, columns + 1)."""
+def _rows(file: Path, lines: list[str], columns: tuple[str, ...], *, optional: tuple[str, ...]) -> FloatArray:
+    """Return the columns and after them the `optional` ones (0 where they are missing) as (n, all columns)."""
     table = csv.DictReader(lines, skipinitialspace=True)
     rows = []
     for row in table:
         try:
-            rows.append([float(row[name]) for name in columns] + [float(row.get(optional) or 0)])
+            rows.append([float(row[name]) for name in columns] + [float(row.get(name) or 0) for name in optional])
         except (TypeError, ValueError) as error:
             raise FormatError(f"{file}, line {table.line_num}: expected numbers, found {row}") from error
-    return np.array(rows, float).reshape(-1, len(columns) + 1)
+    return np.array(rows, float).reshape(-1, len(columns) + len(optional))
 
 
 def _with_visible(file: Path, truth: Truth) -> Truth:
