@@ -17,6 +17,7 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras, Intrinsics
 from pomona.errors import FormatError, InputError
+from pomona.formats.cameras.given import shared
 from pomona.formats.cameras.poses import pose_from, rotation_from
 from pomona.formats.json_file import read_text
 
@@ -109,7 +110,7 @@ def cameras_of(bundle: Bundle, names: Sequence[str], sizes_px: Sequence[tuple[in
     seen = new_idx[bundle.track_camera_idx] >= 0
     photo_idx = bundle.track_camera_idx[seen]
     middles = np.array(sizes_px, float).reshape(-1, 2) / 2
-    intrinsics, intrinsics_idx = _shared([_intrinsics(bundle.lenses[i], sizes_px[i]) for i in placed])
+    intrinsics, intrinsics_idx = shared([_intrinsics(bundle.lenses[i], sizes_px[i]) for i in placed])
     return Cameras(
         photos=tuple(names[i] for i in placed),
         intrinsics=intrinsics,
@@ -128,14 +129,6 @@ def _intrinsics(lens: FloatArray, size_px: tuple[int, int]) -> Intrinsics:
     focal_px, k1, k2 = lens
     width_px, height_px = size_px
     return Intrinsics("RADIAL", width_px, height_px, np.array([focal_px, width_px / 2, height_px / 2, k1, k2]))
-
-
-def _shared(lenses: Sequence[Intrinsics]) -> tuple[tuple[Intrinsics, ...], IntArray]:
-    """Each different lens once, and which of them each camera has."""
-    keys = [(lens.model, lens.width_px, lens.height_px, *lens.params.tolist()) for lens in lenses]
-    order = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    unique = dict(zip(keys, lenses, strict=True))
-    return tuple(unique[key] for key in order), np.array([order[key] for key in keys], np.int64)
 
 
 class _Lines:

@@ -1,4 +1,5 @@
-"""COLMAP's text model (cameras.txt, images.txt, points3D.txt), and the world frame beside it in frame.json.
+"""COLMAP's model: written as text (cameras.txt, images.txt, points3D.txt) with the world frame beside it in frame.json;
+read as text or binary.
 
 Source of the format: https://colmap.github.io/format.html#text-format. Written so that COLMAP, pycolmap and what reads
 COLMAP's models open it; numbers are written with all their digits, so that reading gives back what was written.
@@ -9,7 +10,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,8 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.errors import InputError
-from pomona.formats.cameras.colmap_text import parse_frame, read_model
+from pomona.errors import InputError, few
+from pomona.formats.cameras.colmap_binary import read_binary
+from pomona.formats.cameras.colmap_model import assemble
+from pomona.formats.cameras.colmap_text import read_text
+from pomona.formats.cameras.frames import frame_json, parse_frame
+from pomona.formats.cameras.given import GivenCameras
 from pomona.photos import Photos
 
 _FRAME = "frame.json"
@@ -46,27 +50,40 @@ def write_colmap(folder: Path, cameras: Cameras, photos: Photos) -> None:
     _write(part / "cameras.txt", _camera_lines(cameras))
     _write(part / "images.txt", _image_lines(cameras, image_ids, views))
     _write(part / "points3D.txt", _point_lines(cameras, image_ids, views))
-    (part / _FRAME).write_text(json.dumps(asdict(cameras.frame), indent=1) + "\n", encoding="utf-8")
+    (part / _FRAME).write_text(json.dumps(frame_json(cameras.frame), indent=1) + "\n", encoding="utf-8")
     shutil.rmtree(folder, ignore_errors=True)
     part.replace(folder)
 
 
 def read_colmap(folder: Path, photos: Photos | None = None) -> Cameras:
-    """Read cameras, points and frame from `folder`; without frame.json the frame is unknown (`WorldFrame()`).
+    """Read cameras, points and frame that `write_colmap` wrote; without frame.json the frame is unknown.
 
     Raises `MissingFileError` when a file of the model is not there, `FormatError` (with file and line) when one cannot
     be understood, and `InputError` when it names a photo that is not one of `photos`.
     """
-    frame = parse_frame(folder / _FRAME) if (folder / _FRAME).is_file() else WorldFrame()
-    cameras = read_model(folder, frame)
+    cameras = read_model(folder).cameras
     if photos is not None:
         strangers = sorted(set(cameras.photos) - set(photos.names))
         if strangers:
             raise InputError(
-                f"{folder / 'images.txt'} names photos that are not in the survey: {', '.join(strangers[:5])}; "
+                f"{folder / 'images.txt'} names photos that are not in the survey: {few(strangers)}; "
                 "was it made with other photos?"
             )
     return cameras
+
+
+def read_model(folder: Path) -> GivenCameras:
+    """Read a model of COLMAP's or Pomona's own, text or binary (text where both are there).
+
+    Raises `MissingFileError` when a file of the model is not there, and `FormatError` when one cannot be understood.
+    """
+    binary = (folder / "cameras.bin").is_file() and not (folder / "cameras.txt").is_file()
+    lenses, images, points = (read_binary if binary else read_text)(folder)
+    ours = (folder / _FRAME).is_file()
+    frame = parse_frame(folder / _FRAME) if ours else WorldFrame()
+    notes = tuple(filter(None, (lens.note(f"camera {camera_id}") for camera_id, lens in lenses.items())))
+    cameras = assemble(folder, lenses, images, points, frame)
+    return GivenCameras(cameras, "Pomona" if ours else "COLMAP", notes, upright=ours)
 
 
 def _camera_lines(cameras: Cameras) -> Iterator[str]:
