@@ -102,8 +102,11 @@ def fit_lens(lens: Lens, where: str) -> FittedLens:
     rays = _rays_over_photo(lens, where)
     with np.errstate(all="ignore"):
         fitted = _fitted(lens, rays)
-        off = np.linalg.norm(fitted.px_from_cam(rays) - lens.px_from_cam(rays), axis=1)
-    result = FittedLens(fitted, float(np.sqrt((off**2).mean())), float(off.max()))
+        px = lens.px_from_cam(rays)
+        off = np.linalg.norm(fitted.px_from_cam(rays) - px, axis=1)
+    # Spokes are dense at the axis: weighted by their distance from it, pixels count alike over the whole photo.
+    weight = np.linalg.norm(px - [lens.cx, lens.cy], axis=1)
+    result = FittedLens(fitted, float(np.sqrt(np.average(off**2, weights=weight))), float(off.max()))
     if not result.rms_px < _MOST_OFF_PX:
         raise FormatError(
             f"{where}: no perspective lens comes nearer to this one than {result.rms_px:.2f} px over the photo, "
@@ -132,7 +135,9 @@ def _same(lens: Lens) -> Intrinsics | None:
 
 def _rays_over_photo(lens: Lens, where: str) -> FloatArray:
     """Rays (n, 3) whose pixels fill the photo: along spokes from the axis until each leaves the photo."""
-    turns = np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False)
+    corners = np.array([[0, 0], [lens.width_px, 0], [0, lens.height_px], [lens.width_px, lens.height_px]])
+    to_corners = np.arctan2(corners[:, 1] - lens.cy, corners[:, 0] - lens.cx)
+    turns = np.concatenate([np.linspace(0, 2 * np.pi, _SPOKES, endpoint=False), to_corners])
     tangents = np.tan(np.radians(np.linspace(0, _WIDEST_DEG, _STEPS)))
     spokes = []
     for turn in turns:
