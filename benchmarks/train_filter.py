@@ -32,12 +32,13 @@ from pomona.evaluate.matching import candidates_by_center
 from pomona.evaluate.options import EvaluateOptions
 from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features, view_probability
 from pomona.filter.features import CODE_FEATURE_NAMES, FEATURE_NAMES
+from pomona.formats.detections.read import read_detections
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object, paper
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
-from pomona.segment import SegmentOptions, given_detections, load_segmenter, segment_photos
+from pomona.segment import SegmentOptions, load_segmenter, segment_photos
 from pomona.segment.protocol import KEPT_SHARE
 from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
 
@@ -151,7 +152,7 @@ def true_detections(row: RowFolder, photos: Photos) -> SurveyDetections:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "true-masks.json"
         write_masks_as_coco(row.root, path)
-        return given_detections(path, photos)
+        return read_detections(path, photos)
 
 
 def with_chance_scores(found: Detections, least: float, rng: np.random.Generator) -> Detections:

@@ -16,10 +16,10 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.coco import read_coco, write_coco
 from pomona.formats.detections.coco_masks import ellipse_mask, mask_of
+from pomona.formats.detections.read import read_detections
 from pomona.formats.detections.rle import counts_of, decode_counts, encode, mask_from_counts
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
-from pomona.segment import given_detections
 
 WIDTH, HEIGHT = 60, 40
 BOX = [10, 8, 12, 6]
@@ -100,7 +100,7 @@ def test_written_detections_are_read_again(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read["east/1.jpg"].scores, first.scores)
     np.testing.assert_array_equal(read["east/1.jpg"].ids, first.ids)
     np.testing.assert_array_equal(read["east/1.jpg"].boxes_px, first.boxes_px)
-    given = given_detections(tmp_path / "detections.json", photos)
+    given = read_detections(tmp_path / "detections.json", photos)
     assert [m.packed for m in given["east/1.jpg"].masks] == [m.packed for m in masks]
 
 
@@ -135,11 +135,13 @@ def test_masks_in_every_form_are_the_same(tmp_path: Path) -> None:
     ]
     path = coco(tmp_path / "d.json", *({"segmentation": form} for form in forms))
     progress = Silent()
-    found = given_detections(path, photos_named("a.jpg"), progress=progress)["a.jpg"]
+    found = read_detections(path, photos_named("a.jpg"), progress=progress)["a.jpg"]
     assert [full(m).tolist() for m in found.masks] == [expected.tolist()] * 4
     assert found.ids.tolist() == [7, 8, 9, 10]
     assert found.scores.tolist() == [1, 1, 1, 1]
-    assert progress.warnings == []
+    assert [w.partition(": ")[2] for w in progress.warnings] == [
+        "4 of 4 detections have no score: it is taken to be 1."
+    ]
 
 
 def test_round_polygons_have_the_area_of_the_disc() -> None:
@@ -153,7 +155,7 @@ def test_round_polygons_have_the_area_of_the_disc() -> None:
 
 def test_a_box_alone_becomes_its_ellipse_with_a_warning(tmp_path: Path) -> None:
     path, progress = coco(tmp_path / "d.json", {"segmentation": []}), Silent()
-    (mask,) = given_detections(path, photos_named("a.jpg"), progress=progress)["a.jpg"].masks
+    (mask,) = read_detections(path, photos_named("a.jpg"), progress=progress)["a.jpg"].masks
     assert mask.area_px == pytest.approx(np.pi / 4 * 12 * 6, rel=0.08)
     assert mask.box_px == (10, 8, 22, 14)
     assert "1 annotations are boxes" in progress.warnings[0]
@@ -165,7 +167,7 @@ def test_what_is_no_fruit_is_left_out_with_a_warning(tmp_path: Path) -> None:
     nothing = {"segmentation": {"size": [HEIGHT, WIDTH], "counts": [HEIGHT * WIDTH]}}
     progress = Silent()
     path = coco(tmp_path / "d.json", {}, crowd, nothing)
-    found = given_detections(path, photos_named("a.jpg", "b.jpg"), progress=progress)
+    found = read_detections(path, photos_named("a.jpg", "b.jpg"), progress=progress)
     assert found["a.jpg"].ids.tolist() == [7]
     assert list(found) == ["a.jpg"]
     for said in ("crowds", "cover no pixel", "1 photos have no detections given: b.jpg"):
@@ -176,7 +178,7 @@ def test_what_is_no_fruit_is_left_out_with_a_warning(tmp_path: Path) -> None:
     "name", ["east/IMG_1.jpg", "IMG_1.jpg", "/home/me/row/east/IMG_1.jpg", "C:\\row\\east\\IMG_1.jpg", "img_1.png"]
 )
 def test_photos_are_found_by_name_path_or_stem(tmp_path: Path, name: str) -> None:
-    found = given_detections(coco(tmp_path / "d.json", {}, name=name), photos_named("east/IMG_1.jpg", "east/IMG_2.jpg"))
+    found = read_detections(coco(tmp_path / "d.json", {}, name=name), photos_named("east/IMG_1.jpg", "east/IMG_2.jpg"))
     assert list(found) == ["east/IMG_1.jpg"]
     assert found["east/IMG_1.jpg"].photo == "east/IMG_1.jpg"
 
@@ -185,19 +187,19 @@ def test_names_of_no_photo_are_refused_with_examples_of_both(tmp_path: Path) -> 
     with pytest.raises(
         FormatError, match=r"none of its 1 images is among the 2 photos: expected names such as a\.jpg.*x9"
     ):
-        given_detections(coco(tmp_path / "d.json", {}, name="x9.jpg"), photos_named("a.jpg", "b.jpg"))
+        read_detections(coco(tmp_path / "d.json", {}, name="x9.jpg"), photos_named("a.jpg", "b.jpg"))
     with pytest.raises(FormatError, match=r"fits several photos: east/1\.jpg, west/1\.jpg; give their names in full"):
-        given_detections(coco(tmp_path / "d.json", {}, name="1.jpg"), photos_named("east/1.jpg", "west/1.jpg"))
+        read_detections(coco(tmp_path / "d.json", {}, name="1.jpg"), photos_named("east/1.jpg", "west/1.jpg"))
     image = {"file_name": "a.jpg", "width": WIDTH, "height": HEIGHT}
     twice = coco(tmp_path / "d.json", images=[image | {"id": 1}, image | {"id": 2, "file_name": "x/a.jpg"}])
     with pytest.raises(FormatError, match=r"photo a\.jpg is given twice"):
-        given_detections(twice, photos_named("a.jpg"))
+        read_detections(twice, photos_named("a.jpg"))
 
 
 def test_images_that_are_not_among_the_photos_are_warned_of(tmp_path: Path) -> None:
     images = [{"id": k, "file_name": f"{n}.jpg", "width": WIDTH, "height": HEIGHT} for k, n in enumerate("ax", 1)]
     progress = Silent()
-    given_detections(coco(tmp_path / "d.json", images=images), photos_named("a.jpg"), progress=progress)
+    read_detections(coco(tmp_path / "d.json", images=images), photos_named("a.jpg"), progress=progress)
     assert any("1 images are not among the photos: x.jpg" in warning for warning in progress.warnings)
 
 
@@ -205,10 +207,10 @@ def test_several_categories_need_a_choice(tmp_path: Path) -> None:
     categories = [{"id": 1, "name": "apple"}, {"id": 2, "name": "leaf"}]
     path = coco(tmp_path / "d.json", {}, {"category_id": 2}, categories=categories)
     with pytest.raises(FormatError, match="found apple, leaf"):
-        given_detections(path, photos_named("a.jpg"))
-    assert given_detections(path, photos_named("a.jpg"), categories=["apple"])["a.jpg"].ids.tolist() == [7]
-    with pytest.raises(InputError, match="Categories pear are not in"):
-        given_detections(path, photos_named("a.jpg"), categories=["pear"])
+        read_detections(path, photos_named("a.jpg"))
+    assert read_detections(path, photos_named("a.jpg"), classes=["apple"])["a.jpg"].ids.tolist() == [7]
+    with pytest.raises(InputError, match=r"classes: expected some of those in .* \(apple, leaf\), found 'pear'"):
+        read_detections(path, photos_named("a.jpg"), classes=["pear"])
 
 
 @pytest.mark.parametrize(
@@ -233,7 +235,7 @@ def test_several_categories_need_a_choice(tmp_path: Path) -> None:
 )
 def test_wrong_annotations_are_named(tmp_path: Path, annotation: dict[str, Any], said: str) -> None:
     with pytest.raises(FormatError, match=said) as caught:
-        given_detections(coco(tmp_path / "d.json", annotation), photos_named("a.jpg"))
+        read_detections(coco(tmp_path / "d.json", annotation), photos_named("a.jpg"))
     assert "d.json" in str(caught.value)
 
 
@@ -245,26 +247,29 @@ def test_wrong_annotations_are_named(tmp_path: Path, annotation: dict[str, Any],
         ({"images": [{"id": 1, "width": 60, "height": 40}]}, "file_name: expected a name"),
         ({"images": [{"id": 1, "file_name": "a.jpg", "width": 0, "height": 40}]}, "positive size"),
         ({"images": [{"id": 1, "file_name": "a.jpg", "width": 40, "height": 60}]}, "annotate the photo upright"),
-        ({"images": [{"id": 1, "file_name": "a.jpg", "width": 30, "height": 20}]}, "expected the photo's size 60 × 40"),
+        ({"images": [{"id": 1, "file_name": "a.jpg", "width": 30, "height": 20}]}, "expected the size of a.jpg, 60 × 40, found 30 × 20"),
         ({"images": [{"id": 1, "file_name": n, "width": 60, "height": 40} for n in "ab"]}, "image 1: expected unique"),
         ({"categories": 5}, "categories: expected a list"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     with pytest.raises(FormatError, match=said):
-        given_detections(coco(tmp_path / "d.json", **changes), photos_named("a.jpg"))
+        read_detections(coco(tmp_path / "d.json", **changes), photos_named("a.jpg"))
 
 
 def test_two_annotations_of_one_id_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="annotation 7: expected unique ids"):
-        given_detections(coco(tmp_path / "d.json", {}, {"id": 7}), photos_named("a.jpg"))
+        read_detections(coco(tmp_path / "d.json", {}, {"id": 7}), photos_named("a.jpg"))
 
 
 def test_files_that_are_no_coco_are_refused(tmp_path: Path) -> None:
     photos = photos_named("a.jpg")
-    with pytest.raises(MissingFileError, match=r"nowhere\.json: no such file"):
-        given_detections(tmp_path / "nowhere.json", photos)
-    for content, said in ((b"{", "no JSON"), (b"[1]", "an object with the lists"), (b"\xff\xfe\x00", "cannot be read")):
+    with pytest.raises(MissingFileError, match=r"nowhere\.json: expected detections, but there is no such file"):
+        read_detections(tmp_path / "nowhere.json", photos)
+    for content, said in ((b"{", "no JSON"), (b"\xff{", "cannot be read"), (b"[" * 9999, "recursion")):
         (tmp_path / "x.json").write_bytes(content)
         with pytest.raises(FormatError, match=said):
-            given_detections(tmp_path / "x.json", photos)
+            read_detections(tmp_path / "x.json", photos)
+    (tmp_path / "x.json").write_text("[1]")
+    with pytest.raises(InputError, match="expected detections of one of COCO; .*; found none of them"):
+        read_detections(tmp_path / "x.json", photos)

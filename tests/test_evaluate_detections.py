@@ -32,7 +32,7 @@ from pomona.evaluate.detections import (
     truth_of_labelled,
 )
 from pomona.evaluate.detections.matching import right
-from pomona.evaluate.detections.names import pair_names
+from pomona.photo_names import pair_names
 from pomona.evaluate.detections.overlap import box_overlap, mask_overlap
 from pomona.evaluate.detections.scores import precision_curve
 from pomona.formats.detections.coco import write_coco
@@ -389,7 +389,7 @@ def test_boxes_and_lists_of_results(row: Path, tmp_path: Path) -> None:
     assert (scores["match"], scores["T"], scores["AP50"], scores["best"]["P"]) == ("boxes", 2, 0.5, 1)
     assert scores["best"]["mask_iou"] is None
     hits[0]["category_id"] = 2
-    assert "expected results of one category" in pomona(write_json(results, hits), "--truth", truth).stderr
+    assert "expected annotations of one category" in pomona(write_json(results, hits), "--truth", truth).stderr
     read = read_detection_truth(truth)
     assert (read.has_masks, read.total) == (False, 3)
     assert not read_found(write_json(results, hits[1:]), truth=read).masks

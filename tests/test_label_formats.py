@@ -13,6 +13,7 @@ from pomona.formats.detections.coco_labels import read_coco_labels
 from pomona.formats.detections.label_sets import find_label_sets, part_of, read_label_set
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, classes_of
 from pomona.formats.detections.labelme import read_labelme
+from pomona.formats.detections.photo_source import PhotoFinder
 from pomona.formats.detections.png_masks import read_png_masks
 from pomona.formats.detections.via import read_via_json
 from pomona.formats.detections.via_csv import read_via_csv
@@ -24,6 +25,10 @@ WIDTH, HEIGHT = 80, 60
 def size_of(path: Path) -> tuple[int, int]:
     assert path.is_file()
     return WIDTH, HEIGHT
+
+
+def photos_of(label_file: Path) -> PhotoFinder:
+    return PhotoFinder(label_file, size_of)
 
 
 def photo(path: Path) -> Path:
@@ -156,7 +161,7 @@ def test_shapes_of_via_that_cannot_be(tmp_path: Path, shape: str, message: str) 
     photo(tmp_path / "a.jpg")
     (tmp_path / "via.json").write_text(broken_via(shape))
     with pytest.raises(FormatError, match=rf"via\.json: photo 'a\.jpg'.*{message}"):
-        read_via_json(tmp_path / "via.json", size_of)
+        read_via_json(tmp_path / "via.json", photos_of)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +178,7 @@ def test_tables_of_via_that_cannot_be(tmp_path: Path, table: str, message: str) 
     photo(tmp_path / "a.jpg")
     (tmp_path / "via.csv").write_text(table)
     with pytest.raises(FormatError, match=rf"via\.csv: {message}"):
-        read_via_csv(tmp_path / "via.csv", size_of)
+        read_via_csv(tmp_path / "via.csv", photos_of)
 
 
 def test_yolo_boxes_and_outlines_with_the_folders_of_ultralytics(tmp_path: Path) -> None:
@@ -310,21 +315,21 @@ def test_shapes_of_labelme_that_cannot_be(tmp_path: Path, shape: str, message: s
     photo(tmp_path / "a.jpg")
     (tmp_path / "a.json").write_text(labelme(shape))
     with pytest.raises(FormatError, match=rf"a\.json: .*{message}"):
-        read_labelme([tmp_path / "a.json"], size_of)
+        read_labelme([tmp_path / "a.json"], photos_of)
 
 
 def test_labelme_files_that_do_not_fit_their_photos(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(labelme("", "gone.jpg"))
     with pytest.raises(MissingFileError, match=r"a\.json: imagePath: photo 'gone\.jpg' is not there"):
-        read_labelme([tmp_path / "a.json"], size_of)
+        read_labelme([tmp_path / "a.json"], photos_of)
     photo(tmp_path / "a.jpg")
-    assert len(read_labelme([tmp_path / "a.json"], size_of)) == 1  # renamed with its labels
+    assert len(read_labelme([tmp_path / "a.json"], photos_of)) == 1  # renamed with its labels
     (tmp_path / "b.json").write_text(labelme("", "a.jpg"))
     with pytest.raises(FormatError, match=r"b\.json: expected one file a photo, but .*a\.json labels a\.jpg"):
-        read_labelme([tmp_path / "a.json", tmp_path / "b.json"], size_of)
+        read_labelme([tmp_path / "a.json", tmp_path / "b.json"], photos_of)
     (tmp_path / "a.json").write_text(labelme("").replace('"imageWidth": 80', '"imageWidth": 60'))
     with pytest.raises(FormatError, match=r"expected the size of a\.jpg, 80 × 60, found 60 × 60"):
-        read_labelme([tmp_path / "a.json"], size_of)
+        read_labelme([tmp_path / "a.json"], photos_of)
 
 
 def save_ids(path: Path, ids: np.ndarray) -> None:
@@ -428,7 +433,7 @@ def test_coco_that_cannot_be(tmp_path: Path, old: str, new: str, message: str | 
             find_label_sets(tmp_path)
         return
     with pytest.raises((FormatError, MissingFileError), match=rf"labels\.json: .*({message})"):
-        read_coco_labels(file, size_of)
+        read_coco_labels(file, photos_of)
 
 
 def test_sizes_that_do_not_fit_the_photo_say_how_to_turn_it(tmp_path: Path) -> None:
@@ -436,8 +441,8 @@ def test_sizes_that_do_not_fit_the_photo_say_how_to_turn_it(tmp_path: Path) -> N
     (tmp_path / "labels.json").write_text(
         '{"images": [{"id": 1, "file_name": "a.jpg", "width": 60, "height": 80}], "annotations": []}'
     )
-    with pytest.raises(FormatError, match="80 × 60, found 60 × 80: label the photo upright"):
-        read_coco_labels(tmp_path / "labels.json", size_of)
+    with pytest.raises(FormatError, match="80 × 60, found 60 × 80: annotate the photo upright"):
+        read_coco_labels(tmp_path / "labels.json", photos_of)
 
 
 def test_nothing_broken_and_mixed_folders_are_told_apart(tmp_path: Path) -> None:

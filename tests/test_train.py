@@ -18,6 +18,7 @@ from pomona.cli.app import app  # noqa: E402
 from pomona.detections import Mask  # noqa: E402
 from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
 from pomona.formats.detections.coco_labels import read_coco_labels  # noqa: E402
+from pomona.formats.detections.photo_source import PhotoFinder  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
@@ -185,7 +186,7 @@ def test_coco_masks_become_labels_and_the_stage_says_what_it_lacks(samples: list
         ],
     }  # fmt: skip
     (folder / "masks.json").write_text(json.dumps(coco))
-    (photo,) = read_coco_labels(folder / "masks.json", size_of)
+    (photo,) = read_coco_labels(folder / "masks.json", lambda file: PhotoFinder(file, size_of))
     (sample,) = samples_of(photo, tmp_path / "cache", source="x", part="", fruit_px=None)
     np.testing.assert_allclose(boxes_of(sample.label_image(), len(boxes)), boxes, atol=1)
     with pytest.raises(InputError, match="to measure on"):

@@ -37,8 +37,10 @@ Cameras = Annotated[
     Path | None, typer.Option(metavar="PATH", help="A COLMAP text model, in place of structure from motion.")
 ]
 GivenDetections = Annotated[
-    Path | None, typer.Option("--detections", metavar="COCO", help="Masks of your own, in place of a segmenter.")
+    Path | None,
+    typer.Option("--detections", metavar="PATH", help="Masks of your own (COCO, VIA, YOLO, CVAT, …: docs/formats.md)."),
 ]
+Classes = Annotated[str | None, typer.Option(metavar="NAME,NAME", help="The classes of --detections that are fruit.")]
 Method = Annotated[str, typer.Option(metavar="paper", help="How masks become fruits.")]
 Variant = Annotated[
     str | None,
@@ -47,6 +49,11 @@ Variant = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def parse_names(text: str | None) -> tuple[str, ...] | None:
+    """Return the names in `NAME,NAME`."""
+    return tuple(name.strip() for name in text.split(",")) if text is not None else None
 
 
 def parse_scale_bar(text: str | None) -> tuple[int, int, float] | None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pomona.cli.failures import Stopped
+from pomona.cli.options import parse_names
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingExtraError
 
@@ -69,7 +70,7 @@ def train(
     options = _changed(
         options_for(arch, preset), epochs, fit=_given(fit), augment=_given({"crop_px": crop, "copy_paste": copy_paste})
     )
-    options = replace(options, weights=weights, held_out=held_out, split_by=split_by, classes=_names(classes))
+    options = replace(options, weights=weights, held_out=held_out, split_by=split_by, classes=parse_names(classes))
     try:
         with TerminalProgress() as progress:
             scores = train_segmenter(data, out, options=options, progress=progress)
@@ -79,10 +80,6 @@ def train(
         f"{out}: on {scores.fruits} fruits of photos held out, AP50 {scores.ap50:.3f}, F1 {scores.f1:.3f} "
         f"(precision {scores.precision:.3f}, recall {scores.recall:.3f}) at score {scores.threshold:.2f}"
     )
-
-
-def _names(text: str | None) -> tuple[str, ...] | None:
-    return tuple(name.strip() for name in text.split(",")) if text is not None else None
 
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:

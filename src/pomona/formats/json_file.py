@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,12 @@ def read_text(path: Path, expected: str) -> str:
     if not text.strip():
         raise FormatError(f"{path}: expected {expected}, but the file is empty")
     return text
+
+
+def is_number(value: Any) -> bool:
+    """Say whether a value of a JSON file is a finite number; texts and truth values are none."""
+    # A whole number may be too large for any float, which `math.isfinite` raises an error for.
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -32,8 +32,9 @@ class RunOptions:
     """Options of a run; the defaults need no tuning.
 
     `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
-    installed segmenter; `score_threshold` None: the model's own. `detections`: a COCO file, used in place of a
-    segmenter. `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
+    installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks
+    (docs/formats.md), used in place of a segmenter, and `classes`, those of it that are fruit (None: it has one).
+    `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
     `scale_bar` (two ids, metres), `use_gnss`, `fruit_diameter_m`: where metres come from, in this order.
     `variant` of the method "paper": to the letter of its "text", or as its authors' "published-code" does it; None:
     what is best of both (docs/paper-method.md). `engine` makes the dense cloud. `filter_false_positives`: whether the
@@ -48,6 +49,7 @@ class RunOptions:
     model: str | None = None
     score_threshold: float | None = None
     detections: Path | None = None
+    classes: tuple[str, ...] | None = None
     cameras: Path | None = None
     markers: Path | None = None
     scale_bar: tuple[int, int, float] | None = None
@@ -65,6 +67,8 @@ class RunOptions:
             raise InputError(f"--variant: expected one of {', '.join(VARIANTS)}, found '{self.variant}'")
         if self.variant is not None and self.method != "paper":
             raise InputError(f"--variant {self.variant} is of --method paper, found --method {self.method}")
+        if self.classes is not None and self.detections is None:
+            raise InputError(f"--classes {','.join(self.classes)} are those of --detections, which is not given")
         if self.engine not in ENGINES:
             raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, found '{self.engine}'")
         for name in ("detections", "cameras", "markers", "filter_model"):
@@ -189,4 +193,6 @@ class RunOptions:
         if known.get("scale_bar"):
             one, other, length_m = known["scale_bar"]
             known["scale_bar"] = int(one), int(other), float(length_m)
+        if known.get("classes") is not None:
+            known["classes"] = tuple(known["classes"])
         return cls(**known)

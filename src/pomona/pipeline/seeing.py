@@ -67,9 +67,11 @@ def least_score_in(survey: Survey) -> float:
 
 
 def _key(context: Context) -> Any:
-    if context.options.detections is not None:
+    options = context.options
+    if options.detections is not None:
         details = [[photo.name, photo.width_px, photo.height_px] for photo in context.photos]
-        return ["given", file_digest(context.options.detections), details]
+        code = code_digest("formats/detections")
+        return ["given", file_digest(options.detections), options.classes, details, code]
     return [_model_key(context), dict(context.digests), list(context.photos.sides)]
 
 
@@ -83,11 +85,12 @@ def _model_key(context: Context) -> Any:
 
 
 def _given(context: Context, progress: Progress) -> SurveyDetections:
-    from pomona.segment import given_detections
+    from pomona.formats.detections.read import read_detections
 
-    assert context.options.detections is not None
+    options = context.options
+    assert options.detections is not None
     progress.start("reading the detections given")
-    return given_detections(context.options.detections, context.photos, progress=progress)
+    return read_detections(options.detections, context.photos, classes=options.classes, progress=progress)
 
 
 def _segmented(context: Context, progress: Progress) -> tuple[SurveyDetections, float]:

@@ -1,6 +1,5 @@
 """Fruits in photos: tiling, a segmenter, detections stitched across seams and mapped to the photo."""
 
-from pomona.segment.given import given_detections
 from pomona.segment.load import load_segmenter
 from pomona.segment.protocol import Segmenter, SegmenterTraits, TileDetections
 from pomona.segment.stage import SegmentOptions, iter_detections, segment_photo, segment_photos
@@ -15,7 +14,6 @@ __all__ = [
     "StitchOptions",
     "TileDetections",
     "Window",
-    "given_detections",
     "iter_detections",
     "load_segmenter",
     "segment_photo",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pomona.errors import InputError
-from pomona.evaluate.detections.names import pair_names
+from pomona.photo_names import pair_names
 from pomona.photos import Photo, Photos
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.detections import Mask
 from pomona.errors import InputError, few
-from pomona.evaluate.detections.names import pair_names
 from pomona.evaluate.detections.options import EvaluateDetectionsOptions
 from pomona.formats.detections.coco_file import CocoImage
+from pomona.photo_names import pair_names
 from pomona.progress import Progress, Silent
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
-from pomona.evaluate.detections.names import pair_names
 from pomona.evaluate.mistakes.overlaps import Overlaps, by_discs, by_ids
 from pomona.evaluate.mistakes.values import Evidence
 from pomona.evaluate.truth import Truth
+from pomona.photo_names import pair_names
 from pomona.progress import Progress, track
 from pomona.sphere_outlines import centers_px
 

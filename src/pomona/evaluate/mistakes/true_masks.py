@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pomona.evaluate.detections.names import pair_names
+from pomona.photo_names import pair_names
 
 
 def true_masks(truth: Path, photos: Sequence[str]) -> dict[str, Path]:

@@ -12,6 +12,7 @@ from pomona import __version__
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import CATEGORY, CocoAnnotation, CocoFile, CocoImage, parse_coco
+from pomona.formats.detections.labelled import check_size
 from pomona.formats.detections.rle import encode
 from pomona.photos import Photos
 
@@ -80,7 +81,10 @@ def read_coco(path: Path, photos: Photos) -> SurveyDetections:
         photo = by_name.get(image.file_name)
         if photo is None:
             raise FormatError(f"{path}: image {image.id}: '{image.file_name}' is not a photo of this survey")
-        check_size(path, image, photo.width_px, photo.height_px)
+        try:
+            check_size((image.width_px, image.height_px), photo)
+        except InputError as error:
+            raise FormatError(f"{path}: image {image.id} '{image.file_name}': {error}") from None
         by_photo[image.file_name] = found
     return SurveyDetections(by_photo)
 
@@ -97,17 +101,6 @@ def detections_by_image(content: CocoFile) -> list[tuple[CocoImage, Detections]]
 def _detections(image: CocoImage, annotations: list[CocoAnnotation]) -> Detections:
     masks = tuple(a.mask for a in annotations if a.mask is not None)
     boxes = np.array([a.box_px or m.box_px for a, m in zip(annotations, masks, strict=True)], float).reshape(-1, 4)
-    scores, ids = np.array([a.score for a in annotations], float), np.array([a.id for a in annotations], np.int64)
+    scores = np.array([1.0 if a.score is None else a.score for a in annotations], float)
+    ids = np.array([a.id for a in annotations], np.int64)
     return Detections(image.file_name, image.width_px, image.height_px, masks, scores, ids, boxes)
-
-
-def check_size(path: Path, image: CocoImage, width_px: int, height_px: int) -> None:
-    """Raise `FormatError` unless a photo has the size that the file says it has."""
-    if (image.width_px, image.height_px) == (width_px, height_px):
-        return
-    turned = (image.width_px, image.height_px) == (height_px, width_px)
-    hint = ": annotate the photo upright, as its EXIF orientation says" if turned else ""
-    raise FormatError(
-        f"{path}: image {image.id} '{image.file_name}': expected the photo's size {width_px} × {height_px}, "
-        f"found {image.width_px} × {image.height_px}{hint}"
-    )

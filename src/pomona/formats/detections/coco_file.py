@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from pomona.detections import Mask
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_masks import box_of, ellipse_mask, mask_of
+from pomona.formats.json_file import load_json
 
 CATEGORY = "fruit"
+_LARGEST_PX = 65535  # a side of a photo, as of JPEG
 
 
 @dataclass(frozen=True)
@@ -32,12 +33,13 @@ class CocoAnnotation:
 
     `mask` is None where what the file gives covers no pixel. `from_box`: the file gives a box alone, and the mask is
     the ellipse in it. `crowd`: the mask is of many objects. `ignored`: marked (`"ignore": 1`) as not to be scored.
+    `score` is None where the file has none.
     """
 
     id: int
     image_id: int
     category: str
-    score: float
+    score: float | None
     mask: Mask | None
     box_px: tuple[float, float, float, float] | None
     from_box: bool
@@ -54,62 +56,94 @@ class CocoFile:
     categories: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Habits:
+    """How a program writes COCO where programs differ.
+
+    `traced`: outlines name the pixels on a mask's rim, as OpenCV's `findContours` gives them, not lines between
+    pixels. `crowds`: `iscrowd` says that a mask is of many objects, not only that it is given as runs.
+    """
+
+    traced: bool = False
+    crowds: bool = True
+
+
+def habits_of(content: Mapping[str, Any]) -> Habits:
+    """Return the habits of the program that wrote a file: supervision, SAHI (its results, with images), or others."""
+    categories = content.get("categories")
+    if isinstance(categories, list) and categories:
+        above = {entry.get("supercategory") for entry in categories if isinstance(entry, dict)}
+        if above == {"common-objects"}:  # supervision, dataset/formats/coco.py
+            return Habits(traced=True, crowds=False)
+    annotations = content.get("annotations")
+    if isinstance(annotations, list) and annotations:  # SAHI, utils/coco.py, CocoPrediction.json
+        keys = {"score", "category_name", "iscrowd", "area"}
+        if all(isinstance(entry, dict) and keys <= set(entry) for entry in annotations):
+            return Habits(traced=True)
+    return Habits()
+
+
 def parse_coco(path: Path, *, results_of: Sequence[CocoImage] = ()) -> CocoFile:
     """Read a COCO instance file with masks in any form.
 
-    Scores are 1 where the file has none. Fields that COCO does not know are ignored, but not inside `segmentation`.
-    With `results_of`, the images of another file, a list of results (COCO's form for them) may be in the file instead:
-    annotations without ids, of one category, whose `image_id` is the other file's.
+    Fields that COCO does not know are ignored, but not inside `segmentation`. With `results_of`, the images of another
+    file, a list of results (COCO's form for them) may be in the file instead: annotations without ids, whose `image_id`
+    is the other file's.
 
     Raises `MissingFileError`, and `FormatError` naming file, entry and what was expected.
     """
-    content = _load(path, results_of)
+    content = load_json(path, "a COCO file")
+    return coco_of(path, with_images(content, results_of) if is_results(content) and results_of else content)
+
+
+def is_coco(content: Any) -> bool:
+    """Say whether the content of a JSON file looks like COCO's."""
+    return isinstance(content, dict) and "images" in content and "annotations" in content
+
+
+def is_results(content: Any) -> bool:
+    """Say whether the content of a JSON file looks like a list of COCO's results."""
+    places = ("segmentation", "bbox")
+    return isinstance(content, list) and all(
+        isinstance(entry, dict) and "category_id" in entry and any(place in entry for place in places)
+        for entry in content
+    )
+
+
+def with_images(results: Sequence[Mapping[str, Any]], images: Sequence[CocoImage]) -> dict[str, Any]:
+    """Return a list of results as the content of a file of its own, with the images that its `image_id`s name."""
+    names = {e["category_id"]: e.get("category_name") or f"category {e['category_id']}" for e in results}
+    return {
+        "images": [
+            {"id": image.id, "file_name": image.file_name, "width": image.width_px, "height": image.height_px}
+            for image in images
+        ],
+        "annotations": [{**entry, "id": k} for k, entry in enumerate(results, start=1)],
+        "categories": [{"id": id_, "name": name} for id_, name in names.items()],
+    }
+
+
+def coco_of(path: Path, content: Any) -> CocoFile:
+    """Return the content of the COCO file `path`, checked; raises `FormatError` naming file and entry."""
+    keys = ("images", "annotations")
+    if not isinstance(content, dict) or not all(isinstance(content.get(key), list) for key in keys):
+        raise FormatError(f"{path}: expected a COCO file: an object with the lists 'images' and 'annotations'")
     images = tuple(_image(path, k, entry) for k, entry in enumerate(content["images"]))
     _check_unique(path, "image", [image.id for image in images])
-    categories = {_whole(path, f"category {k}", e, "id"): str(e.get("name", "")) for k, e in _listed(path, content)}
+    entries = _categories(path, content)
+    categories = {_whole(path, f"category {k}", e, "id"): str(e.get("name", "")) for k, e in enumerate(entries)}
     by_id = {image.id: image for image in images}
-    annotations = tuple(
-        _annotation(path, k, entry, by_id, categories) for k, entry in enumerate(content["annotations"])
-    )
+    parse = _Annotations(path, by_id, categories, habits_of(content))
+    annotations = tuple(parse.one(k, entry) for k, entry in enumerate(content["annotations"]))
     _check_unique(path, "annotation", [annotation.id for annotation in annotations])
     return CocoFile(images, annotations, tuple(categories.values()))
 
 
-def _load(path: Path, results_of: Sequence[CocoImage] = ()) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise MissingFileError(f"COCO file {path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path}: expected a COCO file (JSON), but it cannot be read: {error}") from None
-    try:
-        content = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise FormatError(f"{path}: expected a COCO file, but it is no JSON: {error}") from None
-    if isinstance(content, list) and results_of:
-        return _with_images(path, content, results_of)
-    keys = ("images", "annotations")
-    if not isinstance(content, dict) or not all(isinstance(content.get(key), list) for key in keys):
-        raise FormatError(f"{path}: expected a COCO file: an object with the lists 'images' and 'annotations'")
-    return content
-
-
-def _with_images(path: Path, results: list[Any], images: Sequence[CocoImage]) -> dict[str, Any]:
-    """A list of results as the content of a file of its own."""
-    categories = {str(entry.get("category_id", 1)) for entry in results if isinstance(entry, dict)}
-    if len(categories) > 1:
-        found = ", ".join(sorted(categories))
-        raise FormatError(f"{path}: category_id: expected results of one category, found {found}: keep the fruit")
-    entries = [{**e, "id": k} if isinstance(e, dict) else e for k, e in enumerate(results, start=1)]
-    sizes = [{"id": i.id, "file_name": i.file_name, "width": i.width_px, "height": i.height_px} for i in images]
-    return {"images": sizes, "annotations": entries, "categories": []}
-
-
-def _listed(path: Path, content: Mapping[str, Any]) -> list[tuple[int, Mapping[str, Any]]]:
+def _categories(path: Path, content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     categories = content.get("categories", [])
     if not isinstance(categories, list) or not all(isinstance(entry, dict) for entry in categories):
         raise FormatError(f"{path}: categories: expected a list of objects with id and name")
-    return list(enumerate(categories))
+    return categories
 
 
 def _image(path: Path, index: int, entry: Any) -> CocoImage:
@@ -120,47 +154,64 @@ def _image(path: Path, index: int, entry: Any) -> CocoImage:
     if not isinstance(name, str) or not name:
         raise FormatError(f"{path}: {place}: file_name: expected a name, found {name!r}")
     id_, width, height = (_whole(path, f"{place} '{name}'", entry, key) for key in ("id", "width", "height"))
-    if min(width, height) < 1:
-        raise FormatError(f"{path}: {place} '{name}': expected a positive size, found {width} × {height}")
+    if min(width, height) < 1 or max(width, height) > _LARGEST_PX:
+        raise FormatError(
+            f"{path}: {place} '{name}': expected a positive size of at most {_LARGEST_PX} pixels a side, "
+            f"found {width} × {height}"
+        )
     return CocoImage(id_, name, width, height)
 
 
-def _annotation(
-    path: Path, index: int, entry: Any, images: Mapping[int, CocoImage], categories: Mapping[int, str]
-) -> CocoAnnotation:
-    if not isinstance(entry, dict):
-        raise FormatError(f"{path}: annotations[{index}]: expected an object, found {type(entry).__name__}")
-    id_ = _whole(path, f"annotations[{index}]", entry, "id")
-    place = f"annotation {id_}"
-    image_id = _whole(path, place, entry, "image_id")
-    if image_id not in images:
-        raise FormatError(f"{path}: {place}: image_id: expected the id of one of the images, found {image_id}")
-    category_id = _whole(path, place, entry, "category_id") if categories or "category_id" in entry else 1
-    if categories and category_id not in categories:
-        known = ", ".join(f"{key} ({name})" for key, name in categories.items())
-        raise FormatError(f"{path}: {place}: category_id: expected one of {known}, found {category_id}")
-    score = entry.get("score", 1.0)
-    if not isinstance(score, int | float) or isinstance(score, bool) or not 0 <= score <= 1:
-        raise FormatError(f"{path}: {place}: score: expected a number from 0 to 1, found {score!r}")
-    crowd = bool(entry.get("iscrowd", 0))
-    try:
-        mask, box_px, from_box = _shape(entry, images[image_id])
-    except InputError as error:
-        raise FormatError(f"{path}: {place}: {error}") from None
-    category = categories.get(category_id, CATEGORY)
-    ignored = bool(entry.get("ignore", 0))
-    return CocoAnnotation(id_, image_id, category, float(score), mask, box_px, from_box, crowd, ignored)
+@dataclass(frozen=True)
+class _Annotations:
+    """What the entries of `annotations` are read with."""
+
+    path: Path
+    images: Mapping[int, CocoImage]
+    categories: Mapping[int, str]
+    habits: Habits
+
+    def one(self, index: int, entry: Any) -> CocoAnnotation:
+        path = self.path
+        if not isinstance(entry, dict):
+            raise FormatError(f"{path}: annotations[{index}]: expected an object, found {type(entry).__name__}")
+        id_ = _whole(path, f"annotations[{index}]", entry, "id")
+        place = f"annotation {id_}"
+        image_id = _whole(path, place, entry, "image_id")
+        if image_id not in self.images:
+            raise FormatError(f"{path}: {place}: image_id: expected the id of one of the images, found {image_id}")
+        category = self._category(place, entry)
+        score = entry.get("score")
+        is_number = isinstance(score, int | float) and not isinstance(score, bool)
+        if score is not None and not (is_number and 0 <= score <= 1):
+            raise FormatError(f"{path}: {place}: score: expected a number from 0 to 1, found {score!r:.40}")
+        try:
+            mask, box_px, from_box = _shape(entry, self.images[image_id], self.habits)
+        except InputError as error:
+            raise FormatError(f"{path}: {place}: {error}") from None
+        score = None if score is None else float(score)
+        crowd, ignored = bool(entry.get("iscrowd", 0)) and self.habits.crowds, bool(entry.get("ignore", 0))
+        return CocoAnnotation(id_, image_id, category, score, mask, box_px, from_box, crowd, ignored)
+
+    def _category(self, place: str, entry: Mapping[str, Any]) -> str:
+        if not self.categories and "category_id" not in entry:
+            return CATEGORY
+        id_ = _whole(self.path, place, entry, "category_id")
+        if self.categories and id_ not in self.categories:
+            known = ", ".join(f"{key} ({name})" for key, name in self.categories.items())
+            raise FormatError(f"{self.path}: {place}: category_id: expected one of {known}, found {id_}")
+        return self.categories.get(id_, CATEGORY)
 
 
 def _shape(
-    entry: Mapping[str, Any], image: CocoImage
+    entry: Mapping[str, Any], image: CocoImage, habits: Habits
 ) -> tuple[Mask | None, tuple[float, float, float, float] | None, bool]:
     """Mask, box as edges, and whether the mask was made of the box."""
     size = image.width_px, image.height_px
     box = box_of(entry["bbox"], *size) if entry.get("bbox") else None
     edges = (box[0], box[1], box[0] + box[2], box[1] + box[3]) if box else None
     if entry.get("segmentation"):
-        return mask_of(entry["segmentation"], *size), edges, False
+        return mask_of(entry["segmentation"], *size, traced=habits.traced), edges, False
     if box is None:
         raise InputError("expected a segmentation or at least a bbox, found neither")
     return ellipse_mask(box, *size), edges, True
@@ -170,8 +221,8 @@ def _whole(path: Path, place: str, entry: Mapping[str, Any], key: str) -> int:
     value = entry.get(key)
     if isinstance(value, float) and math.isfinite(value) and value == int(value):
         value = int(value)
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise FormatError(f"{path}: {place}: {key}: expected a whole number, found {value!r}")
+    if not isinstance(value, int) or isinstance(value, bool) or abs(value) >= 2**62:
+        raise FormatError(f"{path}: {place}: {key}: expected a whole number, found {value!r:.40}")
     return value
 
 

@@ -6,26 +6,34 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from pycocotools import mask as coco_mask
 
+from pomona.arrays import FloatArray
 from pomona.detections import Mask
 from pomona.errors import InputError
 from pomona.formats.detections.rle import decode_counts, mask_from_counts
+from pomona.formats.json_file import is_number
 
 # Polygons are drawn by hand and exported with rounding: what lies no further outside the photo is no mistake.
 _TOLERANCE_PX = 1.0
 
 
-def mask_of(segmentation: Any, width_px: int, height_px: int) -> Mask | None:
+def mask_of(segmentation: Any, width_px: int, height_px: int, *, traced: bool = False) -> Mask | None:
     """Return the mask that a `segmentation` field gives; None where it covers no pixel.
+
+    Outlines are lines around pixels, pixel i covering [i, i + 1]. With `traced`, an outline of whole numbers names the
+    pixels on the rim instead, which belong to the mask.
 
     Raises `InputError` with what was expected, without naming file or annotation.
     """
     if isinstance(segmentation, Mapping):
         return _mask_of_runs(segmentation, width_px, height_px)
     if isinstance(segmentation, Sequence) and not isinstance(segmentation, str):
-        return _mask_of_polygons(segmentation, width_px, height_px)
+        points = _points_of(segmentation, width_px, height_px)
+        is_traced = traced and all(np.array_equal(part, np.round(part)) for part in points)
+        return (_mask_of_rims if is_traced else _mask_of_polygons)(points, width_px, height_px)
     raise InputError(
         f"segmentation: expected a list of polygons or an object with size and counts, found {_short(segmentation)}"
     )
@@ -65,7 +73,7 @@ def _mask_of_runs(runs: Mapping[str, Any], width_px: int, height_px: int) -> Mas
     counts = runs["counts"]
     if isinstance(counts, str):
         lengths = decode_counts(counts)
-    elif isinstance(counts, list) and all(type(count) is int for count in counts):
+    elif isinstance(counts, list) and all(type(count) is int and abs(count) < 2**62 for count in counts):
         lengths = np.array(counts, np.int64)
     else:
         raise InputError(f"segmentation: expected counts as a text or a list of whole numbers, found {_short(counts)}")
@@ -75,8 +83,8 @@ def _mask_of_runs(runs: Mapping[str, Any], width_px: int, height_px: int) -> Mas
         raise InputError(f"segmentation: {error}") from None
 
 
-def _mask_of_polygons(polygons: Sequence[Any], width_px: int, height_px: int) -> Mask | None:
-    """Rasterised by pycocotools, part by part in a frame no larger than the polygons, then moved into place."""
+def _points_of(polygons: Sequence[Any], width_px: int, height_px: int) -> list[FloatArray]:
+    """The points (n, 2) of each polygon, checked."""
     if not polygons:
         raise InputError("segmentation: expected at least one polygon, found an empty list")
     for polygon in polygons:
@@ -87,6 +95,12 @@ def _mask_of_polygons(polygons: Sequence[Any], width_px: int, height_px: int) ->
     points = [np.array(polygon, float).reshape(-1, 2) for polygon in polygons]
     low, high = np.concatenate(points).min(0), np.concatenate(points).max(0)
     _check_inside("segmentation", float(low[0]), float(low[1]), float(high[0]), float(high[1]), width_px, height_px)
+    return points
+
+
+def _mask_of_polygons(points: Sequence[FloatArray], width_px: int, height_px: int) -> Mask | None:
+    """Rasterised by pycocotools, part by part in a frame no larger than the polygons, then moved into place."""
+    low, high = np.concatenate(points).min(0), np.concatenate(points).max(0)
     x0, y0 = max(0, math.floor(low[0])), max(0, math.floor(low[1]))
     width, height = min(width_px, math.ceil(high[0]) + 1) - x0, min(height_px, math.ceil(high[1]) + 1) - y0
     if width <= 0 or height <= 0:
@@ -94,6 +108,19 @@ def _mask_of_polygons(polygons: Sequence[Any], width_px: int, height_px: int) ->
     parts = coco_mask.frPyObjects([(part - [x0, y0]).ravel().tolist() for part in points], height, width)
     pixels = coco_mask.decode(coco_mask.merge(parts)).astype(bool)
     return Mask.from_pixels(pixels, x0, y0) if pixels.any() else None
+
+
+def _mask_of_rims(points: Sequence[FloatArray], width_px: int, height_px: int) -> Mask | None:
+    """Filled by OpenCV, whose outlines these are: pixels on the line belong to the mask."""
+    low, high = np.concatenate(points).min(0), np.concatenate(points).max(0)
+    x0, y0 = int(max(0, low[0])), int(max(0, low[1]))
+    width, height = min(width_px, int(high[0]) + 1) - x0, min(height_px, int(high[1]) + 1) - y0
+    if width <= 0 or height <= 0:
+        return None
+    canvas = np.zeros((height, width), np.uint8)
+    for part in points:
+        cv2.fillPoly(canvas, [(part - [x0, y0]).astype(np.int32)], 1)
+    return Mask.from_pixels(canvas.astype(bool), x0, y0) if canvas.any() else None
 
 
 def _check_inside(field: str, x0: float, y0: float, x1: float, y1: float, width_px: int, height_px: int) -> None:
@@ -106,9 +133,7 @@ def _check_inside(field: str, x0: float, y0: float, x1: float, y1: float, width_
 
 
 def _is_numbers(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number) for number in value
-    )
+    return isinstance(value, list) and all(is_number(number) for number in value)
 
 
 def _short(value: Any) -> str:

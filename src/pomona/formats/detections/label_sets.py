@@ -6,26 +6,33 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.detections.coco_labels import is_coco, read_coco_labels
-from pomona.formats.detections.labelled import LabelledPhoto, SizeOf
-from pomona.formats.detections.labelme import is_labelme, read_labelme
+from pomona.formats.detections.coco_labels import read_coco_labels
+from pomona.formats.detections.cvat import read_cvat
+from pomona.formats.detections.kinds import kind_of_text
+from pomona.formats.detections.labelled import LabelledPhoto
+from pomona.formats.detections.labelme import read_labelme
+from pomona.formats.detections.photo_source import PhotoFinder, SizeOf
 from pomona.formats.detections.png_masks import is_rendered_row, mask_folder, read_png_masks
-from pomona.formats.detections.via import is_via, read_via_json, via_photos
-from pomona.formats.detections.via_csv import is_via_csv, read_via_csv, via_csv_photos
+from pomona.formats.detections.via import read_via_json, via_photos
+from pomona.formats.detections.via_csv import read_via_csv, via_csv_photos
+from pomona.formats.detections.voc import read_voc
 from pomona.formats.detections.yolo import class_names, label_files, read_yolo
-from pomona.formats.json_file import load_json, read_text
 
 LOOKED_FOR = (
     "a COCO file (*.json with images and annotations)",
     "labels of the VGG Image Annotator (*.json or *.csv)",
+    "annotations of CVAT for images (*.xml)",
+    "Pascal VOC files (*.xml, one a photo)",
     "LabelMe files (*.json with imagePath and shapes, one a photo)",
     "YOLO labels (labels/*.txt for images/*, or a *.txt beside each photo)",
     "images of fruit ids (masks/*.png for images/*)",
     "a rendered row (truth/masks/*.png for images/*)",
 )
+_SUFFIXES = (".json", ".csv", ".xml")
+_PHOTO_KINDS = ("labelme", "voc")  # with a file for every photo
+_FILE_KINDS = ("coco", "via", "via-csv", "cvat", *_PHOTO_KINDS)
 _DEPTH = 4  # how far below a folder its sets may lie
 _PARTS = {"train": "training", "val": "validation", "test": "test"}
 _PART = re.compile(r"(?:^|[^a-z])(train|val|test)(?:ing|id|idation)?\d*(?:[^a-z]|$)")
@@ -58,7 +65,7 @@ def find_label_sets(root: Path) -> list[LabelSet]:
     if root.is_file():
         kind = _kind_of(root)
         if kind is None:
-            raise InputError(f"{root}: expected labels of photos: {'; '.join(LOOKED_FOR[:3])}; found none of them")
+            raise InputError(f"{root}: expected labels of photos: {'; '.join(LOOKED_FOR[:5])}; found none of them")
         return [LabelSet(kind, root.parent, (root,), part_of(root.name))]
     if not root.is_dir():
         raise MissingFileError(f"{root}: expected a folder of labelled photos, but there is none")
@@ -72,15 +79,22 @@ def find_label_sets(root: Path) -> list[LabelSet]:
 
 def read_label_set(one: LabelSet, size_of: SizeOf) -> list[LabelledPhoto]:
     """Return a set's photos; raises `MissingFileError`, and `FormatError` naming file, place and what was expected."""
+
+    def photos_of(file: Path) -> PhotoFinder:
+        return PhotoFinder(file, size_of, _photo_folders(file))
+
     readers: dict[str, Callable[[], list[LabelledPhoto]]] = {
-        "coco": lambda: _of_files(one.files, lambda file: read_coco_labels(file, size_of, _photo_folders(file))),
-        "via": lambda: _of_files(one.files, lambda file: read_via_json(file, size_of)),
-        "via-csv": lambda: _of_files(one.files, lambda file: read_via_csv(file, size_of)),
-        "labelme": lambda: read_labelme(one.files, size_of),
+        "coco": lambda: _of_files(one.files, lambda file: read_coco_labels(file, photos_of)),
+        "via": lambda: _of_files(one.files, lambda file: read_via_json(file, photos_of)),
+        "via-csv": lambda: _of_files(one.files, lambda file: read_via_csv(file, photos_of)),
+        "cvat": lambda: _of_files(one.files, lambda file: read_cvat(file, photos_of)),
+        "labelme": lambda: read_labelme(one.files, photos_of),
+        "voc": lambda: read_voc(one.files, photos_of),
         "yolo": lambda: read_yolo(one.folder, size_of),
         "masks": lambda: read_png_masks(one.folder, size_of),
     }
-    return readers[one.kind]()
+    photos = readers[one.kind]()
+    return photos if one.kind == "masks" else [photo.as_drawn() for photo in photos]
 
 
 def part_of(name: str) -> str:
@@ -103,7 +117,7 @@ def _sets_in(folder: Path) -> list[LabelSet]:
     by_kind: dict[str, list[Path]] = {}
     for file in _candidates(folder):
         # Where there is a file for every photo, looking into one of them is enough.
-        kind = "labelme" if len(by_kind.get("labelme", ())) >= 2 else _kind_of(file)
+        kind = next((each for each in _PHOTO_KINDS if len(by_kind.get(each, ())) >= 2), None) or _kind_of(file)
         if kind is not None:
             by_kind.setdefault(kind, []).append(file)
     if mask_folder(folder) is not None:
@@ -119,7 +133,7 @@ def _sets_in(folder: Path) -> list[LabelSet]:
         )
     sets = []
     for kind, files in by_kind.items():
-        if kind in ("coco", "via", "via-csv"):
+        if kind in _FILE_KINDS and kind not in _PHOTO_KINDS:
             sets += [LabelSet(kind, folder, (file,), part_of(file.stem)) for file in files]
         else:
             sets.append(LabelSet(kind, folder, tuple(files)))
@@ -128,20 +142,15 @@ def _sets_in(folder: Path) -> list[LabelSet]:
 
 def _candidates(folder: Path) -> list[Path]:
     for place in (folder, folder / "annotations"):
-        if files := sorted([*place.glob("*.json"), *place.glob("*.csv")]):
+        if files := sorted(file for suffix in _SUFFIXES for file in place.glob(f"*{suffix}")):
             return files
     return []
 
 
 def _kind_of(file: Path) -> str | None:
     """The format of a file; None where it holds something else. Raises `FormatError` where it holds nothing."""
-    if file.suffix.lower() == ".csv":
-        return "via-csv" if is_via_csv(read_text(file, "a table of labels")) else None
-    if file.suffix.lower() != ".json":
-        return None
-    content: Any = load_json(file, "labels of photos")
-    kinds = {"coco": is_coco, "labelme": is_labelme, "via": is_via}
-    return next((kind for kind, fits in kinds.items() if fits(content)), None)
+    kind = kind_of_text(file) if file.suffix.lower() in _SUFFIXES else None
+    return kind if kind in _FILE_KINDS else None
 
 
 def _holds_yolo(folder: Path) -> bool:

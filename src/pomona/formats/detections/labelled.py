@@ -1,42 +1,51 @@
-"""Labelled photos: what every reader of labels returns, whatever the program they were drawn with."""
+"""Fruits drawn or found in photos: what every reader returns, whatever the program that wrote the file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
 
 from pomona.detections import Mask
-from pomona.errors import FormatError, MissingFileError
+from pomona.errors import InputError
+from pomona.formats.detections.photo_source import PhotoFile
+from pomona.photos import Photo
 
 Box = tuple[float, float, float, float]
 """x0, y0, x1, y1: edges in pixels of the upright photo."""
 
-SizeOf = Callable[[Path], tuple[int, int]]
-"""Gives the width and height of a photo file, upright; raises an error that names the file where it cannot."""
-
-PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif"})
 _SMALLEST_BOX_PX = 8  # fruits are round: a larger mask that fills its box is a box
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledFruit:
-    """One fruit of a photo. `mask` is None where the labels give a box alone; `category` where they name no class.
+    """One fruit of a photo. `mask` is None where the file gives a box alone; `category` where it names no class.
 
-    `ignored`: not one fruit (a crowd), or of no use: neither fruit nor background is to be learnt there.
+    `ignored`: not one fruit (a crowd), or of no use: neither fruit nor background is to be learnt there. `score` is in
+    [0, 1], `id` is the file's; None where it has none.
     """
 
     box_px: Box
     mask: Mask | None
     category: str | None = None
     ignored: bool = False
+    score: float | None = None
+    id: int | None = None
 
     @classmethod
-    def from_mask(cls, mask: Mask, category: str | None = None) -> LabelledFruit:
-        """Return the fruit of a mask; of a rectangle, which programs write for a box, it keeps the box alone."""
-        x0, y0, x1, y1 = mask.box_px
-        is_box = mask.area_px == mask.width_px * mask.height_px and min(x1 - x0, y1 - y0) >= _SMALLEST_BOX_PX
-        return cls((x0, y0, x1, y1), None if is_box else mask, category)
+    def from_mask(cls, mask: Mask, category: str | None = None, score: float | None = None) -> LabelledFruit:
+        """Return the fruit of a mask; its box is the mask's."""
+        return cls(edges_of(mask), mask, category, score=score)
+
+    def as_drawn(self) -> LabelledFruit:
+        """Return the fruit as a label: of a rectangle, which programs write for a box, it keeps the box alone."""
+        if self.mask is None:
+            return self
+        width, height = self.mask.width_px, self.mask.height_px
+        is_box = self.mask.area_px == width * height and min(width, height) >= _SMALLEST_BOX_PX and not self.ignored
+        return replace(self, box_px=edges_of(self.mask), mask=None if is_box else self.mask)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,72 +58,51 @@ class LabelledPhoto:
     height_px: int
     fruits: tuple[LabelledFruit, ...]
 
+    @classmethod
+    def of(cls, photo: PhotoFile, fruits: Sequence[LabelledFruit]) -> LabelledPhoto:
+        """Return a photo that was found, with its fruits."""
+        return cls(photo.path, photo.name, photo.width_px, photo.height_px, tuple(fruits))
 
-class PhotoFinder:
-    """Finds the files of the photos that a label file names: beside it, in `images/`, by path or by name alone."""
-
-    def __init__(self, label_file: Path, size_of: SizeOf, folders: Iterable[Path] = ()) -> None:
-        self._label_file, self._size_of = label_file, size_of
-        beside = label_file.parent
-        # COCO keeps its files in annotations/, beside the folders of photos.
-        above = [beside.parent] if beside.name.lower() in ("annotations", "labels", "json", "via") else []
-        self._folders = [*folders, beside, beside / "images", *above, *(folder / "images" for folder in above)]
-        self._searched = above[0] if above else beside
-        self._by_name: dict[str, list[Path]] | None = None
-        self._used: dict[Path, str] = {}
-
-    def find(self, name: str, place: str) -> tuple[Path, int, int]:
-        """Return path, width and height of a photo that the labels name at `place`.
-
-        Raises `MissingFileError` where it is absent, and `FormatError` where it is named twice.
-        """
-        path = self._path(name.replace("\\", "/"), place)
-        if path in self._used:
-            raise FormatError(
-                f"{self._label_file}: {place}: expected each photo once, but {self._used[path]} is '{name}' too"
-            )
-        self._used[path] = place
-        return path, *self._size_of(path)
-
-    def _path(self, name: str, place: str) -> Path:
-        base = PurePosixPath(name).name
-        for tried in dict.fromkeys((name, base)):
-            for folder in self._folders:
-                if tried and (folder / tried).is_file():
-                    return folder / tried
-        if self._by_name is None:
-            self._by_name = {}
-            for path in photos_below(self._searched):
-                self._by_name.setdefault(path.name, []).append(path)
-        matches = self._by_name.get(base, [])
-        if len(matches) > 1:
-            raise FormatError(
-                f"{self._label_file}: {place}: photo '{name}': expected one file of this name, found "
-                f"{', '.join(str(match) for match in matches[:3])}"
-            )
-        if not matches:
-            raise MissingFileError(
-                f"{self._label_file}: {place}: photo '{name}' is not there; expected it in "
-                f"{self._searched}, in images/, or in a folder below"
-            )
-        return matches[0]
+    def as_drawn(self) -> LabelledPhoto:
+        """Return the photo with its fruits as labels (`LabelledFruit.as_drawn`)."""
+        return replace(self, fruits=tuple(fruit.as_drawn() for fruit in self.fruits))
 
 
-def photos_below(folder: Path) -> list[Path]:
-    """Return the photo files in a folder and in those below it, sorted."""
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in PHOTO_SUFFIXES and path.is_file())
+def joined(fruits: Sequence[LabelledFruit]) -> LabelledFruit:
+    """Return one fruit of its parts, which leaves have cut asunder; of boxes alone where a part has no mask."""
+    if len(fruits) == 1:
+        return fruits[0]
+    edges = np.array([fruit.box_px for fruit in fruits])
+    x0, y0, x1, y1 = (float(v) for v in (*edges[:, :2].min(0), *edges[:, 2:].max(0)))
+    masks = [fruit.mask for fruit in fruits if fruit.mask is not None]
+    if len(masks) < len(fruits):
+        return replace(fruits[0], box_px=(x0, y0, x1, y1), mask=None)
+    left, top = min(mask.x_px for mask in masks), min(mask.y_px for mask in masks)
+    right, bottom = (max(mask.box_px[k] for mask in masks) for k in (2, 3))
+    pixels = np.zeros((bottom - top, right - left), bool)
+    for mask in masks:
+        row, column = mask.y_px - top, mask.x_px - left
+        pixels[row : row + mask.height_px, column : column + mask.width_px] |= mask.pixels
+    whole = Mask.from_pixels(pixels, left, top)
+    return replace(fruits[0], box_px=edges_of(whole), mask=whole)
 
 
-def photos_in(folder: Path) -> list[Path]:
-    """Return the photo files in a folder itself, sorted."""
-    if not folder.is_dir():
-        return []
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in PHOTO_SUFFIXES and path.is_file())
+def edges_of(mask: Mask) -> Box:
+    """Return the box of a mask."""
+    x0, y0, x1, y1 = mask.box_px
+    return float(x0), float(y0), float(x1), float(y1)
 
 
-def named_within(path: Path, folder: Path) -> str:
-    """Return a photo's path within a folder; its name alone where it lies elsewhere."""
-    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name
+def check_size(stated: tuple[int, int], photo: Photo | PhotoFile) -> None:
+    """Raise `InputError` unless a photo has the width and height that the file says it has."""
+    actual = photo.width_px, photo.height_px
+    if stated == actual:
+        return
+    turned = stated == actual[::-1]
+    hint = "annotate the photo upright, as its EXIF orientation says" if turned else "annotate the photo as it is"
+    raise InputError(
+        f"expected the size of {photo.path.name}, {actual[0]} × {actual[1]}, found {stated[0]} × {stated[1]}: {hint}"
+    )
 
 
 def classes_of(photos: Sequence[LabelledPhoto]) -> tuple[str, ...]:

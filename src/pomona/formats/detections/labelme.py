@@ -17,12 +17,14 @@ import cv2
 import numpy as np
 
 from pomona.detections import Mask
-from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto, PhotoFinder, SizeOf, named_within
+from pomona.errors import FormatError, InputError
+from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto, check_size, joined
+from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, number, numbers, polygon_mask
 from pomona.formats.json_file import load_json
 
 EXPECTED = "labels of LabelMe: an object with imagePath and shapes"
+_SUFFIXES = (".jpg", ".JPG", ".jpeg", ".png", ".PNG", ".tif")
 
 
 def is_labelme(content: Any) -> bool:
@@ -30,56 +32,49 @@ def is_labelme(content: Any) -> bool:
     return isinstance(content, dict) and "imagePath" in content and "shapes" in content
 
 
-def read_labelme(files: Sequence[Path], size_of: SizeOf) -> list[LabelledPhoto]:
-    """Read LabelMe files, one a photo, which lies where `imagePath` says or has the file's name.
+def read_labelme(files: Sequence[Path], sources: Sources) -> list[LabelledPhoto]:
+    """Read LabelMe files, one a photo, which is what `imagePath` says or has the file's name.
 
     Raises `MissingFileError`, and `FormatError` naming file, shape and what was expected.
     """
     photos: list[LabelledPhoto] = []
     file_of: dict[Path, Path] = {}
     for file in files:
-        photo = _read_one(file, size_of)
+        photo = _read_one(file, sources)
+        if photo is None:
+            continue
         if (other := file_of.setdefault(photo.path.resolve(), file)) != file:
             raise FormatError(f"{file}: expected one file a photo, but {other} labels {photo.path.name} too")
         photos.append(photo)
     return photos
 
 
-def _read_one(file: Path, size_of: SizeOf) -> LabelledPhoto:
+def _read_one(file: Path, sources: Sources) -> LabelledPhoto | None:
     content = load_json(file, EXPECTED)
     if not is_labelme(content) or not isinstance(content["shapes"], list):
         raise FormatError(f"{file}: expected {EXPECTED}")
     named = content["imagePath"]
     if not isinstance(named, str) or not named:
         raise FormatError(f"{file}: imagePath: expected a photo's name, found {named!r:.40}")
-    path, width, height = _find(file, named, size_of)
+    # Photos are renamed with their label files, and imagePath is forgotten.
+    photo = sources(file).find(named, "imagePath", [file.with_suffix(suffix).name for suffix in _SUFFIXES])
+    if photo is None:
+        return None
     stated = content.get("imageWidth"), content.get("imageHeight")
-    if all(isinstance(side, int) for side in stated) and stated != (width, height):
-        raise FormatError(
-            f"{file}: imageWidth, imageHeight: expected the size of {path.name}, {width} × {height}, "
-            f"found {stated[0]} × {stated[1]}"
-        )
+    if isinstance(stated[0], int) and isinstance(stated[1], int):
+        try:
+            check_size((stated[0], stated[1]), photo)
+        except InputError as error:
+            raise FormatError(f"{file}: imageWidth, imageHeight: {error}") from None
     parts: dict[object, list[LabelledFruit]] = {}
     for k, shape in enumerate(content["shapes"]):
         try:
-            fruit = _fruit(shape, width, height)
+            fruit = _fruit(shape, photo.width_px, photo.height_px)
         except InputError as error:
             raise FormatError(f"{file}: shape {k}: {error}") from None
         group = shape.get("group_id")
         parts.setdefault(k if group is None else (fruit.category, str(group)), []).append(fruit)
-    fruits = tuple(_joined(fruits) for fruits in parts.values())
-    return LabelledPhoto(path, named_within(path, file.parent), width, height, fruits)
-
-
-def _find(file: Path, named: str, size_of: SizeOf) -> tuple[Path, int, int]:
-    try:
-        return PhotoFinder(file, size_of, [file.parent.parent / "images"]).find(named, "imagePath")
-    except MissingFileError:
-        # Photos are renamed with their label files, and imagePath is forgotten.
-        for suffix in (".jpg", ".JPG", ".jpeg", ".png", ".PNG", ".tif"):
-            if (path := file.with_suffix(suffix)).is_file():
-                return path, *size_of(path)
-        raise
+    return LabelledPhoto.of(photo, [joined(fruits) for fruits in parts.values()])
 
 
 def _fruit(shape: Any, width: int, height: int) -> LabelledFruit:
@@ -96,7 +91,7 @@ def _fruit(shape: Any, width: int, height: int) -> LabelledFruit:
     mask = _mask(kind, shape, points, width, height)
     if mask is None:
         raise InputError(f"expected a {kind} that covers a pixel, found one that covers none")
-    return LabelledFruit(_edges(mask), mask, category) if kind == "mask" else LabelledFruit.from_mask(mask, category)
+    return LabelledFruit.from_mask(mask, category)
 
 
 def _mask(
@@ -128,28 +123,6 @@ def _png_mask(png: Any, points: list[tuple[float, float]], width: int, height: i
     check_inside(x, y, x + pixels.shape[1], y + pixels.shape[0], width, height)
     inside = pixels[max(-y, 0) : height - y, max(-x, 0) : width - x] > 0
     return Mask.from_pixels(inside, max(x, 0), max(y, 0)) if inside.any() else None
-
-
-def _joined(fruits: Sequence[LabelledFruit]) -> LabelledFruit:
-    """One fruit of its parts, which leaves have cut asunder; of boxes alone where a part has no mask."""
-    if len(fruits) == 1:
-        return fruits[0]
-    edges = np.array([fruit.box_px for fruit in fruits])
-    x0, y0, x1, y1 = (float(v) for v in (*edges[:, :2].min(0), *edges[:, 2:].max(0)))
-    masks = [fruit.mask for fruit in fruits if fruit.mask is not None]
-    if len(masks) < len(fruits):
-        return LabelledFruit((x0, y0, x1, y1), None, fruits[0].category)
-    pixels = np.zeros((int(y1 - y0), int(x1 - x0)), bool)
-    for mask in masks:
-        row, column = int(mask.y_px - y0), int(mask.x_px - x0)
-        pixels[row : row + mask.height_px, column : column + mask.width_px] |= mask.pixels
-    whole = Mask.from_pixels(pixels, int(x0), int(y0))
-    return LabelledFruit(_edges(whole), whole, fruits[0].category)
-
-
-def _edges(mask: Mask) -> Box:
-    x0, y0, x1, y1 = mask.box_px
-    return float(x0), float(y0), float(x1), float(y1)
 
 
 def _box_of(points: Sequence[tuple[float, float]], width: int, height: int) -> Box:

@@ -7,6 +7,7 @@ Source: https://github.com/GRAP-UdL-AT/SfM_3D_fruit_detection, main_SfM_3D_fruit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,12 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
+from pomona.formats.detections.photo_source import Sources, named_as
 from pomona.formats.detections.png_masks import masks_of_ids
 
 EXPECTED = "a MATLAB file with mask (a label image) and scores (one a label)"
+_ENDINGS = ("_mask", "_masks")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MOST_LABELS = 65535  # as the authors' code, which keeps label images in 16 bits
 
@@ -61,6 +65,24 @@ def read_mat_masks(path: Path) -> MatMasks:
     labels = np.array([label for label, _ in found], np.int64)
     masks = tuple(mask for _, mask in found)
     return MatMasks(ids.shape[1], ids.shape[0], labels, masks, None if of_label is None else of_label[labels - 1])
+
+
+def read_mats_found(files: Sequence[Path], folder: Path, sources: Sources) -> list[LabelledPhoto]:
+    """Read MATLAB files below `folder`, each of the photo of its name; raises what `read_mat_masks` raises."""
+    result = []
+    for file in files:
+        photo = sources(file).find(*named_as(file, folder, _ENDINGS))
+        if photo is None:
+            continue
+        found = read_mat_masks(file)
+        try:
+            check_size((found.width_px, found.height_px), photo)
+        except InputError as error:
+            raise FormatError(f"{file}: mask: {error}") from None
+        scores = [None] * len(found.masks) if found.scores is None else found.scores.tolist()
+        fruits = [LabelledFruit.from_mask(mask, None, s) for mask, s in zip(found.masks, scores, strict=True)]
+        result.append(LabelledPhoto.of(photo, fruits))
+    return result
 
 
 def _variables(path: Path) -> dict[str, Any]:

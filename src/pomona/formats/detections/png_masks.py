@@ -1,8 +1,11 @@
-"""Masks of single fruits as images: each pixel holds the number, or the colour, of the fruit seen there; 0 is none."""
+"""Masks of single fruits as images: each pixel holds the number, or the colour, of the fruit seen there; 0 is none.
+
+Of images with a palette the numbers count, not the colours.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -11,11 +14,14 @@ from scipy import ndimage
 
 from pomona.arrays import IntArray
 from pomona.detections import Mask
-from pomona.errors import FormatError, MissingFileError
-from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, SizeOf, named_within, photos_in
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
+from pomona.formats.detections.photo_source import PhotoFile, SizeOf, Sources, named_as, named_within, photos_in
 
 _MASK_FOLDERS = ("masks", "truth/masks", "instances", "labels")
 _PHOTO_FOLDERS = ("images", "photos", ".")
+_PNG, _PALETTE = b"\x89PNG\r\n\x1a\n", b"\x03"
+_VOC_RIM = (224, 224, 192)
 _ENDINGS = ("", "_mask", "_masks", "_instances", "_label", "_ids")
 
 
@@ -51,7 +57,10 @@ def read_png_masks(folder: Path, size_of: SizeOf) -> list[LabelledPhoto]:
         if photo in of_photo:
             raise FormatError(f"{mask}: expected one image of ids a photo, but {of_photo[photo].name} is of it, too")
         of_photo[photo] = mask
-    return [_read_one(photo, mask, folder, size_of) for photo, mask in of_photo.items()]
+    return [
+        _read_one(PhotoFile(photo, named_within(photo, folder), *size_of(photo)), mask)
+        for photo, mask in of_photo.items()
+    ]
 
 
 def _photo_of(mask: Path, photos: dict[str, Path], folder: Path) -> Path:
@@ -61,21 +70,37 @@ def _photo_of(mask: Path, photos: dict[str, Path], folder: Path) -> Path:
     raise MissingFileError(f"{mask}: expected a photo of the same name in {folder / 'images'}, found none")
 
 
-def _read_one(photo: Path, mask: Path, folder: Path, size_of: SizeOf) -> LabelledPhoto:
-    width, height = size_of(photo)
+def read_masks_found(files: Sequence[Path], folder: Path, sources: Sources) -> list[LabelledPhoto]:
+    """Read images of ids below `folder`, each of the photo of its name, or of its name without `_mask` and the like.
+
+    Raises `FormatError` naming the file and what was expected.
+    """
+    result = []
+    for file in files:
+        photo = sources(file).find(*named_as(file, folder, _ENDINGS))
+        if photo is not None:
+            result.append(_read_one(photo, file))
+    return result
+
+
+def _read_one(photo: PhotoFile, mask: Path) -> LabelledPhoto:
     ids = read_ids(mask)
-    if ids.shape != (height, width):
-        raise FormatError(
-            f"{mask}: expected the size of {photo.name}, {width} × {height}, found {ids.shape[1]} × {ids.shape[0]}"
-        )
-    fruits = tuple(LabelledFruit(tuple(float(v) for v in m.box_px), m) for _, m in masks_of_ids(ids))  # type: ignore[arg-type]
-    return LabelledPhoto(photo, named_within(photo, folder), width, height, fruits)
+    try:
+        check_size((ids.shape[1], ids.shape[0]), photo)
+    except InputError as error:
+        raise FormatError(f"{mask}: {error}") from None
+    return LabelledPhoto.of(photo, [LabelledFruit.from_mask(found) for _, found in masks_of_ids(ids)])
 
 
 def read_ids(path: Path) -> IntArray:
     """Read an image of ids, int64 (h, w). Raises `FormatError` where it is none, or says fruit or not but not which."""
-    data = np.fromfile(path, np.uint8)
-    stored = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path}: expected an image of fruit ids, but it cannot be read: {error}") from None
+    if data[:8] == _PNG and data[25:26] == _PALETTE:
+        return _palette_ids(path)
+    stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     if stored is None or stored.dtype not in (np.uint8, np.uint16):
         raise FormatError(f"{path}: expected an image of fruit ids (8 or 16 bits) that can be read")
     colours = np.atleast_3d(stored)[:, :, :3]  # without transparency
@@ -88,6 +113,21 @@ def read_ids(path: Path) -> IntArray:
         raise FormatError(
             f"{path}: expected a number for each fruit, found black and white alone: which pixel is whose?"
         )
+    return ids
+
+
+def _palette_ids(path: Path) -> IntArray:
+    """The numbers of a palette's colours, which OpenCV does not give; without Pascal VOC's 255 for rims."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            ids = np.asarray(image).astype(np.int64)
+            palette = image.getpalette() or []
+    except Exception as error:  # of a damaged file Pillow raises errors of many kinds
+        raise FormatError(f"{path}: expected an image of fruit ids that can be read: {error}") from None
+    if tuple(palette[3 * 255 :]) == _VOC_RIM:
+        ids[ids == 255] = 0
     return ids
 
 

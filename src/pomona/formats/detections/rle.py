@@ -73,6 +73,8 @@ def mask_from_counts(counts: IntArray, width_px: int, height_px: int) -> Mask | 
     counts = np.asarray(counts, np.int64)
     if (counts < 0).any():
         raise InputError("expected runs of 0 pixels or more, found a negative one")
+    if (counts > width_px * height_px).any():
+        raise InputError(f"expected runs of at most {width_px} × {height_px} pixels, found one of {counts.max()}")
     if counts.sum() != width_px * height_px:
         raise InputError(
             f"expected runs that sum to {width_px} × {height_px} = {width_px * height_px} pixels, found {counts.sum()}"

@@ -15,14 +15,18 @@ from pomona.detections import Mask
 from pomona.errors import InputError
 from pomona.formats.detections.coco_masks import mask_of
 from pomona.formats.detections.labelled import Box
+from pomona.formats.json_file import is_number
 
 # Shapes are drawn by hand and written with rounding: what reaches no further over the photo's edge is no mistake.
 TOLERANCE_PX = 1.0
 
 
-def polygon_mask(points: Sequence[tuple[float, float]], width_px: int, height_px: int) -> Mask | None:
+def polygon_mask(
+    points: Sequence[tuple[float, float]], width_px: int, height_px: int, *, traced: bool = False
+) -> Mask | None:
     """Return the mask of a closed outline of (x, y); None where it covers no pixel.
 
+    With `traced`, an outline of whole numbers names the pixels on the mask's rim (`coco_masks.mask_of`).
     Raises `InputError` for fewer than 3 points and for an outline that leaves the photo.
     """
     if len(points) < 3:
@@ -30,7 +34,7 @@ def polygon_mask(points: Sequence[tuple[float, float]], width_px: int, height_px
     xs, ys = zip(*points, strict=True)
     check_inside(min(xs), min(ys), max(xs), max(ys), width_px, height_px)
     flat = np.clip(np.array(points, float), 0, [width_px, height_px]).ravel().tolist()
-    return mask_of([flat], width_px, height_px)
+    return mask_of([flat], width_px, height_px, traced=traced)
 
 
 def ellipse_mask(
@@ -79,7 +83,7 @@ def check_inside(
 
 def number(value: Any, what: str) -> float:
     """Return a finite number (of a JSON value); raises `InputError` naming `what` where it is none."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not is_number(value):
         raise InputError(f"{what}: expected a finite number, found {value!r:.40}")
     return float(value)
 
@@ -89,3 +93,14 @@ def numbers(values: Any, what: str) -> list[float]:
     if not isinstance(values, list):
         raise InputError(f"{what}: expected a list of numbers, found {values!r:.40}")
     return [number(value, what) for value in values]
+
+
+def score_of(text: str) -> float:
+    """Return the score that a text gives; raises `InputError` unless it is a number from 0 to 1."""
+    try:
+        score = float(text)
+    except ValueError:
+        score = math.nan
+    if not 0 <= score <= 1:
+        raise InputError(f"score: expected a number from 0 to 1, found '{text[:40]}'")
+    return score

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError
-from pomona.formats.detections.labelled import LabelledPhoto, SizeOf
-from pomona.formats.detections.via import ViaPhoto, ViaRegion, labelled
+from pomona.formats.detections.labelled import LabelledPhoto
+from pomona.formats.detections.photo_source import Sources
+from pomona.formats.detections.via_regions import ViaPhoto, ViaRegion, labelled
 from pomona.formats.json_file import read_text
 
 EXPECTED = "a table of regions of the VGG Image Annotator (VIA)"
@@ -21,12 +22,12 @@ def is_via_csv(head: str) -> bool:
     return "region_shape_attributes" in head.splitlines()[0] if head.strip() else False
 
 
-def read_via_csv(path: Path, size_of: SizeOf) -> list[LabelledPhoto]:
+def read_via_csv(path: Path, sources: Sources) -> list[LabelledPhoto]:
     """Read a table of VIA 1 or 2; a photo without regions has a line with empty attributes.
 
     Raises `MissingFileError`, and `FormatError` naming file, line and what was expected.
     """
-    return labelled(path, _photos(path), size_of)
+    return labelled(path, _photos(path), sources)
 
 
 def via_csv_photos(path: Path) -> list[str]:

@@ -1,8 +1,8 @@
-"""Labels of YOLO: a text file a photo, a fruit a line, in shares of the photo's width and height.
+"""Files of YOLO: a text file a photo, a fruit a line, in shares of the photo's width and height.
 
 Source: https://docs.ultralytics.com/datasets/: `class x_center y_center width height` for boxes, `class x1 y1 x2 y2 …`
-for outlines. A file lies in `labels/` where its photo lies in `images/`, or beside the photo. A photo without a file
-has no fruit.
+for outlines; predictions may have their confidence at the end. Labels lie in `labels/` where their photo lies in
+`images/`, or beside the photo. A photo without a file has no fruit.
 """
 
 from __future__ import annotations
@@ -12,24 +12,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml  # type: ignore[import-untyped]
 
+from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, SizeOf, named_within, photos_below
-from pomona.formats.detections.shapes import clipped_box, polygon_mask
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.photo_source import PhotoFile, SizeOf, Sources, named_as, named_within, photos_below
+from pomona.formats.detections.shapes import clipped_box, polygon_mask, score_of
 from pomona.formats.json_file import read_text
 
-EXPECTED = "labels of YOLO"
+EXPECTED = "lines of YOLO"
 # Rounded shares may reach over the edge; 1 % of the photo's side is what exporters have been seen to do.
 _TOLERANCE = 0.01
-_NOT_LABELS = frozenset({"classes.txt", "obj.names", "readme.txt", "notes.txt", "requirements.txt"})
+_TRACED_POINTS = 8  # an outline of so many points that all are whole pixels was traced around pixels, not drawn
+NOT_LABELS = frozenset({"classes.txt", "obj.names", "readme.txt", "notes.txt", "requirements.txt"})
 
 
 def label_files(folder: Path) -> list[Path]:
     """Return the files of a folder and those below that look like YOLO's: a text beside a photo or in `labels/`."""
-    texts = [
-        p for p in sorted(folder.rglob("*.txt")) if p.name.lower() not in _NOT_LABELS and ".dataset." not in p.name
-    ]
+    texts = [p for p in sorted(folder.rglob("*.txt")) if p.name.lower() not in NOT_LABELS and ".dataset." not in p.name]
     stems = {(photo.parent, photo.stem) for photo in photos_below(folder)} if texts else set()
     return [p for p in texts if "labels" in p.relative_to(folder).parts or (p.parent, p.stem) in stems]
 
@@ -58,9 +60,33 @@ def read_yolo(folder: Path, size_of: SizeOf) -> list[LabelledPhoto]:
     result = []
     for label, photo in photo_of.items():
         if label.parent in labelled_places:
-            width, height = size_of(photo)
-            fruits = _read_file(label, names, width, height) if label.is_file() else ()
-            result.append(LabelledPhoto(photo, named_within(photo, folder), width, height, fruits))
+            found = PhotoFile(photo, named_within(photo, folder), *size_of(photo))
+            fruits = _read_file(label, names, found, scored=False) if label.is_file() else ()
+            result.append(LabelledPhoto.of(found, fruits))
+    return result
+
+
+def is_yolo(text: str) -> bool:
+    """Say whether the text of a file looks like YOLO's: a whole number and four numbers or more in its first line."""
+    cells = next((line.split() for line in text.splitlines() if line.strip()), [])
+    try:
+        _ = int(cells[0]), [float(cell) for cell in cells]
+    except (ValueError, IndexError):
+        return False
+    return len(cells) >= 5
+
+
+def read_yolo_found(files: Sequence[Path], folder: Path, sources: Sources) -> list[LabelledPhoto]:
+    """Read what YOLO found: files below `folder`, each of the photo of its name; confidences may be at the lines' ends.
+
+    Raises `FormatError` naming file, line and what was expected.
+    """
+    names = class_names(folder) or class_names(folder.parent)
+    result = []
+    for file in files:
+        photo = sources(file).find(*named_as(file, folder))
+        if photo is not None:
+            result.append(LabelledPhoto.of(photo, _read_file(file, names, photo, scored=True)))
     return result
 
 
@@ -98,7 +124,9 @@ def _label_of(photo: Path, folder: Path) -> Path:
     return photo.with_suffix(".txt")
 
 
-def _read_file(file: Path, names: Mapping[int, str] | None, width: int, height: int) -> tuple[LabelledFruit, ...]:
+def _read_file(
+    file: Path, names: Mapping[int, str] | None, photo: PhotoFile, *, scored: bool
+) -> tuple[LabelledFruit, ...]:
     try:
         text = file.read_text(encoding="utf-8-sig")  # an empty file is a photo without fruit
     except (OSError, UnicodeDecodeError) as error:
@@ -107,14 +135,17 @@ def _read_file(file: Path, names: Mapping[int, str] | None, width: int, height: 
     for k, line in enumerate(text.splitlines(), start=1):
         if line.strip():
             try:
-                fruits.append(_fruit(line.split(), names, width, height))
+                fruits.append(_fruit(line.split(), names, photo, scored=scored))
             except InputError as error:
                 raise FormatError(f"{file}: line {k}: {error}") from None
     return tuple(fruits)
 
 
-def _fruit(cells: Sequence[str], names: Mapping[int, str] | None, width: int, height: int) -> LabelledFruit:
-    category = _category(cells[0], names)
+def _fruit(cells: Sequence[str], names: Mapping[int, str] | None, photo: PhotoFile, *, scored: bool) -> LabelledFruit:
+    width, height = photo.width_px, photo.height_px
+    category, score = _category(cells[0], names), None
+    if scored and len(cells) >= 6 and len(cells) % 2 == 0:
+        cells, score = cells[:-1], score_of(cells[-1])
     try:
         values = [float(cell) for cell in cells[1:]]
     except ValueError:
@@ -125,17 +156,25 @@ def _fruit(cells: Sequence[str], names: Mapping[int, str] | None, width: int, he
         x, y, w, h = (value * side for value, side in zip(values, (width, height, width, height), strict=True))
         slack = _TOLERANCE * max(width, height)
         box = clipped_box(x - w / 2, y - h / 2, x + w / 2, y + h / 2, width, height, tolerance_px=slack)
-        return LabelledFruit(box, None, category)
+        return LabelledFruit(box, None, category, score=score)
     if len(values) < 6 or len(values) % 2:
         raise InputError(
             f"expected a class and 4 numbers (a box) or 3 points and more (an outline), found {len(values)} numbers"
         )
-    xs, ys = values[::2], values[1::2]
-    points = [(min(max(x, 0), 1) * width, min(max(y, 0), 1) * height) for x, y in zip(xs, ys, strict=True)]
-    mask = polygon_mask(points, width, height)
+    mask = _outlined(values, width, height)
     if mask is None:
         raise InputError("expected an outline that covers a pixel, found one that covers none")
-    return LabelledFruit.from_mask(mask, category)
+    return LabelledFruit.from_mask(mask, category, score)
+
+
+def _outlined(values: Sequence[float], width: int, height: int) -> Mask | None:
+    sides = np.array([width, height])
+    points = np.clip(np.reshape(values, (-1, 2)), 0, 1) * sides
+    whole = np.round(points)
+    # Shares are written with 5 digits.
+    if len(points) >= _TRACED_POINTS and (np.abs(points - whole) <= 0.6e-5 * sides).all():
+        return polygon_mask(whole.tolist(), width, height, traced=True)
+    return polygon_mask(points.tolist(), width, height)
 
 
 def _category(cell: str, names: Mapping[int, str] | None) -> str:

@@ -9,16 +9,29 @@ from pathlib import PurePosixPath
 from pomona.errors import InputError
 
 
-def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
-    """Return the photo that each of `names` means, for those that mean one.
+class PhotoNames:
+    """The names of photos, to look up what other programs call them.
 
     A name means the photo of that very name; else the one with the same end of the path, without suffix and in any
     letter case: the last three parts, two, or the stem alone.
+    """
 
-    Raises `InputError` where several photos, or several names, fit.
+    def __init__(self, photos: Sequence[str]) -> None:
+        self._by_form = [(form, _by(form, photos)) for form in _FORMS]
+
+    def meant_by(self, name: str) -> tuple[str, ...]:
+        """Return the photos that `name` may mean: none, one, or several that it does not tell apart."""
+        return next((tuple(found) for form, by in self._by_form if (found := by.get(form(name)))), ())
+
+
+def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
+    """Return the photo that each of `names` means (as `PhotoNames` says), for those that mean one.
+
+    A photo that one name means exactly is no longer there for names that mean it less so. Raises `InputError` where
+    several photos, or several names, fit.
     """
     pairs: dict[str, str] = {}
-    for form in (_whole, _end(3), _end(2), _end(1)):
+    for form in _FORMS:
         rest = [name for name in names if name not in pairs]
         taken = set(pairs.values())
         pairs |= _paired(rest, [photo for photo in photos if photo not in taken], form)
@@ -26,9 +39,7 @@ def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
 
 
 def _paired(names: Sequence[str], photos: Sequence[str], form: Callable[[str], str]) -> dict[str, str]:
-    by_form: dict[str, list[str]] = defaultdict(list)
-    for photo in photos:
-        by_form[form(photo)].append(photo)
+    by_form = _by(form, photos)
     pairs: dict[str, str] = {}
     owner: dict[str, str] = {}
     for name in names:
@@ -43,6 +54,13 @@ def _paired(names: Sequence[str], photos: Sequence[str], form: Callable[[str], s
     return pairs
 
 
+def _by(form: Callable[[str], str], photos: Sequence[str]) -> dict[str, list[str]]:
+    by_form: dict[str, list[str]] = defaultdict(list)
+    for photo in photos:
+        by_form[form(photo)].append(photo)
+    return by_form
+
+
 def _whole(name: str) -> str:
     return PurePosixPath(name.replace("\\", "/")).as_posix()
 
@@ -51,7 +69,10 @@ def _end(parts: int) -> Callable[[str], str]:
     """The form of a name that is its last `parts` parts, without suffix, in lower case."""
 
     def form(name: str) -> str:
-        path = PurePosixPath(_whole(name)).with_suffix("")
-        return "/".join(path.parts[-parts:]).lower()
+        path = PurePosixPath(_whole(name))
+        return "/".join([*path.parts[:-1], path.stem][-parts:]).lower()
 
     return form
+
+
+_FORMS = (_whole, _end(3), _end(2), _end(1))
