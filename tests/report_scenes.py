@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +16,26 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, StageTime
 from pomona.sfm.values import Unregistered
+
+
+def unpacked(content: bytes) -> Any:
+    """What the page reads of the bytes that `report.columns.as_bytes` writes: JSON with arrays in it."""
+    start = 4 + int.from_bytes(content[:4], "little")
+
+    def array(entry: dict[str, Any]) -> Any:
+        if "column" not in entry:
+            return entry
+        return np.frombuffer(content, "<" + entry["column"], entry["count"], start + entry["at"])
+
+    return json.loads(content[4:start], object_hook=array)
+
+
+def values_in(page: str) -> Any:
+    """The survey's data that a page carries."""
+    found = re.search(r'<script type="application/octet-stream" id="survey-data">([A-Za-z0-9+/=]*)</script>', page)
+    assert found
+    return unpacked(base64.b64decode(found[1], validate=True))
+
 
 LENS = Intrinsics("SIMPLE_RADIAL", 800, 600, np.array([700.0, 400.0, 300.0, 0.02]))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -13,22 +12,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from pomona.arrays import Array
 from pomona.cameras import WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, write_report
 from pomona.report.axes import row_axes, seen_from
-from pomona.report.contract import to_json
-from pomona.report.page import report_html
+from pomona.report.columns import as_bytes
+from pomona.report.page import page_html, report_html
 from pomona.report.plots import bin_edges, heights
 from pomona.report.scene import SceneOptions, survey_data
+from pomona.report.seen import kept_of_each
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
 from pomona.scale import ScaleReport, SideTie
 from pomona.sfm.values import Unregistered
-from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_report
+from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_report, unpacked, values_in
 
 _VOID = {"meta", "br", "input", "link", "img"}
 
@@ -64,20 +64,9 @@ class _Page(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
-def _scene(text: str) -> dict[str, object]:
-    found = re.search(r'<script type="application/json" id="survey-data">(.*?)</script>', text, re.DOTALL)
-    assert found
-    values: dict[str, object] = json.loads(found[1])
+def payload(data: ReportData, *, max_points: int | None = 600_000) -> dict[str, Any]:
+    values: dict[str, Any] = unpacked(as_bytes(survey_data(data, SceneOptions(max_points=max_points))))
     return values
-
-
-def payload(data: ReportData, *, max_points: int = 600_000) -> dict[str, Any]:
-    values: dict[str, Any] = to_json(survey_data(data, SceneOptions(max_points=max_points)))
-    return values
-
-
-def _numbers(text: str, dtype: str) -> Array:
-    return np.frombuffer(base64.b64decode(text), dtype)
 
 
 @pytest.fixture(scope="module")
@@ -90,10 +79,9 @@ def text(data: ReportData) -> str:
     return report_html(data)
 
 
-def test_page_is_well_formed_and_has_a_row_for_each_fruit(data: ReportData, text: str) -> None:
-    page = _Page(text)
-    ids = [int(row["data-id"] or 0) for row in page.tags("tr") if "data-id" in row]
-    assert ids == data.fruits.ids.tolist()
+def test_page_is_well_formed_and_carries_every_fruit(data: ReportData, text: str) -> None:
+    _Page(text)
+    assert values_in(text)["fruits"]["ids"] == data.fruits.ids.tolist()
 
 
 def test_totals_say_what_the_values_say(data: ReportData, text: str) -> None:
@@ -146,33 +134,39 @@ def test_names_of_files_are_never_html(data: ReportData) -> None:
     assert not [image for image in page.tags("img") if image.get("src")]
     assert len(page.tags("script")) == 2
     assert page.texts["title"].startswith(f"{evil} · Pomona")
-    assert _scene(text)["photos"]["names"][0] == evil  # type: ignore[index]
+    assert values_in(text)["photos"]["names"][0] == evil
 
 
 def test_positions_and_colours_come_back(data: ReportData) -> None:
     values = payload(data)
     fruit = values["fruitPoints"]
-    packed = _numbers(fruit["positions"], "<u2").reshape(-1, 3)
+    packed = fruit["points"].reshape(-1, 4)
     middle = np.median(data.fruits.centers_in_world, axis=0)
-    points = packed / 65535 * fruit["size"] + fruit["min"] + middle
+    points = packed[:, :3] / 65535 * fruit["size"] + fruit["min"] + middle
     on_fruit = data.cloud.fruit_id > 0
     step = np.array(fruit["size"]) / 65535
-    assert fruit["count"] == on_fruit.sum()
-    assert np.all(np.abs(points - data.cloud.points_in_world[on_fruit]) <= 0.51 * step)
-    assert np.array_equal(_numbers(fruit["colours"], "u1").reshape(-1, 3), data.cloud.rgb[on_fruit])
-    centers = _numbers(values["fruits"]["centers"], "<f4").reshape(-1, 3) + middle
+    assert fruit["count"] == len(packed) == on_fruit.sum()
+    # In an order by chance: each is the nearest of the points that were given.
+    away, idx = cKDTree(data.cloud.points_in_world[on_fruit]).query(points)
+    assert away.max() <= 0.9 * np.linalg.norm(step)
+    assert len(np.unique(idx)) == len(idx)
+    assert np.ptp(idx[: len(idx) // 10]) > 0.9 * len(idx)
+    colours = np.stack([packed[:, 3] >> 11, packed[:, 3] >> 5 & 63, packed[:, 3] & 31], axis=1) * [8, 4, 8]
+    assert (data.cloud.rgb[on_fruit][idx] - colours).min() >= 0
+    assert (data.cloud.rgb[on_fruit][idx] - colours).max() < 8
+    centers = values["fruits"]["centers"].reshape(-1, 3) + middle
     assert np.allclose(centers, data.fruits.centers_in_world, atol=1e-6)
-    assert np.isnan(_numbers(values["fruits"]["diameters"], "<f4")[3])
+    assert np.isnan(values["fruits"]["diameters"][3])
 
 
 def test_rotations_and_lenses_are_the_cameras(data: ReportData) -> None:
     photos = payload(data)["photos"]
-    assert np.allclose(_numbers(photos["rotations"], "<f4").reshape(-1, 3, 3), data.cameras.cam_from_world[:, :, :3])
-    assert np.allclose(_numbers(photos["lenses"], "<f4").reshape(-1, 4)[0], [700, 700, 400, 300])
+    assert np.allclose(photos["rotations"].reshape(-1, 3, 3), data.cameras.cam_from_world[:, :, :3])
+    assert np.allclose(photos["lenses"].reshape(-1, 4)[0], [700, 700, 400, 300])
 
 
 def test_frusta_show_where_cameras_look(data: ReportData) -> None:
-    frusta = _numbers(payload(data)["photos"]["frusta"], "<f4").reshape(-1, 5, 3)
+    frusta = payload(data)["photos"]["frusta"].reshape(-1, 5, 3)
     middle = np.median(data.fruits.centers_in_world, axis=0)
     for k in range(len(data.cameras)):
         assert np.allclose(frusta[k, 0] + middle, data.cameras.centers_in_world[k], atol=1e-6)
@@ -183,7 +177,7 @@ def test_frusta_show_where_cameras_look(data: ReportData) -> None:
 
 def test_sightings_name_fruit_and_camera(data: ReportData) -> None:
     values = payload(data)["sightings"]
-    pairs = zip(_numbers(values["fruits"], "<u4"), _numbers(values["photos"], "<u4"), strict=True)
+    pairs = zip(np.repeat(np.arange(len(data.fruits)), np.diff(values["starts"])), values["photos"], strict=True)
     named = {(int(data.fruits.ids[f]), data.cameras.photos[c]) for f, c in pairs}
     assert named == set(zip(data.observations.fruit_id.tolist(), data.observations.photo, strict=True))
 
@@ -198,6 +192,27 @@ def test_size_is_bounded_and_both_kinds_of_points_keep_half() -> None:
     assert (values["scene"]["count"], values["fruitPoints"]["count"]) == (7500, 7500)
     values = payload(many, max_points=20_000)
     assert (values["scene"]["count"], values["fruitPoints"]["count"]) == (10_000, 10_000)
+    values = payload(many, max_points=None)
+    assert 29_900 < values["scene"]["count"] <= 30_000  # strays far outside are left out
+    assert values["fruitPoints"]["count"] == 12_000
+
+
+def test_what_is_left_out_is_said(data: ReportData, text: str) -> None:
+    left_out = '<p class="note" id="left-out"></p>'
+    assert left_out in text
+    values = survey_data(data, SceneOptions(max_points=1000, max_sightings=len(data.fruits) * 2))
+    page = page_html(data, values)
+    assert left_out not in page
+    assert f"it has 1,000 of {len(data.cloud):,} points, at most 2 of the photos that saw each fruit." in page
+    starts = values_in(page)["sightings"]["starts"]
+    seen = np.bincount(data.observations.fruit_id, minlength=data.fruits.ids.max() + 1)[data.fruits.ids]
+    assert np.array_equal(np.diff(starts), np.minimum(seen, 2))
+
+
+def test_of_many_sightings_each_fruit_keeps_the_same_number() -> None:
+    counts = np.array([9, 3, 1, 0])
+    assert [kept_of_each(counts, most) for most in (99, 13, 12, 6, 3, 0)] == [9, 9, 8, 2, 1, 1]
+    assert kept_of_each(np.zeros(0, np.int64), 5) == 1
 
 
 def test_stray_points_do_not_coarsen_the_rest(data: ReportData) -> None:
@@ -217,7 +232,7 @@ def test_no_fruit_is_a_valid_report() -> None:
     _Page(text)
     assert "No fruit was found" in text
     assert "not known" in text
-    assert _scene(text)["fruits"]["ids"] == []  # type: ignore[index]
+    assert values_in(text)["fruits"]["ids"] == []
 
 
 def test_least_survey_of_all() -> None:

@@ -77,9 +77,17 @@ def test_opens_from_disk_without_error_or_network(opened: Opened, report: Path) 
     assert opened.page.locator("#fruits tbody tr").count() == 60
 
 
+def drawn(page: Any, *, still: bool = True) -> None:
+    """Wait until the picture is of what was last asked for and, where it stands still, lacks nothing."""
+    frames = "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 50))))"
+    page.evaluate(frames)
+    if still:
+        page.wait_for_selector("#view[data-picture=whole]")
+    page.evaluate(frames)
+
+
 def _red_px(page: Any) -> int:
-    # Two frames pass, so that the picture is of what was last asked for.
-    page.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 50))))")
+    drawn(page)
     encoded = np.frombuffer(page.locator("#view canvas").screenshot(), np.uint8)
     pixels = cv2.imdecode(encoded, cv2.IMREAD_COLOR).astype(int)
     return int(((pixels[:, :, 2] > 110) & (pixels[:, :, 2] > 2 * pixels[:, :, 1])).sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import http.client
 import json
 import re
@@ -21,11 +20,12 @@ from pomona.errors import MissingFileError, SurveyError
 from pomona.evaluate import evaluate, read_truth
 from pomona.report import ReportData
 from pomona.report.page import report_html
-from pomona.report.scene import origin_of
+from pomona.report.scene import SceneOptions, origin_of, survey_data
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
 from pomona.view.pictures import Kept, straightened
 from pomona.view.truth import thresholds
-from view_scenes import unpacked, write_truth, write_view_survey
+from report_scenes import unpacked, values_in
+from view_scenes import write_truth, write_view_survey
 
 
 @pytest.fixture(scope="module")
@@ -79,18 +79,34 @@ def test_page_lets_nothing_in_from_outside(server: ViewServer) -> None:
     assert "default-src 'none'" in rules
     assert "connect-src 'self'" in rules
     assert "http:" not in rules
-    assert 'data-url="data/survey.json"' in text
+    assert 'data-url="data/survey.bin"' in text
     assert not re.findall(r'(?:src|href)="(?!#)[^"]+"', text.split("<script>")[0])
 
 
-def test_data_are_the_contract_and_zipped_where_wanted(server: ViewServer, data: ReportData) -> None:
-    status, headers, body = _get(server, "/data/survey.json", **{"Accept-Encoding": "gzip"})
-    assert (status, headers["Content-Encoding"]) == (200, "gzip")
-    values = json.loads(gzip.decompress(body))
+def test_data_are_the_contract(server: ViewServer, data: ReportData) -> None:
+    status, headers, body = _get(server, "/data/survey.bin")
+    assert (status, headers["Content-Type"]) == (200, "application/octet-stream")
+    values = unpacked(body)
     assert values["source"] == "server"
     assert values["fruits"]["ids"] == data.fruits.ids.tolist()
     assert values["photos"]["files"][2] == "photos/2"
-    assert json.loads(_get(server, "/data/survey.json")[2]) == values
+
+
+def test_points_come_in_pieces(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pomona.view.server.PIECE_POINTS", 400)
+    site = ViewServer(data)
+    with site:
+        values = unpacked(site.site.answer("/data/survey.bin").body)
+        whole = survey_data(data, SceneOptions(source="server", max_points=None))
+        for name, cloud, expected in (
+            ("scene", values["scene"], whole.scene),
+            ("fruit", values["fruitPoints"], whole.fruit_points),
+        ):
+            pieces = [cloud["points"]]
+            while answer := site.site.answer(f"/data/points/{name}/{len(pieces)}.bin"):
+                pieces.append(unpacked(answer.body)["points"])
+            assert len(pieces) == -(-cloud["count"] // 400)
+            assert np.array_equal(np.concatenate(pieces), expected.points.ravel())
 
 
 def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, data: ReportData) -> None:
@@ -110,19 +126,21 @@ def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, 
 
 def test_detections_by_photo_and_by_fruit(server: ViewServer, data: ReportData) -> None:
     assert data.masks is not None
-    of_photo = json.loads(_get(server, "/data/photos/0.json")[2])
-    assert np.array_equal(unpacked(of_photo["ids"], "<u4"), data.masks[data.cameras.photos[0]].ids)
+    of_photo = unpacked(_get(server, "/data/photos/0.bin")[2])
+    assert np.array_equal(of_photo["ids"], data.masks[data.cameras.photos[0]].ids)
     fruit = int(data.observations.fruit_id[0])
-    of_fruit = json.loads(_get(server, f"/data/fruits/{fruit}.json")[2])
+    of_fruit = unpacked(_get(server, f"/data/fruits/{fruit}.bin")[2])
     expected = data.observations.detection_id[data.observations.fruit_id == fruit]
-    assert sorted(unpacked(of_fruit["ids"], "<u4").tolist()) == sorted(expected.tolist())
+    assert sorted(of_fruit["detections"]["ids"].tolist()) == sorted(expected.tolist())
+    assert sorted(of_fruit["sightings"]["detections"].tolist()) == sorted(expected.tolist())
 
 
 @pytest.mark.parametrize(
     "path",
     [
         "/survey.json", "/../survey.json", "/photos/../../survey.json", "/photos/%2e%2e/1024.jpg", "//etc/passwd",
-        "/photos/99/1024.jpg", "/photos/-1/1024.jpg", "/crops/999999.jpg", "/data/photos/99.json", "/crops/1.jpg/..",
+        "/photos/99/1024.jpg", "/photos/-1/1024.jpg", "/crops/999999.jpg", "/data/photos/99.bin", "/data/fruits/9999.bin", "/data/points/scene/9.bin",
+        "/data/points/x/1.bin", "/crops/1.jpg/..",
         "/photos/1/1024.jpg%00", "/fruits.csv",
     ],
 )  # fmt: skip
@@ -131,8 +149,8 @@ def test_nothing_else_is_served(server: ViewServer, path: str) -> None:
 
 
 def test_other_sites_cannot_ask(server: ViewServer) -> None:
-    assert _get(server, "/data/survey.json", Host="evil.example")[0] == 403
-    assert _get(server, "/data/survey.json", Host=f"localhost:{server.server_port}")[0] == 200
+    assert _get(server, "/data/survey.bin", Host="evil.example")[0] == 403
+    assert _get(server, "/data/survey.bin", Host=f"localhost:{server.server_port}")[0] == 200
 
 
 def test_only_this_computer_is_served(server: ViewServer) -> None:
@@ -155,7 +173,7 @@ def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
     assert len(lost.photos) == 8
     with ViewServer(lost) as started:
         threading.Thread(target=started.serve_forever, daemon=True).start()
-        assert json.loads(_get(started, "/data/survey.json")[2])["photos"]["files"] == [""] * 8
+        assert unpacked(_get(started, "/data/survey.bin")[2])["photos"]["files"] == [""] * 8
         assert _get(started, "/photos/0/1024.jpg")[0] == 404
         started.shutdown()
 
@@ -209,12 +227,10 @@ def test_straightened_photo_lies_where_a_pinhole_would_see(scale: float) -> None
 def test_exported_folder_has_photos_and_names_them(data: ReportData, tmp_path: Path) -> None:
     page = export_folder(data, tmp_path / "out")
     text = page.read_text(encoding="utf-8")
-    found = re.search(r'id="survey-data">(.*?)</script>', text, re.DOTALL)
-    assert found
-    values = json.loads(found[1])
+    values = values_in(text)
     assert values["source"] == "folder"
     assert all((page.parent / file).is_file() for file in values["photos"]["files"])
-    assert len(unpacked(values["detections"]["ids"], "<u4")) == len(data.observations)
+    assert len(values["detections"]["ids"]) == len(data.observations)
     assert "connect-src" not in text.split("<style>")[0]
     export_folder(data, tmp_path / "out")  # over itself
     (tmp_path / "mine").mkdir()
@@ -224,14 +240,13 @@ def test_exported_folder_has_photos_and_names_them(data: ReportData, tmp_path: P
 
 
 def test_report_carries_up_to_three_crops_a_fruit_with_outlines(data: ReportData) -> None:
-    found = re.search(r'id="survey-data">(.*?)</script>', report_html(data), re.DOTALL)
-    assert found
-    values = json.loads(found[1])
-    crops, fruits = values["sightings"]["crops"], unpacked(values["sightings"]["fruits"], "<u4")
+    values = values_in(report_html(data))
+    crops = values["sightings"]["crops"]
+    fruits = np.repeat(np.arange(len(data.fruits)), np.diff(values["sightings"]["starts"]))
     with_crop = np.array([crop != "" for crop in crops])
     each = np.bincount(fruits[with_crop])
     assert 1 <= each[each > 0].min() <= each.max() == 3
-    assert len(unpacked(values["detections"]["ids"], "<u4")) == with_crop.sum()
+    assert len(values["detections"]["ids"]) == with_crop.sum()
 
 
 def test_truth_says_what_evaluate_says(data: ReportData, survey: Path, tmp_path: Path) -> None:
@@ -240,8 +255,8 @@ def test_truth_says_what_evaluate_says(data: ReportData, survey: Path, tmp_path:
     result = truth_data(data.fruits, truth, origin_of(data))
     assert result.steps[0].threshold == 0
     assert (result.steps[0].true, result.steps[0].false, result.steps[0].missed) == (22, 2, 2)
-    found = unpacked(result.found, "u1").reshape(len(result.steps), -1)
-    missed = unpacked(result.missed, "u1").reshape(len(result.steps), -1)
+    found = result.found.reshape(len(result.steps), -1)
+    missed = result.missed.reshape(len(result.steps), -1)
     for k, step in enumerate(result.steps):
         kept = data.fruits.scores >= step.threshold - 1e-6
         tally = evaluate(data.fruits[kept], truth).all

@@ -17,11 +17,10 @@ from pomona.report.page import write_report
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
 from report_scenes import row_report
-from test_report_browser import Opened, _open, _red_px, browser  # noqa: F401 (a fixture)
+from test_report_browser import Opened, _open, _red_px, browser, drawn  # noqa: F401 (a fixture)
 from view_scenes import write_truth, write_view_survey
 
 pytestmark = pytest.mark.slow
-_DRAWN = "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 50))))"
 
 
 @pytest.fixture(scope="module")
@@ -53,14 +52,14 @@ def opened(browser: Any, url: str) -> Iterator[Opened]:  # noqa: F811
 
 
 def _center(page: Any) -> tuple[float, float]:
-    page.evaluate(_DRAWN)
+    drawn(page)
     box = page.locator("#view canvas").bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
-def _picture(page: Any) -> Any:
+def _picture(page: Any, *, still: bool = True) -> Any:
     """The pixels (h, w, 3; BGR) of the view below its tools and right of its panels."""
-    page.evaluate(_DRAWN)
+    drawn(page, still=still)
     box = page.locator("#view").bounding_box()
     clip = {"x": box["x"] + 250, "y": box["y"] + 150, "width": box["width"] - 260, "height": box["height"] - 200}
     encoded = np.frombuffer(page.screenshot(clip=clip), np.uint8)
@@ -217,7 +216,7 @@ def test_click_on_a_camera_looks_through_it(opened: Opened) -> None:
     page = opened.page
     page.keyboard.press("Escape")
     page.click("[data-look=photos]")
-    page.evaluate(_DRAWN)
+    drawn(page)
     box = page.locator("#view").bounding_box()
     ys, xs = range(int(box["height"]) - 40, 160, -14), range(20, int(box["width"]) - 20, 14)
     for x, y in ((box["x"] + x, box["y"] + y) for y in ys for x in xs):
@@ -309,7 +308,7 @@ def test_fly_along_moves_until_it_is_stopped(browser: Any, url: str) -> None:  #
     before = _picture(page)
     page.click("#tool-fly")
     page.wait_for_timeout(600)
-    assert (_picture(page) != before).sum() > 1000
+    assert (_picture(page, still=False) != before).sum() > 1000
     assert page.get_attribute("#tool-fly", "aria-pressed") == "true"
     page.click("#tool-fly")
     page.wait_for_timeout(500)
@@ -355,7 +354,7 @@ def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noq
     with ViewServer(read_survey(survey)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         page = browser.new_page()
-        page.route("**/data/survey.json", lambda route: route.abort())
+        page.route("**/data/survey.bin", lambda route: route.abort())
         page.goto(server.url)
         page.wait_for_selector("#no-data:not([hidden])")
         assert page.is_visible("text=still running")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
-import json
 import re
 from pathlib import Path
 
@@ -12,12 +12,12 @@ import pytest
 
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.report import ReportData
-from pomona.report.contract import SurveyData, packed, to_json
-from pomona.report.scene import SceneOptions, as_json, survey_data
-from pomona.report.seen import crop_box, detection_columns
+from pomona.report.columns import as_base64, as_bytes
+from pomona.report.contract import F32, SurveyData, TreePlaces, packed
+from pomona.report.scene import SceneOptions, survey_data
+from pomona.report.seen import crop_box, detection_columns, sightings_of
 from pomona.report.typescript import typescript
-from report_scenes import LENS, row_report
-from view_scenes import unpacked
+from report_scenes import LENS, row_report, unpacked
 
 _VIEWER = Path(__file__).parents[1] / "viewer" / "src"
 
@@ -31,7 +31,7 @@ def test_typescript_types_are_those_of_python() -> None:
 
 
 def test_json_has_the_names_of_the_typescript_interface() -> None:
-    values = json.loads(as_json(survey_data(row_report(5, scene_points=10))))
+    values = unpacked(as_bytes(survey_data(row_report(5, scene_points=10))))
     written = typescript()
     for name, value in (("SurveyData", values), ("FruitColumns", values["fruits"]), ("PhotoColumns", values["photos"])):
         found = re.search(rf"export interface {name} \{{(.*?)\n\}}", written, re.DOTALL)
@@ -40,14 +40,26 @@ def test_json_has_the_names_of_the_typescript_interface() -> None:
     assert len(values) == len(dataclasses.fields(SurveyData))
 
 
-def test_numbers_are_little_endian() -> None:
-    assert packed(np.array([1, 65535]), "<u2") == "AQD//w=="
+def test_columns_are_little_endian_and_aligned() -> None:
+    columns = as_bytes(TreePlaces(ids=[1], places=F32(packed(np.array([[0.5, 1, -2]]), "<f4"))))
+    start = 4 + int.from_bytes(columns[:4], "little")
+    assert start % 8 == len(columns) % 8 == 0
+    assert columns[start : start + 12] == np.array([0.5, 1, -2], "<f4").tobytes()
+    assert unpacked(columns)["places"].tolist() == [0.5, 1, -2]
+    assert base64.b64decode(as_base64(TreePlaces(ids=[1], places=F32(np.zeros(3, "<f4"))))).startswith(columns[:4])
 
 
-def test_no_number_is_nan_in_json() -> None:
-    text = as_json(survey_data(row_report(0, scene_points=0)))
-    assert "NaN" not in text
-    assert to_json(survey_data(row_report(0, scene_points=0)))["truth"] is None
+def test_nothing_is_a_valid_survey() -> None:
+    values = unpacked(as_bytes(survey_data(row_report(0, scene_points=0))))
+    assert values["truth"] is None
+    assert values["sightings"]["starts"].tolist() == [0]
+    assert values["scene"]["points"].size == 0
+
+
+def test_server_is_asked_for_what_photos_saw() -> None:
+    values = unpacked(as_bytes(survey_data(row_report(5, scene_points=10), SceneOptions(source="server"))))
+    assert values["sightings"] is None
+    assert values["detections"] is None
 
 
 def _seen(data: ReportData) -> ReportData:
@@ -68,8 +80,8 @@ def test_outlines_lie_around_their_masks_and_name_their_fruit() -> None:
     data = _seen(row_report(12, scene_points=0))
     assert data.masks is not None
     columns = detection_columns(data)
-    ids, starts = unpacked(columns.ids, "<u4"), unpacked(columns.starts, "<u4")
-    fruits, points = unpacked(columns.fruits, "<u4"), unpacked(columns.points, "<f4").reshape(-1, 2)
+    ids, starts = columns.ids, columns.starts
+    fruits, points = columns.fruits, columns.points.reshape(-1, 2)
     assert len(ids) == data.masks.total
     fruit_of = dict(zip(data.observations.detection_id.tolist(), data.observations.fruit_id.tolist(), strict=True))
     boxes = {int(i): m.box_px for d in data.masks.values() for i, m in zip(d.ids, d.masks, strict=True)}
@@ -84,10 +96,10 @@ def test_detections_of_one_photo_or_of_some_ids() -> None:
     data = _seen(row_report(12, scene_points=0))
     assert data.masks is not None
     name = data.cameras.photos[3]
-    assert np.array_equal(unpacked(detection_columns(data, photo=name).ids, "<u4"), data.masks[name].ids)
+    assert np.array_equal(detection_columns(data, photos=[name]).ids, data.masks[name].ids)
     some = data.masks[name].ids[:2].tolist()
-    assert unpacked(detection_columns(data, only=some).ids, "<u4").tolist() == some
-    assert unpacked(detection_columns(dataclasses.replace(data, masks=None)).starts, "<u4").tolist() == [0]
+    assert detection_columns(data, only=some).ids.tolist() == some
+    assert detection_columns(dataclasses.replace(data, masks=None)).starts.tolist() == [0]
 
 
 def test_crop_is_square_and_around_its_detection() -> None:
@@ -101,8 +113,21 @@ def test_crop_is_square_and_around_its_detection() -> None:
 def test_sightings_come_with_the_largest_first() -> None:
     data = _seen(row_report(12, scene_points=0))
     seen = survey_data(data, SceneOptions()).sightings
-    fruits, boxes = unpacked(seen.fruits, "<u4"), unpacked(seen.boxes, "<f4").reshape(-1, 4)
-    assert len(fruits) == len(data.observations)
-    for fruit in np.unique(fruits):
-        sizes = boxes[fruits == fruit, 2]
-        assert np.all(np.diff(sizes) <= 0)
+    assert seen is not None
+    assert len(seen.photos) == len(data.observations)
+    sizes = seen.boxes.reshape(-1, 4)[:, 2]
+    for i, fruit_id in enumerate(data.fruits.ids.tolist()):
+        mine = slice(seen.starts[i], seen.starts[i + 1])
+        assert np.all(np.diff(sizes[mine]) <= 0)
+        expected = data.observations.detection_id[data.observations.fruit_id == fruit_id]
+        assert sorted(seen.detections[mine].tolist()) == sorted(expected.tolist())
+        alone = sightings_of(data, fruit_id)
+        assert alone.detections.tolist() == seen.detections[mine].tolist()
+        assert np.array_equal(alone.boxes, seen.boxes.reshape(-1, 4)[mine])
+
+
+def test_a_detection_that_is_not_known_has_a_usual_crop() -> None:
+    data = row_report(3, scene_points=0)
+    seen = sightings_of(data, int(data.fruits.ids[0]))
+    assert len(seen.photos) > 0
+    assert np.all(seen.boxes[:, 2:] == np.ceil(LENS.width_px / 12))

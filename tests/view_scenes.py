@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import json
 from pathlib import Path
@@ -20,10 +19,6 @@ from pomona.formats.tables import write_fruits, write_observations
 from pomona.fruits import Fruits, Observations
 from pomona.photos import Photos
 from report_scenes import LENS, row_cameras, row_cloud, row_fruits, row_photos
-
-
-def unpacked(text: str, dtype: str) -> Array:
-    return np.frombuffer(base64.b64decode(text), dtype)
 
 
 def write_view_survey(folder: Path, count: int = 24, per_side: int = 4) -> Path:

@@ -20,6 +20,8 @@ export default defineConfig({
     outDir: "../src/pomona/report/static",
     emptyOutDir: true,
     target: "es2022",
+    // Browsers that know light-dark().
+    cssTarget: ["chrome123", "firefox120", "safari17.5"],
     lib: { entry: "src/main.ts", formats: ["iife"], name: "PomonaViewer", fileName: () => "viewer.js", cssFileName: "viewer" },
   },
 });

@@ -1,97 +1,83 @@
-/** Fruits as spheres, or, of many fruits, as discs that look like spheres. */
+/** Balls, many of them: each is a square that turns to the viewer and on which the ball's surface is computed. */
 
 import * as three from "three";
 import type { Rgb } from "./colours";
-import type { Fruit } from "./payload";
 
-export interface FruitDrawing {
-  readonly object: three.Object3D;
-  /** Radii in the world; 0 hides a fruit. */
-  size(radii: Float32Array): void;
-  colour(colours: Rgb[]): void;
-  seeThrough(opacity: number): void;
-}
-
-export class FruitSpheres implements FruitDrawing {
-  readonly object: three.InstancedMesh;
-
-  constructor(private readonly fruits: Fruit[]) {
-    this.object = new three.InstancedMesh(new three.SphereGeometry(1, 24, 16), new three.MeshStandardMaterial({ roughness: 0.55 }), fruits.length);
-  }
-
-  size(radii: Float32Array): void {
-    const matrix = new three.Matrix4();
-    this.fruits.forEach(({ x, y, z }, i) => {
-      const r = radii[i]!;
-      this.object.setMatrixAt(i, matrix.makeScale(r, r, r).setPosition(x, y, z));
-    });
-    this.object.instanceMatrix.needsUpdate = true;
-  }
-
-  colour(colours: Rgb[]): void {
-    const colour = new three.Color();
-    colours.forEach((rgb, i) => this.object.setColorAt(i, colour.setRGB(...rgb, three.SRGBColorSpace)));
-    if (this.object.instanceColor) this.object.instanceColor.needsUpdate = true;
-  }
-
-  seeThrough(opacity: number): void {
-    const material = this.object.material as three.Material;
-    material.transparent = opacity < 1;
-    material.opacity = opacity;
-    material.depthWrite = opacity >= 1;
-    material.needsUpdate = true;
-  }
-}
-
+// The square touches the cone in which the eye sees the ball; a ball is never smaller than two pixels.
 const VERTEX = `
+attribute vec3 center;
 attribute float radius;
 attribute vec3 tint;
 uniform float halfHeight;
-varying vec3 seen;
+varying vec3 offCenter;
+varying vec3 eyeCenter;
+varying float ball;
+varying vec3 colour;
 void main() {
-  vec4 eye = modelViewMatrix * vec4(position, 1.0);
-  seen = tint;
-  gl_Position = radius > 0.0 ? projectionMatrix * eye : vec4(2.0, 2.0, 2.0, 1.0);
-  gl_PointSize = max(2.0, 2.0 * radius * projectionMatrix[1][1] * halfHeight / max(-eye.z, 1e-6));
+  eyeCenter = (modelViewMatrix * vec4(center, 1.0)).xyz;
+  float far = max(length(eyeCenter), 1e-6);
+  ball = max(radius, far / (projectionMatrix[1][1] * halfHeight));
+  vec3 ahead = eyeCenter / far;
+  vec3 right = normalize(cross(ahead, abs(ahead.y) < 0.9 ? vec3(0.0, 1.0, 0.0) : vec3(1.0, 0.0, 0.0)));
+  float half_ = ball / sqrt(max(1.0 - ball * ball / (far * far), 0.01));
+  offCenter = half_ * (position.x * right + position.y * cross(right, ahead));
+  colour = pow(tint, vec3(2.2));
+  bool hidden = radius <= 0.0 || eyeCenter.z > 0.0 || ball >= far;
+  gl_Position = hidden ? vec4(2.0, 2.0, 2.0, 1.0) : projectionMatrix * vec4(eyeCenter + offCenter, 1.0);
 }`;
 
 const FRAGMENT = `
 uniform float opacity;
-varying vec3 seen;
+uniform mat4 projectionMatrix;
+varying vec3 offCenter;
+varying vec3 eyeCenter;
+varying float ball;
+varying vec3 colour;
 void main() {
-  vec2 at = 2.0 * gl_PointCoord - 1.0;
-  float off = dot(at, at);
-  if (off > 1.0) discard;
-  float light = 0.5 + 0.5 * max(0.0, dot(vec3(at.x, -at.y, sqrt(1.0 - off)), vec3(0.0, 0.45, 0.893)));
-  gl_FragColor = vec4(seen * light, opacity);
+  // From the ball's centre to the ray's nearest point, and from there towards the eye to the surface.
+  vec3 ray = normalize(eyeCenter + offCenter);
+  vec3 nearest = offCenter - dot(offCenter, ray) * ray;
+  float inside = ball * ball - dot(nearest, nearest);
+  if (inside < 0.0) discard;
+  vec3 surface = nearest - sqrt(inside) * ray;
+  vec4 place = projectionMatrix * vec4(eyeCenter + surface, 1.0);
+  gl_FragDepth = 0.5 * place.z / place.w + 0.5;
+  float light = 0.5 + 0.55 * max(0.0, dot(surface / ball, vec3(0.0, 0.45, 0.893)));
+  gl_FragColor = vec4(colour * light, opacity);
   #include <colorspace_fragment>
 }`;
 
-export class FruitDiscs implements FruitDrawing {
-  readonly object: three.Points;
+export class Balls {
+  readonly object: three.Mesh;
+  private readonly geometry = new three.InstancedBufferGeometry();
   private readonly material = new three.ShaderMaterial({
     vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: { halfHeight: { value: 1 }, opacity: { value: 1 } },
   });
 
-  constructor(fruits: Fruit[]) {
-    const geometry = new three.BufferGeometry();
-    geometry.setAttribute("position", new three.BufferAttribute(Float32Array.from(fruits.flatMap(({ x, y, z }) => [x, y, z])), 3));
-    geometry.setAttribute("radius", new three.BufferAttribute(new Float32Array(fruits.length), 1));
-    geometry.setAttribute("tint", new three.BufferAttribute(new Float32Array(3 * fruits.length), 3));
-    this.object = new three.Points(geometry, this.material);
-    const size = new three.Vector2();
+  /** `centers`: x, y and z of each in turn. All are hidden until they have a size. */
+  constructor(centers: Float32Array) {
+    const count = centers.length / 3;
+    this.geometry.setAttribute("position", new three.BufferAttribute(Float32Array.of(-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0), 3));
+    this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
+    this.geometry.setAttribute("center", new three.InstancedBufferAttribute(centers, 3));
+    this.geometry.setAttribute("radius", new three.InstancedBufferAttribute(new Float32Array(count), 1));
+    this.geometry.setAttribute("tint", new three.InstancedBufferAttribute(new Uint8Array(3 * count), 3, true));
+    this.geometry.instanceCount = count;
+    this.object = new three.Mesh(this.geometry, this.material);
+    this.object.frustumCulled = false;
+    const drawn = new three.Vector2();
     this.object.onBeforeRender = (renderer) => {
-      this.material.uniforms.halfHeight!.value = renderer.getDrawingBufferSize(size).y / 2;
+      this.material.uniforms.halfHeight!.value = renderer.getDrawingBufferSize(drawn).y / 2;
     };
   }
 
-  size(radii: Float32Array): void {
-    this.set("radius", radii);
+  /** Radii in the world; 0 hides a ball. */
+  size(radius: (index: number) => number): void {
+    this.fill("radius", 1, (i) => [radius(i)]);
   }
 
-  colour(colours: Rgb[]): void {
-    const colour = new three.Color();
-    this.set("tint", Float32Array.from(colours.flatMap((rgb) => colour.setRGB(...rgb, three.SRGBColorSpace).toArray())));
+  colour(of: (index: number) => Rgb): void {
+    this.fill("tint", 3, (i) => of(i).map((part) => Math.round(255 * part)));
   }
 
   seeThrough(opacity: number): void {
@@ -101,9 +87,9 @@ export class FruitDiscs implements FruitDrawing {
     this.material.needsUpdate = true;
   }
 
-  private set(name: string, values: Float32Array): void {
-    const attribute = this.object.geometry.getAttribute(name) as three.BufferAttribute;
-    (attribute.array as Float32Array).set(values);
+  private fill(name: string, parts: number, values: (index: number) => number[]): void {
+    const attribute = this.geometry.getAttribute(name) as three.BufferAttribute;
+    for (let i = 0; i < attribute.count; i++) attribute.array.set(values(i), parts * i);
     attribute.needsUpdate = true;
   }
 }

@@ -3,7 +3,7 @@
 import { cropButton, drawOutlines } from "./crop";
 import { button, element } from "./dom";
 import type { Fruit, Photo, Sighting } from "./payload";
-import type { PhotoSource } from "./source";
+import type { PhotoSource, Seen } from "./source";
 
 const FIRST = 12;
 
@@ -33,14 +33,21 @@ export function facts(fruit: Fruit, wants: Pick<CardWants, "metric" | "unit" | "
   return pairs;
 }
 
-export function fillCard(card: HTMLElement, fruit: Fruit, seen: Sighting[], photos: Photo[], source: PhotoSource, wants: CardWants): void {
+/** Show what is known of a fruit; its crops follow. */
+export function fillCard(card: HTMLElement, fruit: Fruit, wants: CardWants): void {
   const list = element("dl");
   for (const [label, text] of facts(fruit, wants)) list.append(element("dt", label), element("dd", text));
-  const crops = element("div", "", "crops");
   const heading = element("h3", `Fruit ${fruit.id}`);
   heading.tabIndex = -1;
-  card.replaceChildren(button("×", "Close", wants.onClose, "close"), heading, list, crops);
-  const pictures = seen.map((sighting) => ({ sighting, picture: source.crop(sighting, photos[sighting.photo]!) }));
+  card.replaceChildren(button("×", "Close", wants.onClose, "close"), heading, list);
+  card.hidden = false;
+}
+
+/** Add the crops of the photos that saw the fruit. */
+export function addCrops(card: HTMLElement, fruit: Fruit, seen: Seen, photos: Photo[], source: PhotoSource, wants: CardWants): void {
+  const crops = element("div", "", "crops");
+  card.append(crops);
+  const pictures = seen.sightings.map((sighting) => ({ sighting, picture: source.crop(sighting, photos[sighting.photo]!) }));
   const shown = pictures.filter(({ picture }) => picture);
   // Photos without a picture are named where there are none with one.
   const all = shown.length ? shown : pictures;
@@ -48,7 +55,7 @@ export function fillCard(card: HTMLElement, fruit: Fruit, seen: Sighting[], phot
     for (const { sighting, picture } of all.slice(from, to)) {
       crops.append(cropButton(sighting, photos[sighting.photo]!, picture, fruit.id, () => wants.onOpen(sighting)));
     }
-    void source.ofFruit(fruit.index).then((detections) => drawOutlines(crops, seen, detections), () => undefined);
+    drawOutlines(crops, seen.sightings, seen.detections);
   };
   add(0, FIRST);
   if (all.length > FIRST) {
@@ -58,7 +65,6 @@ export function fillCard(card: HTMLElement, fruit: Fruit, seen: Sighting[], phot
     }, "more");
     card.append(more);
   }
-  const missing = seen.some(({ photo }) => !source.hasPhoto(photos[photo]!));
+  const missing = seen.sightings.some(({ photo }) => !source.hasPhoto(photos[photo]!));
   if (missing && source.note) card.append(element("p", source.note, "note"));
-  card.hidden = false;
 }

@@ -1,25 +1,30 @@
 /** What Python tells the viewer. Written by `python -m pomona.report.typescript`; do not edit. */
 
-/** Base64 of little-endian numbers. */
-export type U8 = string;
-/** Base64 of little-endian numbers. */
-export type U16 = string;
-/** Base64 of little-endian numbers. */
-export type U32 = string;
-/** Base64 of little-endian numbers. */
-export type F32 = string;
+export type U8 = Uint8Array;
+export type U16 = Uint16Array;
+export type U32 = Uint32Array;
+export type F32 = Float32Array;
 export type Source = "report" | "folder" | "server";
 export type CorrectionKind = "delete" | "add" | "split" | "merge" | "move" | "undo" | "redo";
 
 /**
- * `count` points: positions (n, 3) divide the box from `min` of extent `size` in 65535 steps; colours (n, 3).
+ * `count` points in an order by chance, so that the first of them are an even sample of all: `points` (k, 4).
+ *
+ * x, y and z divide the box from `min` of extent `size` in 65535 steps; the fourth number is a colour of 5, 6 and 5
+ * bits. Where k is less than `count`, a server has the other points in pieces of k, the second one being piece 1.
  */
 export interface PackedCloud {
   count: number;
   min: [number, number, number];
   size: [number, number, number];
-  positions: U16;
-  colours: U8;
+  points: U16;
+}
+
+/**
+ * More points of a cloud, (k, 4).
+ */
+export interface PointPiece {
+  points: U16;
 }
 
 /**
@@ -30,6 +35,7 @@ export interface FruitColumns {
   centers: F32;
   diameters: F32;
   diameterSds: F32;
+  visibilities: F32;
   weights: F32;
   scores: F32;
   views: U32;
@@ -56,12 +62,13 @@ export interface PhotoColumns {
 }
 
 /**
- * k times that a photo saw a fruit: indices into fruits and photos, the detection's id, the crop around it.
+ * k times that a photo saw one of n fruits: the photo's index, the detection's id, the crop around it.
  *
- * `boxes` (k, 4): x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
+ * Those of fruit i are `starts[i]` to `starts[i + 1]`, the largest first; `starts` has n + 1 entries. `boxes` (k, 4):
+ * x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
  */
 export interface Sightings {
-  fruits: U32;
+  starts: U32;
   photos: U32;
   detections: U32;
   boxes: F32;
@@ -80,6 +87,14 @@ export interface DetectionColumns {
   scores: F32;
   starts: U32;
   points: F32;
+}
+
+/**
+ * What photos saw of one fruit, asked for when it is selected.
+ */
+export interface SeenFruit {
+  sightings: Sightings;
+  detections: DetectionColumns;
 }
 
 /**
@@ -190,16 +205,17 @@ export interface CorrectionAnswer {
 /**
  * Where other photos may show what was clicked in one: n photos, the best suited first, and a line in each.
  *
- * Line i is points `starts[i]` to `starts[i + 1]` of `points` (m, 2), pixels.
+ * `lines[i]` are x and y of each of its points in turn, in pixels.
  */
 export interface SightLines {
   photos: number[];
-  starts: U32;
-  points: F32;
+  lines: number[][];
 }
 
 /**
  * All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
+ *
+ * `sightings` and `detections` are null where a server is asked for them, by fruit and by photo.
  */
 export interface SurveyData {
   source: Source;
@@ -212,8 +228,8 @@ export interface SurveyData {
   fruitPoints: PackedCloud;
   fruits: FruitColumns;
   photos: PhotoColumns;
-  sightings: Sightings;
-  detections: DetectionColumns;
+  sightings: Sightings | null;
+  detections: DetectionColumns | null;
   trees: TreePlaces;
   view: ViewHints;
   truth: TruthData | null;

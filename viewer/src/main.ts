@@ -2,9 +2,9 @@
 
 import "./style.css";
 import type { SurveyData } from "./contract";
-import { fillCard } from "./card";
-import { find, say } from "./dom";
-import { decodeFruits, decodePhotos, decodeSightings, type Fruit, type Photo, type Sighting } from "./payload";
+import { addCrops, fillCard, type CardWants } from "./card";
+import { element, find, say } from "./dom";
+import { fruitsOf, photosOf, type Fruit, type Photo, type Sighting } from "./payload";
 import { PhotoWindow } from "./photo";
 import { loadSurvey, PhotoSource } from "./source";
 import { FruitTable } from "./table";
@@ -15,7 +15,6 @@ import { View } from "./view";
 class Page {
   private readonly fruits: Fruit[];
   private readonly photos: Photo[];
-  private readonly seen: Sighting[][];
   private readonly byId: Map<number, Fruit>;
   private readonly source: PhotoSource;
   private readonly table: FruitTable;
@@ -25,14 +24,16 @@ class Page {
   private view: View | null = null;
   private through: Through | null = null;
   private selected: Fruit | null = null;
+  /** Of the selected fruit, once they are known. */
+  private sightings: Sighting[] = [];
 
   constructor(private readonly data: SurveyData) {
-    this.fruits = decodeFruits(data);
-    this.photos = decodePhotos(data);
-    this.seen = decodeSightings(data);
+    this.fruits = fruitsOf(data);
+    this.photos = photosOf(data);
     this.byId = new Map(this.fruits.map((fruit) => [fruit.id, fruit]));
-    this.source = new PhotoSource(data, this.fruits.map(({ id }) => id));
-    this.table = new FruitTable(find("#fruits"), (id) => this.select(id, "table"));
+    this.source = new PhotoSource(data);
+    this.table = new FruitTable(find("#fruits"), data, this.fruits, (id) => this.select(id, "table"));
+    find("#no-fruits").hidden = this.fruits.length > 0;
     this.photoWindow = new PhotoWindow(this.photos, this.source, this.byId);
     this.photoWindow.onFruit = (id) => this.select(id, "photo");
     this.photoWindow.onLookThrough = (photo) => this.lookThrough(photo);
@@ -41,7 +42,7 @@ class Page {
   /** Without WebGL the table, the panel and the photos still work. */
   start(): void {
     try {
-      this.view = new View(this.box, this.data, this.fruits, this.photos);
+      this.view = new View(this.box, this.data, this.fruits, this.photos, this.source);
     } catch {
       document.documentElement.classList.add("no-webgl");
       find("#no-webgl").hidden = false;
@@ -49,10 +50,10 @@ class Page {
     }
     const { view } = this;
     this.through = new Through(view, this.box, this.photos, this.source);
-    this.through.onPhoto = (photo) => this.photoWindow.open(photo, this.selected, this.sightings());
+    this.through.onPhoto = (photo) => this.photoWindow.open(photo, this.selected, this.sightings);
     const tools = new Tools(view, this.data, this.fruits, this.box);
     tools.onFind = (id) => this.select(id, "table");
-    tools.onShown = (shown) => this.table.filter((id) => shown[this.byId.get(id)!.index]!);
+    tools.onShown = (shown) => this.table.filter(({ index }) => shown[index]!);
     tools.start();
     view.onPick = (picked, at) => {
       if (tools.measure.on) tools.measure.click(at);
@@ -73,10 +74,6 @@ class Page {
     document.documentElement.classList.add("has-webgl");
   }
 
-  private sightings(): Sighting[] {
-    return this.selected ? this.seen[this.selected.index]! : [];
-  }
-
   private lookThrough(photo: number): void {
     this.box.scrollIntoView({ block: "nearest" });
     this.through?.open(photo);
@@ -89,21 +86,37 @@ class Page {
       return;
     }
     this.selected = fruit ?? null;
-    this.table.show(fruit ? fruit.id : null);
-    this.view?.select(fruit ? fruit.index : null, this.sightings().map(({ photo }) => photo), from !== "view");
+    this.sightings = [];
+    this.table.show(this.selected);
+    this.view?.select(fruit ? fruit.index : null, from !== "view");
     if (!fruit) {
       this.card.hidden = true;
       return;
     }
-    fillCard(this.card, fruit, this.sightings(), this.photos, this.source, {
+    const wants: CardWants = {
       metric: this.data.metric,
       unit: this.data.unit,
       origin: this.data.origin,
       onClose: () => this.select(null, "view"),
-      onOpen: (sighting) => this.photoWindow.open(sighting.photo, fruit, this.sightings()),
-    });
+      onOpen: (sighting) => this.photoWindow.open(sighting.photo, fruit, this.sightings),
+    };
+    fillCard(this.card, fruit, wants);
+    void this.look(fruit, wants);
     say(`Fruit ${fruit.id} selected, seen in ${fruit.views} photos`);
     if (from === "table") this.box.scrollIntoView({ block: "nearest", behavior: "smooth" });
+  }
+
+  /** Show what photos saw of the selected fruit. */
+  private async look(fruit: Fruit, wants: CardWants): Promise<void> {
+    try {
+      const seen = await this.source.ofFruit(fruit);
+      if (this.selected !== fruit) return;
+      this.sightings = seen.sightings;
+      this.view?.connect(fruit, seen.sightings.map(({ photo }) => photo));
+      addCrops(this.card, fruit, seen, this.photos, this.source, wants);
+    } catch {
+      if (this.selected === fruit) this.card.append(element("p", "What photos saw of it could not be loaded: is pomona view still running?", "note"));
+    }
   }
 }
 

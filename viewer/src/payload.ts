@@ -1,6 +1,6 @@
-/** The data that Python's `report/contract.py` describes, decoded: fruits, photos, sightings, detections. */
+/** What Python's `report/contract.py` describes, as objects: fruits, photos, sightings, detections. */
 
-import type { DetectionColumns, SurveyData } from "./contract";
+import type { DetectionColumns, Sightings, SurveyData } from "./contract";
 
 export interface Fruit {
   index: number;
@@ -8,9 +8,10 @@ export interface Fruit {
   x: number;
   y: number;
   z: number;
-  /** NaN where it was not measured, as the two that follow. */
+  /** NaN where it was not measured, as the three that follow. */
   diameter: number;
   diameterSd: number;
+  visibility: number;
   weight: number;
   score: number;
   views: number;
@@ -38,7 +39,6 @@ export type Box = [number, number, number, number];
 
 /** One photo's view of one fruit. */
 export interface Sighting {
-  fruit: number;
   photo: number;
   detection: number;
   box: Box;
@@ -56,25 +56,8 @@ export interface Detection {
   outline: Float32Array;
 }
 
-function bytes(text: string): ArrayBuffer {
-  const binary = atob(text);
-  const decoded = new Uint8Array(binary.length);
-  for (let i = 0; i < binary.length; i++) decoded[i] = binary.charCodeAt(i);
-  return decoded.buffer;
-}
-
-export const decodeU8 = (text: string): Uint8Array => new Uint8Array(bytes(text));
-export const decodeU16 = (text: string): Uint16Array => new Uint16Array(bytes(text));
-export const decodeU32 = (text: string): Uint32Array => new Uint32Array(bytes(text));
-export const decodeF32 = (text: string): Float32Array => new Float32Array(bytes(text));
-
-export function decodeFruits(data: SurveyData): Fruit[] {
-  const { ids, sides, trees, reasons } = data.fruits;
-  const centers = decodeF32(data.fruits.centers);
-  const [diameters, sds, weights, scores] = [data.fruits.diameters, data.fruits.diameterSds, data.fruits.weights, data.fruits.scores].map(decodeF32) as [
-    Float32Array, Float32Array, Float32Array, Float32Array,
-  ];
-  const views = decodeU32(data.fruits.views);
+export function fruitsOf(data: SurveyData): Fruit[] {
+  const { ids, centers, diameters, diameterSds, visibilities, weights, scores, views, sides, trees, reasons } = data.fruits;
   return ids.map((id, i) => ({
     index: i,
     id,
@@ -82,7 +65,8 @@ export function decodeFruits(data: SurveyData): Fruit[] {
     y: centers[3 * i + 1]!,
     z: centers[3 * i + 2]!,
     diameter: diameters[i]!,
-    diameterSd: sds[i]!,
+    diameterSd: diameterSds[i]!,
+    visibility: visibilities[i]!,
     weight: weights[i]!,
     score: scores[i]!,
     views: views[i]!,
@@ -92,11 +76,8 @@ export function decodeFruits(data: SurveyData): Fruit[] {
   }));
 }
 
-export function decodePhotos(data: SurveyData): Photo[] {
-  const { names, sides, widths, heights, files } = data.photos;
-  const frusta = decodeF32(data.photos.frusta);
-  const rotations = decodeF32(data.photos.rotations);
-  const lenses = decodeF32(data.photos.lenses);
+export function photosOf(data: SurveyData): Photo[] {
+  const { names, sides, widths, heights, files, frusta, rotations, lenses } = data.photos;
   return names.map((name, i) => ({
     index: i,
     name,
@@ -110,24 +91,18 @@ export function decodePhotos(data: SurveyData): Photo[] {
   }));
 }
 
-/** For each fruit its sightings, the largest first. */
-export function decodeSightings(data: SurveyData): Sighting[][] {
-  const fruits = decodeU32(data.sightings.fruits);
-  const photos = decodeU32(data.sightings.photos);
-  const detections = decodeU32(data.sightings.detections);
-  const boxes = decodeF32(data.sightings.boxes);
-  const seen: Sighting[][] = data.fruits.ids.map(() => []);
-  fruits.forEach((fruit, i) => {
-    const box = [...boxes.subarray(4 * i, 4 * i + 4)] as Box;
-    seen[fruit]?.push({ fruit, photo: photos[i]!, detection: detections[i]!, box, crop: data.sightings.crops[i] ?? "" });
+/** The sightings of one of the fruits, the largest first. */
+export function sightingsOf(columns: Sightings, fruit: number): Sighting[] {
+  const { starts, photos, detections, boxes, crops } = columns;
+  const [start, end] = [starts[fruit] ?? 0, starts[fruit + 1] ?? 0];
+  return Array.from({ length: end - start }, (_, k) => {
+    const i = start + k;
+    return { photo: photos[i]!, detection: detections[i]!, box: [...boxes.subarray(4 * i, 4 * i + 4)] as Box, crop: crops[i] ?? "" };
   });
-  return seen;
 }
 
-export function decodeDetections(columns: DetectionColumns): Detection[] {
-  const [photos, fruits, starts] = [decodeU32(columns.photos), decodeU32(columns.fruits), decodeU32(columns.starts)];
-  const [scores, points] = [decodeF32(columns.scores), decodeF32(columns.points)];
-  return Array.from(decodeU32(columns.ids), (id, i) => ({
+export function detectionsOf({ ids, photos, fruits, scores, starts, points }: DetectionColumns): Detection[] {
+  return Array.from(ids, (id, i) => ({
     id,
     photo: photos[i]!,
     fruit: fruits[i]!,

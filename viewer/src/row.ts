@@ -2,7 +2,6 @@
 
 import * as three from "three";
 import type { SurveyData } from "./contract";
-import { decodeF32 } from "./payload";
 
 const COLOUR = 0x8a6d3b;
 const MOST_LABELS = 12;
@@ -32,7 +31,7 @@ export function row(data: SurveyData): three.Object3D {
     label.position.copy(place).addScaledVector(new three.Vector3().fromArray(across), size);
     group.add(label);
   }
-  const places = decodeF32(data.trees.places);
+  const { places } = data.trees;
   data.trees.ids.forEach((id, i) => {
     const foot = new three.Vector3().fromArray(places, 3 * i);
     const top = foot.clone().setZ(high);

@@ -1,7 +1,8 @@
-/** Where photos, crops and outlines come from: the page itself, files beside it, or `pomona view`. */
+/** Where data, photos, crops and outlines come from: the page itself, files beside it, or `pomona view`. */
 
-import type { DetectionColumns, SurveyData } from "./contract";
-import { decodeDetections, type Box, type Detection, type Photo, type Sighting } from "./payload";
+import { decode, fetched, fromBase64 } from "./columns";
+import type { DetectionColumns, PointPiece, SeenFruit, SurveyData } from "./contract";
+import { detectionsOf, sightingsOf, type Box, type Detection, type Fruit, type Photo, type Sighting } from "./payload";
 
 /** A picture, and which part of its photo it shows. */
 export interface Picture {
@@ -9,15 +10,27 @@ export interface Picture {
   box: Box;
 }
 
+/** What photos saw of one fruit. */
+export interface Seen {
+  sightings: Sighting[];
+  detections: Detection[];
+}
+
 /** Resized copies that the server makes: the longer side in pixels. */
 const SIDES = [1024, 2048, 4096, 8192];
+/** So many answers of the server are kept. */
+const KEPT = 300;
 
 export class PhotoSource {
-  private readonly known = new Map<string, Promise<Detection[]>>();
-  private readonly inPage: Detection[];
+  private readonly known = new Map<string, Promise<unknown>>();
+  private readonly byPhoto = new Map<number, Detection[]>();
+  private readonly byFruit = new Map<number, Detection[]>();
 
-  constructor(private readonly data: SurveyData, private readonly fruitIds: number[]) {
-    this.inPage = decodeDetections(data.detections);
+  constructor(private readonly data: SurveyData) {
+    for (const detection of data.detections ? detectionsOf(data.detections) : []) {
+      listed(this.byPhoto, detection.photo).push(detection);
+      listed(this.byFruit, detection.fruit).push(detection);
+    }
   }
 
   /** Whether whole photos can be shown. */
@@ -50,34 +63,47 @@ export class PhotoSource {
     return { url: photo.file, box: [0, 0, photo.width, photo.height] };
   }
 
+  /** Which photos saw a fruit, and its detections in them. */
+  async ofFruit(fruit: Fruit): Promise<Seen> {
+    const { sightings } = this.data;
+    if (sightings) return { sightings: sightingsOf(sightings, fruit.index), detections: this.byFruit.get(fruit.id) ?? [] };
+    const seen = await this.ask<SeenFruit>(`data/fruits/${fruit.id}.bin`);
+    return { sightings: sightingsOf(seen.sightings, 0), detections: detectionsOf(seen.detections) };
+  }
+
   /** All detections of a photo, as far as they are known. */
-  ofPhoto(photo: number): Promise<Detection[]> {
-    return this.get(`data/photos/${photo}.json`, (detection) => detection.photo === photo);
+  async ofPhoto(photo: number): Promise<Detection[]> {
+    if (this.data.source !== "server") return this.byPhoto.get(photo) ?? [];
+    return detectionsOf(await this.ask<DetectionColumns>(`data/photos/${photo}.bin`));
   }
 
-  /** The detections that became this fruit. */
-  ofFruit(fruit: number): Promise<Detection[]> {
-    const id = this.fruitIds[fruit]!;
-    return this.get(`data/fruits/${id}.json`, (detection) => detection.fruit === id);
+  /** More points of a cloud, where a server has them. */
+  async points(cloud: "scene" | "fruit", piece: number): Promise<Uint16Array> {
+    return (await fetched<PointPiece>(`data/points/${cloud}/${piece}.bin`)).points;
   }
 
-  private get(url: string, wanted: (detection: Detection) => boolean): Promise<Detection[]> {
-    if (this.data.source !== "server") return Promise.resolve(this.inPage.filter(wanted));
-    let found = this.known.get(url);
-    if (!found) {
-      found = fetch(url).then(async (answer) => (answer.ok ? decodeDetections((await answer.json()) as DetectionColumns) : []));
-      found.catch(() => this.known.delete(url));
-      this.known.set(url, found);
+  private ask<T>(url: string): Promise<T> {
+    const found = this.known.get(url) ?? fetched<T>(url);
+    found.catch(() => this.known.delete(url));
+    // What was asked for last comes last, and what was asked for first goes first.
+    this.known.delete(url);
+    this.known.set(url, found);
+    for (const oldest of this.known.keys()) {
+      if (this.known.size <= KEPT) break;
+      this.known.delete(oldest);
     }
-    return found;
+    return found as Promise<T>;
   }
+}
+
+function listed<K, V>(lists: Map<K, V[]>, key: K): V[] {
+  const list = lists.get(key) ?? [];
+  lists.set(key, list);
+  return list;
 }
 
 /** The survey's data: in the page, or from the server that gave the page. */
 export async function loadSurvey(script: HTMLElement): Promise<SurveyData> {
   const url = script.dataset.url;
-  if (!url) return JSON.parse(script.textContent ?? "{}") as SurveyData;
-  const answer = await fetch(url);
-  if (!answer.ok) throw new Error(`${url}: ${answer.status}`);
-  return (await answer.json()) as SurveyData;
+  return url ? fetched<SurveyData>(url) : decode<SurveyData>(fromBase64(script.textContent ?? ""));
 }

@@ -1,93 +1,237 @@
-/** The table of fruits: sorting by a click on a heading, and one selected row. Python has written the rows. */
+/** The table of fruits: sorted by a click on a heading, one row selected; of many rows only those in sight are in the page. */
+
+import { button, element } from "./dom";
+import type { SurveyData } from "./contract";
+import type { Fruit } from "./payload";
 
 export type Order = "ascending" | "descending";
 
-/** Compare two cells' texts; what is not a number (a dash: not measured) comes last in either order. */
-export function compareCells(a: string, b: string, numeric: boolean, order: Order): number {
-  const sign = order === "ascending" ? 1 : -1;
-  if (!numeric) return sign * a.localeCompare(b, undefined, { numeric: true });
-  const [x, y] = [parse(a), parse(b)];
-  if (Number.isNaN(x) || Number.isNaN(y)) return Number(Number.isNaN(x)) - Number(Number.isNaN(y));
-  return sign * (x - y);
+/** A heading with its unit, and what a fruit has there: NaN or "" where it was not measured. */
+export interface Column {
+  label: string;
+  unit: string;
+  value(fruit: Fruit): number | string;
+  digits: number;
 }
 
-const parse = (text: string): number => (text.trim() === "" ? NaN : Number(text));
+/** So many rows may all be in the page; of more, those in sight and some above and below. */
+const FEW = 200;
+const BEYOND = 20;
+/** As many are printed. */
+const PRINTED = 3000;
+const WIDEST = 34;
+
+/** Those columns that have anything to tell. */
+export function columnsOf(data: Pick<SurveyData, "metric" | "origin" | "unit">, fruits: Fruit[]): Column[] {
+  const [length, size, factor] = data.metric ? ["m", "mm", 1000] : ["", "", 1] as const;
+  const digits = data.metric ? 1 : 4;
+  const columns: Column[] = [{ label: "id", unit: "", value: ({ id }) => id, digits: 0 }];
+  (["x", "y", "z"] as const).forEach((axis, i) => columns.push({ label: axis, unit: length, value: (fruit) => fruit[axis] + data.origin[i]!, digits: 3 }));
+  columns.push({ label: "diameter", unit: size, value: ({ diameter }) => factor * diameter, digits });
+  const where = (known: (fruit: Fruit) => boolean, column: Column): unknown => fruits.some(known) && columns.push(column);
+  where(({ diameterSd }) => Number.isFinite(diameterSd), { label: "±", unit: size, value: ({ diameterSd }) => factor * diameterSd, digits });
+  columns.push({ label: "score", unit: "", value: ({ score }) => score, digits: 2 }, { label: "photos", unit: "", value: ({ views }) => views, digits: 0 });
+  where(({ visibility }) => Number.isFinite(visibility), { label: "visible", unit: "", value: ({ visibility }) => visibility, digits: 2 });
+  where(({ weight }) => Number.isFinite(weight), { label: "weight", unit: "g", value: ({ weight }) => weight, digits: 0 });
+  where(({ tree }) => tree > 0, { label: "tree", unit: "", value: ({ tree }) => tree || NaN, digits: 0 });
+  where(({ side }) => side !== "", { label: "side", unit: "", value: ({ side }) => side, digits: 0 });
+  where(({ reason }) => reason !== "", { label: "not measured because", unit: "", value: ({ reason }) => reason, digits: 0 });
+  return columns;
+}
+
+/** Compare two cells; what was not measured comes last in either order. */
+export function compared(a: number | string, b: number | string, order: Order): number {
+  const sign = order === "ascending" ? 1 : -1;
+  if (typeof a === "string" || typeof b === "string") return sign * String(a).localeCompare(String(b), undefined, { numeric: true });
+  if (Number.isNaN(a) || Number.isNaN(b)) return Number(Number.isNaN(a)) - Number(Number.isNaN(b));
+  return sign * (a - b);
+}
+
+/** First row and the one after the last that have to be in the page. */
+export function rowsInSight(top: number, height: number, rowHeight: number, count: number): [number, number] {
+  if (count <= FEW) return [0, count];
+  const first = Math.max(0, Math.min(Math.floor(top / rowHeight) - BEYOND, count - BEYOND));
+  return [first, Math.min(count, Math.ceil((top + height) / rowHeight) + BEYOND)];
+}
 
 export class FruitTable {
-  private readonly rows = new Map<number, HTMLTableRowElement>();
+  private readonly columns: Column[];
   private readonly box: HTMLElement;
-  private selected: HTMLTableRowElement | null = null;
+  private readonly body = element("tbody");
+  private readonly headings: HTMLTableCellElement[];
+  /** All fruits in the order of the table, and those of them that are shown. */
+  private sorted: Fruit[];
+  private rows: Fruit[];
+  private shows: (fruit: Fruit) => boolean = () => true;
+  private readonly made = new Map<Fruit, HTMLTableRowElement>();
+  private selected: Fruit | null = null;
+  /** The row that the Tab key reaches, and from which the arrows go on. */
+  private at = 0;
+  private rowHeight = 29;
 
-  constructor(private readonly table: HTMLTableElement, private readonly onSelect: (id: number) => void) {
+  constructor(private readonly table: HTMLTableElement, data: SurveyData, fruits: Fruit[], private readonly onSelect: (id: number) => void) {
     this.box = table.parentElement!;
-    for (const row of table.tBodies[0]!.rows) {
-      if (row.dataset.id) this.rows.set(Number(row.dataset.id), row);
-    }
-    table.tBodies[0]!.addEventListener("click", (event) => {
+    this.sorted = [...fruits];
+    this.rows = this.sorted;
+    this.columns = columnsOf(data, fruits);
+    this.headings = this.columns.map((column) => this.heading(column, fruits));
+    const head = element("thead");
+    const line = element("tr");
+    line.setAttribute("aria-rowindex", "1");
+    line.append(...this.headings);
+    head.append(line);
+    table.append(head, this.body);
+    table.hidden = fruits.length === 0;
+    this.body.addEventListener("click", (event) => {
       const row = (event.target as Element).closest("tr");
       if (row?.dataset.id) this.onSelect(Number(row.dataset.id));
     });
-    for (const heading of table.tHead!.rows[0]!.cells) {
-      heading.querySelector("button")?.addEventListener("click", () => this.sortBy(heading));
-    }
-    this.box.addEventListener("keydown", (event) => this.step(event));
-    this.reach(this.table.tBodies[0]!.rows[0] ?? null);
+    this.box.addEventListener("keydown", (event) => this.key(event));
+    this.box.addEventListener("scroll", () => this.draw(), { passive: true });
+    new ResizeObserver(() => this.draw()).observe(this.box);
+    window.addEventListener("beforeprint", () => this.draw([0, Math.min(this.rows.length, PRINTED)]));
+    window.addEventListener("afterprint", () => this.draw());
+    this.draw();
+    this.rowHeight = this.body.rows[0]?.offsetHeight || this.rowHeight;
+    this.draw();
   }
 
   /** Leave out the rows of fruits that are not shown. */
-  filter(shows: (id: number) => boolean): void {
-    for (const [id, row] of this.rows) row.hidden = !shows(id);
-    this.reach(this.selected && !this.selected.hidden ? this.selected : this.next(this.table.tBodies[0]!.rows[0] ?? null, true));
+  filter(shows: (fruit: Fruit) => boolean): void {
+    this.shows = shows;
+    this.arrange();
   }
 
-  sortBy(heading: HTMLTableCellElement): void {
+  sortBy(column: number): void {
+    const heading = this.headings[column]!;
     const order: Order = heading.ariaSort === "ascending" ? "descending" : "ascending";
-    for (const other of this.table.tHead!.rows[0]!.cells) other.removeAttribute("aria-sort");
+    for (const other of this.headings) other.removeAttribute("aria-sort");
     heading.setAttribute("aria-sort", order);
-    const column = heading.cellIndex;
-    const numeric = heading.dataset.kind === "number";
-    const keyed = [...this.rows.values()].map((row) => ({ row, text: row.cells[column]?.textContent ?? "" }));
-    keyed.sort((a, b) => compareCells(a.text, b.text, numeric, order));
-    this.table.tBodies[0]!.append(...keyed.map(({ row }) => row));
+    const { value } = this.columns[column]!;
+    this.sorted.sort((a, b) => compared(value(a), value(b), order));
+    this.arrange();
   }
 
   /** Mark a fruit's row and bring it into sight within the table, without moving the page. */
-  show(id: number | null): void {
-    this.selected?.removeAttribute("aria-current");
-    this.selected = id === null ? null : (this.rows.get(id) ?? null);
-    if (!this.selected) return;
-    this.selected.setAttribute("aria-current", "true");
-    this.reach(this.selected);
-    const row = this.selected;
+  show(fruit: Fruit | null): void {
+    if (this.selected) this.made.get(this.selected)?.removeAttribute("aria-current");
+    this.selected = fruit;
+    const at = fruit ? this.rows.indexOf(fruit) : -1;
+    if (at < 0) return;
+    this.at = at;
+    this.bring(at);
+  }
+
+  private heading(column: Column, fruits: Fruit[]): HTMLTableCellElement {
+    const cell = element("th");
+    const text = typeof column.value(fruits[0] ?? ({} as Fruit)) === "string";
+    cell.scope = "col";
+    cell.dataset.kind = text ? "text" : "number";
+    const made = button(column.label, "", () => this.sortBy(this.headings.indexOf(cell)));
+    if (column.unit) made.append(" ", element("small", column.unit));
+    cell.append(made);
+    // As wide as its longest text, whichever rows are in the page.
+    const longest = fruits.reduce((most, fruit) => Math.max(most, written(column, fruit).length), 0);
+    cell.style.minWidth = `calc(${Math.min(longest, WIDEST)}ch + 12px)`;
+    return cell;
+  }
+
+  private arrange(): void {
+    const focused = this.rows[this.at];
+    this.rows = this.sorted.filter(this.shows);
+    this.at = Math.max(0, this.rows.indexOf(this.selected ?? focused!));
+    this.body.replaceChildren();
+    this.draw();
+  }
+
+  /** Put the rows that are in sight into the page, and empty ones as high as what is above and below. */
+  private draw(range = rowsInSight(this.box.scrollTop, this.box.clientHeight, this.rowHeight, this.rows.length)): void {
+    const [first, end] = range;
+    const wanted = this.rows.slice(first, end);
+    const kept = new Set(wanted);
+    const focused = document.activeElement?.closest("tr");
+    for (const [fruit, row] of this.made) {
+      if (kept.has(fruit)) continue;
+      // The keyboard stays in the table when its row has left the page.
+      if (row === focused) this.box.focus({ preventScroll: true });
+      row.remove();
+      this.made.delete(fruit);
+    }
+    const lines = wanted.map((fruit, i) => this.row(fruit, first + i));
+    // Rows that stay are not moved, as they would lose the focus.
+    const present = [...this.body.children];
+    const all = [space(first * this.rowHeight), ...lines, space((this.rows.length - end) * this.rowHeight)].filter((row) => row !== null);
+    for (const row of present) if (!all.includes(row as HTMLTableRowElement)) row.remove();
+    all.forEach((row, i) => this.body.children[i] !== row && this.body.insertBefore(row, this.body.children[i] ?? null));
+    this.table.setAttribute("aria-rowcount", String(this.rows.length + 1));
+  }
+
+  private row(fruit: Fruit, index: number): HTMLTableRowElement {
+    const row = this.made.get(fruit) ?? this.newRow(fruit);
+    row.setAttribute("aria-rowindex", String(index + 2));
+    row.toggleAttribute("aria-current", false);
+    if (fruit === this.selected) row.setAttribute("aria-current", "true");
+    // One row alone is a stop of the Tab key; arrows go on from there.
+    row.querySelector("button")!.tabIndex = index === this.at ? 0 : -1;
+    return row;
+  }
+
+  private newRow(fruit: Fruit): HTMLTableRowElement {
+    const row = element("tr");
+    row.dataset.id = String(fruit.id);
+    for (const [i, column] of this.columns.entries()) {
+      const text = written(column, fruit);
+      const cell = element("td", i ? text : "");
+      if (!i) cell.append(button(text, `Fruit ${text}`, () => {}));
+      if (this.headings[i]!.dataset.kind === "text") {
+        cell.className = "text";
+        if (text.length > WIDEST) cell.title = text;
+      } else if (text === "–") {
+        cell.className = "none";
+        cell.title = fruit.reason || "not measured";
+      }
+      row.append(cell);
+    }
+    this.made.set(fruit, row);
+    return row;
+  }
+
+  /** Scroll the table, where needed, so that a row is in sight. */
+  private bring(at: number): void {
     const head = this.table.tHead!.offsetHeight;
-    const above = row.offsetTop - head < this.box.scrollTop;
-    const below = row.offsetTop + row.offsetHeight > this.box.scrollTop + this.box.clientHeight;
-    if (above || below) this.box.scrollTop = row.offsetTop - head - (this.box.clientHeight - head) / 2;
+    const top = at * this.rowHeight;
+    const above = top < this.box.scrollTop;
+    const below = top + this.rowHeight > this.box.scrollTop + this.box.clientHeight - head;
+    if (above || below) this.box.scrollTop = top - (this.box.clientHeight - head) / 2;
+    this.draw();
   }
 
-  /** One row alone is a stop of the Tab key; arrows go on from there. */
-  private reach(row: HTMLTableRowElement | null): void {
-    for (const other of this.table.tBodies[0]!.querySelectorAll<HTMLElement>('button[tabindex="0"]')) other.tabIndex = -1;
-    const button = row?.querySelector<HTMLElement>("button");
-    if (button) button.tabIndex = 0;
-  }
-
-  private next(row: Element | null, down: boolean): HTMLTableRowElement | null {
-    let at = row;
-    while (at instanceof HTMLTableRowElement && at.hidden) at = down ? at.nextElementSibling : at.previousElementSibling;
-    return at instanceof HTMLTableRowElement ? at : null;
-  }
-
-  private step(event: KeyboardEvent): void {
-    if (event.key !== "ArrowDown" && event.key !== "ArrowUp") return;
-    const down = event.key === "ArrowDown";
-    const focused = (event.target as Element).closest("tr");
-    const from = focused?.dataset.id ? focused : this.selected;
-    const first = this.table.tBodies[0]!.rows[0] ?? null;
-    const next = this.next(from ? (down ? from.nextElementSibling : from.previousElementSibling) : first, down);
-    if (!next?.dataset.id) return;
+  private key(event: KeyboardEvent): void {
+    const step: Record<string, number> = { ArrowDown: this.at + 1, ArrowUp: this.at - 1, Home: 0, End: this.rows.length - 1 };
+    const to = step[event.key];
+    if (to === undefined || event.ctrlKey || event.metaKey || event.altKey || !this.rows.length) return;
     event.preventDefault();
-    this.onSelect(Number(next.dataset.id));
-    next.querySelector<HTMLElement>("button")?.focus({ preventScroll: true });
+    // The first arrow into a table of which nothing is selected selects the row that has the focus.
+    const at = !this.selected && event.target === this.box ? this.at : Math.min(Math.max(to, 0), this.rows.length - 1);
+    const fruit = this.rows[at]!;
+    this.onSelect(fruit.id);
+    this.made.get(fruit)?.querySelector("button")?.focus({ preventScroll: true });
   }
+}
+
+function written(column: Column, fruit: Fruit): string {
+  const value = column.value(fruit);
+  if (typeof value === "string") return value;
+  return Number.isNaN(value) ? "–" : value.toFixed(column.digits);
+}
+
+/** A row that stands for those that are not in the page. */
+function space(height: number): HTMLTableRowElement | null {
+  if (height <= 0) return null;
+  const row = element("tr", "", "space");
+  row.setAttribute("aria-hidden", "true");
+  const cell = element("td");
+  cell.style.height = `${height}px`;
+  row.append(cell);
+  return row;
 }

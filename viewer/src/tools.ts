@@ -87,7 +87,8 @@ export class Tools {
     });
     find("#tool-light").addEventListener("click", () => {
       const root = document.documentElement;
-      root.dataset.theme = getComputedStyle(root).getPropertyValue("--theme").trim() === "dark" ? "light" : "dark";
+      const dark = root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+      root.dataset.theme = dark ? "light" : "dark";
       this.view.paper();
     });
     const whole = find<HTMLButtonElement>("#whole-screen");

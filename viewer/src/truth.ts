@@ -1,10 +1,10 @@
 /** Truth beside result: what is true, false, missed and doubled at a score threshold, and P, R and F1. */
 
-import * as three from "three";
+import type * as three from "three";
+import { Balls } from "./balls";
 import type { Rates, TruthData } from "./contract";
 import { css, type Colouring, type Rgb } from "./colours";
 import { element, find } from "./dom";
-import { decodeF32, decodeU8 } from "./payload";
 
 const KINDS: { name: string; colour: Rgb; count(rates: Rates): number }[] = [
   { name: "true", colour: [0.16, 0.6, 0.33], count: (rates) => rates.true },
@@ -28,40 +28,28 @@ export function stepAt(steps: Rates[], score: number): number {
 const percent = (value: number | null): string => (value === null ? "–" : value.toFixed(3));
 
 export class TruthLayer {
-  readonly object: three.InstancedMesh;
-  private readonly found: Uint8Array;
-  private readonly missed: Uint8Array;
-  private readonly centers: Float32Array;
-  private readonly diameters: Float32Array;
+  readonly object: three.Object3D;
+  private readonly missed: Balls;
   private step = 0;
 
   constructor(private readonly truth: TruthData, private readonly fruits: number) {
-    this.found = decodeU8(truth.found);
-    this.missed = decodeU8(truth.missed);
-    this.centers = decodeF32(truth.centers);
-    this.diameters = decodeF32(truth.diameters);
-    const material = new three.MeshStandardMaterial({ color: new three.Color().setRGB(...KINDS[2]!.colour, three.SRGBColorSpace), roughness: 0.6 });
-    this.object = new three.InstancedMesh(new three.SphereGeometry(1, 16, 12), material, this.diameters.length);
-    this.object.frustumCulled = false;
+    this.missed = new Balls(truth.centers);
+    this.missed.colour(() => KINDS[2]!.colour);
+    this.object = this.missed.object;
     find("#truth").hidden = false;
   }
 
   /** Show what is so at this score; `shows` says which places are within the section. */
   at(score: number, shows: (x: number, y: number, z: number) => boolean): void {
     this.step = stepAt(this.truth.steps, score);
-    const matrix = new three.Matrix4();
-    const n = this.diameters.length;
-    for (let i = 0; i < n; i++) {
-      const [x, y, z] = [this.centers[3 * i]!, this.centers[3 * i + 1]!, this.centers[3 * i + 2]!];
-      const r = this.missed[this.step * n + i] && shows(x, y, z) ? this.diameters[i]! / 2 : 0;
-      this.object.setMatrixAt(i, matrix.makeScale(r, r, r).setPosition(x, y, z));
-    }
-    this.object.instanceMatrix.needsUpdate = true;
+    const { centers, diameters, missed } = this.truth;
+    const first = this.step * diameters.length;
+    this.missed.size((i) => (missed[first + i] && shows(centers[3 * i]!, centers[3 * i + 1]!, centers[3 * i + 2]!) ? diameters[i]! / 2 : 0));
     this.tell();
   }
 
   colouring(): Colouring {
-    const of = (index: number): Rgb => COLOUR_OF_CODE[this.found[this.step * this.fruits + index] ?? 0] ?? NOT_SCORED;
+    const of = (index: number): Rgb => COLOUR_OF_CODE[this.truth.found[this.step * this.fruits + index] ?? 0] ?? NOT_SCORED;
     return { of: (fruit) => of(fruit.index), categories: KINDS.map(({ name, colour }) => [name, colour]) };
   }
 

@@ -3,10 +3,12 @@
 import * as three from "three";
 import type { SurveyData } from "./contract";
 import { colouring, type ColourBy, type Colouring } from "./colours";
-import { Frusta, FruitBalls, ground, halo, points, sightLines } from "./layers";
+import { Frusta, FruitBalls, ground, halo, sightLines } from "./layers";
 import { Navigation } from "./navigation";
 import type { Fruit, Photo } from "./payload";
+import { LATER, PointCloud } from "./points";
 import { row } from "./row";
+import type { PhotoSource } from "./source";
 
 export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "row" | "ground";
 export type Picked = { fruit: number } | { camera: number } | null;
@@ -14,9 +16,13 @@ export type Picked = { fruit: number } | { camera: number } | null;
 const CLICK_PX = 5;
 const FINGER_PX = 7;
 const CAMERA_PX = 12;
-/** How long the picture has to stand still until all points are drawn; and how many are while it moves, of each kind. */
+const POINT_PX = 8;
+/** How long the picture has to stand still until all points are drawn, as sharp as the screen is. */
 const STANDS_MS = 250;
-const MOVING_POINTS = 100_000;
+/** Motion that cannot be seen, in radii of the scene. */
+const STEP = 1e-5;
+/** Points of each cloud while it moves, and pixels to each of the screen's along a side: with a graphics card, and without. */
+const MOVING = { hardware: { points: 250_000, sharpness: 1 }, software: { points: 60_000, sharpness: 0.5 } };
 
 export class View {
   onPick: (picked: Picked, at: three.Vector3 | null) => void = () => {};
@@ -28,43 +34,56 @@ export class View {
   private readonly renderer: three.WebGLRenderer;
   private readonly world = new three.Scene();
   private readonly layers: Record<Layer, three.Object3D>;
+  private readonly clouds: { scene: PointCloud; fruitPoints: PointCloud };
   private readonly balls: FruitBalls;
   private readonly frusta: Frusta;
   private readonly halo = halo();
   private readonly extra = new three.Group();
   private readonly shows = { cameras: true };
   private sight: three.LineSegments | null = null;
-  private readonly lamp = new three.DirectionalLight(0xffffff, 2.0);
   private pending = false;
+  private readonly moving: (typeof MOVING)["hardware"];
+  private readonly sharpness = Math.min(window.devicePixelRatio, 2);
+  /** Pieces of clouds that are not in the picture yet; null while it has to be drawn afresh. */
+  private rest: three.Points[] | null = null;
+  private readonly step: number;
+  private stands = false;
   private lastPlace = "";
   private movedAt = -Infinity;
   private later = 0;
 
   /** Throws where the browser gives no WebGL. */
-  constructor(private readonly box: HTMLElement, private readonly data: SurveyData, private readonly fruits: Fruit[], private readonly photos: Photo[]) {
+  constructor(private readonly box: HTMLElement, data: SurveyData, private readonly fruits: Fruit[], private readonly photos: Photo[], source: PhotoSource) {
     const canvas = document.createElement("canvas");
-    const context = canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
+    // What was drawn is kept, as more points are drawn over it.
+    const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, powerPreference: "high-performance" });
     if (!context) throw new Error("This browser gives no WebGL 2");
+    this.step = data.view.radius * STEP;
+    this.moving = MOVING[isSoftware(context) ? "software" : "hardware"];
     this.renderer = new three.WebGLRenderer({ canvas, context });
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.sharpness);
     this.renderer.localClippingEnabled = true;
+    this.renderer.autoClear = false;
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", "3D view of points, fruits and cameras. Arrow keys turn it, plus and minus zoom. The table of fruits says the same in words.");
     box.prepend(canvas);
 
-    this.balls = new FruitBalls(fruits);
+    this.balls = new FruitBalls(fruits, data.fruits.centers);
     this.frusta = new Frusta(data);
-    const { radius } = data.view;
+    this.clouds = {
+      scene: new PointCloud(data.scene, data.view, (piece) => source.points("scene", piece), (came) => this.came(came)),
+      fruitPoints: new PointCloud(data.fruitPoints, data.view, (piece) => source.points("fruit", piece), (came) => this.came(came)),
+    };
     this.layers = {
-      scene: points(data.scene, radius),
-      fruitPoints: points(data.fruitPoints, radius),
+      scene: this.clouds.scene.object,
+      fruitPoints: this.clouds.fruitPoints.object,
       fruits: this.balls.object,
       cameras: this.frusta.object,
       row: row(data),
       ground: ground(data),
     };
-    this.world.add(...Object.values(this.layers), this.extra, this.halo, this.lamp, new three.HemisphereLight(0xffffff, 0x8c8a80, 2.2));
+    this.world.add(...Object.values(this.layers), this.extra, this.halo);
     this.navigation = new Navigation(canvas, box, data, fruits, () => this.draw());
     this.paper();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paper());
@@ -77,6 +96,7 @@ export class View {
     this.layers[layer].visible = visible;
     if (layer === "cameras") this.shows.cameras = visible;
     if (layer === "fruitPoints") this.balls.seeThrough(visible);
+    this.getPoints();
     this.draw();
   }
 
@@ -97,9 +117,7 @@ export class View {
 
   /** Show only what is on the positive side of all planes: points, not the fruits, which are shown whole or not at all. */
   clip(planes: three.Plane[]): void {
-    for (const layer of ["scene", "fruitPoints"] as const) {
-      ((this.layers[layer] as three.Points).material as three.Material).clippingPlanes = planes;
-    }
+    for (const cloud of Object.values(this.clouds)) cloud.clip(planes);
     this.draw();
   }
 
@@ -114,23 +132,26 @@ export class View {
     this.draw();
   }
 
-  /** Mark a fruit, draw its sight lines and, where `fly`, go near it. */
-  select(index: number | null, cameras: number[], fly: boolean): void {
+  /** Mark a fruit and, where `fly`, go near it. */
+  select(index: number | null, fly: boolean): void {
+    this.connect(null, []);
+    this.halo.visible = index !== null;
+    const fruit = index === null ? undefined : this.fruits[index];
+    if (!fruit) return;
+    const radius = this.balls.radii[fruit.index]!;
+    this.halo.position.set(fruit.x, fruit.y, fruit.z);
+    this.halo.scale.setScalar(radius);
+    if (fly) this.navigation.flyTo(new three.Vector3(fruit.x, fruit.y, fruit.z), radius);
+  }
+
+  /** Draw lines from a fruit to cameras that saw it, and none from others. */
+  connect(fruit: Fruit | null, cameras: number[]): void {
     if (this.sight) {
       this.world.remove(this.sight);
       this.sight.geometry.dispose();
-      this.sight = null;
     }
-    this.halo.visible = index !== null;
-    const fruit = index === null ? undefined : this.fruits[index];
-    if (fruit) {
-      const radius = this.balls.radii[fruit.index]!;
-      this.halo.position.set(fruit.x, fruit.y, fruit.z);
-      this.halo.scale.setScalar(radius);
-      this.sight = sightLines(fruit, cameras, this.frusta);
-      this.world.add(this.sight);
-      if (fly) this.navigation.flyTo(new three.Vector3(fruit.x, fruit.y, fruit.z), radius);
-    }
+    this.sight = fruit && sightLines(fruit, cameras, this.frusta);
+    if (this.sight) this.world.add(this.sight);
     this.draw();
   }
 
@@ -143,43 +164,88 @@ export class View {
 
   /** Take the paper's colour from the style. */
   paper(): void {
-    this.world.background = new three.Color(getComputedStyle(this.box).backgroundColor);
+    this.renderer.setClearColor(new three.Color(getComputedStyle(this.box).backgroundColor));
     this.draw();
   }
 
-  /** Fewer points while the picture moves, all of them once it stands. */
-  private thin(): void {
-    const now = performance.now();
-    const place = [...this.navigation.camera.position.toArray(), ...this.navigation.controls.target.toArray()].join();
-    if (place !== this.lastPlace) this.movedAt = now;
-    this.lastPlace = place;
-    const moves = now - this.movedAt < STANDS_MS;
-    for (const layer of ["scene", "fruitPoints"] as const) {
-      const { geometry } = this.layers[layer] as three.Points;
-      geometry.setDrawRange(0, moves ? MOVING_POINTS : Infinity);
-    }
-    window.clearTimeout(this.later);
-    if (moves) this.later = window.setTimeout(() => this.draw(), STANDS_MS + 10);
+  /** Draw afresh before long. */
+  draw(): void {
+    this.rest = null;
+    this.schedule();
   }
 
-  draw(): void {
+  /** Whether the picture stands still and lacks nothing that is here. */
+  private get whole(): boolean {
+    return this.stands && this.rest?.length === 0;
+  }
+
+  private schedule(): void {
     if (this.pending) return;
     this.pending = true;
     requestAnimationFrame((now) => {
       this.pending = false;
-      this.navigation.step(now);
-      const { camera, controls, through } = this.navigation;
-      // In a camera's place, the lines to and of cameras would only be in the way.
-      this.frusta.object.visible = this.shows.cameras && !through;
-      if (this.sight) this.sight.visible = !through;
-      this.lamp.position.copy(camera.position).add(new three.Vector3(0, 0, this.data.view.radius));
-      this.lamp.target.position.copy(controls.target);
-      this.lamp.target.updateMatrixWorld();
-      this.halo.quaternion.copy(camera.quaternion);
-      this.thin();
-      this.renderer.render(this.world, camera);
-      this.box.dispatchEvent(new Event("drawn"));
+      if (this.rest) this.drawRest();
+      else this.drawFirst(now);
+      if (this.rest?.length) this.schedule();
+      this.box.dataset.picture = this.whole ? "whole" : "coming";
     });
+  }
+
+  /** A picture with few points while it moves; once it stands, with the others to come. */
+  private drawFirst(now: number): void {
+    this.rest = [];
+    this.navigation.step(now);
+    const { camera, controls, through } = this.navigation;
+    // In a camera's place, the lines to and of cameras would only be in the way.
+    this.frusta.object.visible = this.shows.cameras && !through;
+    if (this.sight) this.sight.visible = !through;
+    this.halo.quaternion.copy(camera.quaternion);
+    // Less than one sees is no motion: damping goes on for ever.
+    const moves = this.moves([...camera.position.toArray(), ...controls.target.toArray()].map((part) => Math.round(part / this.step)).join());
+    for (const cloud of Object.values(this.clouds)) cloud.limit(moves ? this.moving.points : Infinity);
+    const sharpness = this.sharpness * (moves ? this.moving.sharpness : 1);
+    if (sharpness !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(sharpness);
+    camera.layers.set(0);
+    this.renderer.clear();
+    this.renderer.render(this.world, camera);
+    this.stands = !moves;
+    if (this.stands && this.rest) this.rest = Object.values(this.clouds).flatMap((cloud) => cloud.later);
+    this.box.dispatchEvent(new Event("drawn"));
+  }
+
+  /** Draw the next piece of the points over what is there. */
+  private drawRest(): void {
+    const piece = this.rest!.shift();
+    if (!piece) return;
+    for (const cloud of Object.values(this.clouds)) for (const other of cloud.later) other.visible = other === piece;
+    this.navigation.camera.layers.set(LATER);
+    this.renderer.render(this.world, this.navigation.camera);
+  }
+
+  /** Whether the picture moves, by the place from which it is seen. */
+  private moves(place: string): boolean {
+    const now = performance.now();
+    if (place !== this.lastPlace) this.movedAt = now;
+    this.lastPlace = place;
+    const moves = now - this.movedAt < STANDS_MS;
+    window.clearTimeout(this.later);
+    if (moves) this.later = window.setTimeout(() => this.draw(), STANDS_MS + 10);
+    return moves;
+  }
+
+  /** Get more points of the clouds that are shown, once the first picture is there. */
+  private getPoints(): void {
+    const get = (): void => {
+      for (const cloud of Object.values(this.clouds)) if (cloud.object.visible) void cloud.load().catch(() => undefined);
+    };
+    requestAnimationFrame(() => window.setTimeout(get));
+  }
+
+  /** A piece that comes late is drawn over the picture, unless that will be drawn afresh. */
+  private came(piece: three.Points): void {
+    if (!this.rest || !this.stands) return;
+    this.rest.push(piece);
+    this.schedule();
   }
 
   private listen(canvas: HTMLCanvasElement): void {
@@ -223,15 +289,15 @@ export class View {
       const { x, y, z } = this.fruits[fruit]!;
       return { picked: { fruit }, at: new three.Vector3(x, y, z) };
     }
-    if (this.picksPoints) return { picked: null, at: this.pointNear(caster) };
+    if (this.picksPoints) return { picked: null, at: this.pointNear(caster.ray) };
     const camera = this.cameraNear(event.offsetX, event.offsetY);
     return { picked: camera === null ? null : { camera }, at: null };
   }
 
-  private pointNear(caster: three.Raycaster): three.Vector3 | null {
-    caster.params.Points.threshold = this.data.view.radius / 100;
-    const clouds = [this.layers.scene, this.layers.fruitPoints].filter((cloud) => cloud.visible);
-    return caster.intersectObjects(clouds, false)[0]?.point ?? null;
+  private pointNear(ray: three.Ray): three.Vector3 | null {
+    const slack = (POINT_PX * three.MathUtils.degToRad(this.navigation.camera.fov)) / this.box.clientHeight;
+    const found = Object.values(this.clouds).map((cloud) => cloud.hit(ray, slack)).filter((place) => place !== null);
+    return found.sort((a, b) => a.distanceToSquared(ray.origin) - b.distanceToSquared(ray.origin))[0] ?? null;
   }
 
   private hover(event: PointerEvent): void {
@@ -252,4 +318,11 @@ export class View {
     }
     return found;
   }
+}
+
+/** Whether pictures are computed without a graphics card, as far as the browser says. */
+function isSoftware(context: WebGL2RenderingContext): boolean {
+  const told = context.getExtension("WEBGL_debug_renderer_info");
+  const name = String(context.getParameter(told ? told.UNMASKED_RENDERER_WEBGL : context.RENDERER));
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }

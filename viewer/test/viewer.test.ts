@@ -1,56 +1,80 @@
+import * as three from "three";
 import { expect, test } from "vitest";
 import { colouring, drawnRadii, ramp } from "../src/colours";
+import { decode, fromBase64 } from "../src/columns";
 import { placed } from "../src/crop";
-import type { DetectionColumns, Rates, SurveyData } from "../src/contract";
+import type { DetectionColumns, Rates, Sightings, SurveyData } from "../src/contract";
 import { within } from "../src/filter";
-import { decodeDetections, decodeFruits, decodeSightings, decodeU16, median, quantile } from "../src/payload";
-import { shuffled } from "../src/layers";
+import { detectionsOf, fruitsOf, median, quantile, sightingsOf } from "../src/payload";
+import { PointCloud, pointSize } from "../src/points";
 import { marks } from "../src/row";
-import { compareCells } from "../src/table";
+import { columnsOf, compared, rowsInSight } from "../src/table";
 import { stepAt } from "../src/truth";
 
-const base64 = (values: Float32Array | Uint32Array): string => btoa(String.fromCharCode(...new Uint8Array(values.buffer)));
-
 const survey = {
+  metric: true,
+  unit: "m",
+  origin: [10, 20, 30],
   fruits: {
     ids: [7, 3],
-    centers: base64(Float32Array.of(0, 0.5, 1, -1, 2, 3)),
-    diameters: base64(Float32Array.of(0.08, NaN)),
-    diameterSds: base64(Float32Array.of(0.002, NaN)),
-    weights: base64(Float32Array.of(NaN, NaN)),
-    scores: base64(Float32Array.of(1, 0.5)),
-    views: base64(Uint32Array.of(4, 2)),
+    centers: Float32Array.of(0, 0.5, 1, -1, 2, 3),
+    diameters: Float32Array.of(0.08, NaN),
+    diameterSds: Float32Array.of(0.002, NaN),
+    visibilities: Float32Array.of(NaN, NaN),
+    weights: Float32Array.of(NaN, NaN),
+    scores: Float32Array.of(1, 0.5),
+    views: Uint32Array.of(4, 2),
     sides: ["east", ""],
     trees: [1, 0],
     reasons: ["", "seen once"],
   },
-  sightings: {
-    fruits: base64(Uint32Array.of(1, 0, 1)),
-    photos: base64(Uint32Array.of(5, 6, 7)),
-    detections: base64(Uint32Array.of(50, 60, 70)),
-    boxes: base64(Float32Array.of(0, 0, 9, 9, 1, 2, 8, 8, 3, 3, 5, 5)),
-    crops: [],
-  },
 } as unknown as SurveyData;
 
-test("base64 becomes little-endian numbers", () => {
-  expect([...decodeU16("AQD//w==")]).toEqual([1, 65535]);
+const sightings: Sightings = {
+  starts: Uint32Array.of(0, 1, 3),
+  photos: Uint32Array.of(6, 5, 7),
+  detections: Uint32Array.of(60, 50, 70),
+  boxes: Float32Array.of(1, 2, 8, 8, 0, 0, 9, 9, 3, 3, 5, 5),
+  crops: [],
+};
+
+/** What Python's `as_bytes` makes of a name and two columns. */
+function travelled(): ArrayBuffer {
+  const json = JSON.stringify({ name: "Öl", ids: { column: "u2", at: 0, count: 3 }, empty: [], sizes: { column: "f4", at: 8, count: 2 } });
+  const text = new TextEncoder().encode(json);
+  const padded = text.length + ((8 - ((4 + text.length) % 8)) % 8);
+  const bytes = new Uint8Array(4 + padded + 16).fill(32);
+  new DataView(bytes.buffer).setUint32(0, padded, true);
+  bytes.set(text, 4);
+  new Uint16Array(bytes.buffer, 4 + padded, 3).set([1, 2, 65535]);
+  new Float32Array(bytes.buffer, 4 + padded + 8, 2).set([0.5, NaN]);
+  return bytes.buffer;
+}
+
+test("columns are numbers in the bytes behind the JSON", () => {
+  const { name, ids, empty, sizes } = decode<{ name: string; ids: Uint16Array; empty: string[]; sizes: Float32Array }>(travelled());
+  expect([name, [...ids], empty, [...sizes]]).toEqual(["Öl", [1, 2, 65535], [], [0.5, NaN]]);
+  expect(ids.buffer).toBe(sizes.buffer);
 });
 
-test("fruits are decoded, a failed measurement stays NaN", () => {
-  const [first, second] = decodeFruits(survey);
+test("base64 becomes bytes", () => {
+  expect([...new Uint16Array(fromBase64("AQD//w=="))]).toEqual([1, 65535]);
+});
+
+test("fruits are objects, a failed measurement stays NaN", () => {
+  const [first, second] = fruitsOf(survey);
   expect(first).toMatchObject({ index: 0, id: 7, x: 0, y: 0.5, z: 1, views: 4, side: "east", tree: 1 });
   expect(first!.diameter).toBeCloseTo(0.08, 6);
   expect(second!.diameter).toBeNaN();
 });
 
-test("sightings are cameras for each fruit", () => {
-  expect(decodeSightings(survey).map((seen) => seen.map(({ photo }) => photo))).toEqual([[6], [5, 7]]);
-  expect(decodeSightings(survey)[0]![0]).toEqual({ fruit: 0, photo: 6, detection: 60, box: [1, 2, 8, 8], crop: "" });
+test("sightings of a fruit lie between two starts", () => {
+  expect([0, 1, 2].map((fruit) => sightingsOf(sightings, fruit).map(({ photo }) => photo))).toEqual([[6], [5, 7], []]);
+  expect(sightingsOf(sightings, 0)[0]).toEqual({ photo: 6, detection: 60, box: [1, 2, 8, 8], crop: "" });
 });
 
 test("a fruit without a diameter is drawn as large as the usual one", () => {
-  expect(drawnRadii(decodeFruits(survey))[1]).toBeCloseTo(0.04, 6);
+  expect(drawnRadii(fruitsOf(survey))[1]).toBeCloseTo(0.04, 6);
 });
 
 test("median ignores what was not measured", () => {
@@ -58,26 +82,44 @@ test("median ignores what was not measured", () => {
   expect(median([NaN])).toBeNaN();
 });
 
-test("numbers sort as numbers, dashes last in either order", () => {
-  const sorted = (order: "ascending" | "descending"): string[] => ["10.5", "–", "9", "-1"].sort((a, b) => compareCells(a, b, true, order));
-  expect(sorted("ascending")).toEqual(["-1", "9", "10.5", "–"]);
-  expect(sorted("descending")).toEqual(["10.5", "9", "-1", "–"]);
+test("numbers sort as numbers, what was not measured last in either order", () => {
+  const sorted = (order: "ascending" | "descending"): number[] => [10.5, NaN, 9, -1].sort((a, b) => compared(a, b, order));
+  expect(sorted("ascending")).toEqual([-1, 9, 10.5, NaN]);
+  expect(sorted("descending")).toEqual([10.5, 9, -1, NaN]);
+  expect(["tree 10", "tree 9"].sort((a, b) => compared(a, b, "ascending"))).toEqual(["tree 9", "tree 10"]);
+});
+
+test("the table has the columns that say something, in the world's metres", () => {
+  const fruits = fruitsOf(survey);
+  const columns = columnsOf(survey, fruits);
+  expect(columns.map(({ label }) => label)).toEqual(["id", "x", "y", "z", "diameter", "±", "score", "photos", "tree", "side", "not measured because"]);
+  expect(columns.slice(0, 4).map(({ value }) => value(fruits[1]!))).toEqual([3, 9, 22, 33]);
+  expect(columns[4]!.value(fruits[0]!)).toBeCloseTo(80, 4);
+  expect(columns[8]!.value(fruits[1]!)).toBeNaN();
+});
+
+test("of many rows only those in sight are in the page", () => {
+  expect(rowsInSight(0, 500, 29, 150)).toEqual([0, 150]);
+  expect(rowsInSight(0, 500, 29, 20_000)).toEqual([0, 38]);
+  const [first, end] = rowsInSight(290_000, 500, 29, 20_000);
+  expect([first <= 10_000, end >= 10_018, end - first < 100]).toEqual([true, true, true]);
+  expect(rowsInSight(1e9, 500, 29, 20_000)).toEqual([19_980, 20_000]);
 });
 
 test("colours: ends of the ramp, one colour a side, grey where unknown", () => {
   expect(ramp(0)).toEqual([0.267, 0.005, 0.329]);
   expect(ramp(9)).toEqual([0.993, 0.906, 0.144]);
-  const fruits = decodeFruits(survey);
+  const fruits = fruitsOf(survey);
   expect(colouring("side", fruits).categories!.map(([name]) => name)).toEqual(["not known", "east"]);
   expect(colouring("diameter", fruits).of(fruits[1]!)).toEqual([0.55, 0.55, 0.55]);
 });
 
 test("outlines are cut out of one array", () => {
   const columns: DetectionColumns = {
-    ids: base64(Uint32Array.of(4, 9)), photos: base64(Uint32Array.of(0, 1)), fruits: base64(Uint32Array.of(7, 0)),
-    scores: base64(Float32Array.of(0.5, 1)), starts: base64(Uint32Array.of(0, 1, 3)), points: base64(Float32Array.of(1, 2, 3, 4, 5, 6)),
+    ids: Uint32Array.of(4, 9), photos: Uint32Array.of(0, 1), fruits: Uint32Array.of(7, 0),
+    scores: Float32Array.of(0.5, 1), starts: Uint32Array.of(0, 1, 3), points: Float32Array.of(1, 2, 3, 4, 5, 6),
   };
-  expect(decodeDetections(columns).map(({ id, fruit, outline }) => [id, fruit, [...outline]])).toEqual([[4, 7, [1, 2]], [9, 0, [3, 4, 5, 6]]]);
+  expect(detectionsOf(columns).map(({ id, fruit, outline }) => [id, fruit, [...outline]])).toEqual([[4, 7, [1, 2]], [9, 0, [3, 4, 5, 6]]]);
 });
 
 test("a whole photo behind a window shows the window's part", () => {
@@ -86,7 +128,7 @@ test("a whole photo behind a window shows the window's part", () => {
 });
 
 test("fruits within limits of score, height, place along the row and tree", () => {
-  const fruits = decodeFruits(survey);
+  const fruits = fruitsOf(survey);
   const all = { score: 0, low: -9, high: 9, start: -9, end: 9, tree: 0 };
   expect(within(fruits, [1, 0], all)).toEqual([true, true]);
   expect(within(fruits, [1, 0], { ...all, score: 0.6 })).toEqual([true, false]);
@@ -113,9 +155,25 @@ test("marks along the row begin at 0 and are few", () => {
   expect(marks(0, 5000, 1).length).toBeLessThanOrEqual(14);
 });
 
-test("a shuffled order has every index once, and is the same again", () => {
-  const order = shuffled(1000);
-  expect([...order].sort((a, b) => a - b)).toEqual(Array.from({ length: 1000 }, (_, i) => i));
-  expect(order.slice(0, 100).filter((i) => i < 500).length).toBeGreaterThan(30);
-  expect(shuffled(1000)).toEqual(order);
+test("points are as large as they are far apart", () => {
+  const view = { row: [0, 200] as [number, number], low: 0, high: 3, radius: 100 };
+  expect(pointSize(5_000_000, view)).toBeCloseTo(0.05, 2);
+  expect(pointSize(600, view)).toBeGreaterThan(1);
+  expect(pointSize(1, { ...view, radius: 2 })).toBe(0.05);
+});
+
+test("more points are asked for once, piece by piece, and can be met", async () => {
+  const cloud = { count: 5, min: [0, 0, 0] as [number, number, number], size: [1, 1, 1] as [number, number, number], points: Uint16Array.of(0, 0, 0, 0, 0, 0, 65535, 0) };
+  const view = { row: [0, 1], low: 0, high: 1, radius: 1 } as unknown as SurveyData["view"];
+  const asked: number[] = [];
+  const drawn: unknown[] = [];
+  const more = async (piece: number): Promise<Uint16Array> => (asked.push(piece), Uint16Array.of(65535, 65535, 32768, 0));
+  const points = new PointCloud(cloud, view, more, (piece) => drawn.push(piece));
+  await Promise.all([points.load(), points.load()]);
+  expect([asked, drawn.length, points.later.length]).toEqual([[1, 2], 2, 2]);
+  const at = new three.Vector3(1, 1, 0.5);
+  const ray = new three.Ray(new three.Vector3(0.5, -3, 0.5), at.clone().sub(new three.Vector3(0.5, -3, 0.5)).normalize());
+  expect(points.hit(ray, 0.01)!.distanceTo(at)).toBeLessThan(1e-4);
+  points.clip([new three.Plane(new three.Vector3(0, 0, 1), -0.6)]);
+  expect(points.hit(ray, 0.01)).toBeNull();
 });

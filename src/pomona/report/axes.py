@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, checked
 from pomona.report.data import ReportData
+
+# So many sightings say from which side most were made.
+_DIRECTIONS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +44,21 @@ def row_axes(data: ReportData) -> RowAxes:
 
 
 def scene_points(data: ReportData) -> FloatArray:
-    """Return points (n ≥ 1, 3) of what was photographed: fruit points, else all points, else cameras, else zero."""
-    cloud = data.cloud
-    finite = np.isfinite(cloud.points_in_world).all(axis=1)
-    for points in (
-        data.fruits.centers_in_world,
-        cloud.points_in_world[finite & (cloud.fruit_id > 0)],
-        cloud.points_in_world[finite],
-        data.cameras.points_in_world,
-        data.cameras.centers_in_world,
-    ):
+    """Return points (n ≥ 1, 3) of what was photographed: fruits, else fruit points, all points, cameras, or zero."""
+    for points in _places(data):
         kept: FloatArray = points[np.isfinite(points).all(axis=1)]
         if len(kept):
             return kept
     return np.zeros((1, 3))
+
+
+def _places(data: ReportData) -> Iterator[FloatArray]:
+    cloud = data.cloud
+    yield data.fruits.centers_in_world
+    yield cloud.points_in_world[cloud.fruit_id > 0]
+    yield cloud.points_in_world
+    yield data.cameras.points_in_world
+    yield data.cameras.centers_in_world
 
 
 def seen_from(data: ReportData, axes: RowAxes) -> FloatArray:
@@ -61,31 +66,31 @@ def seen_from(data: ReportData, axes: RowAxes) -> FloatArray:
 
     It is where the cameras were, also of a video that moves towards a tree, or around it.
     """
-    fruit, camera = sightings_idx(data)
+    _, fruit, camera = sightings_idx(data)
     if not len(fruit):
         return axes.toward
     to_camera = data.cameras.centers_in_world[camera] - data.fruits.centers_in_world[fruit]
     to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1, keepdims=True), 1e-9)
     # Of opposite sides, the one of most sightings: directions within a right angle of the one that most are near.
-    near = (to_camera[:: max(1, len(to_camera) // 500)] @ to_camera.T > 0.5).sum(axis=1)
-    best = to_camera[:: max(1, len(to_camera) // 500)][np.argmax(near)]
+    some = to_camera[:: max(1, len(to_camera) // _DIRECTIONS)]
+    best = some[np.argmax((some @ some.T > 0.5).sum(axis=1))]
     mean: FloatArray = to_camera[to_camera @ best > 0].mean(axis=0)
     # Hardly from above: fruits hide each other then, and the ground plan has a button of its own.
     mean[2] = np.clip(mean[2], -0.2, 0.5)
     return mean / np.linalg.norm(mean)
 
 
-def sightings_idx(data: ReportData) -> tuple[IntArray, IntArray]:
-    """Return indices (k,) of fruits and of the cameras that saw them."""
-    fruit_idx = {int(fruit_id): i for i, fruit_id in enumerate(data.fruits.ids)}
+def sightings_idx(data: ReportData) -> tuple[IntArray, IntArray, IntArray]:
+    """Return indices (k,) of observations, of their fruits and of the cameras that saw them; only what is known."""
+    ids, seen = data.fruits.ids, data.observations
     photo_idx = {name: k for k, name in enumerate(data.cameras.photos)}
-    pairs = [
-        (fruit_idx[fruit_id], photo_idx[photo])
-        for fruit_id, photo in zip(data.observations.fruit_id.tolist(), data.observations.photo, strict=True)
-        if fruit_id in fruit_idx and photo in photo_idx
-    ]
-    table = np.array(pairs, np.int64).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+    camera = np.array([photo_idx.get(photo, -1) for photo in seen.photo], np.int64)
+    order = np.argsort(ids)
+    place = np.searchsorted(ids[order], seen.fruit_id)
+    known = np.zeros(len(seen), bool)
+    known[place < len(ids)] = ids[order][place[place < len(ids)]] == seen.fruit_id[place < len(ids)]
+    rows = np.flatnonzero(known & (camera >= 0))
+    return rows, order[place[rows]], camera[rows]
 
 
 def _paths(data: ReportData) -> FloatArray:

@@ -3,24 +3,24 @@
 `python -m pomona.report.typescript` prints `viewer/src/contract.ts`; a test holds the two together. Fruits, photos and
 detections are known by their own ids and names, so that an answer of a later request can be joined to the first.
 
-Numbers in base64 are little-endian: `U8`, `U16`, `U32` and `F32` name their type. Positions are in the world
-frame, relative to `SurveyData.origin`; pixels are COLMAP's (the centre of the top-left pixel is (0.5, 0.5)).
+Columns of numbers (`U8`, `U16`, `U32` and `F32` name their type) travel as bytes behind the JSON (`report/columns.py`).
+Positions are in the world frame, relative to `SurveyData.origin`; pixels are COLMAP's (the centre of the top-left
+pixel is (0.5, 0.5)).
 """
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-from typing import Any, Literal, NewType
+from typing import Literal, NewType
 
 import numpy as np
 
 from pomona.arrays import Array
 
-U8 = NewType("U8", str)
-U16 = NewType("U16", str)
-U32 = NewType("U32", str)
-F32 = NewType("F32", str)
+U8 = NewType("U8", Array)
+U16 = NewType("U16", Array)
+U32 = NewType("U32", Array)
+F32 = NewType("F32", Array)
 Vector = tuple[float, float, float]
 Source = Literal["report", "folder", "server"]
 CorrectionKind = Literal["delete", "add", "split", "merge", "move", "undo", "redo"]
@@ -28,13 +28,23 @@ CorrectionKind = Literal["delete", "add", "split", "merge", "move", "undo", "red
 
 @dataclasses.dataclass(frozen=True)
 class PackedCloud:
-    """`count` points: positions (n, 3) divide the box from `min` of extent `size` in 65535 steps; colours (n, 3)."""
+    """`count` points in an order by chance, so that the first of them are an even sample of all: `points` (k, 4).
+
+    x, y and z divide the box from `min` of extent `size` in 65535 steps; the fourth number is a colour of 5, 6 and 5
+    bits. Where k is less than `count`, a server has the other points in pieces of k, the second one being piece 1.
+    """
 
     count: int
     min: Vector
     size: Vector
-    positions: U16
-    colours: U8
+    points: U16
+
+
+@dataclasses.dataclass(frozen=True)
+class PointPiece:
+    """More points of a cloud, (k, 4)."""
+
+    points: U16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +55,7 @@ class FruitColumns:
     centers: F32
     diameters: F32
     diameter_sds: F32
+    visibilities: F32
     weights: F32
     scores: F32
     views: U32
@@ -73,12 +84,13 @@ class PhotoColumns:
 
 @dataclasses.dataclass(frozen=True)
 class Sightings:
-    """k times that a photo saw a fruit: indices into fruits and photos, the detection's id, the crop around it.
+    """k times that a photo saw one of n fruits: the photo's index, the detection's id, the crop around it.
 
-    `boxes` (k, 4): x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
+    Those of fruit i are `starts[i]` to `starts[i + 1]`, the largest first; `starts` has n + 1 entries. `boxes` (k, 4):
+    x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
     """
 
-    fruits: U32
+    starts: U32
     photos: U32
     detections: U32
     boxes: F32
@@ -98,6 +110,14 @@ class DetectionColumns:
     scores: F32
     starts: U32
     points: F32
+
+
+@dataclasses.dataclass(frozen=True)
+class SeenFruit:
+    """What photos saw of one fruit, asked for when it is selected."""
+
+    sightings: Sightings
+    detections: DetectionColumns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,17 +233,19 @@ class CorrectionAnswer:
 class SightLines:
     """Where other photos may show what was clicked in one: n photos, the best suited first, and a line in each.
 
-    Line i is points `starts[i]` to `starts[i + 1]` of `points` (m, 2), pixels.
+    `lines[i]` are x and y of each of its points in turn, in pixels.
     """
 
     photos: list[int]
-    starts: U32
-    points: F32
+    lines: list[list[float]]
 
 
 @dataclasses.dataclass(frozen=True)
 class SurveyData:
-    """All that the view shows at once. `source` says where photos come from: none in a report, files, or a server."""
+    """All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
+
+    `sightings` and `detections` are null where a server is asked for them, by fruit and by photo.
+    """
 
     source: Source
     photos_note: str
@@ -235,24 +257,17 @@ class SurveyData:
     fruit_points: PackedCloud
     fruits: FruitColumns
     photos: PhotoColumns
-    sightings: Sightings
-    detections: DetectionColumns
+    sightings: Sightings | None
+    detections: DetectionColumns | None
     trees: TreePlaces
     view: ViewHints
     truth: TruthData | None
     corrections: CorrectionState | None
 
 
-def packed(values: Array, dtype: str) -> str:
-    """Return numbers as base64 of little-endian `dtype`: "u1", "<u2", "<u4" or "<f4"."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode("ascii")
-
-
-def to_json(value: Any) -> Any:
-    """Return a contract's dataclass as JSON values, names in camelCase."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {camel_case(field.name): to_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    return [to_json(item) for item in value] if isinstance(value, list | tuple) else value
+def packed(values: Array, dtype: str) -> Array:
+    """Return numbers as a column of little-endian `dtype`: "u1", "<u2", "<u4" or "<f4"."""
+    return np.ascontiguousarray(values, dtype=dtype)
 
 
 def camel_case(name: str) -> str:

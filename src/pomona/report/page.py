@@ -11,13 +11,17 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
+import numpy as np
+
+from pomona.report.axes import sightings_idx
+from pomona.report.columns import as_base64
 from pomona.report.contract import Source, SurveyData
 from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
 from pomona.report.plots import plots
-from pomona.report.scene import SceneOptions, as_script, survey_data
+from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns
-from pomona.report.tables import fruits_table, photos_table, trees_table
+from pomona.report.tables import photos_table, trees_table
 from pomona.report.totals import notices, stage_times, totals
 
 _ROOM = files("pomona.report")
@@ -70,13 +74,13 @@ def page_html(data: ReportData, values: SurveyData, *, data_url: str = "") -> st
         notices=notices(data),
         colour_choices=_colour_choices(data),
         view_note=escape(_view_note(data, values)),
-        table=fruits_table(data),
+        left_out=escape(_left_out(data, values)),
         plots=plots(data),
         trees=trees_table(data),
         stages=stage_times(data),
         photos=photos_table(data),
         data_url=f' data-url="{escape(data_url)}"' if data_url else "",
-        payload="" if data_url else as_script(values),
+        payload="" if data_url else as_base64(values),
         footer=escape(f"Made by Pomona {data.version}".strip() + ". " + _FOOTERS[source]),
     )
 
@@ -143,3 +147,25 @@ def _view_note(data: ReportData, values: SurveyData) -> str:
     shown, total = values.scene.count + values.fruit_points.count, len(data.cloud)
     points = f"{shown:,} of {total:,} points" if shown < total else f"{total:,} points"
     return f"{points} · grid {values.view.grid:g} {values.unit}"
+
+
+def _left_out(data: ReportData, values: SurveyData) -> str:
+    """What a page that carries its data has less than there is; nothing where it has all, or asks a server."""
+    seen = values.sightings
+    if seen is None:
+        return ""
+    parts = []
+    shown, total = values.scene.count + values.fruit_points.count, len(data.cloud)
+    if shown < 0.99 * total:  # the others lie far outside
+        parts.append(f"{shown:,} of {total:,} points")
+    counts = np.diff(seen.starts.astype(np.int64))
+    known = len(sightings_idx(data)[0])
+    if counts.sum() < known:
+        parts.append(f"at most {counts.max()} of the photos that saw each fruit")
+    of_fruit = np.repeat(np.arange(len(counts)), counts)
+    with_crop = len(np.unique(of_fruit[[crop != "" for crop in seen.crops]])) if seen.crops else 0
+    if values.source == "report" and 0 < with_crop < len(counts):
+        parts.append(f"crops of photos of {with_crop:,} of {len(counts):,} fruits")
+    if not parts:
+        return ""
+    return f"This file is kept small: it has {', '.join(parts)}. The command pomona view SURVEY shows all."

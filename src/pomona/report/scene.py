@@ -1,26 +1,20 @@
-"""The data of the view: positions in 16 bits, everything else in base64, bounded in size."""
+"""The data of the view: fruits, photos, points and where to look, bounded in size where a page has to carry them."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from pomona.arrays import Array, BoolArray, FloatArray
+from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
-from pomona.fruits import FruitCloud
 from pomona.report.axes import RowAxes, row_axes, scene_points, seen_from, sightings_idx
 from pomona.report.contract import (
     F32,
-    U8,
-    U16,
     U32,
     CorrectionState,
     DetectionColumns,
     FruitColumns,
-    PackedCloud,
     PhotoColumns,
     Source,
     SurveyData,
@@ -29,14 +23,17 @@ from pomona.report.contract import (
     Vector,
     ViewHints,
     packed,
-    to_json,
 )
 from pomona.report.data import ReportData
-from pomona.report.seen import detection_columns, sightings
+from pomona.report.points import Box, packed_cloud, sampled, shown_box
+from pomona.report.seen import sightings
 
-# 12 bytes a point in base64: 9.6 MB for the points, and little for the rest.
 MAX_POINTS = 600_000
-_STEPS = 65535
+"""Points that a report carries: 6.4 MB as text."""
+MAX_SIGHTINGS = 300_000
+"""Times that a photo saw a fruit, of which a report or folder tells: 9.6 MB as text."""
+# So many points say how high the ground is.
+_HEIGHTS = 500_000
 _GRIDS = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
@@ -44,31 +41,21 @@ _GRIDS = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 class SceneOptions:
     """What beside the geometry goes into the data, and where the page finds the rest.
 
-    `crops` are JPEGs in base64 by detection id; `files` names of resized photos by photo; `detections` are outlines.
+    A server is asked for sightings and detections; other pages carry them. `crops` are JPEGs in base64 by detection
+    id; `files` names of resized photos by photo; `detections` are outlines. `max_points` None: all of them.
     `corrections` are what a person changed, where more can be changed. `photos_note` is told where a photo would be
     shown that is not there.
     """
 
     source: Source = "report"
-    max_points: int = MAX_POINTS
+    max_points: int | None = MAX_POINTS
+    max_sightings: int = MAX_SIGHTINGS
     crops: dict[int, str] | None = None
     files: dict[str, str] | None = None
     detections: DetectionColumns | None = None
     truth: TruthData | None = None
     corrections: CorrectionState | None = None
     photos_note: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class _Box:
-    """What the view shows: points outside are strays of the reconstruction, or far background."""
-
-    low: FloatArray
-    high: FloatArray
-
-    def contains(self, points: FloatArray) -> BoolArray:
-        inside: BoolArray = ((points >= self.low) & (points <= self.high)).all(axis=1)
-        return inside
 
 
 def origin_of(data: ReportData) -> FloatArray:
@@ -84,8 +71,8 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
     """
     options = options or SceneOptions()
     axes, middle = row_axes(data), origin_of(data)
-    box = _shown(data, middle)
-    scene, fruit = _sampled(data.cloud, box, options.max_points)
+    box = shown_box(data, middle)
+    scene, fruit = sampled(data.cloud, box, options.max_points)
     hints = _view(data, axes, middle, box)
     return SurveyData(
         source=options.source,
@@ -94,12 +81,14 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
         unit="m" if data.cameras.frame.metric else "units",
         metric=data.cameras.frame.metric,
         origin=_vector(middle),
-        scene=_packed_cloud(data.cloud, scene, middle),
-        fruit_points=_packed_cloud(data.cloud, fruit, middle),
+        scene=packed_cloud(data.cloud, scene, middle),
+        fruit_points=packed_cloud(data.cloud, fruit, middle),
         fruits=_fruits(data, middle),
         photos=_photos(data, middle, options.files or {}),
-        sightings=sightings(data, options.crops or {}),
-        detections=options.detections or detection_columns(data, only=()),
+        sightings=None
+        if options.source == "server"
+        else sightings(data, crops=options.crops or {}, most=options.max_sightings),
+        detections=options.detections,
         trees=_trees(data, middle, hints.ground),
         view=hints,
         truth=options.truth,
@@ -107,55 +96,9 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
     )
 
 
-def as_script(values: SurveyData) -> str:
-    """Return JSON that can stand in a script element: no `<` that could end it, whatever the names of files are."""
-    return as_json(values).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def as_json(values: Any) -> str:
-    """Return a contract's dataclass as JSON."""
-    return json.dumps(to_json(values), separators=(",", ":"), allow_nan=False)
-
-
 def _vector(values: FloatArray) -> Vector:
     x, y, z = (float(v) for v in values)
     return x, y, z
-
-
-def _shown(data: ReportData, middle: FloatArray) -> _Box:
-    """The box of the fruits and cameras, widened by half its size: the tree is in it, the far background is not."""
-    core = np.concatenate([scene_points(data), data.cameras.centers_in_world])
-    core = core[np.isfinite(core).all(axis=1)]
-    low, high = np.percentile(core, 0.5, axis=0), np.percentile(core, 99.5, axis=0)
-    margin = 0.5 * max(float((high - low).max()), 1e-6)
-    return _Box(np.minimum(low - margin, middle - margin), np.maximum(high + margin, middle + margin))
-
-
-def _sampled(cloud: FruitCloud, box: _Box, max_points: int) -> tuple[Array, Array]:
-    """Indices of the scene's and of the fruits' points to show; each has at least half of the room if it needs it."""
-    shown = np.isfinite(cloud.points_in_world).all(axis=1) & box.contains(cloud.points_in_world)
-    scene, fruit = np.flatnonzero(shown & (cloud.fruit_id == 0)), np.flatnonzero(shown & (cloud.fruit_id > 0))
-    room_for_scene = max(max_points // 2, max_points - len(fruit))
-    rng = np.random.default_rng(0)
-    if len(scene) > room_for_scene:
-        scene = np.sort(rng.choice(scene, room_for_scene, replace=False))
-    room_for_fruit = max_points - len(scene)
-    if len(fruit) > room_for_fruit:
-        fruit = np.sort(rng.choice(fruit, room_for_fruit, replace=False))
-    return scene, fruit
-
-
-def _packed_cloud(cloud: FruitCloud, idx: Array, middle: FloatArray) -> PackedCloud:
-    points = cloud.points_in_world[idx] - middle
-    low = points.min(axis=0) if len(points) else np.zeros(3)
-    size = np.maximum(points.max(axis=0) - low, 1e-6) if len(points) else np.ones(3)
-    return PackedCloud(
-        count=len(points),
-        min=_vector(low),
-        size=_vector(size),
-        positions=U16(packed(np.round((points - low) / size * _STEPS), "<u2")),
-        colours=U8(packed(cloud.rgb[idx], "u1")),
-    )
 
 
 def _fruits(data: ReportData, middle: FloatArray) -> FruitColumns:
@@ -165,6 +108,7 @@ def _fruits(data: ReportData, middle: FloatArray) -> FruitColumns:
         centers=F32(packed(fruits.centers_in_world - middle, "<f4")),
         diameters=F32(packed(fruits.diameters_m, "<f4")),
         diameter_sds=F32(packed(fruits.diameter_sds_m, "<f4")),
+        visibilities=F32(packed(fruits.visibilities, "<f4")),
         weights=F32(packed(fruits.weights_g, "<f4")),
         scores=F32(packed(fruits.scores, "<f4")),
         views=U32(packed(fruits.views, "<u4")),
@@ -179,7 +123,7 @@ def _frustum_depth(data: ReportData, middle: FloatArray) -> float:
     centers = data.cameras.centers_in_world
     if not len(centers):
         return 0.1
-    fruit, camera = sightings_idx(data)
+    _, fruit, camera = sightings_idx(data)
     from_camera = data.fruits.centers_in_world[fruit] - centers[camera] if len(fruit) else middle - centers
     return float(np.median(np.linalg.norm(from_camera, axis=1))) / 20
 
@@ -223,12 +167,13 @@ def _trees(data: ReportData, middle: FloatArray, ground: float) -> TreePlaces:
     return TreePlaces(ids=ids, places=F32(packed(places, "<f4")))
 
 
-def _view(data: ReportData, axes: RowAxes, middle: FloatArray, box: _Box) -> ViewHints:
+def _view(data: ReportData, axes: RowAxes, middle: FloatArray, box: Box) -> ViewHints:
     points = scene_points(data)
     radius = float(np.percentile(np.linalg.norm(points - middle, axis=1), 98))
     if not radius > 0:
         radius = max(float(np.linalg.norm(box.high - box.low)) / 4, 1e-3)
-    inside = data.cloud.points_in_world[box.contains(data.cloud.points_in_world)]
+    some = data.cloud.points_in_world[:: max(1, len(data.cloud) // _HEIGHTS)]
+    inside = some[box.contains(some)]
     ground = float(np.percentile(inside[:, 2], 1)) if len(inside) else float(points[:, 2].min())
     along = axes.along_row(points - middle)
     heights = np.concatenate([inside[:, 2], points[:, 2]]) - middle[2]

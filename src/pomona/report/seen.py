@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import cv2
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, IntArray
 from pomona.detections import Mask
+from pomona.report.axes import sightings_idx
 from pomona.report.contract import F32, U32, DetectionColumns, Sightings, packed
 from pomona.report.data import ReportData
 
-MAX_SIGHTINGS = 200_000
 Box = tuple[float, float, float, float]
 """Four numbers in pixels: edges x0, y0, x1, y1 of a detection, or x, y, width, height of a crop."""
 # How much larger than the detection a crop is.
@@ -22,45 +22,84 @@ _LEAST_CROP_PX = 24.0
 _OUTLINE_OFF_PX = 0.6
 
 
-def sightings(data: ReportData, crops: Mapping[int, str]) -> Sightings:
-    """Return which photos saw which fruit; the largest detection of each fruit comes first."""
-    fruit_idx = {int(fruit_id): i for i, fruit_id in enumerate(data.fruits.ids)}
-    photo_idx = {name: i for i, name in enumerate(data.cameras.photos)}
-    boxes, usual = boxes_by_id(data), _usual_crop_px(data)
-    rows = []
-    for fruit_id, photo, detection_id, (x, y) in each_observation(data):
-        if fruit_id in fruit_idx and photo in photo_idx:
-            box = boxes.get(detection_id)
-            crop = crop_box(box) if box else (x - usual / 2, y - usual / 2, usual, usual)
-            rows.append((fruit_idx[fruit_id], photo_idx[photo], detection_id, *crop))
-    rows.sort(key=lambda row: (row[0], -row[5], row[1]))
-    table = np.array(rows[:MAX_SIGHTINGS], float).reshape(-1, 7)
+def sightings(data: ReportData, *, crops: Mapping[int, str], most: int) -> Sightings:
+    """Return which photos saw which fruit: the largest ones of each, as many as make at most `most` together."""
+    rows, fruits, photos = sightings_idx(data)
+    boxes = _crops_px(data, rows, photos, boxes_by_id(data))
+    order = np.lexsort((photos, -boxes[:, 2], fruits))
+    rows, fruits, photos, boxes = rows[order], fruits[order], photos[order], boxes[order]
+    counts = np.bincount(fruits, minlength=len(data.fruits))
+    rank = np.arange(len(fruits)) - np.repeat(np.cumsum(counts) - counts, counts)
+    each = kept_of_each(counts, most)
+    kept = rank < each
+    return _columns(data, rows[kept], np.minimum(counts, each), photos[kept], boxes[kept], crops)
+
+
+def sightings_of(data: ReportData, fruit_id: int) -> Sightings:
+    """Return which photos saw one fruit, the largest detection first."""
+    rows, fruits, photos = sightings_idx(data)
+    mine = data.fruits.ids[fruits] == fruit_id
+    rows, photos = rows[mine], photos[mine]
+    boxes = _crops_px(data, rows, photos, boxes_by_id(data, {data.cameras.photos[k] for k in photos}))
+    order = np.lexsort((photos, -boxes[:, 2]))
+    return _columns(data, rows[order], np.array([len(rows)]), photos[order], boxes[order], {})
+
+
+def kept_of_each(counts: IntArray, most: int) -> int:
+    """Return how many sightings of each fruit are kept so that at most `most` are (but one of each in any case)."""
+    kept = int(counts.max(initial=1))
+    while kept > 1 and int(np.minimum(counts, kept).sum()) > most:
+        kept -= 1
+    return kept
+
+
+def _crops_px(data: ReportData, rows: IntArray, photos: IntArray, boxes: Mapping[int, Box]) -> FloatArray:
+    """The crops (k, 4) around observations; where the detection is not known, a twelfth of the photo."""
+    xy, ids = data.observations.xy_px[rows].tolist(), data.observations.detection_id[rows].tolist()
+    sides = [data.cameras.intrinsics_of(int(k)).width_px / 24 for k in photos]
+    edges = [
+        boxes.get(id_) or (x - side / 2, y - side / 2, x + side / 2, y + side / 2)
+        for id_, (x, y), side in zip(ids, xy, sides, strict=True)
+    ]
+    return crop_boxes(np.array(edges, float).reshape(-1, 4))
+
+
+def _columns(
+    data: ReportData, rows: IntArray, counts: IntArray, photos: IntArray, boxes: FloatArray, crops: Mapping[int, str]
+) -> Sightings:
+    detections = data.observations.detection_id[rows]
     return Sightings(
-        fruits=U32(packed(table[:, 0], "<u4")),
-        photos=U32(packed(table[:, 1], "<u4")),
-        detections=U32(packed(table[:, 2], "<u4")),
-        boxes=F32(packed(table[:, 3:], "<f4")),
-        crops=[crops.get(int(detection), "") for detection in table[:, 2]] if crops else [],
+        starts=U32(packed(np.concatenate([[0], np.cumsum(counts)]), "<u4")),
+        photos=U32(packed(photos, "<u4")),
+        detections=U32(packed(detections, "<u4")),
+        boxes=F32(packed(boxes, "<f4")),
+        crops=[crops.get(id_, "") for id_ in detections.tolist()] if crops else [],
     )
 
 
-def crop_box(box_px: Box) -> Box:
-    """Return x, y, width and height of the square crop around a detection with edges x0, y0, x1, y1."""
-    x0, y0, x1, y1 = box_px
-    side = float(np.ceil(max(_AROUND * max(x1 - x0, y1 - y0), _LEAST_CROP_PX)))
-    return float(np.floor((x0 + x1 - side) / 2)), float(np.floor((y0 + y1 - side) / 2)), side, side
+def crop_boxes(edges_px: FloatArray) -> FloatArray:
+    """Return x, y, width and height (k, 4) of square crops around detections with edges x0, y0, x1, y1 (k, 4)."""
+    x0, y0, x1, y1 = edges_px.T
+    side = np.ceil(np.maximum(_AROUND * np.maximum(x1 - x0, y1 - y0), _LEAST_CROP_PX))
+    return np.stack([np.floor((x0 + x1 - side) / 2), np.floor((y0 + y1 - side) / 2), side, side], axis=1)
+
+
+def crop_box(edges_px: Box) -> Box:
+    """Return x, y, width and height of the square crop around one detection."""
+    x, y, width, height = crop_boxes(np.array([edges_px], float))[0].tolist()
+    return x, y, width, height
 
 
 def detection_columns(
-    data: ReportData, *, only: Iterable[int] | None = None, photo: str | None = None
+    data: ReportData, *, only: Collection[int] | None = None, photos: Collection[str] | None = None
 ) -> DetectionColumns:
-    """Return detections of the photos that have a place, with outlines; `only` some ids, or those of one photo."""
+    """Return detections of photos that have a place, with outlines; `only` some ids, or those of some photos."""
     kept = None if only is None else set(only)
     fruit_of = dict(zip(data.observations.detection_id.tolist(), data.observations.fruit_id.tolist(), strict=True))
     rows: list[tuple[int, int, int, float]] = []
     outlines: list[FloatArray] = []
     for k, name in enumerate(data.cameras.photos):
-        found = data.masks.get(name) if data.masks is not None and photo in (None, name) else None
+        found = data.masks.get(name) if data.masks is not None and (photos is None or name in photos) else None
         if found is None:
             continue
         for mask, score, id_ in zip(found.masks, found.scores.tolist(), found.ids.tolist(), strict=True):
@@ -95,17 +134,13 @@ def each_observation(data: ReportData) -> Iterable[tuple[int, str, int, tuple[fl
     return zip(seen.fruit_id.tolist(), seen.photo, seen.detection_id.tolist(), places, strict=True)
 
 
-def boxes_by_id(data: ReportData) -> dict[int, Box]:
-    """Return the edges x0, y0, x1, y1 of each detection's mask by its id."""
-    found = data.masks.values() if data.masks is not None else ()
+def boxes_by_id(data: ReportData, photos: Collection[str] | None = None) -> dict[int, Box]:
+    """Return the edges x0, y0, x1, y1 of each detection's mask by its id, of all photos or of some."""
+    if data.masks is None:
+        return {}
     return {
         id_: (float(x0), float(y0), float(x1), float(y1))
-        for of_photo in found
-        for id_, (x0, y0, x1, y1) in zip(of_photo.ids.tolist(), (m.box_px for m in of_photo.masks), strict=True)
+        for name in (data.masks if photos is None else photos)
+        if (found := data.masks.get(name)) is not None
+        for id_, (x0, y0, x1, y1) in zip(found.ids.tolist(), (m.box_px for m in found.masks), strict=True)
     }
-
-
-def _usual_crop_px(data: ReportData) -> float:
-    """The side of a crop where the detection is not known: a twelfth of the photo."""
-    widths = [lens.width_px for lens in data.cameras.intrinsics]
-    return float(np.median(widths)) / 12 if widths else 64.0

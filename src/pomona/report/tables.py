@@ -1,98 +1,13 @@
-"""The report's tables as HTML: fruits (sorted by the viewer's script), trees, photos that were lost."""
+"""The report's tables as HTML: trees, photos that were lost. The viewer's script makes the table of fruits."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
 
-from pomona.fruits import Fruits
 from pomona.report.data import ReportData
-
-
-@dataclass(frozen=True)
-class _Column:
-    """A heading, its unit, and the text of each fruit's cell ("" where it was not measured)."""
-
-    label: str
-    unit: str
-    cell: Callable[[int], str]
-    numeric: bool = True
-
-
-def fruits_table(data: ReportData) -> str:
-    """Return the table of fruits, one row each, or a line that says there are none."""
-    fruits = data.fruits
-    if not len(fruits):
-        return (
-            '<p class="empty">No fruit was found in these photos.</p>'
-            '<table id="fruits" hidden><thead><tr></tr></thead><tbody></tbody></table>'
-        )
-    columns = _columns(data)
-    head = "".join(_heading(column) for column in columns)
-    rows = "".join(_row(fruits, columns, i) for i in range(len(fruits)))
-    table = f'<table id="fruits"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="Table of fruits">{table}</div>'
-
-
-def _columns(data: ReportData) -> list[_Column]:
-    """Those columns that have anything to tell."""
-    fruits = data.fruits
-    length, size, factor = ("m", "mm", 1000.0) if data.cameras.frame.metric else ("", "", 1.0)
-    digits = 1 if data.cameras.frame.metric else 4
-    columns = [_Column("id", "", lambda i: str(fruits.ids[i]))]
-    columns += [_Column(name, length, partial(_coordinate, fruits, axis)) for axis, name in enumerate("xyz")]
-    columns.append(_Column("diameter", size, lambda i: _number(fruits.diameters_m[i] * factor, digits)))
-    if np.isfinite(fruits.diameter_sds_m).any():
-        columns.append(_Column("±", size, lambda i: _number(fruits.diameter_sds_m[i] * factor, digits)))
-    columns.append(_Column("score", "", lambda i: _number(fruits.scores[i], 2)))
-    columns.append(_Column("photos", "", lambda i: str(fruits.views[i])))
-    if np.isfinite(fruits.visibilities).any():
-        columns.append(_Column("visible", "", lambda i: _number(fruits.visibilities[i], 2)))
-    if np.isfinite(fruits.weights_g).any():
-        columns.append(_Column("weight", "g", lambda i: _number(fruits.weights_g[i], 0)))
-    if fruits.tree_ids.any():
-        columns.append(_Column("tree", "", lambda i: str(fruits.tree_ids[i] or "")))
-    if any(fruits.sides):
-        columns.append(_Column("side", "", lambda i: fruits.sides[i], numeric=False))
-    if any(fruits.reasons):
-        columns.append(_Column("not measured because", "", lambda i: fruits.reasons[i], numeric=False))
-    return columns
-
-
-def _heading(column: _Column) -> str:
-    unit = f" <small>{column.unit}</small>" if column.unit else ""
-    label = escape(f"{column.label}, {column.unit}" if column.unit else column.label)
-    kind = "number" if column.numeric else "text"
-    button = f'<button type="button">{escape(column.label)}{unit}</button>'
-    return f'<th scope="col" data-kind="{kind}" data-label="{label}">{button}</th>'
-
-
-def _row(fruits: Fruits, columns: Sequence[_Column], i: int) -> str:
-    cells = []
-    for column in columns:
-        text = column.cell(i)
-        if column.label == "id":
-            # A button, so that keyboards and screen readers reach the fruit; the script makes one of them a tab stop.
-            cells.append(f'<td><button type="button" tabindex="-1" aria-label="Fruit {text}">{text}</button></td>')
-        elif column.numeric:
-            missing = f'<td class="none" title="{escape(fruits.reasons[i] or "not measured")}">–</td>'
-            cells.append(f"<td>{text}</td>" if text else missing)
-        else:
-            cells.append(f'<td class="text{" wide" if len(text) > 20 else ""}">{escape(text)}</td>')
-    return f'<tr data-id="{fruits.ids[i]}">{"".join(cells)}</tr>'
-
-
-def _coordinate(fruits: Fruits, axis: int, i: int) -> str:
-    return _number(float(fruits.centers_in_world[i, axis]), 3)
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 
 def trees_table(data: ReportData) -> str:

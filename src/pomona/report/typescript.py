@@ -21,7 +21,9 @@ from pomona.report.contract import (
     PackedCloud,
     PhotoColumns,
     PhotoMark,
+    PointPiece,
     Rates,
+    SeenFruit,
     Sightings,
     SightLines,
     Source,
@@ -33,9 +35,10 @@ from pomona.report.contract import (
 )  # fmt: skip
 
 _INTERFACES = (
-    PackedCloud, FruitColumns, PhotoColumns, Sightings, DetectionColumns, TreePlaces, Rates, TruthData, ViewHints,
-    CorrectionState, PhotoMark, CorrectionRequest, CorrectionAnswer, SightLines, SurveyData,
+    PackedCloud, PointPiece, FruitColumns, PhotoColumns, Sightings, DetectionColumns, SeenFruit, TreePlaces, Rates,
+    TruthData, ViewHints, CorrectionState, PhotoMark, CorrectionRequest, CorrectionAnswer, SightLines, SurveyData,
 )  # fmt: skip
+_COLUMNS = {U8: "Uint8Array", U16: "Uint16Array", U32: "Uint32Array", F32: "Float32Array"}
 _CHOICES = {"Source": Source, "CorrectionKind": CorrectionKind}
 _PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", type(None): "null"}
 
@@ -43,9 +46,7 @@ _PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", type(N
 def typescript() -> str:
     """Return the contract as a TypeScript module."""
     lines = ["/** What Python tells the viewer. Written by `python -m pomona.report.typescript`; do not edit. */", ""]
-    lines += [
-        f"/** Base64 of little-endian numbers. */\nexport type {t.__name__} = string;" for t in (U8, U16, U32, F32)
-    ]
+    lines += [f"export type {column.__name__} = {array};" for column, array in _COLUMNS.items()]
     for name, choices in _CHOICES.items():
         lines += [f"export type {name} = {' | '.join(repr(s) for s in get_args(choices))};".replace("'", '"')]
     lines.append("")

@@ -22,6 +22,8 @@ _PHOTOS = "photos"
 _FRUIT_PX = 48.0
 _LEAST_SIDE_PX, _GREATEST_SIDE_PX = 1280, 3200
 _QUALITY = 82
+# Points that the page carries: 21 MB as text.
+_POINTS = 2_000_000
 
 
 def export_folder(
@@ -42,6 +44,7 @@ def export_folder(
         files = _write_photos(data, folder, progress)
         options = SceneOptions(
             source="folder",
+            max_points=_POINTS,
             files=files,
             detections=detection_columns(data),
             truth=truth,

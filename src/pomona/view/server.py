@@ -5,27 +5,30 @@ Addresses hold indices and ids, never names of files, so that nothing but the su
 
 from __future__ import annotations
 
-import gzip
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+import numpy as np
+
 from pomona.errors import PomonaError
-from pomona.report.contract import SurveyData, TruthData
+from pomona.report.columns import as_bytes
+from pomona.report.contract import U16, PackedCloud, PointPiece, SeenFruit, SurveyData, TruthData
 from pomona.report.data import ReportData
 from pomona.report.page import note_of, page_html, policy
-from pomona.report.scene import SceneOptions, as_json, survey_data
-from pomona.report.seen import detection_columns
+from pomona.report.scene import SceneOptions, survey_data
+from pomona.report.seen import detection_columns, sightings_of
 from pomona.view.pictures import SIDES_PX, Pictures
 
 HOST = "127.0.0.1"
-_DATA_URL = "data/survey.json"
-_JSON, _HTML, _JPEG = "application/json; charset=utf-8", "text/html; charset=utf-8", "image/jpeg"
-_LEAST_ZIPPED = 2000
+PIECE_POINTS = 250_000
+"""So many points of a cloud are sent at once; the first ones with the survey's other data."""
+_DATA_URL = "data/survey.bin"
+_COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html; charset=utf-8", "image/jpeg"
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><circle cx="8" cy="9" r="6" fill="#b8322a"/>'
     '<path d="M8 4q0-3 3-3" fill="none" stroke="#4f7d5a" stroke-width="1.6"/></svg>'
@@ -50,8 +53,10 @@ class Site:
         self._routes: tuple[tuple[re.Pattern[str], Callable[..., Answer | None]], ...] = (
             (re.compile(r"/"), self._page),
             (re.compile(rf"/{re.escape(_DATA_URL)}"), self._survey),
-            (re.compile(r"/data/photos/(\d{1,7})\.json"), self._photo_detections),
-            (re.compile(r"/data/fruits/(\d{1,9})\.json"), self._fruit_detections),
+            (re.compile(r"/data/photos/(\d{1,7})\.bin"), self._photo_detections),
+            (re.compile(r"/data/fruits/(\d{1,9})\.bin"), self._fruit),
+            (re.compile(r"/data/points/scene/(\d{1,5})\.bin"), lambda k: self._points(self._whole.scene, k)),
+            (re.compile(r"/data/points/fruit/(\d{1,5})\.bin"), lambda k: self._points(self._whole.fruit_points, k)),
             (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
             (re.compile(r"/straight/(\d{1,7})/(\d{1,5})\.jpg"), partial(self._photo, straight=True)),
             (re.compile(r"/crops/(\d{1,9})\.jpg"), self._crop),
@@ -70,14 +75,19 @@ class Site:
         return None
 
     @cached_property
-    def values(self) -> SurveyData:
-        """The survey's data, without photos, crops and outlines, which are asked for when they are needed."""
+    def _whole(self) -> SurveyData:
+        """The survey's data with all points."""
         names = self._data.cameras.photos
         files = {name: f"photos/{i}" for i, name in enumerate(names) if self._pictures.has_photo(i)}
-        return survey_data(
-            self._data,
-            SceneOptions(source="server", files=files, truth=self._truth, photos_note=note_of("server")),
-        )
+        note = note_of("server")
+        options = SceneOptions(source="server", max_points=None, files=files, truth=self._truth, photos_note=note)
+        return survey_data(self._data, options)
+
+    @cached_property
+    def values(self) -> SurveyData:
+        """The survey's data with the first points; the others, and what photos saw, are asked for when needed."""
+        whole = self._whole
+        return replace(whole, scene=_first(whole.scene), fruit_points=_first(whole.fruit_points))
 
     @cached_property
     def _page_body(self) -> bytes:
@@ -85,23 +95,30 @@ class Site:
 
     @cached_property
     def _survey_body(self) -> bytes:
-        return as_json(self.values).encode("utf-8")
+        return as_bytes(self.values)
 
     def _page(self) -> Answer:
         return Answer(self._page_body, _HTML)
 
     def _survey(self) -> Answer:
-        return Answer(self._survey_body, _JSON)
+        return Answer(self._survey_body, _COLUMNS)
+
+    def _points(self, cloud: PackedCloud, piece: int) -> Answer | None:
+        points = cloud.points[piece * PIECE_POINTS : (piece + 1) * PIECE_POINTS]
+        return Answer(as_bytes(PointPiece(U16(points))), _COLUMNS) if len(points) else None
 
     def _photo_detections(self, index: int) -> Answer:
-        return self._columns(detection_columns(self._data, photo=self._data.cameras.photos[index]))
+        name = self._data.cameras.photos[index]
+        return Answer(as_bytes(detection_columns(self._data, photos=[name])), _COLUMNS)
 
-    def _fruit_detections(self, fruit_id: int) -> Answer:
+    def _fruit(self, fruit_id: int) -> Answer | None:
+        if fruit_id not in self._data.fruits.ids:
+            return None
         seen = self._data.observations
-        return self._columns(detection_columns(self._data, only=seen.detection_id[seen.fruit_id == fruit_id].tolist()))
-
-    def _columns(self, columns: Any) -> Answer:
-        return Answer(as_json(columns).encode("utf-8"), _JSON)
+        mine = np.flatnonzero(seen.fruit_id == fruit_id)
+        photos = {seen.photo[i] for i in mine}
+        detections = detection_columns(self._data, only=seen.detection_id[mine].tolist(), photos=photos)
+        return Answer(as_bytes(SeenFruit(sightings_of(self._data, fruit_id), detections)), _COLUMNS)
 
     def _photo(self, index: int, side_px: int, *, straight: bool = False) -> Answer | None:
         if side_px not in SIDES_PX:
@@ -110,6 +127,10 @@ class Site:
 
     def _crop(self, detection_id: int) -> Answer:
         return Answer(self._pictures.crop(detection_id), _JPEG)
+
+
+def _first(cloud: PackedCloud) -> PackedCloud:
+    return replace(cloud, points=U16(cloud.points[:PIECE_POINTS]))
 
 
 class ViewServer(ThreadingHTTPServer):
@@ -160,11 +181,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send(self, answer: Answer, *, body: bool) -> None:
         content = answer.body
-        zipped = "gzip" in self.headers.get("Accept-Encoding", "") and answer.kind != _JPEG
         self.send_response(HTTPStatus.OK)
-        if zipped and len(content) > _LEAST_ZIPPED:
-            content = gzip.compress(content, compresslevel=1)
-            self.send_header("Content-Encoding", "gzip")
         self.send_header("Content-Type", answer.kind)
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Content-Security-Policy", policy("server") + "; frame-ancestors 'none'")
