@@ -194,12 +194,21 @@ def test_two_sides(fakes: Fakes, tmp_path: Path) -> None:
 def test_given_cameras_need_no_reconstruction(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "first")
     shutil.copytree(tmp_path / "first" / "cameras", tmp_path / "cameras")
-    (tmp_path / "cameras" / "frame.json").unlink(missing_ok=True)
+    (tmp_path / "cameras" / "frame.json").write_text('{"scale_source": "given"}')
     summary = run([photos], tmp_path / "out", RunOptions(cameras=tmp_path / "cameras"))
-    assert fakes.calls["sfm"] == 1
+    assert (fakes.calls["sfm"], fakes.calls["scale"]) == (1, 1)
     assert summary.photos_used == 4
     assert summary.scale == "metres as in the cameras given"
-    assert any("taken to be in metres" in warning for warning in summary.warnings)
+
+
+def test_given_cameras_of_unknown_scale_are_scaled(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "first")
+    shutil.copytree(tmp_path / "first" / "cameras", tmp_path / "cameras")
+    (tmp_path / "cameras" / "frame.json").unlink()
+    summary = run([photos], tmp_path / "out", RunOptions(cameras=tmp_path / "cameras"))
+    assert (fakes.calls["sfm"], fakes.calls["scale"]) == (1, 2)
+    assert summary.scale == "metres from an assumed fruit diameter, approximate"
+    assert any("does not say that they are in metres" in warning for warning in summary.warnings)
 
 
 def test_given_cameras_of_other_photos(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

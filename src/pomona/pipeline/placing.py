@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
+from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError, ReconstructionError
-from pomona.photos import Photos
+from pomona.errors import ReconstructionError
 from pomona.pipeline.context import Context
 from pomona.pipeline.seeing import counted, trusted
 from pomona.progress import Progress
@@ -33,12 +31,15 @@ def sfm_stage(context: Context, segment: Stage[SurveyDetections]) -> Stage[Recon
 
     def key() -> Any:
         if context.options.cameras is not None:
-            return ["given", file_digest(context.options.cameras), context.photos.names]
+            from pomona.formats.cameras.recognise import find_cameras
+
+            files = find_cameras(context.options.cameras).files
+            return ["given", [file_digest(file) for file in files], context.photo_details]
         return [context.options.sfm, context.photo_details, context.photos.from_video, _fruitless(segment)]
 
     def compute(progress: Progress) -> Reconstruction:
         if context.options.cameras is not None:
-            return _given(context)
+            return _given(context, progress)
         return _reconstructed(context, progress, fruitless=_fruitless(segment))
 
     def save(reconstruction: Reconstruction) -> Mapping[str, Any]:
@@ -72,8 +73,8 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         from pomona.scale import place_in_world
 
         reconstruction = sfm.value
-        if options.cameras is not None and options.markers is None and options.scale_bar is None:
-            return _as_given(reconstruction, progress)
+        if options.cameras is not None and _is_metric(reconstruction) and not (options.markers or options.scale_bar):
+            return _as_given(reconstruction)
         if not reconstruction.pieces:  # only where there is no fruit: sfm_stage raises otherwise
             return Placed(_no_cameras())
         return place_in_world(
@@ -152,38 +153,25 @@ def _no_piece(reconstruction: Reconstruction) -> str:
     return f"None of {len(lost)} photos could be placed. {reasons}"
 
 
-def _given(context: Context) -> Reconstruction:
-    from pomona.formats.cameras.colmap import read_colmap
+def _given(context: Context, progress: Progress) -> Reconstruction:
+    from pomona.formats.cameras.recognise import read_cameras
 
     assert context.options.cameras is not None
-    cameras = _renamed(read_colmap(context.options.cameras), context.photos)
-    known = context.photos.by_name()
-    strangers = {name for name in cameras.photos if name not in known}
-    if len(strangers) == len(cameras):
-        raise InputError(
-            f"--cameras {context.options.cameras}: none of its {len(cameras)} photos is among those given: expected "
-            f"names such as {context.photos.names[0]}, found {', '.join(cameras.photos[:2]) or 'none'}"
+    progress.start("reading the cameras given")
+    given = read_cameras(context.options.cameras, context.photos)
+    for note in given.notes:
+        progress.warn(f"Cameras of {given.program}: {note}")
+    if not given.cameras.frame.metric:
+        progress.warn(
+            f"Cameras of {given.program}: the file does not say that they are in metres; markers, a scale bar, GNSS or "
+            "the fruits give the scale. If they are in metres, z up, put a file frame.json beside them that says "
+            '{"scale_source": "given"}'
         )
-    if strangers:
-        cameras = _without(cameras, strangers)
-    missing = [photo for photo in context.photos if photo.name not in cameras.photos]
+    missing = [photo for photo in context.photos if photo.name not in given.cameras.photos]
     reason, advice = "not among the cameras given", "add it to the model, or leave --cameras out"
     lost = tuple(Unregistered(photo.name, photo.side, reason, advice) for photo in missing)
     side = " and ".join(context.photos.sides)
-    return Reconstruction((Piece(side, cameras, _mean_error(cameras)),), lost)
-
-
-def _renamed(cameras: Cameras, photos: Photos) -> Cameras:
-    """Name the cameras as the survey names its photos, where only the folders before the file's name differ."""
-    known = photos.by_name()
-    by_file: dict[str, list[str]] = {}
-    for name in photos.names:
-        by_file.setdefault(PurePosixPath(name).name, []).append(name)
-    names = []
-    for name in cameras.photos:
-        fitting = by_file.get(PurePosixPath(name).name, [])
-        names.append(fitting[0] if name not in known and len(fitting) == 1 else name)
-    return replace(cameras, photos=tuple(names)) if len(set(names)) == len(names) else cameras
+    return Reconstruction((Piece(side, given.cameras, _mean_error(given.cameras)),), lost)
 
 
 def _mean_error(cameras: Cameras) -> float:
@@ -191,31 +179,13 @@ def _mean_error(cameras: Cameras) -> float:
     return float(errors.mean()) if len(errors) else float("nan")
 
 
-def _without(cameras: Cameras, strangers: set[str]) -> Cameras:
-    kept = np.array([k for k, name in enumerate(cameras.photos) if name not in strangers], np.int64)
-    new_idx = np.full(len(cameras), -1, np.int64)
-    new_idx[kept] = np.arange(len(kept))
-    tracks = new_idx[cameras.track_photo_idx] >= 0
-    return replace(
-        cameras,
-        photos=tuple(cameras.photos[k] for k in kept),
-        intrinsics_idx=cameras.intrinsics_idx[kept],
-        cam_from_world=cameras.cam_from_world[kept],
-        track_point_idx=cameras.track_point_idx[tracks],
-        track_photo_idx=new_idx[cameras.track_photo_idx[tracks]],
-        track_xy_px=cameras.track_xy_px[tracks],
-    )
+def _is_metric(reconstruction: Reconstruction) -> bool:
+    return all(piece.cameras.frame.metric for piece in reconstruction.pieces)
 
 
-def _as_given(reconstruction: Reconstruction, progress: Progress) -> Placed:
+def _as_given(reconstruction: Reconstruction) -> Placed:
     (piece,) = reconstruction.pieces
-    frame = piece.cameras.frame
-    if not frame.metric:
-        progress.warn(
-            "The cameras given are taken to be in metres, z up. If they are not, give --markers or --scale-bar as well"
-        )
-        frame = WorldFrame("given", approximate=False, up_is_known=True)
-    return Placed(replace(piece.cameras, frame=frame), (), ScaleReport(frame.scale_source))
+    return Placed(piece.cameras, (), ScaleReport(piece.cameras.frame.scale_source))
 
 
 def _no_cameras() -> Cameras:

@@ -22,11 +22,9 @@ from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary
 from pomona.formats.cameras.colmap_model import assemble
 from pomona.formats.cameras.colmap_text import read_text
-from pomona.formats.cameras.frames import frame_json, parse_frame
+from pomona.formats.cameras.frames import FRAME_FILE, frame_json, parse_frame
 from pomona.formats.cameras.given import GivenCameras
 from pomona.photos import Photos
-
-_FRAME = "frame.json"
 
 
 def write_colmap(folder: Path, cameras: Cameras, photos: Photos) -> None:
@@ -50,7 +48,7 @@ def write_colmap(folder: Path, cameras: Cameras, photos: Photos) -> None:
     _write(part / "cameras.txt", _camera_lines(cameras))
     _write(part / "images.txt", _image_lines(cameras, image_ids, views))
     _write(part / "points3D.txt", _point_lines(cameras, image_ids, views))
-    (part / _FRAME).write_text(json.dumps(frame_json(cameras.frame), indent=1) + "\n", encoding="utf-8")
+    (part / FRAME_FILE).write_text(json.dumps(frame_json(cameras.frame), indent=1) + "\n", encoding="utf-8")
     shutil.rmtree(folder, ignore_errors=True)
     part.replace(folder)
 
@@ -79,8 +77,8 @@ def read_model(folder: Path) -> GivenCameras:
     """
     binary = (folder / "cameras.bin").is_file() and not (folder / "cameras.txt").is_file()
     lenses, images, points = (read_binary if binary else read_text)(folder)
-    ours = (folder / _FRAME).is_file()
-    frame = parse_frame(folder / _FRAME) if ours else WorldFrame()
+    ours = (folder / FRAME_FILE).is_file()
+    frame = parse_frame(folder / FRAME_FILE) if ours else WorldFrame()
     notes = tuple(filter(None, (lens.note(f"camera {camera_id}") for camera_id, lens in lenses.items())))
     cameras = assemble(folder, lenses, images, points, frame)
     return GivenCameras(cameras, "Pomona" if ours else "COLMAP", notes, upright=ours)

@@ -91,6 +91,12 @@ class Field:
             raise self.error("a number above 0")
         return number
 
+    def truth(self) -> bool:
+        """Return true or false."""
+        if not isinstance(self.value, bool):
+            raise self.error("true or false")
+        return self.value
+
     def text(self) -> str:
         """Return text that is not empty."""
         if not isinstance(self.value, str) or not self.value:

@@ -1,14 +1,14 @@
 """nerfstudio's and instant-ngp's `transforms.json`, with the sparse points in its PLY.
 
-Source: https://docs.nerf.studio/quickstart/data_conventions.html and `nerfstudio/process_data/`. A frame has the pose of
-its camera in the world; camera axes are OpenGL's (y up, looking along -z); lenses are in the file, or in each frame.
-Pixels are COLMAP's. `applied_transform` and `applied_scale` are what nerfstudio did to the world that it was given: here
-they are undone. The scale of the world is arbitrary, unless Pomona wrote the file and says so in `world_frame`.
+Source: https://docs.nerf.studio/quickstart/data_conventions.html and `nerfstudio/process_data/`. A frame has the pose
+of its camera in the world; camera axes are OpenGL's (y up, looking along -z); lenses are in the file, or in each frame.
+Pixels are COLMAP's. `applied_transform` and `applied_scale` are what nerfstudio did to the world that it was given:
+here they are undone. The scale of the world is arbitrary, unless Pomona wrote the file and says so in `world_frame`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from pomona.formats.cameras.lenses import FittedLens, Lens, fit_lens
 from pomona.formats.cameras.names import match_names
 from pomona.formats.cameras.onto_photos import stored_size
 from pomona.formats.cameras.poses import pose_from, rotation_from
-from pomona.formats.ply import read_ply_points
+from pomona.formats.ply_points import read_ply_points
 from pomona.geometry import Similarity
 from pomona.photos import Photos
 
@@ -30,6 +30,8 @@ OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _FISHEYE = "OPENCV_FISHEYE"
 _MODELS = (*_PERSPECTIVE, _FISHEYE)
+
+_Size = tuple[int, int]
 
 
 def read_nerfstudio(path: Path, photos: Photos) -> GivenCameras:
@@ -42,15 +44,15 @@ def read_nerfstudio(path: Path, photos: Photos) -> GivenCameras:
     names = [frame.at("file_path").text() for frame in frames]
     if not names or len(set(names)) < len(names):
         raise root.at("frames").error("frames, each of another file")
-    size_of = _sizes(root, frames, names, photos)
     fitted: dict[Lens, FittedLens] = {}
-    kept = [i for i, name in enumerate(names) if size_of(i) is not None]
-    lenses = []
-    for i in kept:
-        lens = _lens(frames[i], root, size_of(i) or (0, 0))
-        if lens not in fitted:
-            fitted[lens] = fit_lens(lens, f"{path}: {frames[i].place}")
-        lenses.append(fitted[lens].intrinsics)
+    kept, lenses = [], []
+    for i, size_px in enumerate(_sizes(root, frames, names, photos)):
+        if size_px is not None:
+            lens = _lens(frames[i], root, size_px)
+            if lens not in fitted:
+                fitted[lens] = fit_lens(lens, f"{path}: {frames[i].place}")
+            kept.append(i)
+            lenses.append(fitted[lens].intrinsics)
     intrinsics, intrinsics_idx = shared(lenses)
     points, rgb = _points(root)
     ours = root.get("world_frame")
@@ -64,24 +66,26 @@ def read_nerfstudio(path: Path, photos: Photos) -> GivenCameras:
         points_error_px=np.full(len(points), np.nan),
         frame=WorldFrame() if ours is None else frame_from_field(ours),
     )
-    notes = tuple(filter(None, (lens.note(path.name) for lens in fitted.values())))
-    return GivenCameras(cameras.transformed(_nerfstudio_from_world(root).inverse()), "nerfstudio", notes)
+    notes = [lens.note(path.name) for lens in fitted.values()]
+    if len(kept) < len(names):
+        notes.append(
+            f"{len(names) - len(kept)} of {len(names)} frames have no size in {path.name} and no photo to tell it"
+        )
+    cameras = cameras.transformed(_nerfstudio_from_world(root).inverse())
+    return GivenCameras(cameras, "nerfstudio", tuple(filter(None, notes)))
 
 
-def _sizes(
-    root: Field, frames: list[Field], names: list[str], photos: Photos
-) -> Callable[[int], tuple[int, int] | None]:
-    """What gives a frame's size: the file, or else the photo; None where neither is there."""
-    of_photo = None if _either(frames[0], root, "w") else match_names(names, photos)
-
-    def size_of(i: int) -> tuple[int, int] | None:
-        width, height = _either(frames[i], root, "w"), _either(frames[i], root, "h")
-        if width is not None and height is not None:
-            return width.whole(least=1), height.whole(least=1)
-        photo = (of_photo or {}).get(names[i])
-        return None if photo is None else stored_size(photo)
-
-    return size_of
+def _sizes(root: Field, frames: Sequence[Field], names: Sequence[str], photos: Photos) -> list[_Size | None]:
+    """Each frame's size: by the file, or else by the photo; None where neither is there."""
+    told = [(_either(frame, root, "w"), _either(frame, root, "h")) for frame in frames]
+    known = all(width is not None and height is not None for width, height in told)
+    of_photo = {} if known else {name: stored_size(photo) for name, photo in match_names(names, photos).items()}
+    return [
+        (width.whole(least=1), height.whole(least=1))
+        if width is not None and height is not None
+        else of_photo.get(name)
+        for name, (width, height) in zip(names, told, strict=True)
+    ]
 
 
 def _either(frame: Field, root: Field, key: str) -> Field | None:

@@ -62,8 +62,8 @@ def read_opensfm(path: Path) -> GivenCameras:
     if len(parts) > 1 and not one_frame:
         left_out = sum(len(part.at("shots").value) for part in parts[1:])
         notes.append(
-            f"{path.name} has {len(parts)} parts that are not in one frame: the largest is used, and {left_out} photos of "
-            "the others are not"
+            f"{path.name} has {len(parts)} parts that are not in one frame: the largest is used, and {left_out} photos "
+            "of the others are not"
         )
         parts = parts[:1]
     frame = _frame(parts[0])
