@@ -34,7 +34,8 @@ FruitDiameter = Annotated[
     float, typer.Option(metavar="METRES", help="An average fruit; sets the scale where nothing better does.")
 ]
 Cameras = Annotated[
-    Path | None, typer.Option(metavar="PATH", help="A COLMAP text model, in place of structure from motion.")
+    Path | None,
+    typer.Option(metavar="PATH", help="Cameras of COLMAP, Metashape, ODM, ... in place of structure from motion."),
 ]
 GivenDetections = Annotated[
     Path | None,
