@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from pomona import __version__
+from pomona.cli.benchmark import benchmark
 from pomona.cli.demo import demo
 from pomona.cli.evaluate import evaluate
 from pomona.cli.export import export
@@ -45,3 +46,4 @@ def common(
 
 for command in (run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, train, synth):
     app.command()(told(command))
+app.add_typer(benchmark, name="benchmark")

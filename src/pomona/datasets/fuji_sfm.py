@@ -1,0 +1,222 @@
+"""The paper's Table 2, Table 3 and Figure 8 from the Fuji-SfM dataset, from whatever of it is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pomona.capture import load_photos
+from pomona.datasets.fuji_files import FujiFiles, find_fuji_files
+from pomona.datasets.fuji_row import FujiRow, TrueTrees, photo_names, read_fuji_row, read_true_trees
+from pomona.datasets.methods import OBJECT, Given, found_by_methods
+from pomona.datasets.pictures import read_labels, score_pictures
+from pomona.datasets.published import FUJI_FRUITS, FUJI_TABLE_2, FUJI_TILES
+from pomona.datasets.row_scores import figure_8, table_3
+from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.detections import SurveyDetections
+from pomona.errors import InputError
+from pomona.evaluate import Truth
+from pomona.evaluate.detections import DetectionScores
+from pomona.formats.detections.coco import read_coco
+from pomona.formats.detections.label_sets import LabelSet
+from pomona.formats.detections.labelled import LabelledPhoto
+from pomona.formats.tables import read_fruits, write_fruits
+from pomona.fruits import Fruits
+from pomona.photos import Photos
+from pomona.pipeline import RunOptions
+from pomona.pipeline import run as run_pipeline
+from pomona.progress import Progress
+from pomona.scale.constellation import lay_over
+from pomona.survey import Survey
+
+NAME = "Fuji-SfM"
+_TABLE_2, _TABLE_3, _FIGURE_8 = "Table 2", "Table 3", "Figure 8"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FujiOptions:
+    """Options of the benchmark: the segmenter (None: the shipped one), how many trees the row has, and its fruit."""
+
+    model: str | None = None
+    trees: int = 11
+    fruit_diameter_m: float = 0.075
+
+    def __post_init__(self) -> None:
+        if self.trees < 1:
+            raise InputError(f"--trees: expected at least 1, found {self.trees}")
+
+
+def benchmark_fuji_sfm(root: Path, out: Path, options: FujiOptions, progress: Progress) -> BenchmarkResult:
+    """Return the tables that can be made from what is below `root`; fruits and detections are written to `out`.
+
+    Raises `MissingFileError`, `InputError` where nothing of the dataset is found, and `FormatError` for files that are
+    broken.
+    """
+    files = find_fuji_files(root)
+    if not (files.tiles or files.sides or files.boxes):
+        raise InputError(
+            f"{root}: expected the Fuji-SfM dataset: tiles with labels of the VGG Image Annotator, photos, *.mat masks "
+            "or *_cameras.out of an east and a west side, boxes as text; found none of them"
+        )
+    tables: list[Comparison] = []
+    missing: dict[str, str] = {}
+    if files.tiles.get("validation"):
+        tables.append(_table_2(files, options, progress))
+    else:
+        missing[_TABLE_2] = "there are no validation tiles with labels of the VGG Image Annotator (JSON or CSV)"
+    known = read_true_trees(files, options.trees) if files.boxes else None
+    found, notes, why_not = _fruits(files, known, out, options, progress)
+    for name, fruits in found.items():
+        write_fruits(out / f"fruits-{name.replace(', ', '-').replace(' ', '-')}.csv", fruits)
+    if found and known is not None:
+        tables += [replace(table, notes=notes) for table in table_3(found, known)]
+        tables.append(figure_8(found, known))
+    elif found:
+        tables.append(_totals(found, notes))
+    if not found or known is None:
+        reason = why_not or "no boxes of true fruits were found (text: 6, 24 or 8 × 3 numbers a fruit)"
+        missing |= {_TABLE_3: reason, _FIGURE_8: reason}
+    return BenchmarkResult(NAME, files.told(), tuple(tables), missing)
+
+
+def tiles_of(files: FujiFiles, part: str) -> list[LabelledPhoto]:
+    """Return the labelled tiles of "training" or "validation"; raises `FormatError` and `MissingFileError`."""
+    kinds = {".json": "via", ".csv": "via-csv"}
+    sets = [LabelSet(kinds[file.suffix.lower()], file.parent, (file,), part) for file in files.tiles[part]]
+    return [photo for one in sets for photo in read_labels(one)]
+
+
+def _table_2(files: FujiFiles, options: FujiOptions, progress: Progress) -> Comparison:
+    tiles = tiles_of(files, "validation")
+    scores = score_pictures(tiles, model=options.model, progress=progress)
+    column = "Pomona" if options.model is None else Path(options.model).name
+    notes = [f"{scores.true_fruits} apples on {len(tiles)} validation tiles (the paper: {FUJI_TILES['validation']})"]
+    if "training" in files.tiles:
+        count = len(tiles_of(files, "training"))
+        notes.append(f"{count} training tiles (the paper: {FUJI_TILES['training']}); the shipped segmenter saw none")
+    return Comparison(_TABLE_2, tuple(_levels(scores, column)), FUJI_TABLE_2.source, tuple(notes))
+
+
+def _levels(scores: DetectionScores, column: str) -> list[Figure]:
+    printed = FUJI_TABLE_2.figures
+    figures = []
+    for level in scores.levels:
+        for name, value in (("R", level.recall), ("P", level.precision), ("F1", level.f1)):
+            line = f"{name} at {level.confidence:g}"
+            figures.append(Figure(line, {column: value}, printed.get(line)))
+    line = "AP (IoU > 0.5)"
+    return [*figures, Figure(line, {column: scores.ap50}, printed[line])]
+
+
+def _fruits(
+    files: FujiFiles, known: TrueTrees | None, out: Path, options: FujiOptions, progress: Progress
+) -> tuple[dict[str, Fruits], tuple[str, ...], str]:
+    """Return fruits by method in the frame of the true ones, notes on them, and where there are none, why."""
+    out.mkdir(parents=True, exist_ok=True)
+    row = read_fuji_row(files, progress)
+    if row.cameras is None:
+        return _from_photos(files, known, out, options, progress)
+    given = _given(files, row, out, options, progress)
+    if given is None:
+        return {}, (), "there are cameras, but neither masks nor photos of all sides that have cameras"
+    return *found_by_methods(given, known, options.fruit_diameter_m, progress), ""
+
+
+def _given(files: FujiFiles, row: FujiRow, out: Path, options: FujiOptions, progress: Progress) -> Given | None:
+    """What fruits are made of where cameras are given: masks of the segmenter, and a cloud, where none are given."""
+    assert row.cameras is not None
+    placed = [side for side in files.sides if side.cameras is not None]
+    photos = _photos(files, progress) if all(side.photos for side in placed) else None
+    detections, threshold, cloud = row.detections, 0.0, row.cloud
+    if detections is None:
+        if photos is None:
+            return None
+        detections, threshold = _segmented(files, photos, out, options, progress)
+    if cloud is None and photos is not None:
+        from pomona.dense import fruit_cloud
+
+        dense = RunOptions(method="paper", fruit_diameter_m=options.fruit_diameter_m).dense
+        cloud = fruit_cloud(photos, detections.at_least(threshold), row.cameras, options=dense, progress=progress)
+    return Given(row.cameras, detections, cloud, threshold)
+
+
+def _photos(files: FujiFiles, progress: Progress) -> Photos:
+    """The photos of all sides, by the names that their cameras have."""
+    named = {
+        path.resolve(): (name, side.name)
+        for side in files.sides
+        for path, name in zip(side.photos, photo_names(side), strict=True)
+    }
+    loaded = load_photos(_sources(files), min_photos=1, progress=progress)
+    kept = [(photo, *named[photo.path.resolve()]) for photo in loaded if photo.path.resolve() in named]
+    return Photos(tuple(replace(photo, name=name, side=side) for photo, name, side in kept))
+
+
+def _sources(files: FujiFiles) -> list[Path]:
+    return list(dict.fromkeys(path.parent for side in files.sides for path in side.photos))
+
+
+def _segmented(
+    files: FujiFiles, photos: Photos, out: Path, options: FujiOptions, progress: Progress
+) -> tuple[SurveyDetections, float]:
+    """The segmenter's detections by our names for the photos; a stopped run goes on where it was."""
+    survey = out / "survey"
+    run_pipeline(_sources(files), survey, RunOptions(model=options.model), progress, until="segment")
+    theirs = load_photos(_sources(files), min_photos=1)
+    names = {photo.path.resolve(): photo.name for photo in photos}
+    found = read_coco(Survey.open(survey).detections, theirs)
+    renamed = {
+        names[photo.path.resolve()]: replace(found[photo.name], photo=names[photo.path.resolve()])
+        for photo in theirs
+        if photo.name in found and photo.path.resolve() in names
+    }
+    record = Survey.open(survey).record_of("segment")
+    assert record is not None
+    return SurveyDetections(renamed), float(record.info["score_threshold"])
+
+
+def _from_photos(
+    files: FujiFiles, known: TrueTrees | None, out: Path, options: FujiOptions, progress: Progress
+) -> tuple[dict[str, Fruits], tuple[str, ...], str]:
+    """Fruits from photos alone, laid over the true ones by the pattern in which they hang."""
+    if not _sources(files):
+        return {}, (), "there are no photos of a side, and no cameras (*_cameras.out)"
+    survey = out / "survey"
+    chosen = RunOptions(model=options.model, fruit_diameter_m=options.fruit_diameter_m)
+    run_pipeline(_sources(files), survey, chosen, progress)
+    fruits = read_fruits(Survey.open(survey).fruits)
+    if known is None:
+        return {OBJECT: fruits}, (), ""
+    laid = _laid_over(fruits, known.truth, options.fruit_diameter_m)
+    if laid is None:
+        return (
+            {},
+            (),
+            (
+                f"{len(fruits)} fruits were found in the photos, but no cameras in the boxes' frame are given "
+                "(*_cameras.out), and the fruits' pattern does not tell how they lie over the boxes"
+            ),
+        )
+    return (
+        {OBJECT: laid},
+        ("no cameras were given: the fruits were laid over the boxes by the pattern they hang in",),
+        "",
+    )
+
+
+def _laid_over(fruits: Fruits, truth: Truth, fruit_diameter_m: float) -> Fruits | None:
+    overlay = lay_over(fruits.centers_in_world, truth.centers_in_world, fruit_diameter_m)
+    if overlay is None:
+        return None
+    truth_from_world = overlay.target_from_source
+    return replace(
+        fruits,
+        centers_in_world=truth_from_world.apply(fruits.centers_in_world),
+        diameters_m=fruits.diameters_m * truth_from_world.scale,
+    )
+
+
+def _totals(found: dict[str, Fruits], notes: tuple[str, ...]) -> Comparison:
+    counts = {name: float(len(fruits)) for name, fruits in found.items()}
+    figure = Figure("fruits found in all", counts, float(sum(FUJI_FRUITS.values())))
+    return Comparison("Total", (figure,), "annotated apples; the paper, Table 1", notes)
