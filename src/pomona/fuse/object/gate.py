@@ -56,12 +56,16 @@ class Gate:
         """Return pairs (sphere, mask) where the mask's centre lies in the sphere's image or hardly beside it."""
         if len(spheres) == 0:
             return np.zeros(0, np.int64), np.zeros(0, np.int64)
-        in_reach = cKDTree(spheres.centers_in_world).query_ball_point(self._masks.eyes_in_world, self._farthest_m)
+        of_spheres = cKDTree(spheres.centers_in_world)
         sphere_idx, mask_idx = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for photo_idx, tree in enumerate(self._trees):
-            idx = np.sort(np.array(in_reach[photo_idx], np.int64))
-            if tree is None or len(idx) == 0:
+            if tree is None:
                 continue
+            # Photo by photo: the lists of all photos together are more than a processor's cache holds.
+            in_reach = of_spheres.query_ball_point(self._masks.eyes_in_world[photo_idx], self._farthest_m)
+            if not in_reach:
+                continue
+            idx = np.sort(np.array(in_reach, np.int64))
             pose = self._masks.cam_from_world[photo_idx]
             in_cam = spheres.centers_in_world[idx] @ pose[:, :3].T + pose[:, 3]
             ahead = in_cam[:, 2] > spheres.radii_m[idx]

@@ -29,7 +29,7 @@ class Spheres:
     def __len__(self) -> int:
         return len(self.centers_in_world)
 
-    def __getitem__(self, selection: BoolArray | IntArray) -> Spheres:
+    def __getitem__(self, selection: BoolArray | IntArray | slice) -> Spheres:
         return Spheres(self.centers_in_world[selection], self.radii_m[selection])
 
     @classmethod
