@@ -3,6 +3,7 @@
 import "./style.css";
 import type { SurveyData } from "./contract";
 import { addCrops, fillCard, type CardWants } from "./card";
+import { correcting, type Correcting } from "./correct";
 import { element, find, say } from "./dom";
 import { fruitsOf, photosOf, type Fruit, type Photo, type Sighting } from "./payload";
 import { PhotoWindow } from "./photo";
@@ -23,6 +24,7 @@ class Page {
   private readonly card = find("#card");
   private view: View | null = null;
   private through: Through | null = null;
+  private correcting: Correcting | null = null;
   private selected: Fruit | null = null;
   /** Of the selected fruit, once they are known. */
   private sightings: Sighting[] = [];
@@ -74,6 +76,15 @@ class Page {
     document.documentElement.classList.add("has-webgl");
   }
 
+  /** Let the fruits be corrected, where that can be kept. */
+  correct(): void {
+    const { data, photos, photoWindow, view } = this;
+    this.correcting = correcting({
+      data, photos, photoWindow, view, selected: () => this.selected, sightings: () => this.sightings, select: (id, fly) => this.select(id, fly ? "photo" : "view"),
+    });
+    this.correcting?.restore();
+  }
+
   private lookThrough(photo: number): void {
     this.box.scrollIntoView({ block: "nearest" });
     this.through?.open(photo);
@@ -89,6 +100,7 @@ class Page {
     this.sightings = [];
     this.table.show(this.selected);
     this.view?.select(fruit ? fruit.index : null, from !== "view");
+    this.correcting?.selected(this.selected);
     if (!fruit) {
       this.card.hidden = true;
       return;
@@ -122,7 +134,9 @@ class Page {
 
 async function start(): Promise<void> {
   try {
-    new Page(await loadSurvey(find("#survey-data"))).start();
+    const page = new Page(await loadSurvey(find("#survey-data")));
+    page.start();
+    page.correct();
   } catch (error) {
     const note = find("#no-data");
     note.hidden = false;

@@ -104,6 +104,11 @@ export class Navigation {
     return { left: clientWidth / 2 - cx * scale, top: clientHeight / 2 - cy * scale, width: photo.width * scale, height: photo.height * scale };
   }
 
+  /** Stand and look somewhere, at once. */
+  stand(eye: [number, number, number], target: [number, number, number]): void {
+    this.fly(new three.Vector3(...eye), new three.Vector3(...target), false);
+  }
+
   /** Stand free again, where one is. */
   leave(): void {
     if (!this.through) return;

@@ -9,6 +9,12 @@ const MOST_ZOOM = 40;
 export class PhotoWindow {
   onFruit: (id: number) => void = () => {};
   onLookThrough: (photo: number) => void = () => {};
+  onShow: (photo: number) => void = () => {};
+  onClose: () => void = () => {};
+  /** Hears clicks, in pixels of the photo; null: a click on an outline goes to its fruit. */
+  onMark: ((x: number, y: number) => void) | null = null;
+  /** The photos to step through; null: those of the fruit, or all. */
+  order: number[] | null = null;
 
   private readonly dialog = find<HTMLDialogElement>("#photo");
   private readonly stage = find("#photo .stage");
@@ -31,7 +37,10 @@ export class PhotoWindow {
     ];
     for (const [selector, act] of buttons) find(selector).addEventListener("click", act);
     this.dialog.addEventListener("keydown", (event) => this.key(event));
-    this.dialog.addEventListener("close", () => this.image.removeAttribute("src"));
+    this.dialog.addEventListener("close", () => {
+      this.image.removeAttribute("src");
+      this.onClose();
+    });
     this.stage.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoomBy(Math.exp(-event.deltaY / 400), [event.offsetX, event.offsetY]);
@@ -48,6 +57,29 @@ export class PhotoWindow {
     find("#photo-only-text").textContent = fruit ? `only photos of fruit ${fruit.id}` : "";
     if (!this.dialog.open) this.dialog.showModal();
     this.show(photo);
+  }
+
+  /** The photo that is shown. */
+  get photo(): number {
+    return this.at;
+  }
+
+  /** Show a photo, or a part of it, without a fruit that it is about. */
+  openAt(photo: number, box?: Box): void {
+    if (!this.dialog.open) this.open(photo, null, []);
+    else this.show(photo);
+    if (!box) return;
+    this.lookAt(box);
+    this.keepInside();
+  }
+
+  /** Mark what is in the middle of the stage, for those who use no mouse. */
+  markMiddle(): void {
+    this.onMark?.(...this.pixelAt(this.stage.clientWidth / 2, this.stage.clientHeight / 2));
+  }
+
+  private pixelAt(x: number, y: number): [number, number] {
+    return [(x - this.corner[0]) / this.zoom, (y - this.corner[1]) / this.zoom];
   }
 
   private show(index: number): void {
@@ -68,6 +100,7 @@ export class PhotoWindow {
     const mine = this.seen.find((sighting) => sighting.photo === index);
     this.lookAt(mine ? around(mine.box, 6) : [0, 0, photo.width, photo.height]);
     if (mine) this.keepInside();
+    this.onShow(index);
     void this.source.ofPhoto(index).then((detections) => this.at === index && this.draw(detections), () => undefined);
   }
 
@@ -92,7 +125,7 @@ export class PhotoWindow {
 
   private step(by: number): void {
     const mine = this.onlyMine.checked ? [...new Set(this.seen.map(({ photo }) => photo))].sort((a, b) => a - b) : [];
-    const order = mine.length ? mine : this.photos.map((_, i) => i);
+    const order = this.order ?? (mine.length ? mine : this.photos.map((_, i) => i));
     const at = order.indexOf(this.at);
     this.show(order[(at + by + order.length) % order.length]!);
   }
@@ -176,7 +209,13 @@ export class PhotoWindow {
     });
     this.stage.addEventListener("click", (event) => {
       const id = Number((event.target as SVGElement).dataset.fruit ?? 0);
-      if (moved || !this.byId.has(id)) return;
+      if (moved) return;
+      if (this.onMark) {
+        const { left, top } = this.stage.getBoundingClientRect();
+        this.onMark(...this.pixelAt(event.clientX - left, event.clientY - top));
+        return;
+      }
+      if (!this.byId.has(id)) return;
       this.dialog.close();
       this.onFruit(id);
     });

@@ -1,4 +1,4 @@
-"""What every command that works on a survey does: show progress, and say on Ctrl-C how to go on."""
+"""What commands that work on a survey share: progress, what Ctrl-C says, tables as they were corrected."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from pomona.cli.failures import Stopped
 from pomona.cli.progress import TerminalProgress
 from pomona.pipeline import Summary
+from pomona.survey import Survey
 
 
 def with_progress(work: Callable[[TerminalProgress], Summary], survey: Path) -> Summary:
@@ -17,3 +18,11 @@ def with_progress(work: Callable[[TerminalProgress], Summary], survey: Path) -> 
             return work(progress)
     except KeyboardInterrupt:
         raise Stopped(f"what was finished is kept in {survey}; the same command goes on where it was.") from None
+
+
+def settled(survey: Survey) -> None:
+    """Bring the tables of a survey up to date with its corrections, before they are read."""
+    from pomona.pipeline.kept import settle
+
+    with TerminalProgress() as progress:
+        settle(survey, progress)

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from pomona.cli import options as shared
+from pomona.cli.action import settled
 from pomona.cli.evaluate_detections import Pictures, evaluate_detections
 from pomona.cli.evaluate_mistakes import evaluate_mistakes
 from pomona.errors import MissingFileError
@@ -70,7 +71,9 @@ def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
     from pomona.evaluate import evaluate as evaluate_fruits
 
     options = EvaluateOptions(match=match)  # type: ignore[arg-type]
-    table = Survey.open(survey).fruits
+    opened = Survey.open(survey)
+    settled(opened)
+    table = opened.fruits
     if not table.is_file():
         raise MissingFileError(f"{table} does not exist: `pomona measure {survey}` writes it")
     return evaluate_fruits(read_fruits(table), read_truth(truth), options=options)

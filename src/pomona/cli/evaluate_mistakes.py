@@ -66,8 +66,10 @@ def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Prog
     from pomona.evaluate.detections import read_found
     from pomona.evaluate.mistakes import Evidence
     from pomona.formats.cameras.colmap import read_colmap
+    from pomona.pipeline.kept import settle
 
     survey = Survey.open(source)
+    settle(survey, progress)
     for path, stage in (
         (survey.cameras, "reconstruct"),
         (survey.detections, "segment"),

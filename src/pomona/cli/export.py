@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from pomona.cli import options as shared
+from pomona.cli.action import settled
 from pomona.errors import InputError, MissingFileError, SurveyError
 from pomona.survey import Survey
 from pomona.survey.files import disk_errors, write_file
@@ -39,6 +40,8 @@ def export(
     target = out or opened.folder / "export" / _NAMES[to]
     if out is not None and target.exists():
         raise SurveyError(f"{target} exists already: name another file with --out")
+    if to != "colmap":
+        settled(opened)
     source, write = _source(opened, to)
     if not source.exists():
         raise MissingFileError(f"{source} does not exist: run `pomona report {survey}` first")
@@ -52,6 +55,8 @@ def export(
 
 def _source(survey: Survey, to: str) -> tuple[Path, Callable[[Path, Path], None]]:
     sources = {"csv": survey.fruits, "geojson": survey.geojson, "colmap": survey.cameras, "coco": survey.detections}
+    if to == "coco" and survey.corrections.is_file():
+        return survey.detections, lambda source, target: _corrected_masks(survey, target)
     if to in sources:
         return sources[to], _copy
     return survey.cloud, {"laz": _copy, "las": lambda source, target: _las(survey, source, target), "ply": _ply}[to]
@@ -59,6 +64,18 @@ def _source(survey: Survey, to: str) -> tuple[Path, Callable[[Path, Path], None]
 
 def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
+
+
+def _corrected_masks(survey: Survey, target: Path) -> None:
+    """Masks for training, where a person corrected what they became."""
+    from pomona.corrections.training import write_training
+    from pomona.pipeline.kept import kept_correcting
+
+    correcting = kept_correcting(survey)
+    if correcting.value is None:  # all was undone
+        _copy(survey.detections, target)
+    else:
+        write_training(target, correcting.found, correcting.value)
 
 
 def _las(survey: Survey, source: Path, target: Path) -> None:

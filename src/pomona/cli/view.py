@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pomona.cli import options as shared
+from pomona.cli.action import settled
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
+from pomona.survey import Survey
 
 if TYPE_CHECKING:
     from pomona.report import ReportData
@@ -35,20 +38,23 @@ def view(
     truth: _TRUTH = None,
     export: _EXPORT = None,
 ) -> None:
-    """Look at a survey in the browser: every fruit in 3D, and the photos that saw it. Ctrl-C ends it.
+    """Look at a survey in the browser, and correct it: every fruit in 3D, and the photos that saw it. Ctrl-C ends it.
 
     The page is served to this computer alone. With --export, a folder is written instead that needs no server.
     """
-    from pomona.view import ViewServer, export_folder, read_survey
+    from pomona.view import Corrector, ViewServer, export_folder, read_survey
 
+    opened = Survey.open(survey)
     with TerminalProgress() as progress:
         data = read_survey(survey, photos=photos, progress=progress)
-        compared = _compared(data, truth) if truth else None
+        corrector = Corrector(opened, data, compare=_comparing(truth) if truth else None)
+        if corrector.note and opened.corrections.is_file():
+            progress.warn(corrector.note)
         if export is not None:
-            typer.echo(str(export_folder(data, export, truth=compared, progress=progress)))
+            typer.echo(str(export_folder(corrector.data, export, truth=corrector.truth, progress=progress)))
             return
     try:
-        server = ViewServer(data, port=port, truth=compared)
+        server = ViewServer(corrector.data, port=port, truth=corrector.truth, corrector=corrector)
     except OSError as error:
         raise InputError(f"--port {port}: {error.strerror or error}: choose another, or none for a free one") from None
     with server:
@@ -60,11 +66,15 @@ def view(
             server.serve_forever()
         except KeyboardInterrupt:
             typer.echo("", err=True)
+    if corrector.changed:
+        settled(opened)
+        typer.echo(f"The tables are corrected; `pomona report {survey}` writes the report again.", err=True)
 
 
-def _compared(data: ReportData, path: Path) -> TruthData:
+def _comparing(path: Path) -> Callable[[ReportData], TruthData]:
     from pomona.evaluate import read_truth
     from pomona.report.scene import origin_of
     from pomona.view import truth_data
 
-    return truth_data(data.fruits, read_truth(path), origin_of(data))
+    truth = read_truth(path)
+    return lambda data: truth_data(data.fruits, truth, origin_of(data))

@@ -21,24 +21,41 @@ from pomona.sphere_outlines import centers_px
 _NOTHING_THERE = "there is no fruit"
 
 
-def apply(corrections: Sequence[Correction], found: Found) -> Corrected:
-    """Return the fruits as corrected. A correction whose fruit is not there changes nothing and says so.
+class Applier:
+    """Applies logs to the fruits of one survey; of a log that goes on from the last one, only what is new."""
 
-    A fruit is known by its place alone: it is the one whose centre is within half its diameter of where it was when it
-    was corrected. What a new run finds by itself, or does not find any more, needs no correction.
-    """
-    state = State(found)
-    outcomes = tuple(_apply_one(state, correction) for correction in corrections)
-    return Corrected(
-        fruits=state.fruits,
-        observations=state.observations,
-        detections=SurveyDetections(state.detections),
-        made=state.made,
-        false_ids=frozenset(state.false_ids),
-        how=state.how,
-        became=state.became,
-        outcomes=outcomes,
-    )
+    def __init__(self, found: Found) -> None:
+        self.found = found
+        self._state = State(found)
+        self._outcomes: tuple[Outcome, ...] = ()
+
+    def to(self, corrections: Sequence[Correction]) -> Corrected:
+        """Return the fruits as corrected. A correction whose fruit is not there changes nothing and says so.
+
+        A fruit is known by its place alone: it is the one whose centre is within half its diameter of where it was when
+        it was corrected. What a run finds by itself, or does not find any more, needs no correction.
+        """
+        done = tuple(outcome.correction for outcome in self._outcomes)
+        if done != tuple(corrections[: len(done)]):
+            self._state, self._outcomes = State(self.found), ()
+        for correction in corrections[len(self._outcomes) :]:
+            self._outcomes = (*self._outcomes, _apply_one(self._state, correction))
+        state = self._state
+        return Corrected(
+            fruits=state.fruits,
+            observations=state.observations,
+            detections=SurveyDetections(dict(state.detections)),
+            made=dict(state.made),
+            false_ids=frozenset(state.false_ids),
+            how=dict(state.how),
+            became=dict(state.became),
+            outcomes=self._outcomes,
+        )
+
+
+def apply(corrections: Sequence[Correction], found: Found) -> Corrected:
+    """Return the fruits as corrected, as `Applier.to` says."""
+    return Applier(found).to(corrections)
 
 
 def _apply_one(state: State, correction: Correction) -> Outcome:

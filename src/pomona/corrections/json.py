@@ -76,9 +76,7 @@ def _to_json(correction: Correction) -> dict[str, Any]:
         case Moved(tree_id=tree_id):
             values["tree_id"] = tree_id
     if isinstance(correction, Added | Split):
-        values["marks"] = [
-            {"photo": m.photo, "x_px": round(m.x_px, 2), "y_px": round(m.y_px, 2)} for m in correction.marks
-        ]
+        values["marks"] = [{"photo": m.photo, "x_px": m.x_px, "y_px": m.y_px} for m in correction.marks]
     return {**values, "made": correction.made}
 
 

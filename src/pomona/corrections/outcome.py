@@ -15,6 +15,8 @@ from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.measure import MeasureOptions
 
+LOST = "A correction matches no fruit any more and is kept"
+"""How warnings begin of corrections that match nothing."""
 How = Literal["added", "split", "merged", "moved"]
 """How a fruit was corrected."""
 Making = Literal["drawn", "divided", "joined"]
@@ -26,7 +28,7 @@ class Found:
     """A survey's fruits as they were found and measured, and what they were found with.
 
     `detections` are all of the file; those below `least_score` can become no fruit. `side_of` says of which side each
-    photo is.
+    photo is. `fruit_diameter_m` is what a fruit is taken to be where none was measured.
     """
 
     fruits: Fruits
@@ -36,12 +38,18 @@ class Found:
     side_of: Mapping[str, str] = field(default_factory=dict)
     least_score: float = 0.0
     measure: MeasureOptions = field(default_factory=MeasureOptions)
+    fruit_diameter_m: float = 0.075
 
     @property
     def usual_diameter(self) -> float:
-        """The median diameter; NaN where no fruit has one."""
-        measured = self.fruits.diameters_m[np.isfinite(self.fruits.diameters_m)]
-        return float(np.median(measured)) if len(measured) else float("nan")
+        """The median diameter; where no fruit has one, what fruits are taken to be."""
+        return float(np.median(self.diameters)) if len(self.diameters) else self.fruit_diameter_m
+
+    @property
+    def diameters(self) -> FloatArray:
+        """The diameters that were measured."""
+        diameters: FloatArray = self.fruits.diameters_m[np.isfinite(self.fruits.diameters_m)]
+        return diameters
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class Outcome:
 
     def warning(self) -> str:
         """Return what to tell a person of a correction that matches nothing."""
-        return f"A correction matches no fruit any more and is kept: {in_words(self.correction)}: {self.problem}"
+        return f"{LOST}: {in_words(self.correction)}: {self.problem}"
 
 
 @dataclass(frozen=True)

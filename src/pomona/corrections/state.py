@@ -13,7 +13,6 @@ from pomona.corrections.masks import drawn_mask, free_detection
 from pomona.corrections.outcome import Found, How, MadeMask
 from pomona.corrections.values import Mark, Place
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.errors import InputError
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure import measure
@@ -167,21 +166,15 @@ class State:
         return new
 
     def of_usual_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
-        """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour.
-
-        Raises `InputError` where no fruit of the survey has a size.
-        """
-        fruits = self.found.fruits
-        sizes = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
-        if not len(sizes):
-            raise InputError("no fruit of the survey has a size: click its size")
+        """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour."""
+        diameters = self.found.diameters
         return Fruits(
             np.array([fruit_id]),
             place[None],
-            np.array([np.median(sizes)]),
+            np.array([self.found.usual_diameter]),
             np.ones(1),  # a person saw it
             np.zeros(1, np.int64),
-            np.array([sizes.std()]),
+            np.array([diameters.std() if len(diameters) > 1 else np.nan]),
             tree_ids=self.tree_near(place) if like is None else like.tree_ids,
             sides=("",) if like is None else like.sides,
         )

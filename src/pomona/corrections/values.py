@@ -125,7 +125,7 @@ def place_of(values: Sequence[float]) -> Place:
     """Return three numbers as a place, to the tenth of a millimetre; raises `InputError` for others."""
     if len(values) != 3 or not all(math.isfinite(value) for value in values):
         raise InputError(f"A place: expected x, y, z, found {list(values)}")
-    x, y, z = (round(float(value), 4) for value in values)
+    x, y, z = (round(float(value), 4) + 0.0 for value in values)  # not -0.0
     return x, y, z
 
 

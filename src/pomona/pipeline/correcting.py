@@ -47,6 +47,7 @@ class Correcting:
             side_of={photo.name: photo.side for photo in self._context.photos},
             least_score=options.least_score(float(self._segment.ensure().info["score_threshold"])),
             measure=options.measure,
+            fruit_diameter_m=options.fruit_diameter_m,
         )
 
     @property

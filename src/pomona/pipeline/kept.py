@@ -27,7 +27,8 @@ def settle(survey: Survey, progress: Progress | None = None) -> None:
     corrected_before = record is not None and "corrections" in record.info
     if corrected_before or read_corrections(survey.corrections):
         stages, _ = _kept(survey, progress)
-        stages["results"].ensure()
+        with survey.locked():
+            stages["results"].ensure()
 
 
 def kept_correcting(survey: Survey, progress: Progress | None = None) -> Correcting:

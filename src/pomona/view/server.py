@@ -5,23 +5,28 @@ Addresses hold indices and ids, never names of files, so that nothing but the su
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from email.message import Message
 from functools import cached_property, partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BufferedIOBase
 from typing import Any
 
 import numpy as np
 
 from pomona.errors import PomonaError
 from pomona.report.columns import as_bytes
-from pomona.report.contract import U16, PackedCloud, PointPiece, SeenFruit, SurveyData, TruthData
+from pomona.report.contract import U16, PackedCloud, PhotoMark, PointPiece, SeenFruit, SurveyData, TruthData
 from pomona.report.data import ReportData
 from pomona.report.page import note_of, page_html, policy
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns, sightings_of
+from pomona.view import posts
+from pomona.view.correct import Corrector
 from pomona.view.pictures import SIDES_PX, Pictures
 
 HOST = "127.0.0.1"
@@ -29,6 +34,7 @@ PIECE_POINTS = 250_000
 """So many points of a cloud are sent at once; the first ones with the survey's other data."""
 _DATA_URL = "data/survey.bin"
 _COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html; charset=utf-8", "image/jpeg"
+_JSON = "application/json; charset=utf-8"
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><circle cx="8" cy="9" r="6" fill="#b8322a"/>'
     '<path d="M8 4q0-3 3-3" fill="none" stroke="#4f7d5a" stroke-width="1.6"/></svg>'
@@ -37,18 +43,21 @@ _ICON = (
 
 @dataclass(frozen=True)
 class Answer:
-    """What is sent back: a body and its type."""
+    """What is sent back: a body and its type, and whether it stays the same."""
 
     body: bytes
     kind: str
+    lasting: bool = False
 
 
 class Site:
     """What there is to be asked for, by address."""
 
-    def __init__(self, data: ReportData, truth: TruthData | None = None) -> None:
+    def __init__(self, data: ReportData, truth: TruthData | None = None, corrector: Corrector | None = None) -> None:
         self._data = data
         self._truth = truth
+        self._corrector = corrector
+        self._corrections = corrector.state if corrector else None
         self._pictures = Pictures(data)
         self._routes: tuple[tuple[re.Pattern[str], Callable[..., Answer | None]], ...] = (
             (re.compile(r"/"), self._page),
@@ -59,6 +68,7 @@ class Site:
             (re.compile(r"/data/points/fruit/(\d{1,5})\.bin"), lambda k: self._points(self._whole.fruit_points, k)),
             (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
             (re.compile(r"/straight/(\d{1,7})/(\d{1,5})\.jpg"), partial(self._photo, straight=True)),
+            (re.compile(r"/data/lines/(\d{1,7})/(\d{1,5})/(\d{1,5})\.json"), self._lines),
             (re.compile(r"/crops/(\d{1,9})\.jpg"), self._crop),
             (re.compile(r"/favicon\.ico"), lambda: Answer(_ICON.encode("ascii"), "image/svg+xml")),
         )
@@ -80,7 +90,14 @@ class Site:
         names = self._data.cameras.photos
         files = {name: f"photos/{i}" for i, name in enumerate(names) if self._pictures.has_photo(i)}
         note = note_of("server")
-        options = SceneOptions(source="server", max_points=None, files=files, truth=self._truth, photos_note=note)
+        options = SceneOptions(
+            source="server",
+            max_points=None,
+            files=files,
+            truth=self._truth,
+            corrections=self._corrections,
+            photos_note=note,
+        )
         return survey_data(self._data, options)
 
     @cached_property
@@ -123,7 +140,13 @@ class Site:
     def _photo(self, index: int, side_px: int, *, straight: bool = False) -> Answer | None:
         if side_px not in SIDES_PX:
             return None
-        return Answer(self._pictures.photo(index, side_px, straight=straight), _JPEG)
+        return Answer(self._pictures.photo(index, side_px, straight=straight), _JPEG, lasting=True)
+
+    def _lines(self, photo: int, x: int, y: int) -> Answer | None:
+        if self._corrector is None:
+            return None
+        found = self._corrector.lines(PhotoMark(photo, x, y))
+        return Answer(json.dumps({"photos": found.photos, "lines": found.lines}).encode("utf-8"), _JSON)
 
     def _crop(self, detection_id: int) -> Answer:
         return Answer(self._pictures.crop(detection_id), _JPEG)
@@ -134,13 +157,32 @@ def _first(cloud: PackedCloud) -> PackedCloud:
 
 
 class ViewServer(ThreadingHTTPServer):
-    """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken."""
+    """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken.
+
+    With `corrector`, whose data and truth are given then, its page can correct fruits.
+    """
 
     daemon_threads = True
 
-    def __init__(self, data: ReportData, *, port: int = 0, truth: TruthData | None = None) -> None:
+    def __init__(
+        self,
+        data: ReportData,
+        *,
+        port: int = 0,
+        truth: TruthData | None = None,
+        corrector: Corrector | None = None,
+    ) -> None:
         super().__init__((HOST, port), _Handler)
-        self.site = Site(data, truth)
+        self.corrector = corrector
+        self.site = Site(data, truth, corrector)
+
+    def correct(self, path: str, headers: Message, body: BufferedIOBase) -> tuple[HTTPStatus, Answer]:
+        """Do what a page asks to be changed, and show it from then on; raises `RefusedError`."""
+        status, said = posts.correct(self.corrector, path, headers, body)
+        assert self.corrector is not None
+        if status != HTTPStatus.BAD_REQUEST:
+            self.site = Site(self.corrector.data, self.corrector.truth, self.corrector)
+        return status, Answer(said, _JSON)
 
     @property
     def url(self) -> str:
@@ -159,6 +201,19 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_HEAD(self) -> None:
         self._answer(body=False)
+
+    def do_POST(self) -> None:
+        # What was not read of a body that is refused must not be taken for the next request.
+        self.close_connection = True
+        if not self._is_ours():
+            self.send_error(HTTPStatus.FORBIDDEN, "Only pages of this computer")
+            return
+        try:
+            status, answer = self.server.correct(self.path, self.headers, self.rfile)
+        except posts.RefusedError as error:
+            self.send_error(error.status, str(error))
+            return
+        self._send(answer, body=True, status=status)
 
     def _answer(self, *, body: bool) -> None:
         if not self._is_ours():
@@ -179,17 +234,17 @@ class _Handler(BaseHTTPRequestHandler):
         host = self.headers.get("Host", "")
         return host in (f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}")
 
-    def _send(self, answer: Answer, *, body: bool) -> None:
+    def _send(self, answer: Answer, *, body: bool, status: HTTPStatus = HTTPStatus.OK) -> None:
         content = answer.body
-        self.send_response(HTTPStatus.OK)
+        self.send_response(status)
         self.send_header("Content-Type", answer.kind)
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Content-Security-Policy", policy("server") + "; frame-ancestors 'none'")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Referrer-Policy", "no-referrer")
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-        # A survey may be made again behind the same port.
-        self.send_header("Cache-Control", "no-store" if answer.kind != _JPEG else "private, max-age=600")
+        # A survey may be made again behind the same port, and corrected masks have new crops.
+        self.send_header("Cache-Control", "private, max-age=600" if answer.lasting else "no-store")
         self.end_headers()
         if body:
             self.wfile.write(content)

@@ -1,0 +1,349 @@
+"""Corrections in a survey: asked for by the page, kept, applied by every later command, and safe from other pages."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
+from pomona.cli.app import app
+from pomona.corrections import read_corrections
+from pomona.errors import FormatError
+from pomona.formats.detections.coco import write_coco
+from pomona.formats.tables import read_fruits, read_observations
+from pomona.pipeline import go_on
+from pomona.pipeline.kept import settle
+from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
+from pomona.survey import Survey
+from pomona.view import Corrector, ViewServer, read_survey
+from report_scenes import row_photos
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return write_scene(tmp_path_factory.mktemp("row"))
+
+
+@pytest.fixture
+def scene(made: Scene, tmp_path: Path) -> Scene:
+    shutil.copytree(made.survey, tmp_path / "survey")
+    return replace(made, survey=tmp_path / "survey")
+
+
+@dataclass
+class Desk:
+    """A survey opened to be corrected, as the page would."""
+
+    scene: Scene
+    corrector: Corrector
+
+    @classmethod
+    def of(cls, scene: Scene) -> Desk:
+        return cls(scene, Corrector(Survey.open(scene.survey), read_survey(scene.survey)))
+
+    @property
+    def count(self) -> int:
+        return len(self.corrector.data.fruits)
+
+    def fruit(self, place: np.ndarray, within_m: float = 0.03) -> int:
+        fruits = self.corrector.data.fruits
+        away = np.linalg.norm(fruits.centers_in_world - place, axis=1)
+        return int(fruits.ids[away.argmin()]) if away.min() < within_m else 0
+
+    def marks(self, photos: tuple[int, ...], *places: np.ndarray) -> list[PhotoMark]:
+        cameras = self.corrector.data.cameras
+        found = [(k, cameras.project(k, place[None])[0][0]) for k in photos for place in places]
+        return [PhotoMark(k, float(x), float(y)) for k, (x, y) in found]
+
+    def ask(self, kind: Any, *fruits: int, **more: Any) -> str:
+        values = {"marks": [], "size": [], "tree": 0, **more}
+        revision = self.corrector.state.revision
+        return self.corrector.do(CorrectionRequest(kind=kind, revision=revision, fruits=list(fruits), **values)).message
+
+    def correct_all(self) -> None:
+        """One of each kind."""
+        self.ask("delete", self.fruit(GRID[FALSE_ONE]))
+        self.ask("add", marks=self.marks((0, 1), MISSED))
+        self.ask("split", self.fruit(TWINS.mean(0)), marks=self.marks((1,), *TWINS))
+        self.ask("merge", self.fruit(GRID[0]), self.fruit(GRID[1]))
+        self.ask("move", self.fruit(GRID[14]), tree=3)
+
+
+def table_has(survey: Path, place: np.ndarray, within_m: float = 0.03) -> bool:
+    fruits = read_fruits(survey / "fruits.csv")
+    return bool((np.linalg.norm(fruits.centers_in_world - place, axis=1) < within_m).any())
+
+
+def test_each_kind_is_done_and_kept_at_once(scene: Scene) -> None:
+    desk = Desk.of(scene)
+    assert (desk.count, desk.corrector.note, desk.corrector.state.done) == (16, "", [])
+    assert desk.ask("delete", desk.fruit(GRID[FALSE_ONE])).endswith("deleted. 15 fruits")
+    assert len(read_corrections(scene.survey / "corrections.json").done) == 1
+    assert desk.ask("add", marks=desk.marks((0, 1), MISSED)).endswith("added. 16 fruits")
+    assert "split into" in desk.ask("split", desk.fruit(TWINS.mean(0)), marks=desk.marks((1,), *TWINS))
+    assert all(desk.fruit(twin, 0.01) for twin in TWINS)
+    assert "merged to" in desk.ask("merge", desk.fruit(GRID[0]), desk.fruit(GRID[1]))
+    moved = desk.fruit(GRID[14])
+    assert desk.ask("move", moved, tree=3) == f"Fruit {moved} moved to tree 3. 16 fruits"
+    assert sorted(filter(None, desk.corrector.state.fruits)) == ["added", "merged", "moved", "split", "split"]
+    assert not list(scene.survey.glob(".*"))
+
+
+def test_a_clicked_size_is_measured(scene: Scene) -> None:
+    desk = Desk.of(scene)
+    (middle,) = desk.marks((1,), MISSED)
+    radius = 600 * DIAMETER_M / 2 / (MISSED[1] + 3.0)
+    edges = [PhotoMark(1, middle.x + s * 0.8 * radius, middle.y) for s in (-1, 1)]
+    desk.ask("add", marks=desk.marks((1, 2), MISSED), size=edges)
+    fruits = desk.corrector.data.fruits
+    assert abs(fruits.diameters_m[fruits.ids == desk.fruit(MISSED)][0] - 0.8 * DIAMETER_M) < 0.003
+
+
+def test_undo_and_redo_also_after_a_restart(scene: Scene) -> None:
+    desk = Desk.of(scene)
+    before = read_fruits(scene.survey / "fruits.csv")
+    desk.correct_all()
+    after = desk.corrector.data.fruits
+    for count in range(5):
+        desk = Desk.of(scene)  # as another `pomona view` would
+        desk.ask("undo")
+        assert len(desk.corrector.state.undone) == count + 1
+    assert np.allclose(desk.corrector.data.fruits.centers_in_world, before.centers_in_world, atol=1e-4)
+    assert desk.corrector.data.fruits.ids.tolist() == before.ids.tolist()
+    for _ in range(5):
+        desk.ask("redo")
+    assert np.array_equal(desk.corrector.data.fruits.centers_in_world, after.centers_in_world)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fruits", "more", "said"),
+    [
+        ("delete", [], {}, "Choose one fruit"),
+        ("delete", [999], {}, "There is no fruit 999"),
+        ("merge", [1], {}, "two different fruits"),
+        ("merge", [1, 1], {}, "two different fruits"),
+        ("move", [1], {"tree": -2}, "expected a positive number"),
+        ("add", [], {"marks": [PhotoMark(0, 5, 5)]}, "two photos"),
+        ("add", [], {"marks": [PhotoMark(99, 5, 5), PhotoMark(0, 5, 5)]}, "no photo 99"),
+        ("add", [], {"marks": [PhotoMark(0, -5, 5), PhotoMark(1, 5, 5)]}, "outside the photo"),
+        ("split", [1], {"marks": [PhotoMark(0, 5, 5)]}, "middles of the two fruits"),
+        ("split", [1], {"marks": [PhotoMark(0, 5, 5), PhotoMark(0, 60, 5)]}, "that is elsewhere"),
+        ("undo", [], {}, "nothing to undo"),
+        ("redo", [], {}, "nothing to redo"),
+    ],
+)
+def test_what_makes_no_sense_changes_nothing(
+    made: Scene, kind: str, fruits: list[int], more: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(ValueError, match=said):
+        Desk.of(made).ask(kind, *fruits, **more)
+    assert not (made.survey / "corrections.json").exists()
+
+
+def test_a_fruit_that_is_there_is_not_added(made: Scene) -> None:
+    desk = Desk.of(made)
+    with pytest.raises(ValueError, match=f"Fruit {desk.fruit(GRID[3])} is there already"):
+        desk.ask("add", marks=desk.marks((0, 1), GRID[3]))
+
+
+def test_every_later_command_has_them(scene: Scene, tmp_path: Path) -> None:
+    Desk.of(scene).correct_all()
+    assert table_has(scene.survey, GRID[FALSE_ONE])  # tables are written by the next command
+    runner = CliRunner()
+    out = tmp_path / "fruits.csv"
+    assert runner.invoke(app, ["export", str(scene.survey), "--to", "csv", "--out", str(out)]).exit_code == 0
+    for table in (out, scene.survey / "fruits.csv"):
+        assert len(read_fruits(table)) == 16
+    assert not table_has(scene.survey, GRID[FALSE_ONE])
+    assert table_has(scene.survey, MISSED)
+    assert read_fruits(out).tree_ids.max() == 3
+    assert len(json.loads((scene.survey / "fruits.geojson").read_text())["features"]) == 16
+    in_file = {a["id"] for a in json.loads((scene.survey / "detections.json").read_text())["annotations"]}
+    assert set(read_observations(scene.survey / "observations.csv").detection_id.tolist()) <= in_file
+    masks = tmp_path / "masks.json"
+    assert runner.invoke(app, ["export", str(scene.survey), "--to", "coco", "--out", str(masks)]).exit_code == 0
+    kinds = {a["attributes"]["correction"] for a in json.loads(masks.read_text())["annotations"]}
+    assert kinds == {"none", "added", "split", "merged", "moved"}
+
+
+def test_only_results_and_report_are_done_again_for_them(scene: Scene) -> None:
+    Desk.of(scene).correct_all()
+    heard: list[str] = []
+    summary = go_on(scene.survey, on_stage=heard.append)
+    assert heard == ["photos", "results", "report"]
+    assert (summary.fruits, summary.corrections) == (16, "5 applied")
+    heard.clear()
+    settle(Survey.open(scene.survey))
+    go_on(scene.survey, on_stage=heard.append)
+    assert heard == ["photos"]
+    # What `settle` writes is what a run writes.
+    Desk.of(scene).ask("undo")
+    settle(Survey.open(scene.survey))
+    go_on(scene.survey, on_stage=heard.append)
+    assert heard == ["photos", "photos", "report"]
+    assert not list(scene.survey.glob("*.edited*"))
+
+
+def test_a_run_with_other_masks_has_them_and_tells_of_what_no_longer_matches(scene: Scene, tmp_path: Path) -> None:
+    desk = Desk.of(scene)
+    desk.correct_all()
+    desk.ask("delete", desk.fruit(GRID[12]))
+    # A segmenter that does not see the first two of the row, and so numbers the others differently.
+    cameras = scene.taken_by
+    write_coco(tmp_path / "masks.json", row_photos(cameras), masks_of(cameras, without=(1, 12)))
+    scene.run(tmp_path / "masks.json")
+    fruits = read_fruits(scene.survey / "fruits.csv")
+    assert len(fruits) == 15
+    for place in (GRID[FALSE_ONE], GRID[12]):
+        assert not table_has(scene.survey, place)
+    assert all(table_has(scene.survey, place, 0.01) for place in (MISSED, *TWINS))
+    survey = Survey.open(scene.survey)
+    warnings = [w for w in survey.get("warnings") if "matches no fruit" in w]
+    assert len(warnings) == 2
+    assert "merge the fruits at" in warnings[0]
+    assert "delete the fruit at 0.00, 0.00, 1.70" in warnings[1]
+    assert survey.get("summary")["corrections"] == "4 applied; 2 match no fruit any more"
+    assert "matches no fruit" in (scene.survey / "report.html").read_text()
+    assert len(read_corrections(scene.survey / "corrections.json").done) == 6
+    again = Desk.of(scene)
+    assert len(again.corrector.state.lost) == 2
+    again.ask("undo")
+    assert len(again.corrector.state.lost) == 1
+
+
+def test_beginning_anew_keeps_the_log(scene: Scene) -> None:
+    Desk.of(scene).correct_all()
+    Survey.open(scene.survey).clear()
+    assert len(read_corrections(scene.survey / "corrections.json").done) == 5
+
+
+def test_a_log_with_a_mistake_stops_a_run_at_once(scene: Scene) -> None:
+    (scene.survey / "corrections.json").write_text("{}")
+    heard: list[str] = []
+    with pytest.raises(FormatError, match=r"corrections\.json"):
+        go_on(scene.survey, on_stage=heard.append)
+    assert heard == []
+
+
+def test_without_what_runs_keep_nothing_can_be_corrected(scene: Scene) -> None:
+    Desk.of(scene).correct_all()
+    shutil.rmtree(scene.survey / "work")
+    corrector = Desk.of(scene).corrector
+    assert "pomona run" in corrector.note
+    with pytest.raises(RuntimeError, match="pomona run"):
+        settle(Survey.open(scene.survey))
+
+
+@pytest.fixture
+def server(scene: Scene) -> Iterator[ViewServer]:
+    corrector = Desk.of(scene).corrector
+    with ViewServer(corrector.data, corrector=corrector) as started:
+        threading.Thread(target=started.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+        yield started
+        started.shutdown()
+
+
+def post(server: ViewServer, values: Any, path: str = "/corrections", **headers: str | None) -> tuple[int, bytes]:
+    port = server.server_port
+    body = values if isinstance(values, bytes) else json.dumps(values).encode()
+    usual = {
+        "Host": f"127.0.0.1:{port}", "Origin": f"http://127.0.0.1:{port}", "Content-Type": "application/json",
+        "Content-Length": str(len(body)),
+    }  # fmt: skip
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.putrequest("POST", path, skip_host=True, skip_accept_encoding=True)
+    for name, value in (usual | {name.replace("_", "-"): text for name, text in headers.items()}).items():
+        if value is not None:
+            connection.putheader(name, value)
+    connection.endheaders(body)
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return answer.status, content
+
+
+def request(state: CorrectionState, kind: str, **more: Any) -> dict[str, Any]:
+    return {"kind": kind, "revision": state.revision, "fruits": [], "marks": [], "size": [], "tree": 0, **more}
+
+
+def test_the_server_corrects_for_its_own_page(server: ViewServer) -> None:
+    assert server.corrector is not None
+    state = server.corrector.state
+    status, body = post(server, request(state, "delete", fruits=[1]))
+    assert (status, json.loads(body)) == (200, {"message": "Fruit 1 deleted. 15 fruits", "fruit": 0})
+    assert 1 not in server.site.values.fruits.ids
+    # Another window, with the old page.
+    status, body = post(server, request(state, "delete", fruits=[2]))
+    assert status == 409
+    assert "elsewhere" in json.loads(body)["message"]
+    status, body = post(server, request(server.corrector.state, "delete", fruits=[1]))
+    assert (status, json.loads(body)["message"]) == (400, "There is no fruit 1")
+
+
+@pytest.mark.parametrize(
+    ("status", "headers"),
+    [
+        (403, {"Origin": "http://evil.example"}),
+        (403, {"Origin": None}),
+        (403, {"Origin": "null"}),
+        (403, {"Host": "evil.example", "Origin": "http://evil.example"}),
+        (403, {"Sec_Fetch_Site": "cross-site"}),
+        (415, {"Content_Type": "text/plain"}),
+        (415, {"Content_Type": "application/x-www-form-urlencoded"}),
+        (413, {"Content_Length": "70000"}),
+        (411, {"Content_Length": "-1"}),
+        (404, {"path": "/elsewhere"}),
+    ],
+)
+def test_requests_of_other_pages_are_refused(server: ViewServer, status: int, headers: dict[str, str]) -> None:
+    assert server.corrector is not None
+    found, _ = post(server, request(server.corrector.state, "delete", fruits=[1]), **headers)
+    assert found == status
+    assert server.corrector.state.done == []
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        b"nonsense", b"\xff", [], {}, {"kind": "explode"}, {"fruits": "all"}, {"fruits": [1.5]}, {"marks": [1]},
+        {"marks": [{"photo": 0, "x": "a", "y": 1}]}, {"marks": [{"photo": 0, "x": float("nan"), "y": 1}] * 2},
+        {"tree": 1e99},
+    ],
+)  # fmt: skip
+def test_nonsense_is_refused_in_words(server: ViewServer, values: Any) -> None:
+    assert server.corrector is not None
+    if isinstance(values, dict) and values:
+        values = request(server.corrector.state, "add") | values
+    status, _ = post(server, values)
+    assert status == 400
+    assert server.corrector.state.done == []
+
+
+def test_lines_are_told(server: ViewServer) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+    connection.request("GET", "/data/lines/0/400/300.json")
+    found = json.loads(connection.getresponse().read())
+    assert set(found["photos"]) <= set(range(1, 6))
+    assert len(found["lines"]) == len(found["photos"]) >= 4
+    connection.request("GET", "/data/lines/0/4000/300.json")
+    answer = connection.getresponse()
+    assert answer.status == 404
+    connection.close()
+
+
+def test_a_survey_of_others_is_shown_and_not_corrected(scene: Scene) -> None:
+    manifest = json.loads((scene.survey / "survey.json").read_text())
+    (scene.survey / "survey.json").write_text(json.dumps({**manifest, "stages": {}}))
+    corrector = Desk.of(scene).corrector
+    assert "nothing can be corrected" in corrector.note
+    assert len(corrector.data.fruits) == 16
