@@ -136,6 +136,8 @@ def _read_file(
         if line.strip():
             try:
                 fruits.append(_fruit(line.split(), names, photo, scored=scored))
+                if (fruits[-1].score is None) != (fruits[0].score is None):
+                    raise InputError("expected a confidence at the end of all lines or of none: is a number missing?")
             except InputError as error:
                 raise FormatError(f"{file}: line {k}: {error}") from None
     return tuple(fruits)

@@ -1,0 +1,304 @@
+"""Detections in the files of other programs: a made scene in every format is read as it is, and wrong files are not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+import numpy as np
+import pytest
+
+import detection_scenes as scenes
+from detection_scenes import FRUITS, SCENE, scene_photos, whole, written
+from pomona.detections import SurveyDetections
+from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
+from pomona.formats.detections.read import read_detections
+from pomona.photos import Photos
+from pomona.progress import Silent
+
+Writer = Callable[[Path], Path]
+# Whether masks are as they were, to the pixel; and whether scores are there.
+WRITERS: dict[str, tuple[Writer, bool, bool]] = {
+    "COCO, compressed runs": (scenes.coco_file(lambda f: scenes.rle_of(f.pixels)), True, True),
+    "COCO, runs": (scenes.coco_file(lambda f: scenes.runs_of(f.pixels)), True, True),
+    "COCO, polygons": (scenes.coco_file(scenes.polygon_of), False, True),
+    "COCO results and images": (scenes.results_with_images, True, True),
+    "COCO results by name": (scenes.results_of_names, True, True),
+    "SAHI": (scenes.sahi_results, True, True),
+    "supervision, COCO": (scenes.supervision_coco, True, False),
+    "supervision, YOLO": (scenes.yolo_traced, True, False),
+    "supervision, Pascal VOC": (scenes.voc, True, False),
+    "VIA 1": (scenes.via1, False, True),
+    "VIA 2": (scenes.via2, False, True),
+    "VIA 3": (scenes.via3, False, True),
+    "VIA, a table": (scenes.via_csv, False, True),
+    "YOLO": (scenes.yolo, False, True),
+    "YOLO without scores": (partial(scenes.yolo, scored=False), False, False),
+    "images of 8 bits": (partial(scenes.label_images, kind="8 bits"), True, False),
+    "images of 16 bits": (partial(scenes.label_images, kind="16 bits"), True, False),
+    "images of colours": (partial(scenes.label_images, kind="colours"), True, False),
+    "images with a palette": (partial(scenes.label_images, kind="palette"), True, False),
+    "TIFF, little-endian": (partial(scenes.label_images, kind="<"), True, False),
+    "TIFF, big-endian": (partial(scenes.label_images, kind=">"), True, False),
+    "MATLAB": (scenes.mats, True, True),
+    "CVAT": (scenes.cvat, False, True),
+}
+UNLISTED = {"COCO results by name", "SAHI"}  # they have no place for a photo without fruit
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_masks_that_were_written(tmp_path: Path, name: str) -> None:
+    write, exact, scored = WRITERS[name]
+    progress = Silent()
+    found = read_detections(write(tmp_path), scene_photos(), progress=progress)
+    assert list(found) == [photo for photo in SCENE if SCENE[photo] or name not in UNLISTED]
+    assert found.total == len(FRUITS)
+    for photo, fruits in SCENE.items():
+        if not fruits:
+            continue
+        for fruit in fruits:
+            overlaps = [iou(whole(mask), fruit.pixels) for mask in found[photo].masks]
+            best = int(np.argmax(overlaps))
+            assert overlaps[best] >= (1 if exact else 0.97), (photo, fruit, overlaps)
+            assert found[photo].scores[best] == pytest.approx(fruit.score if scored else 1, abs=1e-6)
+            # As much is read too much as too little: no outline is moved or grown.
+            mask = whole(found[photo].masks[best])
+            assert mask.sum() == pytest.approx(fruit.pixels.sum(), rel=0 if exact else 0.015)
+    said = " ".join(progress.warnings)
+    assert ("have no score: it is taken to be 1" in said) == (not scored)
+    ids = np.concatenate([of_photo.ids for of_photo in found.values()])
+    assert len(np.unique(ids)) == len(ids)
+
+
+def iou(one: np.ndarray, other: np.ndarray) -> float:
+    return float((one & other).sum() / (one | other).sum())
+
+
+def changed(folder: Path, name: str, old: str, new: str) -> Path:
+    """A format's files with a piece of the first that has it changed."""
+    path = WRITERS[name][0](folder)
+    for file in [path] if path.is_file() else sorted(p for p in path.rglob("*.*") if p.is_file()):
+        text = file.read_text()
+        if old in text:
+            file.write_text(text.replace(old, new, 1))
+            return path
+    raise AssertionError(f"{old} is in no file of {name}")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        ("COCO, polygons", '"width": 400', '"width": 800', "image 10 'east/IMG_1.JPG': expected the size of IMG_1.JPG"),
+        ("COCO, polygons", '"score": 0.9', '"score": NaN', "annotation 50: score: .* found nan"),
+        ("COCO, polygons", '"segmentation": [[', '"segmentation": [[5000, ', "annotation 50: .*expected polygons"),
+        ("COCO, polygons", '"segmentation": [[', '"segmentation": [[5000, 9, ', "annotation 50: .*inside the photo"),
+        ("COCO, polygons", '"segmentation": [[', '"segmentation": [[1e400, 9, ', "annotation 50: .*expected poly"),
+        ("COCO, runs", '"counts": [', '"counts": [7, ', "annotation 50: .*expected runs that sum to 400 × 300"),
+        ("COCO, runs", '"counts": [', f'"counts": [{10**30}, ', "annotation 50: .*expected counts"),
+        ("COCO results by name", '"IMG_1"', "77", "result 0: image_id: expected a photo's name, found 77"),
+        ("SAHI", '"category_id": 0', '"category_id": null', "category_id: expected a whole number"),
+        ("VIA 2", '"all_points_x": [', '"all_points_x": [5, ', "region 0: expected as many all_points_x"),
+        ("VIA 2", '"score": "0.9"', '"score": "nan"', "region 0: score: expected a number from 0 to 1, found 'nan'"),
+        ("VIA 3", '"vid": "1"', '"vid": "9"', "metadata '0_x': vid: expected one of the views, found '9'"),
+        ("VIA 3", '"fid_list": ["1"]', '"fid_list": ["1", "2"]', r"view '1': fid_list: expected the id of one file"),
+        ("VIA 3", '"xy": [9', '"xy": [5', "metadata '1_x': xy: expected the number and coordinates of a shape"),
+        ("VIA 3", '"fname": "east/IMG_1.JPG"', '"fname": ""', "file '1': fname: expected a photo's name"),
+        ("VIA, a table", '""cx"": 200.0', '""cx"": 900', "line 3: expected a place inside the photo of 400 × 300"),
+        ("YOLO", " 0.9\n", " 9\n", "east/IMG_1.txt: line 1: score: .* found '9'"),
+        ("YOLO", " 0.9\n", "\n", "IMG_1.txt: line 2: expected a confidence at the end of all lines or of none"),
+        ("YOLO", "names: [apple]", "names: [", r"data\.yaml: expected YAML"),
+        ("YOLO", "0 0.", "7 0.", "line 1: expected the number of a class from 0 to 0, found 7"),
+        ("CVAT", 'width="400"', 'width="300"', "image 'east/IMG_1.JPG': expected the size .* found 300 × 300"),
+        ("CVAT", 'points="', 'points="5,nan;', r"shape 0 \(polygon\): points: expected pairs x,y"),
+        ("CVAT", 'rle="', 'rle="3, ', r"shape 2 \(mask\): rle: expected runs that sum to .* pixels, found"),
+        ("CVAT", 'rle="', 'rle="x, ', "rle: expected whole numbers with commas between"),
+        ("CVAT", 'left="', 'left="3', "expected a place inside the photo"),
+        ("CVAT", '<polygon label="apple"', '<points label="apple"', "no XML: mismatched tag: line 6"),
+        ("CVAT", "<image", "<track/><image", "found tracks: export it as 'CVAT for images 1.1'"),
+        ("CVAT", "<annotations>", "<!DOCTYPE a [<!ENTITY a 'b'>]><annotations>", "XML that defines entities"),
+        ("CVAT", '<tag label="sunny" source="manual">', '<cuboid label="x">', "no XML"),
+        ("CVAT", '<tag label="sunny" source="manual"></tag>', "<cuboid/>", r"\(cuboid\): expected a shape with"),
+        ("CVAT", '<tag label="sunny" source="manual"></tag>', '<box xtl="1" ytl="1" xbr="9" ybr="9" rotation="5"/>',
+         r"shape 3 \(box\): rotation: expected a box without rotation: draw a turned one as a polygon"),
+        ("supervision, Pascal VOC", "<width>400", "<width>40", "IMG_1.xml: size: expected the size of IMG_1.JPG"),
+        ("supervision, Pascal VOC", "<x2>", "<x99999>", "no XML"),
+        ("supervision, Pascal VOC", "<x3>", "<x3>1e9", "object 0: .*inside the photo|object 0: x3: expected"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:
+    path = changed(tmp_path / "given", name, old, new)
+    with pytest.raises(FormatError, match=said) as caught:
+        read_detections(path, scene_photos())
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["images of 8 bits", "images with a palette", "TIFF, big-endian", "MATLAB"])
+def test_label_images_of_another_size_are_refused(tmp_path: Path, name: str) -> None:
+    path = WRITERS[name][0](tmp_path)
+    small = Photos(tuple(replace(photo, width_px=200, height_px=150) for photo in scene_photos()))
+    with pytest.raises(FormatError, match=r"IMG_1.*expected the size of IMG_1\.JPG, 200 × 150, found 400 × 300"):
+        read_detections(path, small)
+
+
+def test_images_that_say_fruit_but_not_which_are_refused(tmp_path: Path) -> None:
+    path = scenes.label_images(tmp_path, "8 bits")
+    cv2.imwrite(str(tmp_path / "east" / "IMG_1.png"), (scenes.label_image("east/IMG_1.JPG") > 0).astype(np.uint8) * 255)
+    with pytest.raises(FormatError, match=r"IMG_1\.png: .*black and white alone"):
+        read_detections(path, scene_photos())
+
+
+def test_boxes_become_ellipses_and_it_is_said(tmp_path: Path) -> None:
+    written(tmp_path / "IMG_1.txt", "0 0.5 0.5 0.2 0.1 0.8\n")
+    progress = Silent()
+    found = read_detections(tmp_path, scene_photos(), progress=progress)
+    (mask,) = found["east/IMG_1.JPG"].masks
+    assert mask.area_px == pytest.approx(np.pi / 4 * 80 * 30, rel=0.02)
+    assert found["east/IMG_1.JPG"].scores.tolist() == [0.8]
+    assert found["west/IMG_3.JPG"].scores.tolist() == []
+    assert any("1 annotations are boxes without masks" in warning for warning in progress.warnings)
+    assert any(
+        "2 photos have no file and are taken as photos without fruit" in warning for warning in progress.warnings
+    )
+
+
+def test_the_classes_that_are_fruit_are_chosen(tmp_path: Path) -> None:
+    path = changed(tmp_path, "CVAT", 'ellipse label="apple"', 'ellipse label="leaf"')
+    with pytest.raises(FormatError, match=r"expected detections of one class, found apple, leaf: .*--classes"):
+        read_detections(path, scene_photos())
+    assert read_detections(path, scene_photos(), classes=["Apple"]).total == len(FRUITS) - 1
+    assert read_detections(path, scene_photos(), classes=["leaf", "apple"]).total == len(FRUITS)
+    with pytest.raises(InputError, match=r"classes: expected some of those in .* \(apple, leaf\), found 'pear'"):
+        read_detections(path, scene_photos(), classes=["pear"])
+
+
+def test_parts_of_one_group_are_one_fruit_in_cvat(tmp_path: Path) -> None:
+    halves = [
+        f'<polygon label="apple" group_id="4" points="{x},10;{x + 8},10;{x + 8},30;{x},30"></polygon>' for x in (10, 20)
+    ]
+    image = f'<image id="0" name="IMG_1.JPG" width="400" height="300">{"".join(halves)}</image>'
+    path = written(tmp_path / "a.xml", f"<annotations>{image}</annotations>")
+    (mask,) = read_detections(path, scene_photos())["east/IMG_1.JPG"].masks
+    assert (mask.box_px, mask.area_px) == ((10, 10, 28, 30), 320)
+
+
+def test_a_folder_must_hold_one_format_and_something(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="no such file or folder"):
+        read_detections(tmp_path / "none", scene_photos())
+    with pytest.raises(InputError, match=r"expected detections of one of COCO; .*MATLAB masks; found none of them"):
+        read_detections(tmp_path, scene_photos())
+    scenes.cvat(tmp_path)
+    written(tmp_path / "notes.md", "# drawn in May")
+    assert read_detections(tmp_path, scene_photos()).total == len(FRUITS)
+    scenes.via2(tmp_path)
+    with pytest.raises(InputError, match=r"of one format, found CVAT \(annotations.xml\), VIA \(project.json\): name"):
+        read_detections(tmp_path, scene_photos())
+
+
+def test_files_of_both_sides_are_read_together_and_photos_once(tmp_path: Path) -> None:
+    for side in ("east", "west"):
+        scenes.coco_file(lambda f: scenes.rle_of(f.pixels))(tmp_path / side)
+    with pytest.raises(
+        FormatError, match=r"west/masks\.json: image 10: photo east/IMG_1\.JPG is given twice: .*east/masks"
+    ):
+        read_detections(tmp_path, scene_photos())
+    for side in ("east", "west"):
+        path = tmp_path / side / "masks.json"
+        content = json.loads(path.read_text())
+        content["images"] = [image for image in content["images"] if image["file_name"].startswith(side)]
+        known = {image["id"] for image in content["images"]}
+        content["annotations"] = [entry for entry in content["annotations"] if entry["image_id"] in known]
+        written(path, content)
+    assert read_detections(tmp_path, scene_photos()).total == len(FRUITS)
+
+
+def test_the_photos_own_files_are_no_label_images(tmp_path: Path) -> None:
+    photos = Photos(tuple(replace(p, path=(tmp_path / p.name).with_suffix(".png")) for p in scene_photos()))
+    for photo in photos:
+        photo.path.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(photo.path), np.zeros((4, 4, 3), np.uint8))
+    scenes.via_csv(tmp_path)
+    assert read_detections(tmp_path, photos).total == len(FRUITS)
+
+
+PIECES = (
+    b'"',
+    b"{}",
+    b"[]",
+    b"null",
+    b"-1",
+    b"1e999",
+    b"9" * 25,
+    b"9" * 400,
+    b"NaN",
+    b"0",
+    b",",
+    b"\n",
+    b"\xff",
+    b"\x00",
+    b"<",
+    b";",
+)
+
+
+def mutated(data: bytes, rng: np.random.Generator) -> bytes:
+    """Some bytes changed, cut out, doubled, put in, or all that follow lost."""
+    at = int(rng.integers(0, len(data)))
+    end = min(len(data), at + int(rng.integers(1, 12)))
+    kind = rng.integers(0, 6)
+    if kind == 0:
+        return data[:at]
+    if kind == 1:
+        return data[:at] + data[end:]
+    if kind == 2:
+        return data[:end] + data[at:]
+    if kind == 3:
+        return data[:at] + rng.integers(0, 256, end - at).astype(np.uint8).tobytes() + data[end:]
+    if kind == 4:  # another digit: most such files can still be read
+        digits = [k for k in range(at, min(at + 200, len(data))) if data[k : k + 1].isdigit()]
+        if digits:
+            return data[: digits[0]] + b"%d" % rng.integers(0, 10) + data[digits[0] + 1 :]
+    return data[:at] + PIECES[rng.integers(len(PIECES))] + data[end if rng.random() < 0.5 else at :]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_damaged_files_are_read_or_refused_in_words(tmp_path: Path, name: str) -> None:
+    path = WRITERS[name][0](tmp_path / "given")
+    files = [path] if path.is_file() else sorted(p for p in path.rglob("*.*") if p.is_file())
+    rng = np.random.default_rng(sorted(WRITERS).index(name))
+    refused = 0
+    for case in range(24):
+        file = files[case % len(files)]
+        data = file.read_bytes()
+        file.write_bytes(mutated(data, rng) if data else b"0 0.1")
+        start = perf_counter()
+        found = read_or_refused(path)
+        refused += isinstance(found, str)
+        if isinstance(found, str):
+            assert str(path) in found
+        else:
+            check_sound(found)
+        assert perf_counter() - start < 5
+        file.write_bytes(data)
+    assert refused >= 3
+
+
+def read_or_refused(path: Path) -> SurveyDetections | str:
+    """What is read, or why it is not; other errors than the package's own are let through."""
+    try:
+        return read_detections(path, scene_photos())
+    except PomonaError as error:
+        return str(error)
+
+
+def check_sound(found: SurveyDetections) -> None:
+    """That masks lie inside their photos is checked by the values themselves."""
+    for of_photo in found.values():
+        assert ((of_photo.scores >= 0) & (of_photo.scores <= 1)).all()
+        assert of_photo.boxes_px is not None
+        assert np.isfinite(of_photo.boxes_px).all()
+        assert all(0 < mask.area_px <= scenes.WIDTH * scenes.HEIGHT for mask in of_photo.masks)
