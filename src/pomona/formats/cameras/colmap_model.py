@@ -15,6 +15,8 @@ from pomona.errors import FormatError
 from pomona.formats.cameras.lenses import FittedLens
 
 _GREATEST_ID = 2**63 - 1
+# Of a quaternion, which COLMAP writes of length 1.
+_SHORTEST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,8 @@ def image_of(
 ) -> ColmapImage:
     """Return an image from QW QX QY QZ TX TY TZ; raises `FormatError` where they are no pose."""
     w, x, y, z, *translation = numbers
-    if not np.isfinite(numbers).all() or not w * w + x * x + y * y + z * z > 1e-12:
+    length = np.linalg.norm([w, x, y, z])
+    if not np.isfinite(numbers).all() or not _SHORTEST < length < 1 / _SHORTEST:
         raise FormatError(f"{where}: expected the pose of {name}, found {' '.join(map(str, numbers))}")
     if not np.isfinite(xy_px).all():
         raise FormatError(f"{where}: expected finite pixels of {name}")

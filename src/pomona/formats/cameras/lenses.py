@@ -153,7 +153,7 @@ def _rays_over_photo(lens: Lens, where: str) -> FloatArray:
                 "give the undistorted ones with their cameras"
             )
         if last > 0:
-            spokes.append(_spoke(direction, tangents[last] * np.linspace(0, 1, _RINGS)))
+            spokes.append(_spoke(direction, np.tan(np.arctan(tangents[last]) * np.linspace(0, 1, _RINGS))))
     if not spokes:
         raise FormatError(f"{where}: expected a principal point within the photo, found ({lens.cx:g}, {lens.cy:g})")
     return np.concatenate(spokes)
@@ -194,8 +194,8 @@ def _rational(lens: Lens, rays: FloatArray) -> FloatArray:
     s is the squared tangent. The ratio is made linear by its denominator, which is then a weight (Sanathanan and
     Koerner 1963).
     """
-    tangent = np.hypot(rays[:, 0], rays[:, 1])
-    tangent = np.linspace(0, tangent.max(), 400)[1:]
+    widest = np.arctan(np.hypot(rays[:, 0], rays[:, 1]).max())
+    tangent = np.tan(np.linspace(0, widest, _STEPS)[1:])
     bent = lens.bend(tangent)
     squared: FloatArray = (tangent * bent) ** 2
     factor = bent * (1 + _series(lens.radial, squared))

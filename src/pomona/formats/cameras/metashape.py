@@ -134,8 +134,6 @@ def _transforms(chunk: Element) -> Mapping[str, Similarity]:
         similarity = _similarity(transform) if transform is not None else result.get("")
         if similarity is not None:
             result[component_id] = similarity
-    if of_chunk is None and len(result) == 1 and len(found) == 1:
-        result[""] = next(iter(result.values()))
     return {key: similarity for key, similarity in result.items() if similarity is not None}
 
 
@@ -152,9 +150,10 @@ def _in_one_frame(
 ) -> tuple[list[_Camera], Similarity | None, list[str]]:
     """The cameras of one component, whose frame is known best: components have each a frame of their own."""
     components = {camera.component for camera in cameras}
+    if len(components) == 1:  # or none, as old versions of Metashape write it
+        (own,) = components
+        return list(cameras), transforms.get(own, transforms.get("")), []
     known = {key for key in components if key in transforms}
-    if len(components) == 1:
-        return list(cameras), transforms.get(cameras[0].component), []
     if known:
         main = max(sorted(known), key=lambda key: sum(camera.component == key for camera in cameras))
         kept = [_moved(camera, transforms, main) for camera in cameras if camera.component in known]

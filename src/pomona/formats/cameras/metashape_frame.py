@@ -74,7 +74,8 @@ def _has_scale(chunk: Element) -> bool:
         if (reference := element.get("reference")) is not None
     ]
     enabled = [r for r in references if r.attribute("enabled", "true") not in ("false", "0")]
-    return any({"x", "y", "z"} <= r.node.keys() or "distance" in r.node.keys() for r in enabled)  # noqa: SIM118
+    given = [set(reference.node.attrib) for reference in enabled]
+    return any({"x", "y", "z"} <= names or "distance" in names for names in given)
 
 
 def _on_earth(reference: Element, wkt: str, centers_in_world: FloatArray) -> Place:
@@ -108,7 +109,7 @@ def _on_ellipsoid(crs: CRS, projection: str) -> CRS:
 def _transformed(source: CRS, target: CRS, places: FloatArray) -> FloatArray:
     """Coordinates (n, 3), east before north."""
     try:
-        moved = Transformer.from_crs(source, target, always_xy=True).transform(*np.asarray(places, float).T)
+        moved = Transformer.from_crs(source, target, always_xy=True).transform(*np.asarray(places, float).T.tolist())
     except ProjError:
         return np.full((len(places), 3), np.nan)
     return np.stack(moved, axis=1)

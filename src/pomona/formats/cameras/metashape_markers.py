@@ -36,7 +36,7 @@ def _references(chunk: Element) -> Mapping[int, list[float]]:
         reference = marker.get("reference")
         if reference is None or reference.attribute("enabled", "true") in ("false", "0"):
             continue
-        if {"x", "y", "z"} <= set(reference.node.keys()):
+        if {"x", "y", "z"} <= set(reference.node.attrib):
             found[marker.whole("id")] = [reference.number_of(axis) for axis in "xyz"]
     return found
 
