@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import PurePosixPath
 
 from pomona.errors import InputError
+from pomona.photos import Photos
 
 
 class PhotoNames:
@@ -36,6 +38,16 @@ def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
         taken = set(pairs.values())
         pairs |= _paired(rest, [photo for photo in photos if photo not in taken], form)
     return pairs
+
+
+def photos_named(photos: Photos, names: Sequence[str]) -> Photos:
+    """Return the photos that `names` mean, under these names and in their order; names that mean none are left out.
+
+    Raises `InputError` as `pair_names`.
+    """
+    by_name, pairs = photos.by_name(), pair_names(names, photos.names)
+    found = tuple(replace(by_name[pairs[name]], name=name) for name in names if name in pairs)
+    return Photos(found, photos.skipped, from_video=photos.from_video)
 
 
 def _paired(names: Sequence[str], photos: Sequence[str], form: Callable[[str], str]) -> dict[str, str]:

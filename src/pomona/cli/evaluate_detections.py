@@ -106,14 +106,12 @@ def find_photos(source: Path, truth: Path, names: Sequence[str], folder: Path | 
 
     Raises `InputError` where none is found.
     """
-    from pomona.evaluate.detections.photo_files import photos_beside, photos_named
+    from pomona.evaluate.detections.photo_files import photos_beside
+    from pomona.survey.photos import photos_of
 
-    survey = Survey.open(source) if source.is_dir() and folder is None else None
-    places = [Path(place) for place in survey.get("sources") or ()] if survey else []
-    if survey is None or not places or not all(place.exists() for place in places):
-        return photos_beside(truth, names, folder)
-    from pomona.capture import load_photos
-
-    sides = survey.get("options", {}).get("sides", "auto")
-    photos = load_photos(places, sides=sides, frames_dir=survey.work("frames"), min_photos=1)
-    return photos_named(photos, names) or photos_beside(truth, names)
+    if folder is None and source.is_dir():
+        survey = Survey.open(source)
+        places = [Path(place) for place in survey.get("sources") or ()]
+        if places and all(place.exists() for place in places) and (found := photos_of(survey, names)):
+            return found.by_name()
+    return photos_beside(truth, names, folder)

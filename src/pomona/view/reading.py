@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
 from pomona.scale import ScaleReport
 from pomona.survey import StageRecord, Survey
+from pomona.survey.photos import photos_of
 from pomona.survey.values import frame_from
 
 
@@ -48,7 +47,7 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
     masks = _masks(survey)
     return ReportData(
         title=survey.folder.name,
-        photos=find_photos(survey, cameras, photos, progress),
+        photos=_photos(survey, cameras, photos, progress),
         cameras=cameras,
         fruits=read_fruits(survey.fruits),
         observations=read_observations(survey.observations),
@@ -87,41 +86,25 @@ def _cloud(survey: Survey) -> FruitCloud:
     return read_las(survey.cloud) if survey.cloud.is_file() else FruitCloud.empty()
 
 
-def find_photos(survey: Survey, cameras: Cameras, folder: Path | None, progress: Progress) -> Photos:
-    """Return the survey's photos. Those that cannot be found keep their place in the list; their files do not exist."""
-    from pomona.capture import load_photos
-
-    places = [folder] if folder else [Path(place) for place in survey.get("sources") or ()]
-    sides = survey.get("options", {}).get("sides", "auto")
+def _photos(survey: Survey, cameras: Cameras, folder: Path | None, progress: Progress) -> Photos:
+    """The survey's photos. Those that cannot be found keep their place in the list; their files do not exist."""
+    sides = {entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())}
+    sides |= {name: sides.get(name, "") for name in cameras.photos}
     try:
-        found = load_photos(places, sides="none" if folder else sides, frames_dir=survey.work("frames"), min_photos=1)
+        found = photos_of(survey, tuple(sides), folder)
     except PomonaError as error:
         progress.warn(f"The photos are not shown: {error}. Say where they are with --photos FOLDER")
         found = Photos(())
-    by_name = _by_known_names(found.by_name(), cameras.photos)
-    known = {entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())}
-    known |= {name: known.get(name, "") for name in cameras.photos}
+    by_name = found.by_name()
     missing = [name for name in cameras.photos if name not in by_name]
     if found and missing:
         progress.warn(f"{len(missing)} of {len(cameras)} photos were not found, such as {missing[0]}")
     items = [
-        replace(by_name[name], name=name, side=side) if name in by_name else _placeholder(name, side, cameras)
-        for name, side in known.items()
+        replace(by_name[name], side=side) if name in by_name else _placeholder(name, side, cameras)
+        for name, side in sides.items()
         if name in by_name or name in cameras.photos
     ]
     return Photos(tuple(items), found.skipped, from_video=found.from_video)
-
-
-def _by_known_names(found: Mapping[str, Photo], names: tuple[str, ...]) -> dict[str, Photo]:
-    """Photos by the survey's names; in another folder the last part may be all that agrees, where it is unique."""
-    wanted, there = (Counter(Path(name).name for name in of) for of in (names, found))
-    by_last = {Path(name).name: photo for name, photo in found.items()}
-    result = dict(found)
-    for name in names:
-        last = Path(name).name
-        if name not in result and wanted[last] == there[last] == 1:
-            result[name] = by_last[last]
-    return result
 
 
 def _placeholder(name: str, side: str, cameras: Cameras) -> Photo:

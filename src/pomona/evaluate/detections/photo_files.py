@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pomona.errors import InputError
-from pomona.photo_names import pair_names
-from pomona.photos import Photo, Photos
+from pomona.photo_names import photos_named
+from pomona.photos import Photo
 
 
 def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None) -> dict[str, Photo]:
@@ -29,14 +29,8 @@ def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None)
         except InputError:  # no photo in there
             continue
         if known := photos_named(photos, names):
-            return known
+            return known.by_name()
     raise InputError(
         f"The photos named in {truth} were not found in {', '.join(map(str, tried)) or place}: "
         "say where they are with --photos FOLDER"
     )
-
-
-def photos_named(photos: Photos, names: Sequence[str]) -> dict[str, Photo]:
-    """Return the photos that `names` mean, by these names; those that mean none are left out."""
-    by_name = photos.by_name()
-    return {name: by_name[photo] for name, photo in pair_names(names, photos.names).items()}

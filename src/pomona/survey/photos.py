@@ -1,0 +1,24 @@
+"""A survey's photos, found again: the folder keeps their names, not their pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pomona.photo_names import photos_named
+from pomona.photos import Photos
+from pomona.survey.folder import Survey
+
+
+def photos_of(survey: Survey, names: Sequence[str], folder: Path | None = None) -> Photos:
+    """Return the photos of `names` that can be found, under these names: in `folder`, or where the survey says.
+
+    Raises `MissingFileError` where a folder is no longer there, and `InputError` where it has no photo, or where names
+    fit several.
+    """
+    from pomona.capture import load_photos
+
+    places = [folder] if folder else [Path(place) for place in survey.get("sources") or ()]
+    sides = "none" if folder else survey.get("options", {}).get("sides", "auto")
+    photos = load_photos(places, sides=sides, frames_dir=survey.work("frames"), min_photos=1)
+    return photos_named(photos, names)
