@@ -82,9 +82,11 @@ def label_image(camera: Camera, centers: np.ndarray, diameters: np.ndarray) -> n
     return label.reshape(camera.height_px, camera.width_px).astype(np.uint16)
 
 
-def write_fuji_spheres(root: Path, *, sides: Sequence[str] = ("west", "east")) -> tuple[np.ndarray, np.ndarray]:
+def write_fuji_spheres(
+    root: Path, *, sides: Sequence[str] = ("west", "east"), n_trees: int = 5
+) -> tuple[np.ndarray, np.ndarray]:
     """Cameras, masks and clouds of both sides of a row of spheres, and boxes, a file a tree; returns the spheres."""
-    centers, diameters, trees = row_of_spheres()
+    centers, diameters, trees = row_of_spheres(n_trees)
     rng = np.random.default_rng(1)
     for side in sides:
         cameras = side_cameras(side)

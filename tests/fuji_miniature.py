@@ -130,12 +130,12 @@ def write_miniature(
 ) -> None:
     """Write a rendered row (`row`: images/ and truth/) as the dataset, every `every`-th photo of each side.
 
-    Masks are the true ones with scores of 0.96 to 1; a tenth are missing. Clouds are points on that half of each fruit
-    that its side sees, with 1 mm of noise. Fruits of the first tree make the training trees.
+    Masks are the true ones with scores of 0.96 to 1; a tenth are missing. A side's cloud has the points of fruits'
+    surfaces that two of its photos show, with 1 mm of noise.
     """
     rng = np.random.default_rng(seed)
     table = np.genfromtxt(row / "truth" / "fruits.csv", delimiter=",", skip_header=1)
-    trees, centers, diameters = table[:, 1].astype(int), table[:, 2:5], table[:, 5]
+    numbers, trees, centers, diameters = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:5], table[:, 5]
     known = json.loads((row / "truth" / "cameras.json").read_text())
     for side in ("west", "east"):
         stems = sorted(name for name in known if name.startswith(side))[::every]
@@ -143,11 +143,13 @@ def write_miniature(
             Camera(np.array(c["R"]), np.array(c["t"]), c["f"], c["width"], c["height"])
             for c in (known[stem] for stem in stems)
         ]
-        labels, scores = zip(*(_worse(_ids(row, stem), rng) for stem in stems), strict=True)
-        eyes = np.mean([camera.center for camera in cameras], axis=0)
-        near = [_half(c, d, eyes, rng) for c, d in zip(centers, diameters, strict=True)]
+        ids = [_ids(row, stem) for stem in stems]
+        labels, scores = zip(*(_worse(image, rng) for image in ids), strict=True)
+        surfaces = [_surface(c, d, rng) for c, d in zip(centers, diameters, strict=True)]
+        cloud = _shown_twice(np.concatenate(surfaces), np.repeat(numbers, len(surfaces[0])), cameras, ids)
+        cloud += rng.normal(0, 0.001, cloud.shape)
         ties = centers[rng.integers(0, len(centers), TIE_POINTS)] + rng.normal(0, 0.2, (TIE_POINTS, 3))
-        write_side(root, side, cameras, labels, scores, np.concatenate(near), ties, stems)
+        write_side(root, side, cameras, labels, scores, cloud, ties, stems)
         if photos:
             folder = root / "2-SfM-set" / f"raw_images_{side}_side"
             folder.mkdir(parents=True, exist_ok=True)
@@ -179,11 +181,25 @@ def _worse(ids: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.nd
     return label, rng.uniform(0.96, 1, len(kept))
 
 
-def _half(center: np.ndarray, diameter: float, eye: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    directions = rng.normal(size=(600, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    seen = directions[directions @ (eye - center) > 0]
-    return center + seen * diameter / 2 + rng.normal(0, 0.001, seen.shape)
+def _surface(center: np.ndarray, diameter: float, rng: np.random.Generator, count: int = 1200) -> np.ndarray:
+    directions = rng.normal(size=(count, 3))
+    return center + directions / np.linalg.norm(directions, axis=1, keepdims=True) * diameter / 2
+
+
+def _shown_twice(
+    points: np.ndarray, numbers: np.ndarray, cameras: Sequence[Camera], ids: Sequence[np.ndarray]
+) -> np.ndarray:
+    """The points (n, 3) of fruits `numbers` (n,) on which two photos or more look, their fruit being shown there."""
+    shown = np.zeros(len(points), int)
+    centers = {k: points[numbers == k].mean(0) for k in np.unique(numbers)}
+    outward = points - np.array([centers[k] for k in numbers])
+    for camera, image in zip(cameras, ids, strict=True):
+        xy, depth = camera.project(points)
+        inside = (depth > 0) & (xy >= 0).all(1) & (xy < image.shape[::-1]).all(1)
+        inside &= ((camera.center - points) * outward).sum(1) > 0
+        columns, rows = np.floor(xy[inside]).astype(int).T
+        shown[np.flatnonzero(inside)[image[rows, columns] == numbers[inside]]] += 1
+    return points[shown >= 2]
 
 
 def _tile(row: Path, stem: str, size: int) -> tuple[str, np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.datasets.fuji_files import FujiFiles, SideFiles
-from pomona.datasets.published import FUJI_FRUITS, FUJI_TREES
+from pomona.datasets.published import FUJI_TABLE_3, FUJI_TREES
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.evaluate import Truth, read_truth
@@ -202,7 +202,8 @@ def _training_end(tree_ids: IntArray) -> frozenset[int]:
     trees, counts = np.unique(tree_ids, return_counts=True)
     share = FUJI_TREES["training"] / sum(FUJI_TREES.values())
     n = max(1, round(share * len(trees)))
-    wanted = FUJI_FRUITS["training"] / sum(FUJI_FRUITS.values()) * counts.sum()
+    printed = {part: table.figures["T"] for part, table in FUJI_TABLE_3.items()}
+    wanted = printed["training"] / sum(printed.values()) * counts.sum()
     ends = (slice(None, n), slice(-n, None))
     best = min(ends, key=lambda end: abs(counts[end].sum() - wanted))
     return frozenset(trees[best].tolist())

@@ -15,7 +15,8 @@ def result_tables(result: BenchmarkResult) -> Group:
     """Return what was found, the tables, and what could not be made of it, to be printed by `rich`."""
     parts: list[RenderableType] = [Text(f"{result.dataset}: found"), *(Text(f"  {line}") for line in result.found)]
     for table in result.tables:
-        parts += [Text(""), _table(table), *(Text(f"  {note}") for note in table.notes)]
+        parts += [Text(""), Text(table.title, style="bold"), _table(table)]
+        parts += [Text(f"  {note}") for note in table.notes]
         if table.source:
             parts.append(Text(f"  printed: {table.source}"))
     for name, why in result.missing.items():
@@ -24,7 +25,7 @@ def result_tables(result: BenchmarkResult) -> Group:
 
 
 def _table(comparison: Comparison) -> Table:
-    table = Table(title=comparison.title, title_justify="left")
+    table = Table()
     table.add_column("")
     for column in comparison.columns:
         table.add_column(column, justify="right")

@@ -1,0 +1,3 @@
+% No window to close.
+function close (varargin)
+end

@@ -1,0 +1,5 @@
+% Random numbers from a seed.
+function rng (seed)
+  rand ("twister", seed);
+  randn ("twister", seed);
+end

@@ -1,0 +1,4 @@
+% No window.
+function handle = waitbar (varargin)
+  handle = [];
+end
