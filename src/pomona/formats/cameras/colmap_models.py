@@ -11,7 +11,7 @@ import numpy as np
 
 from pomona.cameras import Intrinsics
 from pomona.errors import FormatError, InputError
-from pomona.formats.cameras.lenses import FittedLens, Lens, fit_lens
+from pomona.formats.cameras.lenses import FittedLens, Lens, check_params, fit_lens
 
 # Name and number of parameters by COLMAP's model id.
 MODELS: dict[int, tuple[str, int]] = {
@@ -31,8 +31,7 @@ def colmap_lens(model: str, width_px: int, height_px: int, params: Sequence[floa
     count = _COUNTS.get(model)
     if count is not None and len(params) != count:
         raise FormatError(f"{where}: expected {count} parameters of {model}, found {len(params)}")
-    if min(width_px, height_px) <= 0 or not np.isfinite(params).all() or (len(params) > 0 and params[0] <= 0):
-        raise FormatError(f"{where}: expected a positive size and focal length and finite numbers")
+    check_params((width_px, height_px), params[:1], params[1:], where)
     if model in _FISHEYES:
         shared, radial = _FISHEYES[model]
         fx, fy, cx, cy, *k = (params[0], *params) if shared else params

@@ -8,6 +8,7 @@ the difference over the photo is told. What cannot be fitted to a tenth of a pix
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +27,8 @@ _EXACT_PX = 1e-3
 _WIDEST_DEG = 85.0
 _SPOKES, _RINGS, _STEPS = 32, 24, 400
 _MOST_TRIES = 100
+# Of sizes, focal lengths and coefficients: beyond all lenses, and far from where numbers overflow.
+_MOST_PX = 1e7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,26 +96,39 @@ def fit_lens(lens: Lens, where: str) -> FittedLens:
 
     Raises `FormatError`, beginning with `where`, for one without sense or farther than 0.1 px (RMS) from any of ours.
     """
-    numbers = [lens.fx, lens.fy, lens.cx, lens.cy, lens.p1, lens.p2, lens.skew, *lens.radial, *lens.prism]
-    if not np.isfinite(numbers).all() or lens.fx <= 0 or lens.fy <= 0 or min(lens.width_px, lens.height_px) <= 0:
-        raise FormatError(f"{where}: expected a positive size and focal length and finite numbers, found {lens}")
+    _check(lens, where)
     same = _same(lens)
     if same is not None:
         return FittedLens(same)
-    rays = _rays_over_photo(lens, where)
     with np.errstate(all="ignore"):
-        fitted = _fitted(lens, rays)
-        px = lens.px_from_cam(rays)
+        rays = _rays_over_photo(lens, where)
+        fitted, px = _fitted(lens, rays), lens.px_from_cam(rays)
         off = np.linalg.norm(fitted.px_from_cam(rays) - px, axis=1)
-    # Spokes are dense at the axis: weighted by their distance from it, pixels count alike over the whole photo.
-    weight = np.linalg.norm(px - [lens.cx, lens.cy], axis=1)
-    result = FittedLens(fitted, float(np.sqrt(np.average(off**2, weights=weight))), float(off.max()))
+        # Spokes are dense at the axis: weighted by their distance from it, pixels count alike over the whole photo.
+        weight = np.linalg.norm(px - [lens.cx, lens.cy], axis=1)
+        result = FittedLens(fitted, float(np.sqrt(np.average(off**2, weights=weight))), float(off.max()))
     if not result.rms_px < _MOST_OFF_PX:
         raise FormatError(
             f"{where}: no perspective lens comes nearer to this one than {result.rms_px:.2f} px over the photo, "
             f"expected {_MOST_OFF_PX}{_advice(lens)}"
         )
     return result
+
+
+def check_params(size_px: tuple[int, int], focals_px: Sequence[float], others: Sequence[float], where: str) -> None:
+    """Raise `FormatError`, beginning with `where`, where the numbers of a lens are of no camera on Earth."""
+    whole = all(0 < side <= _MOST_PX for side in size_px) and all(0 < focal <= _MOST_PX for focal in focals_px)
+    if not whole or not np.isfinite(others).all() or np.abs(others).max(initial=0) > _MOST_PX:
+        numbers = " ".join(f"{number:g}" for number in (*focals_px, *others))
+        raise FormatError(
+            f"{where}: expected a photo's size and a focal length above 0, and finite numbers, all in pixels, found "
+            f"{size_px[0]} × {size_px[1]} and {numbers}"
+        )
+
+
+def _check(lens: Lens, where: str) -> None:
+    others = (lens.cx, lens.cy, lens.p1, lens.p2, lens.skew, *lens.radial, *lens.prism)
+    check_params((lens.width_px, lens.height_px), (lens.fx, lens.fy), others, where)
 
 
 def _advice(lens: Lens) -> str:

@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from pomona.cameras import Cameras
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.cameras.bundler_photos import list_of, read_bundler
 from pomona.formats.cameras.colmap import read_model
@@ -24,6 +27,7 @@ KNOWN = (
     "OpenDroneMap (reconstruction.json), nerfstudio (transforms.json) or OpenMVG (sfm_data.json)"
 )
 _HEAD_BYTES = 4096
+_FARTHEST = 1e12
 # Where programs keep their model below the folder of a project.
 _COLMAP_FOLDERS = ("sparse", "sparse/*", "colmap/sparse/*", "[0-9]")
 _FILES = (
@@ -72,7 +76,15 @@ def read_cameras(path: Path, photos: Photos) -> GivenCameras:
         raise FormatError(f"{path}: expected cameras, found none with a place")
     if found.frame_file is not None:
         given = replace(given, cameras=replace(given.cameras, frame=parse_frame(found.frame_file)))
+    _check(given.cameras, path)
     return onto_photos(given, photos, str(path))
+
+
+def _check(cameras: Cameras, path: Path) -> None:
+    """Numbers that a reader let pass though they are of no scene."""
+    for name, values in (("poses", cameras.cam_from_world), ("points", cameras.points_in_world)):
+        if not np.isfinite(values).all() or np.abs(values).max(initial=0) > _FARTHEST:
+            raise FormatError(f"{path}: expected {name} within reach, found some farther than {_FARTHEST:g} units away")
 
 
 def find_cameras(path: Path) -> Found:
