@@ -18,7 +18,7 @@ from detection_scenes import FRUITS, SCENE, scene_photos, whole, written
 from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.detections.read import read_detections
-from pomona.photos import Photos
+from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 
 Writer = Callable[[Path], Path]
@@ -184,6 +184,38 @@ def test_parts_of_one_group_are_one_fruit_in_cvat(tmp_path: Path) -> None:
     path = written(tmp_path / "a.xml", f"<annotations>{image}</annotations>")
     (mask,) = read_detections(path, scene_photos())["east/IMG_1.JPG"].masks
     assert (mask.box_px, mask.area_px) == ((10, 10, 28, 30), 320)
+
+
+def test_the_photos_of_a_result_are_known_by_numbers_or_the_only_one(tmp_path: Path) -> None:
+    photos = Photos(tuple(Photo(name=f"{k:06}.jpg", path=Path("x"), width_px=400, height_px=300) for k in (7, 12)))
+    entry = {"category_id": 1, "score": 0.5, "segmentation": [[10, 10, 30, 10, 30, 30]]}
+    path, progress = written(tmp_path / "r.json", [entry | {"image_id": 12}]), Silent()
+    assert list(read_detections(path, photos, progress=progress)) == ["000012.jpg"]
+    assert any("the numbers are taken to be the names of photos" in warning for warning in progress.warnings)
+    written(path, [entry])
+    with pytest.raises(
+        FormatError, match=r"result 0: image_id: expected the photo, found none: give the list the photo"
+    ):
+        read_detections(path, photos)
+    only = Photos(photos.items[:1])
+    assert read_detections(path, only).total == 1
+    written(path, [entry | {"file_name": "other.jpg"}])
+    with pytest.raises(
+        FormatError, match=r"none of its 1 images is among the 2 photos: .* such as 000007.jpg.*other.jpg"
+    ):
+        read_detections(path, photos)
+    written(path, [entry | {"category_id": [1], "image_id": 12}])
+    with pytest.raises(FormatError, match="annotation 1: category_id: expected a whole number"):
+        read_detections(path, photos)
+
+
+def test_crowds_are_left_out_but_for_supervisions_fruits_in_parts(tmp_path: Path) -> None:
+    path = scenes.supervision_coco(tmp_path)
+    content = json.loads(path.read_text())
+    content["categories"][0]["supercategory"] = "plant"
+    progress = Silent()
+    assert read_detections(written(path, content), scene_photos(), progress=progress).total == len(FRUITS) - 1
+    assert any("1 annotations are crowds" in warning for warning in progress.warnings)
 
 
 def test_a_folder_must_hold_one_format_and_something(tmp_path: Path) -> None:

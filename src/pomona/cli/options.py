@@ -39,7 +39,7 @@ Cameras = Annotated[
 ]
 GivenDetections = Annotated[
     Path | None,
-    typer.Option("--detections", metavar="PATH", help="Masks of your own (COCO, VIA, YOLO, CVAT, …: docs/formats.md)."),
+    typer.Option("--detections", metavar="PATH", help="Your own masks: COCO, VIA, YOLO, CVAT, PNG, .mat, …"),
 ]
 Classes = Annotated[str | None, typer.Option(metavar="NAME,NAME", help="The classes of --detections that are fruit.")]
 Method = Annotated[str, typer.Option(metavar="paper", help="How masks become fruits.")]

@@ -33,7 +33,7 @@ class RunOptions:
 
     `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
     installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks
-    (docs/formats.md), used in place of a segmenter, and `classes`, those of it that are fruit (None: it has one).
+    (docs/given-detections.md), in place of a segmenter, and `classes`, those of it that are fruit (None: it has one).
     `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
     `scale_bar` (two ids, metres), `use_gnss`, `fruit_diameter_m`: where metres come from, in this order.
     `variant` of the method "paper": to the letter of its "text", or as its authors' "published-code" does it; None:

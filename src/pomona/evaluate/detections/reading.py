@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-import numpy.typing as npt
-from scipy import ndimage
 
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.arrays import IntArray
+from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, MissingFileError
 from pomona.evaluate.detections.labelled_truth import truth_of_sets
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
 from pomona.formats.detections.label_sets import find_label_sets
+from pomona.formats.detections.png_masks import masks_of_ids, read_ids
 from pomona.progress import Progress, Silent, track
 
 
@@ -32,9 +31,9 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
     """Read the true fruits of photos, all of one class, from one of these:
 
     - a COCO file (or a folder with one), with masks or boxes; annotations with `iscrowd` or `ignore` are not scored;
-    - a rendered row's folder, its `truth` folder, or a folder of images (PNG, 8 or 16 bits, one channel) that are 0
+    - a rendered row's folder, its `truth` folder, or a folder of images (`formats.detections.png_masks`) that are 0
       where there is no fruit, else the fruit's id; named as the photos are, which need not be there;
-    - photos with labels of another program that `formats.detections.label_sets` knows (VIA, LabelMe, YOLO).
+    - photos with labels of another program that `formats.detections.label_sets` knows (VIA, CVAT, LabelMe, VOC, YOLO).
 
     Raises `MissingFileError`, `InputError` where there are no labels, and `FormatError` naming the file, the place and
     what was expected.
@@ -46,7 +45,10 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
         if images := sorted(folder.glob("*.png")):
             if folder == path and any(path.glob("*.json")):  # photos with labels beside them
                 break
-            found = {image.stem: _from_ids(image) for image in track(images, progress, "reading true masks")}
+            found = {
+                image.stem: truth_from_ids(image.stem, read_ids(image))
+                for image in track(images, progress, "reading true masks")
+            }
             return DetectionTruth(found)
     sets = find_label_sets(path)
     if len(sets) == 1 and sets[0].kind == "coco":
@@ -117,32 +119,12 @@ def _of_image(image: CocoImage, annotations: list[CocoAnnotation], *, with_masks
     )
 
 
-def _from_ids(path: Path) -> PhotoTruth:
-    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if stored is None:
-        raise FormatError(f"{path}: expected an image of fruit ids (PNG), but it cannot be read")
-    if stored.ndim != 2 or stored.dtype.kind != "u":
-        raise FormatError(
-            f"{path}: expected an image of fruit ids: one channel of 8 or 16 bits, found "
-            f"{1 if stored.ndim == 2 else stored.shape[2]} channels of {8 * stored.itemsize} bits"
-        )
-    return truth_from_ids(path.stem, np.asarray(stored))
-
-
-def truth_from_ids(photo: str, ids: npt.NDArray[np.uint8 | np.uint16]) -> PhotoTruth:
+def truth_from_ids(photo: str, ids: IntArray) -> PhotoTruth:
     """Return the fruits of an image (h, w) that is 0 where there is no fruit, else the fruit's id."""
-    known, places = [], []
-    for k, place in enumerate(ndimage.find_objects(ids.astype(np.int32)), start=1):
-        if place is not None:
-            known.append(k)
-            places.append(place)
-    masks = tuple(
-        Mask.from_pixels(ids[rows, columns] == k, columns.start, rows.start)
-        for k, (rows, columns) in zip(known, places, strict=True)
-    )
+    found = list(masks_of_ids(ids))
+    masks = tuple(mask for _, mask in found)
     boxes = np.array([mask.box_px for mask in masks], float).reshape(-1, 4)
-    height, width = ids.shape
-    return PhotoTruth(photo, width, height, np.array(known, np.int64), boxes, masks)
+    return PhotoTruth(photo, ids.shape[1], ids.shape[0], np.array([id_ for id_, _ in found], np.int64), boxes, masks)
 
 
 def _check_one_category(path: Path, content: CocoFile) -> None:

@@ -17,10 +17,15 @@ from pomona.formats.detections.coco_file import CocoFile, CocoImage, coco_of, pa
 from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.json_file import load_json
 from pomona.photos import Photo
+from pomona.progress import Progress, Silent
 
 
-def read_results(path: Path, photos: GivenPhotos, beside: Sequence[Path] = ()) -> CocoFile:
-    """Read a list of results for `photos`; `beside` are the COCO files that may have the images.
+def read_results(
+    path: Path, photos: GivenPhotos, beside: Sequence[Path] = (), *, progress: Progress | None = None
+) -> CocoFile:
+    """Read a list of results for `photos`; `beside` are the COCO files that have the images, if there are any.
+
+    Where numbers of images are taken to be the names of photos, there is a warning.
 
     Raises `MissingFileError`, and `FormatError` where the photos cannot be known.
     """
@@ -29,6 +34,8 @@ def read_results(path: Path, photos: GivenPhotos, beside: Sequence[Path] = ()) -
         images = [image for file in beside for image in parse_coco(file).images]
         return coco_of(path, with_images(results, images))
     found = [_photo_of(path, k, entry, photos) for k, entry in enumerate(results)]
+    if any(isinstance(entry.get("image_id"), int) and not entry.get("file_name") for entry in results):
+        (progress or Silent()).warn(f"{path}: image_id: the numbers are taken to be the names of photos.")
     named = {photo.name: photo for photo in found if photo is not None}
     ids = {name: k for k, name in enumerate(named, start=1)}
     images = [CocoImage(ids[p.name], p.name, p.width_px, p.height_px) for p in named.values()]

@@ -21,6 +21,7 @@ from pomona.formats.detections.photo_source import PhotoFile, SizeOf, Sources, n
 _MASK_FOLDERS = ("masks", "truth/masks", "instances", "labels")
 _PHOTO_FOLDERS = ("images", "photos", ".")
 _PNG, _PALETTE = b"\x89PNG\r\n\x1a\n", b"\x03"
+_MOST_COLOURS = 2000  # nobody gives so many fruits of one photo a colour each
 _VOC_RIM = (224, 224, 192)
 _ENDINGS = ("", "_mask", "_masks", "_instances", "_label", "_ids")
 
@@ -108,6 +109,8 @@ def read_ids(path: Path) -> IntArray:
     ids = np.zeros(stored.shape[:2], np.int64)
     for channel in colours.transpose(2, 0, 1):
         ids = ids * base + channel
+    if colours.shape[2] > 1 and (found := len(np.unique(ids[::4, ::4]))) > _MOST_COLOURS:
+        raise FormatError(f"{path}: expected an image of fruit ids, found {found} colours and more: is it a photo?")
     white = base ** colours.shape[2] - 1
     if (ids == white).any() and ((ids == 0) | (ids == white)).all():
         raise FormatError(

@@ -123,7 +123,8 @@ def _read(found: _Found, given: GivenPhotos, progress: Progress) -> list[Labelle
     files, folder, sources = found.files, found.folder, given.of_file
 
     def results(file: Path) -> list[LabelledPhoto]:
-        return labelled_coco(file, read_results(file, given, found.images), sources, progress=progress)
+        content = read_results(file, given, found.images, progress=progress)
+        return labelled_coco(file, content, sources, progress=progress)
 
     each: dict[str, Callable[[Path], list[LabelledPhoto]]] = {
         "coco": lambda file: read_coco_labels(file, sources, progress=progress),
