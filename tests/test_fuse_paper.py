@@ -45,12 +45,14 @@ def test_two_spheres_seen_from_six_cameras_are_two_fruits(options: PaperOptions)
     np.testing.assert_allclose(fused.fruits.scores, 0.9)
     assert len(fused.observations) == 12
     assert len(np.unique(fused.observations.detection_id)) == 12
-    # Points of a sphere carry that sphere's id; only the outline may slip out of the masks.
+    # Points of a sphere carry that sphere's id; only the outline may slip out of the masks, more of it where pixels
+    # are half a pixel off.
+    least = 0.95 if options.projection == "lens" else 0.9
     of_first, of_second = fused.cloud.fruit_id[:600], fused.cloud.fruit_id[600:]
     assert set(of_first) <= {0, 1}
     assert set(of_second) <= {0, 2}
-    assert (of_first == 1).mean() > 0.95
-    assert (of_second == 2).mean() > 0.95
+    assert (of_first == 1).mean() > least
+    assert (of_second == 2).mean() > least
 
 
 def test_the_published_code_needs_tie_points_and_leaves_photos_with_few_out() -> None:

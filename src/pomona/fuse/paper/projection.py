@@ -14,6 +14,9 @@ from pomona.fuse.paper.options import Projection
 
 # As in the authors' code, which leaves photos with fewer out.
 MIN_DLT_POINTS = 10
+# It counts pixels from 1, tie points from the photo's edge, and rounds: that is half a pixel off in x, and the other way
+# in y. With this 205 of its 209 fruits share 99 % of their points with ours, without it 7 (docs/datasets.md).
+_CODE_OFF_PX = np.array([-0.5, 0.5])
 
 
 class CellGrid:
@@ -89,7 +92,7 @@ class Projector:
             return None
         homogeneous = points_in_world @ matrix[:, :3].T + matrix[:, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
+            return homogeneous[:, :2] / homogeneous[:, 2:] + _CODE_OFF_PX, homogeneous[:, 2]
 
 
 def dlt_camera(cameras: Cameras, photo_idx: int) -> FloatArray | None:
