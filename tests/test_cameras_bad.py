@@ -104,11 +104,11 @@ def test_some_photos_alone(tmp_path: Path) -> None:
 def test_names_that_fit_several_photos(tmp_path: Path) -> None:
     path = _written("metashape local", tmp_path)
     twice = [_photo(side, name) for side in "ab" for name in SCENE.names]
-    with pytest.raises(InputError, match="could be of more than one photo"):
+    with pytest.raises(InputError, match="fits several photos"):
         read_cameras(path, Photos(tuple(twice)))
     named = _written("colmap text", tmp_path / "paths")
     rows = [_photo(f"{side}/row", name) for side in "ab" for name in SCENE.names]
-    with pytest.raises(InputError, match="could be of more than one photo"):
+    with pytest.raises(InputError, match="fits several photos"):
         read_cameras(named, Photos(tuple(rows)))
     with_one = [replace(photo, path=Path("/x/row") / Path(photo.name).name) for photo in rows[:3]]
     assert read_cameras(named, Photos(tuple(with_one))).cameras.photos[0] == "a/row/IMG_0000.JPG"

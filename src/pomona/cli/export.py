@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -11,83 +9,43 @@ import typer
 
 from pomona.cli import options as shared
 from pomona.cli.action import settled
+from pomona.cli.exports import FORMS, Job
+from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingFileError, SurveyError
 from pomona.survey import Survey
 from pomona.survey.files import disk_errors, write_file
 
-_NAMES = {
-    "csv": "fruits.csv",
-    "geojson": "fruits.geojson",
-    "las": "cloud.las",
-    "laz": "cloud.laz",
-    "ply": "cloud.ply",
-    "colmap": "colmap",
-    "coco": "detections.json",
-}
-
 
 def export(
     survey: shared.SurveyFolder,
-    to: Annotated[str, typer.Option(metavar="|".join(_NAMES), help="The form that is wanted.")],
+    to: Annotated[str, typer.Option(metavar="|".join(FORMS), help="The form that is wanted.")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="PATH", help="Where to. Default: SURVEY/export/.")
     ] = None,
+    photos: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were.")
+    ] = None,
 ) -> None:
-    """Write fruits (csv, geojson), the cloud (las, laz, ply), cameras (colmap) or masks (coco) for other programs."""
-    if to not in _NAMES:
-        raise InputError(f"--to: expected one of {', '.join(_NAMES)}, found '{to}'")
-    opened = Survey.open(survey)
-    target = out or opened.folder / "export" / _NAMES[to]
+    """Write fruits, the cloud, masks or cameras for other programs.
+
+    Fruits: csv, geojson, gpkg, kml; the cloud: las, laz, ply; masks: coco; cameras: colmap, nerfstudio, metashape; all
+    to look at: rerun.
+    """
+    if to not in FORMS:
+        raise InputError(f"--to: expected one of {', '.join(FORMS)}, found '{to}'")
+    form, opened = FORMS[to], Survey.open(survey)
+    target = out or opened.folder / "export" / form.name
     if out is not None and target.exists():
         raise SurveyError(f"{target} exists already: name another file with --out")
-    if to != "colmap":
+    if form.of_fruits:
         settled(opened)
-    source, write = _source(opened, to)
+    source = form.needs(opened)
     if not source.exists():
         raise MissingFileError(f"{source} does not exist: run `pomona report {survey}` first")
-    with disk_errors(target.parent):
-        if source.is_dir():
-            shutil.copytree(source, target, dirs_exist_ok=out is None)
+    with disk_errors(target.parent), TerminalProgress() as progress:
+        job = Job(opened, photos, progress)
+        if Path(form.name).suffix:
+            write_file(target, lambda path: form.write(job, path))
         else:
-            write_file(target, lambda path: write(source, path))
+            form.write(job, target)
     typer.echo(str(target))
-
-
-def _source(survey: Survey, to: str) -> tuple[Path, Callable[[Path, Path], None]]:
-    sources = {"csv": survey.fruits, "geojson": survey.geojson, "colmap": survey.cameras, "coco": survey.detections}
-    if to == "coco" and survey.corrections.is_file():
-        return survey.detections, lambda source, target: _corrected_masks(survey, target)
-    if to in sources:
-        return sources[to], _copy
-    return survey.cloud, {"laz": _copy, "las": lambda source, target: _las(survey, source, target), "ply": _ply}[to]
-
-
-def _copy(source: Path, target: Path) -> None:
-    shutil.copyfile(source, target)
-
-
-def _corrected_masks(survey: Survey, target: Path) -> None:
-    """Masks for training, where a person corrected what they became."""
-    from pomona.corrections.training import write_training
-    from pomona.pipeline.kept import kept_correcting
-
-    correcting = kept_correcting(survey)
-    if correcting.value is None:  # all was undone
-        _copy(survey.detections, target)
-    else:
-        write_training(target, correcting.found, correcting.value)
-
-
-def _las(survey: Survey, source: Path, target: Path) -> None:
-    from pomona.formats.las import read_las, write_las
-    from pomona.survey.values import frame_from
-
-    scale = survey.record_of("scale")
-    write_las(target, read_las(source), frame=frame_from(scale.info["frame"]) if scale and scale.finished else None)
-
-
-def _ply(source: Path, target: Path) -> None:
-    from pomona.formats.las import read_las
-    from pomona.formats.ply import write_ply
-
-    write_ply(target, read_las(source))

@@ -1,4 +1,4 @@
-"""`fruits.geojson`: fruits as points, by longitude and latitude where the survey has a place on Earth (pyproj)."""
+"""`fruits.geojson`: fruits as points, by longitude and latitude where the survey has a place on Earth."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
+from pomona.formats.on_earth import places_of
 from pomona.formats.tables import fruit_rows
 from pomona.fruits import Fruits
 
@@ -23,7 +24,7 @@ def write_geojson(path: Path, fruits: Fruits, frame: WorldFrame) -> None:
     With a place on Earth, positions are WGS 84 longitude, latitude and altitude in metres. Without one they are the
     survey's x, y, z, `crs` is null (GeoJSON 2008's "unknown"), and the member `note` says so.
     """
-    places = _places(fruits.centers_in_world, frame)
+    places = places_of(fruits.centers_in_world, frame)
     features = [_feature(place, row) for place, row in zip(places, fruit_rows(fruits), strict=True)]
     head: dict[str, Any] = {"type": "FeatureCollection", "name": "fruits"}
     if frame.crs is None:
@@ -43,15 +44,3 @@ def _feature(place: FloatArray, row: dict[str, Any]) -> dict[str, Any]:
         "geometry": {"type": "Point", "coordinates": [float(value) for value in place]} if known else None,
         "properties": row,
     }
-
-
-def _places(points_in_world: FloatArray, frame: WorldFrame) -> FloatArray:
-    """Longitude, latitude (9 digits: 0.1 mm) and altitude, or x, y, z; (n, 3)."""
-    if frame.crs is None or len(points_in_world) == 0:
-        return np.round(points_in_world, 4)
-    from pyproj import Transformer
-
-    to_earth = Transformer.from_crs(frame.crs, "EPSG:4326", always_xy=True)
-    longitude, latitude = to_earth.transform(*points_in_world[:, :2].T.tolist())
-    altitude = points_in_world[:, 2] + (frame.origin[2] if frame.origin else 0.0)
-    return np.stack([np.round(longitude, 9), np.round(latitude, 9), np.round(altitude, 4)], axis=1)

@@ -120,3 +120,39 @@ def _enu_from_geocentric(latitude_deg: float, longitude_deg: float) -> FloatArra
     sin_lon, cos_lon = np.sin(np.radians(longitude_deg)), np.cos(np.radians(longitude_deg))
     east, north = [-sin_lon, cos_lon, 0.0], [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat]
     return np.array([east, north, [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]])
+
+
+# As Metashape writes them.
+_WGS84 = (
+    'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG",'
+    '"7030"]],TOWGS84[0,0,0,0,0,0,0],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],'
+    'UNIT["degree",0.01745329251994328,AUTHORITY["EPSG","9102"]],AUTHORITY["EPSG","4326"]]'
+)
+_LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1,AUTHORITY["EPSG","9001"]]]'
+
+
+@dataclass(frozen=True, eq=False)
+class EarthlyWorld:
+    """Our frame as Metashape's world: what leads there, and the reference system as WKT."""
+
+    world_from_local: Similarity
+    wkt: str
+
+    @classmethod
+    def of(cls, frame: WorldFrame) -> EarthlyWorld:
+        """Return a world of local metres, or a geocentric one where the frame has a place on Earth."""
+        if frame.crs is None or frame.origin is None:
+            return cls(Similarity.identity(), _LOCAL)
+        latitude, longitude, altitude = frame.origin
+        crs = CRS.from_epsg(4326)
+        place = np.array([[longitude, latitude, altitude]])
+        origin = _transformed(_on_ellipsoid(crs, "longlat"), _on_ellipsoid(crs, "geocent"), place)[0]
+        return cls(Similarity(1.0, _enu_from_geocentric(latitude, longitude).T, origin), _WGS84)
+
+    def references(self, places_in_local: FloatArray) -> FloatArray:
+        """Return places (n, 3) in the reference system: x, y, z, or longitude, latitude, height."""
+        world = self.world_from_local.apply(places_in_local)
+        if self.wkt == _LOCAL:
+            return world
+        crs = CRS.from_epsg(4326)
+        return _transformed(_on_ellipsoid(crs, "geocent"), _on_ellipsoid(crs, "longlat"), world)

@@ -120,3 +120,10 @@ def _only(cameras: Cameras, kept: Sequence[int]) -> Cameras:
         track_photo_idx=new_idx[cameras.track_photo_idx[tracks]],
         track_xy_px=cameras.track_xy_px[tracks],
     )
+
+
+def as_stored(cameras: Cameras, photos: Photos) -> Cameras:
+    """Return cameras of the photos as they are stored, before EXIF orientation, as other programs see them."""
+    known = photos.by_name()
+    quarters = [_QUARTERS.get(known[name].orientation, 0) if name in known else 0 for name in cameras.photos]
+    return turned(cameras, [-q % 4 for q in quarters])

@@ -1,0 +1,77 @@
+"""Writing nerfstudio's `transforms.json` and its sparse points: for radiance fields and Gaussian splatting.
+
+The conventions are those of `nerfstudio.py`. The world stays the survey's own, metres and z up, and `world_frame` keeps
+what it means; nerfstudio does not read that.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pomona.cameras import Cameras, Intrinsics
+from pomona.formats.cameras.frames import frame_json
+from pomona.formats.cameras.nerfstudio import OPENGL_FROM_OPENCV
+from pomona.formats.cameras.onto_photos import as_stored
+from pomona.formats.cameras.polynomial import polynomial_lens
+from pomona.formats.ply import write_ply
+from pomona.fruits import FruitCloud
+from pomona.photos import Photos
+
+POINTS = "sparse_pc.ply"
+
+
+def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
+    """Write `transforms.json` and `sparse_pc.ply` to `folder`, with paths to the photos relative to it.
+
+    Raises `InputError` where a lens has no polynomial that is near enough.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {photo.name: os.path.relpath(photo.path.resolve(), folder.resolve()) for photo in photos}
+    cameras = as_stored(cameras, photos)
+    lenses = [_lens_json(lens, cameras.photos[0]) for lens in cameras.intrinsics]
+    one = len(lenses) == 1
+    frames = [
+        {
+            "file_path": Path(paths[name]).as_posix(),
+            "transform_matrix": _world_from_cam(cameras, i),
+            **({} if one else lenses[int(cameras.intrinsics_idx[i])]),
+        }
+        for i, name in enumerate(cameras.photos)
+    ]
+    content: dict[str, Any] = {**(lenses[0] if one else {}), "world_frame": frame_json(cameras.frame)}
+    if len(cameras.points_in_world):
+        content["ply_file_path"] = POINTS
+        none = np.zeros(len(cameras.points_in_world), np.int64)
+        write_ply(folder / POINTS, FruitCloud(cameras.points_in_world, cameras.points_rgb, none))
+    text = json.dumps({**content, "frames": frames}, indent=1, ensure_ascii=False)
+    (folder / "transforms.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _lens_json(intrinsics: Intrinsics, name: str) -> dict[str, Any]:
+    lens = polynomial_lens(intrinsics, name)
+    return {
+        "camera_model": "OPENCV",
+        "w": lens.width_px,
+        "h": lens.height_px,
+        "fl_x": lens.fx,
+        "fl_y": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        **{f"k{n}": k for n, k in enumerate(lens.radial, 1)},
+        "p1": lens.p1,
+        "p2": lens.p2,
+    }
+
+
+def _world_from_cam(cameras: Cameras, i: int) -> list[list[float]]:
+    """4 × 4, camera axes OpenGL's."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = cameras.cam_from_world[i, :, :3].T @ OPENGL_FROM_OPENCV
+    matrix[:3, 3] = cameras.centers_in_world[i]
+    rows: list[list[float]] = matrix.tolist()
+    return rows

@@ -1,0 +1,50 @@
+"""A survey as a recording of the Rerun viewer (`.rrd`): points, cameras and fruits. rerun-sdk is touched here alone.
+
+Lenses are without distortion there, as Rerun knows none, and photos are not in the file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pomona.cameras import Cameras
+from pomona.errors import MissingExtraError
+from pomona.fruits import FruitCloud, Fruits
+
+_UNMEASURED_M = 0.03  # a fruit without a diameter is shown as a small ball
+_FRUIT_RGB = (214, 40, 40)
+
+
+def write_rerun(path: Path, cameras: Cameras, fruits: Fruits, cloud: FruitCloud) -> None:
+    """Write `world/points`, `world/cameras/PHOTO` and `world/fruits` to `path`.
+
+    Raises `MissingExtraError` where rerun-sdk is not installed.
+    """
+    try:
+        import rerun
+    except ImportError:
+        raise MissingExtraError(
+            "--to rerun needs the package rerun-sdk: install it with `pip install 'pomona[rerun]'`"
+        ) from None
+    recording = rerun.RecordingStream("pomona")
+    recording.save(path)
+    recording.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    recording.log("world/points", rerun.Points3D(cloud.points_in_world, colors=cloud.rgb), static=True)
+    diameters = np.where(np.isfinite(fruits.diameters_m), fruits.diameters_m, _UNMEASURED_M)
+    labels = [f"fruit {fruit_id}" for fruit_id in fruits.ids.tolist()]
+    balls = rerun.Points3D(
+        fruits.centers_in_world, radii=diameters / 2, colors=_FRUIT_RGB, labels=labels, show_labels=False
+    )
+    recording.log("world/fruits", balls, static=True)
+    for i, name in enumerate(cameras.photos):
+        place = ["world", "cameras", name]
+        rotation = cameras.cam_from_world[i, :, :3].T
+        pose = rerun.Transform3D(translation=cameras.centers_in_world[i], mat3x3=rotation)
+        lens = cameras.intrinsics_of(i)
+        size = [lens.width_px, lens.height_px]
+        pinhole = rerun.Pinhole(image_from_camera=lens.matrix, resolution=size, camera_xyz=rerun.ViewCoordinates.RDF)
+        recording.log(place, pose, pinhole, static=True)
+    recording.flush()
+    recording.disconnect()
