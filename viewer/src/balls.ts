@@ -1,27 +1,33 @@
-/** Balls, many of them: each is a square that turns to the viewer and on which the ball's surface is computed. */
+/**
+ * Balls, many of them: each is a square that turns to the viewer and on which the ball's surface is computed.
+ *
+ * All are one mesh, not instances of one, which cost software renderers a drawing each.
+ */
 
 import * as three from "three";
 import type { Rgb } from "./colours";
 
 // The square touches the cone in which the eye sees the ball; a ball is never smaller than two pixels.
 const VERTEX = `
-attribute vec3 center;
 attribute float radius;
-attribute vec3 tint;
+attribute vec4 tint;
 uniform float halfHeight;
 varying vec3 offCenter;
 varying vec3 eyeCenter;
 varying float ball;
 varying vec3 colour;
 void main() {
-  eyeCenter = (modelViewMatrix * vec4(center, 1.0)).xyz;
+  eyeCenter = (modelViewMatrix * vec4(position, 1.0)).xyz;
   float far = max(length(eyeCenter), 1e-6);
   ball = max(radius, far / (projectionMatrix[1][1] * halfHeight));
   vec3 ahead = eyeCenter / far;
   vec3 right = normalize(cross(ahead, abs(ahead.y) < 0.9 ? vec3(0.0, 1.0, 0.0) : vec3(1.0, 0.0, 0.0)));
-  float half_ = ball / sqrt(max(1.0 - ball * ball / (far * far), 0.01));
-  offCenter = half_ * (position.x * right + position.y * cross(right, ahead));
-  colour = pow(tint, vec3(2.2));
+  float side = ball / sqrt(max(1.0 - ball * ball / (far * far), 0.01));
+  int corner = gl_VertexID % CORNERS;
+  float across = corner == 1 || corner == 2 ? 1.0 : -1.0;
+  float upward = corner >= 2 ? 1.0 : -1.0;
+  offCenter = side * (across * right + upward * cross(right, ahead));
+  colour = pow(tint.rgb, vec3(2.2));
   bool hidden = radius <= 0.0 || eyeCenter.z > 0.0 || ball >= far;
   gl_Position = hidden ? vec4(2.0, 2.0, 2.0, 1.0) : projectionMatrix * vec4(eyeCenter + offCenter, 1.0);
 }`;
@@ -47,22 +53,25 @@ void main() {
   #include <colorspace_fragment>
 }`;
 
+const CORNERS = 4;
+
 export class Balls {
   readonly object: three.Mesh;
-  private readonly geometry = new three.InstancedBufferGeometry();
+  private readonly geometry = new three.BufferGeometry();
   private readonly material = new three.ShaderMaterial({
-    vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: { halfHeight: { value: 1 }, opacity: { value: 1 } },
+    vertexShader: VERTEX, fragmentShader: FRAGMENT, defines: { CORNERS }, uniforms: { halfHeight: { value: 1 }, opacity: { value: 1 } },
   });
 
   /** `centers`: x, y and z of each in turn. All are hidden until they have a size. */
   constructor(centers: Float32Array) {
     const count = centers.length / 3;
-    this.geometry.setAttribute("position", new three.BufferAttribute(Float32Array.of(-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0), 3));
-    this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    this.geometry.setAttribute("center", new three.InstancedBufferAttribute(centers, 3));
-    this.geometry.setAttribute("radius", new three.InstancedBufferAttribute(new Float32Array(count), 1));
-    this.geometry.setAttribute("tint", new three.InstancedBufferAttribute(new Uint8Array(3 * count), 3, true));
-    this.geometry.instanceCount = count;
+    const index = new Uint32Array(6 * count);
+    for (let i = 0; i < count; i++) index.set([0, 1, 2, 0, 2, 3].map((corner) => CORNERS * i + corner), 6 * i);
+    this.geometry.setIndex(new three.BufferAttribute(index, 1));
+    this.geometry.setAttribute("position", new three.BufferAttribute(new Float32Array(3 * CORNERS * count), 3));
+    this.geometry.setAttribute("radius", new three.BufferAttribute(new Float32Array(CORNERS * count), 1));
+    this.geometry.setAttribute("tint", new three.BufferAttribute(new Uint8Array(4 * CORNERS * count), 4, true));
+    this.fill("position", (i) => [centers[3 * i]!, centers[3 * i + 1]!, centers[3 * i + 2]!]);
     this.object = new three.Mesh(this.geometry, this.material);
     this.object.frustumCulled = false;
     const drawn = new three.Vector2();
@@ -73,11 +82,11 @@ export class Balls {
 
   /** Radii in the world; 0 hides a ball. */
   size(radius: (index: number) => number): void {
-    this.fill("radius", 1, (i) => [radius(i)]);
+    this.fill("radius", (i) => [radius(i)]);
   }
 
   colour(of: (index: number) => Rgb): void {
-    this.fill("tint", 3, (i) => of(i).map((part) => Math.round(255 * part)));
+    this.fill("tint", (i) => of(i).map((part) => Math.round(255 * part)));
   }
 
   seeThrough(opacity: number): void {
@@ -87,9 +96,13 @@ export class Balls {
     this.material.needsUpdate = true;
   }
 
-  private fill(name: string, parts: number, values: (index: number) => number[]): void {
+  /** The same at all corners of a ball. */
+  private fill(name: string, values: (index: number) => number[]): void {
     const attribute = this.geometry.getAttribute(name) as three.BufferAttribute;
-    for (let i = 0; i < attribute.count; i++) attribute.array.set(values(i), parts * i);
+    for (let i = 0; i < attribute.count / CORNERS; i++) {
+      const each = values(i);
+      for (let corner = 0; corner < CORNERS; corner++) attribute.array.set(each, attribute.itemSize * (CORNERS * i + corner));
+    }
     attribute.needsUpdate = true;
   }
 }

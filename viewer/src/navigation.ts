@@ -24,13 +24,14 @@ export class Navigation {
   private along: { direction: number; last: number } | null = null;
   private readonly places: three.Vector3[];
 
-  constructor(canvas: HTMLElement, private readonly box: HTMLElement, private readonly data: SurveyData, fruits: Fruit[], private readonly draw: () => void) {
+  constructor(canvas: HTMLElement, private readonly box: HTMLElement, private readonly data: SurveyData, fruits: Fruit[], swings: boolean, private readonly draw: () => void) {
     const { radius } = data.view;
     this.places = fruits.map(({ x, y, z }) => new three.Vector3(x, y, z));
     this.camera = new three.PerspectiveCamera(FOV_DEG, 1, radius / 500, radius * 60);
     this.camera.up.copy(UP);
     this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.enableDamping = true;
+    // A motion that fades takes a number of pictures; where each takes long, it would go on for seconds.
+    this.controls.enableDamping = swings;
     this.controls.dampingFactor = 0.12;
     this.controls.zoomToCursor = true;
     this.controls.minDistance = radius / 100;

@@ -5,6 +5,8 @@ import type { SurveyData } from "./contract";
 
 const COLOUR = 0x8a6d3b;
 const MOST_LABELS = 12;
+/** Of so many trees at most the number is written. */
+const MOST_TREES = 24;
 /** Height of a label at distance 1. */
 const LABEL = 0.026;
 /** Steps between marks, in cells of the grid. */
@@ -32,10 +34,12 @@ export function row(data: SurveyData): three.Object3D {
     group.add(label);
   }
   const { places } = data.trees;
+  const every = Math.ceil(data.trees.ids.length / MOST_TREES);
   data.trees.ids.forEach((id, i) => {
     const foot = new three.Vector3().fromArray(places, 3 * i);
     const top = foot.clone().setZ(high);
     lines.push(foot, top);
+    if (i % every) return;
     const label = text(`tree ${id}`);
     label.position.copy(top).setZ(high + size);
     group.add(label);

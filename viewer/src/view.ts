@@ -55,11 +55,12 @@ export class View {
   /** Throws where the browser gives no WebGL. */
   constructor(private readonly box: HTMLElement, data: SurveyData, private readonly fruits: Fruit[], private readonly photos: Photo[], source: PhotoSource) {
     const canvas = document.createElement("canvas");
-    // What was drawn is kept, as more points are drawn over it.
-    const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, powerPreference: "high-performance" });
+    const software = drawsInSoftware();
+    // What was drawn is kept, as more points are drawn over it. Smooth edges take a processor twice as long.
+    const context = canvas.getContext("webgl2", { antialias: !software, preserveDrawingBuffer: true, powerPreference: "high-performance" });
     if (!context) throw new Error("This browser gives no WebGL 2");
     this.step = data.view.radius * STEP;
-    this.moving = MOVING[isSoftware(context) ? "software" : "hardware"];
+    this.moving = MOVING[software ? "software" : "hardware"];
     this.renderer = new three.WebGLRenderer({ canvas, context });
     this.renderer.setPixelRatio(this.sharpness);
     this.renderer.localClippingEnabled = true;
@@ -84,7 +85,7 @@ export class View {
       ground: ground(data),
     };
     this.world.add(...Object.values(this.layers), this.extra, this.halo);
-    this.navigation = new Navigation(canvas, box, data, fruits, () => this.draw());
+    this.navigation = new Navigation(canvas, box, data, fruits, !software, () => this.draw());
     this.paper();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paper());
     this.listen(canvas);
@@ -321,8 +322,11 @@ export class View {
 }
 
 /** Whether pictures are computed without a graphics card, as far as the browser says. */
-function isSoftware(context: WebGL2RenderingContext): boolean {
+function drawsInSoftware(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  if (!context) return false;
   const told = context.getExtension("WEBGL_debug_renderer_info");
   const name = String(context.getParameter(told ? told.UNMASKED_RENDERER_WEBGL : context.RENDERER));
+  context.getExtension("WEBGL_lose_context")?.loseContext();
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }

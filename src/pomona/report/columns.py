@@ -41,4 +41,6 @@ def _plain(value: Any, columns: list[bytes]) -> Any:
         entry = {"column": value.dtype.str[1:], "at": sum(map(len, columns)), "count": value.size}
         columns.append(content + b"\0" * (-len(content) % _ALIGNED))
         return entry
-    return [_plain(item, columns) for item in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list) and value and dataclasses.is_dataclass(value[0]):
+        return [_plain(item, columns) for item in value]
+    return value

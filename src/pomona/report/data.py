@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
+from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.scale.values import ScaleReport
@@ -27,8 +28,8 @@ class ReportData:
 
     `cloud` holds the points of the scene (`fruit_id` 0) and of the fruits, in the frame of `cameras`. `photos` are
     all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place.
-    `detections` is their number in all photos (None: not known); `masks` are those that may have become fruit, where
-    outlines and crops are wanted. `scale` says how metres were found, where known.
+    `detections` is their number in all photos (None: not known); `masks`, by photo, are those that may have become
+    fruit, where outlines and crops are wanted. `scale` says how metres were found, where known.
     `version` is Pomona's.
     """
 
@@ -39,7 +40,7 @@ class ReportData:
     observations: Observations = field(default_factory=Observations.empty)
     cloud: FruitCloud = field(default_factory=FruitCloud.empty)
     detections: int | None = None
-    masks: SurveyDetections | None = None
+    masks: Mapping[str, Detections] | None = None
     lost: tuple[Unregistered, ...] = ()
     scale: ScaleReport | None = None
     stages: tuple[StageTime, ...] = ()

@@ -38,30 +38,36 @@ def shown_box(data: ReportData, middle: FloatArray) -> Box:
 
 
 def sampled(cloud: FruitCloud, box: Box, max_points: int | None) -> tuple[Array, Array]:
-    """Return indices of the scene's and of the fruits' points to show, each in an order by chance.
+    """Return indices of the scene's and of the fruits' points to show, a fixed sample by chance where they are too many.
 
     Each kind has at least half of the room for `max_points` if it needs it.
     """
     inside = box.contains(cloud.points_in_world)
-    rng = np.random.default_rng(0)
-    scene, fruit = (
-        rng.permutation(np.flatnonzero(inside & kind)) for kind in (cloud.fruit_id == 0, cloud.fruit_id > 0)
-    )
+    scene, fruit = (np.flatnonzero(inside & kind) for kind in (cloud.fruit_id == 0, cloud.fruit_id > 0))
     if max_points is not None:
-        scene = scene[: max(max_points // 2, max_points - len(fruit))]
-        fruit = fruit[: max_points - len(scene)]
+        rng = np.random.default_rng(0)
+        scene = _some(scene, max(max_points // 2, max_points - len(fruit)), rng)
+        fruit = _some(fruit, max_points - len(scene), rng)
     return scene, fruit
 
 
+def _some(idx: Array, count: int, rng: np.random.Generator) -> Array:
+    return np.sort(rng.choice(idx, count, replace=False)) if count < len(idx) else idx
+
+
 def packed_cloud(cloud: FruitCloud, idx: Array, middle: FloatArray) -> PackedCloud:
-    """Return points of a cloud, relative to `middle`, in the order of `idx`."""
-    points = cloud.points_in_world[idx] - middle
+    """Return points of a cloud, relative to `middle`, in an order by chance."""
+    points = cloud.points_in_world[idx]
     low = points.min(axis=0) if len(points) else np.zeros(3)
     size = np.maximum(points.max(axis=0) - low, 1e-6) if len(points) else np.ones(3)
     table = np.empty((len(points), 4), "<u2")
-    table[:, :3] = np.round((points - low) * (_STEPS / size))
-    red, green, blue = cloud.rgb[idx].T.astype(np.uint16)
+    for axis in range(3):
+        table[:, axis] = np.round((points[:, axis] - low[axis]) * (_STEPS / size[axis]))
+    red, green, blue = (cloud.rgb[idx, channel].astype(np.uint16) for channel in range(3))
     table[:, 3] = (red >> 3) << 11 | (green >> 2) << 5 | blue >> 3
+    # Eight bytes are moved at once.
+    np.random.default_rng(0).shuffle(table.view("<u8")[:, 0])
+    low = low - middle if len(points) else low
     return PackedCloud(count=len(points), min=_vector(low), size=_vector(size), points=U16(packed(table, "<u2")))
 
 

@@ -15,7 +15,7 @@ from pomona.cameras import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo
 from pomona.report.crops import crop_jpeg, jpeg
 from pomona.report.data import ReportData
-from pomona.report.seen import Box, boxes_by_id, crop_box
+from pomona.report.seen import Box, crop_box
 
 SIDES_PX = (1024, 2048, 4096, 8192)
 """The sizes of resized copies (longer side); `viewer/src/source.ts` asks for the same."""
@@ -76,23 +76,11 @@ class Pictures:
         by_name = data.photos.by_name()
         self._photos: list[Photo | None] = [by_name.get(name) for name in data.cameras.photos]
         self._cameras = data.cameras
-        self._place = self._places(data)
+        self._masks = data.masks or {}
         self._decoded: Kept[ByteArray] = Kept(_DECODED_BYTES, lambda pixels: pixels.nbytes)
         self._encoded: Kept[bytes] = Kept(_ENCODED_BYTES, len)
         # Two crops of one photo decode it once, and memory holds a few photos, not one a thread.
         self._decoding = threading.Lock()
-
-    def _places(self, data: ReportData) -> dict[int, tuple[int, Box]]:
-        """The photo and the crop of each detection in a photo that has a place."""
-        boxes = boxes_by_id(data)
-        index = {name: i for i, name in enumerate(data.cameras.photos)}
-        found = data.masks.items() if data.masks is not None else ()
-        return {
-            int(id_): (index[photo], crop_box(boxes[int(id_)]))
-            for photo, detections in found
-            if photo in index
-            for id_ in detections.ids
-        }
 
     def has_photo(self, index: int) -> bool:
         """Whether the photo's file is there."""
@@ -118,9 +106,14 @@ class Pictures:
 
         return self._encoded.get(f"photo {index} {side_px} {straight}", make)
 
-    def crop(self, detection_id: int) -> bytes:
-        """Return the crop around a detection as a JPEG; raises `KeyError` where there is no such detection."""
-        index, box = self._place[detection_id]
+    def crop(self, index: int, detection_id: int) -> bytes:
+        """Return the crop around a photo's detection as a JPEG; raises `KeyError` where there is no such detection."""
+        found = self._masks[self._cameras.photos[index]]
+        place = np.flatnonzero(found.ids == detection_id)
+        if not len(place):
+            raise KeyError(detection_id)
+        x0, y0, x1, y1 = found.masks[place[0]].box_px
+        box = crop_box((x0, y0, x1, y1))
         return self._encoded.get(f"crop {detection_id}", lambda: self._crop(index, box))
 
     def _crop(self, index: int, box: Box) -> bytes:

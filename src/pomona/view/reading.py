@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 from pomona import __version__
 from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
 from pomona.errors import MissingFileError, PomonaError
 from pomona.formats.cameras.colmap import read_colmap
-from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
@@ -22,10 +21,11 @@ from pomona.scale import ScaleReport
 from pomona.survey import StageRecord, Survey
 from pomona.survey.photos import photos_of
 from pomona.survey.values import frame_from
+from pomona.view.masks import MasksByPhoto
 
 
 def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress | None = None) -> ReportData:
-    """Return a survey's values, with the masks that may have become fruit.
+    """Return a survey's values, with the masks that may have become fruit, which are read when they are looked at.
 
     `photos` is where the photos are, if not where they were. Photos that are not found are told of through `progress`;
     all else works without them.
@@ -40,18 +40,22 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
     progress.start("reading the survey")
     records = survey.records
     scale, sfm, segment = records.get("scale"), records.get("sfm"), records.get("segment")
-    cameras = read_colmap(survey.cameras)
+    with ThreadPoolExecutor(1) as beside:
+        # Decompressing the cloud takes as long as reading the rest.
+        cloud = beside.submit(_cloud, survey)
+        cameras = read_colmap(survey.cameras)
+        fruits, observations = read_fruits(survey.fruits), read_observations(survey.observations)
     if scale is not None and scale.finished:
         cameras = replace(cameras, frame=frame_from(scale.info["frame"]))
     lost = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]
-    masks = _masks(survey)
+    masks = MasksByPhoto(survey.detections, least_score_in(survey)) if survey.detections.is_file() else None
     return ReportData(
         title=survey.folder.name,
         photos=_photos(survey, cameras, photos, progress),
         cameras=cameras,
-        fruits=read_fruits(survey.fruits),
-        observations=read_observations(survey.observations),
-        cloud=_cloud(survey),
+        fruits=fruits,
+        observations=observations,
+        cloud=cloud.result(),
         detections=segment.info.get("detections") if segment else None,
         masks=masks,
         lost=unregistered_from(lost),
@@ -68,16 +72,6 @@ def _scale(record: StageRecord | None) -> ScaleReport | None:
         return scale_report_from(record.info["report"]) if record else None
     except KeyError:
         return None
-
-
-def _masks(survey: Survey) -> SurveyDetections | None:
-    """The detections that may have become fruit: the file has weaker ones, too."""
-    from pomona.formats.detections.coco import detections_by_image
-
-    if not survey.detections.is_file():
-        return None
-    found = SurveyDetections({i.file_name: d for i, d in detections_by_image(parse_coco(survey.detections))})
-    return found.at_least(least_score_in(survey))
 
 
 def _cloud(survey: Survey) -> FruitCloud:
