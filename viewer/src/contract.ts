@@ -196,8 +196,11 @@ export interface CorrectionRequest {
 
 /**
  * What was done, or why nothing was, in words; and the id of the fruit to look at then (0: none).
+ *
+ * `changed`: fruits are not what the page shows any more, so that it has to be loaded again.
  */
 export interface CorrectionAnswer {
+  changed: boolean;
   message: string;
   fruit: number;
 }

@@ -161,8 +161,8 @@ export class Correcting {
     const request: CorrectionRequest = { fruits: [], marks: [], size: [], tree: 0, ...change, kind, revision: this.state.revision };
     try {
       const answer = await fetch("corrections", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(request) });
-      const { message, fruit } = (await answer.json()) as CorrectionAnswer;
-      if (answer.ok || answer.status === 409) {
+      const { changed, message, fruit } = (await answer.json()) as CorrectionAnswer;
+      if (changed) {
         const selected = fruit || (kind === "delete" ? 0 : (this.page.selected()?.id ?? 0));
         // What was clicked in photos may lie anywhere in the view.
         remember(this.page.data, this.page.view, { message, fruit: selected, fly: kind === "add" });

@@ -38,6 +38,7 @@ export class PhotoWindow {
     for (const [selector, act] of buttons) find(selector).addEventListener("click", act);
     this.dialog.addEventListener("keydown", (event) => this.key(event));
     this.dialog.addEventListener("close", () => {
+      if (this.dialog.open) return; // opened again before this was told
       this.image.removeAttribute("src");
       this.onClose();
     });

@@ -223,8 +223,12 @@ class CorrectionRequest:
 
 @dataclasses.dataclass(frozen=True)
 class CorrectionAnswer:
-    """What was done, or why nothing was, in words; and the id of the fruit to look at then (0: none)."""
+    """What was done, or why nothing was, in words; and the id of the fruit to look at then (0: none).
 
+    `changed`: fruits are not what the page shows any more, so that it has to be loaded again.
+    """
+
+    changed: bool
     message: str
     fruit: int
 

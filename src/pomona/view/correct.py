@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -115,7 +116,7 @@ class Corrector:
                 write_file(self._survey.corrections, lambda path: write_corrections(path, log))
             self._show(log)
             self.changed = True
-            return CorrectionAnswer(_said(request, fruits, len(self.data.fruits)), fruits[0] if fruits else 0)
+            return CorrectionAnswer(True, _said(request, fruits, len(self.data.fruits)), fruits[0] if fruits else 0)
 
     def lines(self, mark: PhotoMark) -> SightLines:
         """Return where other photos may show what was clicked in one. Raises `InputError`."""
@@ -228,7 +229,13 @@ def request_from(values: Any) -> CorrectionRequest:
 
 
 def _marks(values: Sequence[Any]) -> list[PhotoMark]:
-    return [PhotoMark(_whole(mark["photo"]), float(mark["x"]), float(mark["y"])) for mark in values]
+    return [PhotoMark(_whole(mark["photo"]), _real(mark["x"]), _real(mark["y"])) for mark in values]
+
+
+def _real(value: Any) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise InputError(f"expected a number, found {value!r}")
+    return float(value)
 
 
 def _whole(value: Any) -> int:

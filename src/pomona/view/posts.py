@@ -8,7 +8,7 @@ from http import HTTPStatus
 from io import BufferedIOBase
 from typing import Any
 
-from pomona.errors import PomonaError
+from pomona.errors import InputError, PomonaError
 from pomona.report.contract import CorrectionAnswer
 from pomona.view.correct import Corrector, StaleError, request_from
 
@@ -24,8 +24,8 @@ class RefusedError(Exception):
         self.status = status
 
 
-def correct(corrector: Corrector | None, path: str, headers: Message, body: BufferedIOBase) -> tuple[HTTPStatus, bytes]:
-    """Return the answer to a request to change something, as JSON.
+def correct(corrector: Corrector | None, path: str, headers: Message, body: BufferedIOBase) -> CorrectionAnswer:
+    """Do what a request wants to be changed, or say why not.
 
     Raises `RefusedError` for what does not come from the server's own page. A page of another site can have its
     reader's browser send forms and simple requests here, but no JSON, and not without saying where it comes from.
@@ -39,14 +39,17 @@ def correct(corrector: Corrector | None, path: str, headers: Message, body: Buff
         raise RefusedError(HTTPStatus.FORBIDDEN, "Only this server's own page can correct")
     if headers.get_content_type() != "application/json":
         raise RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Expected application/json")
-    values = _json(headers, body)
     try:
-        answer, status = corrector.do(request_from(values)), HTTPStatus.OK
+        request = request_from(_json(headers, body))
+    except InputError as error:
+        raise RefusedError(HTTPStatus.BAD_REQUEST, str(error)) from None
+    try:
+        answer = corrector.do(request)
     except StaleError as error:
-        answer, status = CorrectionAnswer(str(error), 0), HTTPStatus.CONFLICT
+        answer = CorrectionAnswer(True, str(error), 0)
     except PomonaError as error:
-        answer, status = CorrectionAnswer(str(error), 0), HTTPStatus.BAD_REQUEST
-    return status, json.dumps({"message": answer.message, "fruit": answer.fruit}).encode("utf-8")
+        answer = CorrectionAnswer(False, str(error), 0)
+    return answer
 
 
 def _json(headers: Message, body: BufferedIOBase) -> Any:

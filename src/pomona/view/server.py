@@ -5,11 +5,10 @@ Addresses hold indices and ids, never names of files, so that nothing but the su
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
-import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from email.message import Message
 from functools import cached_property, partial
@@ -32,7 +31,7 @@ from pomona.view.correct import Corrector
 from pomona.view.pictures import SIDES_PX, Pictures
 
 HOST = "127.0.0.1"
-PIECE_POINTS = 125_000
+PIECE_POINTS = 250_000
 """So many points of a cloud are sent at once; the first ones with the survey's other data."""
 _DATA_URL = "data/survey.bin"
 _COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html; charset=utf-8", "image/jpeg"
@@ -71,7 +70,7 @@ class Site:
             (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
             (re.compile(r"/straight/(\d{1,7})/(\d{1,5})\.jpg"), partial(self._photo, straight=True)),
             (re.compile(r"/data/lines/(\d{1,7})/(\d{1,5})/(\d{1,5})\.json"), self._lines),
-            (re.compile(r"/crops/(\d{1,7})/(\d{1,9})\.jpg"), self._crop),
+            (re.compile(r"/crops/(\d{1,9})\.jpg"), self._crop),
             (re.compile(r"/favicon\.ico"), lambda: Answer(_ICON.encode("ascii"), "image/svg+xml")),
         )
 
@@ -120,14 +119,7 @@ class Site:
         return Answer(self._page_body, _HTML)
 
     def _survey(self) -> Answer:
-        # The first click on a fruit is not to wait for the file of detections.
-        threading.Thread(target=self._read_masks, daemon=True).start()
         return Answer(self._survey_body, _COLUMNS)
-
-    def _read_masks(self) -> None:
-        # A damaged file is told of where a photo is asked for.
-        with suppress(PomonaError):
-            len(self._data.masks or ())
 
     def _points(self, cloud: PackedCloud, piece: int) -> Answer | None:
         points = cloud.points[piece * PIECE_POINTS : (piece + 1) * PIECE_POINTS]
@@ -157,8 +149,8 @@ class Site:
         found = self._corrector.lines(PhotoMark(photo, x, y))
         return Answer(json.dumps({"photos": found.photos, "lines": found.lines}).encode("utf-8"), _JSON)
 
-    def _crop(self, index: int, detection_id: int) -> Answer:
-        return Answer(self._pictures.crop(index, detection_id), _JPEG)
+    def _crop(self, detection_id: int) -> Answer:
+        return Answer(self._pictures.crop(detection_id), _JPEG)
 
 
 def _first(cloud: PackedCloud) -> PackedCloud:
@@ -185,13 +177,12 @@ class ViewServer(ThreadingHTTPServer):
         self.corrector = corrector
         self.site = Site(data, truth, corrector)
 
-    def correct(self, path: str, headers: Message, body: BufferedIOBase) -> tuple[HTTPStatus, Answer]:
+    def correct(self, path: str, headers: Message, body: BufferedIOBase) -> Answer:
         """Do what a page asks to be changed, and show it from then on; raises `RefusedError`."""
-        status, said = posts.correct(self.corrector, path, headers, body)
-        assert self.corrector is not None
-        if status != HTTPStatus.BAD_REQUEST:
+        answer = posts.correct(self.corrector, path, headers, body)
+        if self.corrector is not None and answer.changed:
             self.site = Site(self.corrector.data, self.corrector.truth, self.corrector)
-        return status, Answer(said, _JSON)
+        return Answer(json.dumps(dataclasses.asdict(answer)).encode("utf-8"), _JSON)
 
     @property
     def url(self) -> str:
@@ -218,11 +209,11 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN, "Only pages of this computer")
             return
         try:
-            status, answer = self.server.correct(self.path, self.headers, self.rfile)
+            answer = self.server.correct(self.path, self.headers, self.rfile)
         except posts.RefusedError as error:
             self.send_error(error.status, str(error))
             return
-        self._send(answer, body=True, status=status)
+        self._send(answer, body=True)
 
     def _answer(self, *, body: bool) -> None:
         if not self._is_ours():
@@ -243,9 +234,9 @@ class _Handler(BaseHTTPRequestHandler):
         host = self.headers.get("Host", "")
         return host in (f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}")
 
-    def _send(self, answer: Answer, *, body: bool, status: HTTPStatus = HTTPStatus.OK) -> None:
+    def _send(self, answer: Answer, *, body: bool) -> None:
         content = answer.body
-        self.send_response(status)
+        self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", answer.kind)
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Content-Security-Policy", policy("server") + "; frame-ancestors 'none'")
