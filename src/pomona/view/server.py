@@ -8,7 +8,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from email.message import Message
 from functools import cached_property, partial
@@ -31,7 +33,7 @@ from pomona.view.correct import Corrector
 from pomona.view.pictures import SIDES_PX, Pictures
 
 HOST = "127.0.0.1"
-PIECE_POINTS = 250_000
+PIECE_POINTS = 125_000
 """So many points of a cloud are sent at once; the first ones with the survey's other data."""
 _DATA_URL = "data/survey.bin"
 _COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html; charset=utf-8", "image/jpeg"
@@ -70,7 +72,7 @@ class Site:
             (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
             (re.compile(r"/straight/(\d{1,7})/(\d{1,5})\.jpg"), partial(self._photo, straight=True)),
             (re.compile(r"/data/lines/(\d{1,7})/(\d{1,5})/(\d{1,5})\.json"), self._lines),
-            (re.compile(r"/crops/(\d{1,9})\.jpg"), self._crop),
+            (re.compile(r"/crops/(\d{1,7})/(\d{1,9})\.jpg"), self._crop),
             (re.compile(r"/favicon\.ico"), lambda: Answer(_ICON.encode("ascii"), "image/svg+xml")),
         )
 
@@ -119,7 +121,14 @@ class Site:
         return Answer(self._page_body, _HTML)
 
     def _survey(self) -> Answer:
+        # The first click on a fruit is not to wait for the file of detections.
+        threading.Thread(target=self._read_masks, daemon=True).start()
         return Answer(self._survey_body, _COLUMNS)
+
+    def _read_masks(self) -> None:
+        # A damaged file is told of where a photo is asked for.
+        with suppress(PomonaError):
+            len(self._data.masks or ())
 
     def _points(self, cloud: PackedCloud, piece: int) -> Answer | None:
         points = cloud.points[piece * PIECE_POINTS : (piece + 1) * PIECE_POINTS]
@@ -149,8 +158,8 @@ class Site:
         found = self._corrector.lines(PhotoMark(photo, x, y))
         return Answer(json.dumps({"photos": found.photos, "lines": found.lines}).encode("utf-8"), _JSON)
 
-    def _crop(self, detection_id: int) -> Answer:
-        return Answer(self._pictures.crop(detection_id), _JPEG)
+    def _crop(self, index: int, detection_id: int) -> Answer:
+        return Answer(self._pictures.crop(index, detection_id), _JPEG)
 
 
 def _first(cloud: PackedCloud) -> PackedCloud:
