@@ -155,7 +155,7 @@ def test_evaluate(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
 
 def test_export(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     pomona("run", photos, "--out", tmp_path / "out")
-    for form in ("csv", "geojson", "las", "laz", "ply", "colmap", "coco"):
+    for form in ("csv", "geojson", "gpkg", "las", "laz", "ply", "coco", "colmap", "nerfstudio", "metashape"):
         result = pomona("export", tmp_path / "out", "--to", form)
         assert result.exit_code == 0, result.stderr
         assert Path(result.stdout.strip()).exists()
@@ -164,6 +164,9 @@ def test_export(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     again = pomona("export", tmp_path / "out", "--to", "ply", "--out", tmp_path / "my.ply")
     assert again.exit_code == 1
     assert "exists already" in again.stderr
+    nowhere = pomona("export", tmp_path / "out", "--to", "kml")
+    assert nowhere.exit_code == 1
+    assert "KML needs a place on Earth" in nowhere.stderr
     unknown = pomona("export", tmp_path / "out", "--to", "xls")
     assert unknown.exit_code == 1
     assert "--to: expected one of csv, geojson" in unknown.stderr

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import PomonaError, few
-from pomona.photos import Photos
+from pomona.photos import Photo, Photos
 from pomona.progress import Progress
 from pomona.survey import Survey
 
@@ -37,21 +37,26 @@ class Job:
         return replace(read_colmap(self.survey.cameras), frame=self.frame)
 
     def photos(self, cameras: Cameras) -> Photos:
-        """The photos of the cameras that are found; others are told of."""
+        """The photos of the cameras. Those that are not found are told of; their files do not exist."""
         from pomona.survey.photos import photos_of
 
         try:
-            found = photos_of(self.survey, cameras.photos, self.photos_folder)
+            found = photos_of(self.survey, cameras.photos, self.photos_folder).by_name()
         except PomonaError as error:
-            self.progress.warn(f"The photos were not found: {error}. Say where they are with --photos FOLDER")
-            return Photos(())
-        missing = [name for name in cameras.photos if name not in found.names]
+            self.progress.warn(f"The photos were not found: {error}")
+            found = {}
+        missing = [name for name in cameras.photos if name not in found]
         if missing:
             self.progress.warn(
                 f"{len(missing)} of {len(cameras)} photos were not found: {few(missing)}. Say where they are with "
                 "--photos FOLDER"
             )
-        return found
+        return Photos(tuple(found.get(name) or _missing(name, cameras) for name in cameras.photos))
+
+
+def _missing(name: str, cameras: Cameras) -> Photo:
+    lens = cameras.intrinsics_of(cameras.photos.index(name))
+    return Photo(name, Path(name), lens.width_px, lens.height_px)
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ def _colmap(job: Job, target: Path) -> None:
     cameras = job.cameras()
     photos = job.photos(cameras)
     _tell_of_points(job, cameras)
-    write_colmap(target, as_stored(cameras, photos), photos)
+    write_colmap(target, as_stored(cameras, photos), photos, upright=False)
 
 
 def _nerfstudio(job: Job, target: Path) -> None:

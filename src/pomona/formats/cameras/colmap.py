@@ -22,15 +22,16 @@ from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary
 from pomona.formats.cameras.colmap_model import assemble
 from pomona.formats.cameras.colmap_text import read_text
-from pomona.formats.cameras.frames import FRAME_FILE, frame_json, parse_frame
+from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
 from pomona.formats.cameras.given import GivenCameras
 from pomona.photos import Photos
 
 
-def write_colmap(folder: Path, cameras: Cameras, photos: Photos) -> None:
+def write_colmap(folder: Path, cameras: Cameras, photos: Photos, *, upright: bool = True) -> None:
     """Write cameras, points and frame to `folder`, which is replaced; image ids are the photos' places in the survey.
 
-    A folder that was written halfway never bears the name `folder`.
+    `upright` is False where the cameras are of the photos as they are stored (`as_stored`). A folder that was written
+    halfway never bears the name `folder`.
 
     Raises `InputError` when a camera's photo is not one of `photos`.
     """
@@ -48,7 +49,8 @@ def write_colmap(folder: Path, cameras: Cameras, photos: Photos) -> None:
     _write(part / "cameras.txt", _camera_lines(cameras))
     _write(part / "images.txt", _image_lines(cameras, image_ids, views))
     _write(part / "points3D.txt", _point_lines(cameras, image_ids, views))
-    (part / FRAME_FILE).write_text(json.dumps(frame_json(cameras.frame), indent=1) + "\n", encoding="utf-8")
+    note = {**frame_json(cameras.frame), "upright": upright}
+    (part / FRAME_FILE).write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
     shutil.rmtree(folder, ignore_errors=True)
     part.replace(folder)
 
@@ -77,11 +79,10 @@ def read_model(folder: Path) -> GivenCameras:
     """
     binary = (folder / "cameras.bin").is_file() and not (folder / "cameras.txt").is_file()
     lenses, images, points = (read_binary if binary else read_text)(folder)
-    ours = (folder / FRAME_FILE).is_file()
-    frame = parse_frame(folder / FRAME_FILE) if ours else WorldFrame()
+    note = folder / FRAME_FILE
+    frame, upright = read_frame(note) if note.is_file() else (WorldFrame(), False)
     notes = tuple(filter(None, (lens.note(f"camera {camera_id}") for camera_id, lens in lenses.items())))
-    cameras = assemble(folder, lenses, images, points, frame)
-    return GivenCameras(cameras, "Pomona" if ours else "COLMAP", notes, upright=ours)
+    return GivenCameras(assemble(folder, lenses, images, points, frame), "COLMAP", notes, upright=upright)
 
 
 def _camera_lines(cameras: Cameras) -> Iterator[str]:

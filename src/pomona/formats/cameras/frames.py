@@ -18,12 +18,14 @@ def frame_json(frame: WorldFrame) -> Mapping[str, Any]:
     return asdict(frame)
 
 
-def parse_frame(path: Path) -> WorldFrame:
-    """Read the world frame that is kept beside a model; `{"scale_source": "given"}` says metres and z up.
+def read_frame(path: Path) -> tuple[WorldFrame, bool]:
+    """Read the world frame beside a model, and whether its photos are upright: `{"scale_source": "given"}` says metres.
 
     Raises `FormatError` when the file is something else.
     """
-    return frame_from_field(Field.of_file(path, "the world frame of a survey"))
+    field = Field.of_file(path, "the world frame of a survey")
+    upright = field.get("upright")
+    return frame_from_field(field), upright is not None and upright.truth()
 
 
 def frame_from_field(field: Field) -> WorldFrame:

@@ -20,7 +20,7 @@ from pomona.formats.cameras.onto_photos import as_stored
 from pomona.formats.cameras.polynomial import polynomial_lens
 from pomona.formats.ply import write_ply
 from pomona.fruits import FruitCloud
-from pomona.photos import Photos
+from pomona.photos import Photo, Photos
 
 POINTS = "sparse_pc.ply"
 
@@ -28,16 +28,18 @@ POINTS = "sparse_pc.ply"
 def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
     """Write `transforms.json` and `sparse_pc.ply` to `folder`, with paths to the photos relative to it.
 
+    Photos without a file are named as if they lay in `images/` there.
+
     Raises `InputError` where a lens has no polynomial that is near enough.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = {photo.name: os.path.relpath(photo.path.resolve(), folder.resolve()) for photo in photos}
+    paths = {photo.name: _path_from(folder, photo) for photo in photos}
     cameras = as_stored(cameras, photos)
     lenses = [_lens_json(lens, cameras.photos[0]) for lens in cameras.intrinsics]
     one = len(lenses) == 1
     frames = [
         {
-            "file_path": Path(paths[name]).as_posix(),
+            "file_path": paths[name],
             "transform_matrix": _world_from_cam(cameras, i),
             **({} if one else lenses[int(cameras.intrinsics_idx[i])]),
         }
@@ -50,6 +52,12 @@ def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
         write_ply(folder / POINTS, FruitCloud(cameras.points_in_world, cameras.points_rgb, none))
     text = json.dumps({**content, "frames": frames}, indent=1, ensure_ascii=False)
     (folder / "transforms.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _path_from(folder: Path, photo: Photo) -> str:
+    if not photo.path.is_file():
+        return f"images/{photo.name}"
+    return Path(os.path.relpath(photo.path.resolve(), folder.resolve())).as_posix()
 
 
 def _lens_json(intrinsics: Intrinsics, name: str) -> dict[str, Any]:

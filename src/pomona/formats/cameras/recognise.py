@@ -13,7 +13,7 @@ from pomona.cameras import Cameras
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.cameras.bundler_photos import list_of, read_bundler
 from pomona.formats.cameras.colmap import read_model
-from pomona.formats.cameras.frames import FRAME_FILE, parse_frame
+from pomona.formats.cameras.frames import FRAME_FILE, read_frame
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.metashape import read_metashape
 from pomona.formats.cameras.nerfstudio import read_nerfstudio
@@ -75,7 +75,7 @@ def read_cameras(path: Path, photos: Photos) -> GivenCameras:
     if not len(given.cameras):
         raise FormatError(f"{path}: expected cameras, found none with a place")
     if found.frame_file is not None:
-        given = replace(given, cameras=replace(given.cameras, frame=parse_frame(found.frame_file)))
+        given = replace(given, cameras=replace(given.cameras, frame=read_frame(found.frame_file)[0]))
     _check(given.cameras, path)
     return onto_photos(given, photos, str(path))
 

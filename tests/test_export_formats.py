@@ -1,0 +1,240 @@
+"""What is written for other programs: read back by our readers, and by those programs' own formulas and standards."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import struct
+import sys
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from camera_scenes import enu_axes, geocentric, make_scene
+from pomona.cameras import Cameras, Intrinsics, WorldFrame, local_crs
+from pomona.errors import InputError, MissingExtraError
+from pomona.formats.cameras.colmap import write_colmap
+from pomona.formats.cameras.metashape_export import write_metashape
+from pomona.formats.cameras.nerfstudio_export import write_nerfstudio
+from pomona.formats.cameras.onto_photos import as_stored
+from pomona.formats.cameras.recognise import read_cameras
+from pomona.formats.geojson import write_geojson
+from pomona.formats.gpkg import write_gpkg
+from pomona.formats.kml import write_kml
+from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
+from pomona.fruits import FruitCloud, Fruits
+from pomona.photos import Photo, Photos
+
+METRES = WorldFrame("markers", approximate=False, up_is_known=True)
+LLEIDA = (41.6215, 0.5954, 187.3)
+ON_EARTH = WorldFrame("gnss", approximate=False, up_is_known=True, crs=local_crs(*LLEIDA[:2]), origin=LLEIDA)
+LENSES = (
+    Intrinsics("OPENCV", 1600, 1200, np.array([1400, 1410, 790, 610, -0.1, 0.05, 0.001, -0.002])),
+    Intrinsics("SIMPLE_RADIAL", 1600, 1200, np.array([1500, 800, 600, 0.03])),
+    # What a fisheye becomes: a ratio of two polynomials.
+    Intrinsics("FULL_OPENCV", 1600, 1200, np.array([1500, 1500, 800, 600, 0.3, 0.02, 0, 0, 0.001, 0.45, 0.05, 0.001])),
+)
+
+
+def _cameras(frame: WorldFrame) -> Cameras:
+    scene = make_scene(21, cameras=6)
+    poses = [np.column_stack([r, -r @ c]) for r, c in zip(scene.rotations, scene.centers, strict=True)]
+    names = tuple(f"{'east' if i < 3 else 'west'}/IMG_{i:04}.JPG" for i in range(6))
+    rgb = scene.rgb.astype(np.uint8)
+    cameras = Cameras(names, LENSES, np.array([0, 1, 2, 0, 1, 2]), np.array(poses), scene.points, rgb,
+                      np.full(len(scene.points), 0.5), frame=frame)  # fmt: skip
+    cameras = replace(cameras, intrinsics=(*LENSES, LENSES[0].turned(1)), intrinsics_idx=np.array([3, 1, 2, 0, 1, 2]))
+    rolled = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    return replace(cameras, cam_from_world=np.concatenate([rolled @ poses[:1], poses[1:]]))
+
+
+def _photos(folder: Path, cameras: Cameras) -> Photos:
+    """The first photo was taken with the camera held upright: stored as wide as all, and turned by its EXIF."""
+    return Photos(
+        tuple(
+            Photo(name, folder / name, *((1200, 1600) if i == 0 else (1600, 1200)), orientation=6 if i == 0 else 1)
+            for i, name in enumerate(cameras.photos)
+        )
+    )
+
+
+def _same(read: Cameras, cameras: Cameras, points: np.ndarray) -> None:
+    assert read.photos == cameras.photos
+    for i in range(len(cameras)):
+        expected = cameras.project(i, cameras.points_in_world)[0]
+        lens = cameras.intrinsics_of(i)
+        inside = ((expected > 0) & (expected < [lens.width_px, lens.height_px])).all(1)
+        assert inside.any()
+        np.testing.assert_allclose(read.project(i, points)[0][inside], expected[inside], atol=0.01)
+
+
+@pytest.mark.parametrize("frame", [METRES, ON_EARTH])
+def test_nerfstudio_comes_back(tmp_path: Path, frame: WorldFrame) -> None:
+    cameras = _cameras(frame)
+    photos = _photos(tmp_path / "photos", cameras)
+    write_nerfstudio(tmp_path / "out", cameras, photos)
+    read = read_cameras(tmp_path / "out", photos).cameras
+    assert read.frame == frame
+    np.testing.assert_allclose(read.points_in_world, cameras.points_in_world)
+    np.testing.assert_array_equal(read.points_rgb, cameras.points_rgb)
+    _same(read, cameras, cameras.points_in_world)
+
+
+def test_nerfstudio_by_its_own_formula(tmp_path: Path) -> None:
+    cameras = _cameras(METRES)
+    photo = tmp_path / "photos" / cameras.photos[3]
+    photo.parent.mkdir(parents=True)
+    photo.touch()
+    write_nerfstudio(tmp_path / "out", cameras, _photos(tmp_path / "photos", cameras))
+    content = json.loads((tmp_path / "out" / "transforms.json").read_text())
+    frame = content["frames"][3]
+    assert frame["file_path"] == f"../photos/{cameras.photos[3]}"
+    assert content["frames"][0]["file_path"] == f"images/{cameras.photos[0]}"  # there is no such file
+    matrix = np.array(frame["transform_matrix"])
+    inside = (cameras.points_in_world - matrix[:3, 3]) @ matrix[:3, :3]
+    x, y = inside[:, 0] / -inside[:, 2], -inside[:, 1] / -inside[:, 2]  # OpenGL: y up, looking along -z
+    r2 = x**2 + y**2
+    d = 1 + sum(frame[f"k{n}"] * r2**n for n in (1, 2, 3, 4))
+    u = x * d + 2 * frame["p1"] * x * y + frame["p2"] * (r2 + 2 * x**2)
+    v = y * d + 2 * frame["p2"] * x * y + frame["p1"] * (r2 + 2 * y**2)
+    px = np.stack([frame["fl_x"] * u + frame["cx"], frame["fl_y"] * v + frame["cy"]], 1)
+    np.testing.assert_allclose(px, cameras.project(3, cameras.points_in_world)[0], atol=1e-6)
+
+
+def test_metashape_comes_back(tmp_path: Path) -> None:
+    cameras = _cameras(METRES)
+    photos = _photos(tmp_path, cameras)
+    write_metashape(tmp_path / "cameras.xml", cameras, photos)
+    read = read_cameras(tmp_path / "cameras.xml", photos)
+    assert (read.cameras.frame.scale_source, read.cameras.frame.approximate) == ("given", False)
+    _same(read.cameras, cameras, cameras.points_in_world)
+
+
+def test_metashape_comes_back_to_its_place_on_earth(tmp_path: Path) -> None:
+    cameras = _cameras(ON_EARTH)
+    photos = _photos(tmp_path, cameras)
+    write_metashape(tmp_path / "cameras.xml", cameras, photos)
+    read = read_cameras(tmp_path / "cameras.xml", photos).cameras
+    assert read.frame.origin is not None
+    on_earth = geocentric(*LLEIDA) + cameras.points_in_world @ enu_axes(*LLEIDA[:2])
+    points = (on_earth - geocentric(*read.frame.origin)) @ enu_axes(*read.frame.origin[:2]).T
+    _same(read, cameras, points)
+
+
+def test_metashape_by_its_own_formula(tmp_path: Path) -> None:
+    cameras = _cameras(METRES)
+    write_metashape(tmp_path / "cameras.xml", cameras, _photos(tmp_path, cameras))
+    chunk = ElementTree.parse(tmp_path / "cameras.xml").getroot()[0]
+    camera = chunk.findall("cameras/camera")[3]
+    assert camera.get("label") == "IMG_0003"
+    values = {child.tag: child.text or "" for child in chunk.findall("sensors/sensor/calibration")[0]}
+    k = {name: float(text) for name, text in values.items() if name != "resolution"}
+    matrix = np.array((camera.findtext("transform") or "").split(), float).reshape(4, 4)
+    x, y, z = ((cameras.points_in_world - matrix[:3, 3]) @ matrix[:3, :3]).T
+    x, y = x / z, y / z
+    r2 = x**2 + y**2
+    d = 1 + k["k1"] * r2 + k["k2"] * r2**2 + k["k3"] * r2**3 + k["k4"] * r2**4
+    u = x * d + k["p1"] * (r2 + 2 * x**2) + 2 * k["p2"] * x * y
+    v = y * d + k["p2"] * (r2 + 2 * y**2) + 2 * k["p1"] * x * y
+    px = np.stack([800 + k["cx"] + u * k["f"] + u * k["b1"], 600 + k["cy"] + v * k["f"]], 1)
+    np.testing.assert_allclose(px, cameras.project(3, cameras.points_in_world)[0], atol=1e-6)
+
+
+def test_metashape_labels_of_photos_of_one_name(tmp_path: Path) -> None:
+    cameras = replace(
+        _cameras(METRES), photos=tuple(f"{side}/IMG_{i}.JPG" for side in ("east", "west") for i in range(3))
+    )
+    photos = _photos(tmp_path, cameras)
+    write_metashape(tmp_path / "cameras.xml", cameras, photos)
+    labels = [c.get("label") for c in ElementTree.parse(tmp_path / "cameras.xml").getroot().iter("camera")]
+    assert labels == [f"{side}/IMG_{i}" for side in ("east", "west") for i in range(3)]
+    _same(read_cameras(tmp_path / "cameras.xml", photos).cameras, cameras, cameras.points_in_world)
+
+
+def test_colmap_comes_back(tmp_path: Path) -> None:
+    cameras = _cameras(METRES)
+    photos = _photos(tmp_path / "photos", cameras)
+    write_colmap(tmp_path / "upright", cameras, photos)
+    _same(read_cameras(tmp_path / "upright", photos).cameras, cameras, cameras.points_in_world)
+    write_colmap(tmp_path / "stored", as_stored(cameras, photos), photos, upright=False)
+    assert "1200 1600" not in (tmp_path / "stored" / "cameras.txt").read_text()
+    read = read_cameras(tmp_path / "stored", photos).cameras
+    assert read.frame == METRES
+    _same(read, cameras, cameras.points_in_world)
+
+
+def _fruits() -> Fruits:
+    centers = np.array([[1.0, 2.0, 3.0], [-4.0, 5.5, 1.25], [np.nan] * 3])
+    return Fruits(
+        ids=np.array([1, 2, 7]),
+        centers_in_world=centers,
+        diameters_m=np.array([0.07, np.nan, np.nan]),
+        scores=np.array([0.9, 0.8, 0.1]),
+        views=np.array([4, 3, 1]),
+        reasons=("", "hidden", "nowhere"),
+        sides=("east", "both", ""),
+    )
+
+
+@pytest.mark.parametrize("frame", [METRES, ON_EARTH])
+def test_geopackage(tmp_path: Path, frame: WorldFrame) -> None:
+    write_gpkg(tmp_path / "fruits.gpkg", _fruits(), frame)
+    write_gpkg(tmp_path / "fruits.gpkg", _fruits(), frame)  # replaces
+    write_geojson(tmp_path / "fruits.geojson", _fruits(), frame)
+    features = json.loads((tmp_path / "fruits.geojson").read_text())["features"]
+    database = sqlite3.connect(tmp_path / "fruits.gpkg")
+    assert database.execute("PRAGMA application_id").fetchone() == (0x47504B47,)
+    assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    srs_id = 4326 if frame.crs else -1
+    assert database.execute("SELECT table_name, srs_id FROM gpkg_contents").fetchall() == [("fruits", srs_id)]
+    assert {-1, 0, 4326} == {row[0] for row in database.execute("SELECT srs_id FROM gpkg_spatial_ref_sys")}
+    rows = database.execute(f"SELECT geom, {', '.join(FRUIT_COLUMNS)} FROM fruits ORDER BY fid").fetchall()
+    for (blob, *values), feature, row in zip(rows, features, fruit_rows(_fruits()), strict=True):
+        assert values == list(row.values())
+        if feature["geometry"] is None:
+            assert blob is None
+            continue
+        assert struct.unpack("<2sBBiBI", blob[:13]) == (b"GP", 0, 1, srs_id, 1, 1001)
+        np.testing.assert_allclose(struct.unpack("<3d", blob[13:]), feature["geometry"]["coordinates"], atol=1e-9)
+    database.close()
+
+
+def test_kml(tmp_path: Path) -> None:
+    write_kml(tmp_path / "fruits.kml", _fruits(), ON_EARTH)
+    namespace = {"k": "http://www.opengis.net/kml/2.2"}
+    marks = ElementTree.parse(tmp_path / "fruits.kml").getroot().findall(".//k:Placemark", namespace)
+    assert [mark.findtext("k:name", "", namespace) for mark in marks] == ["1", "2", "7"]
+    longitude, latitude, altitude = map(float, marks[0].findtext(".//k:coordinates", "", namespace).split(","))
+    assert (longitude, latitude) == pytest.approx((LLEIDA[1] + 1.2e-5, LLEIDA[0] + 1.8e-5), abs=2e-6)
+    assert altitude == pytest.approx(LLEIDA[2] + 3)
+    assert marks[2].find("k:Point", namespace) is None
+    data = {d.get("name"): d.findtext("k:value", "", namespace) for d in marks[1].findall(".//k:Data", namespace)}
+    assert data["reason"] == "hidden"
+    assert "diameter_m" not in data
+
+
+def test_kml_needs_a_place_on_earth(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="KML needs a place on Earth"):
+        write_kml(tmp_path / "fruits.kml", _fruits(), METRES)
+
+
+def test_rerun(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    from pomona.formats.rerun import write_rerun
+
+    fruits = replace(_fruits(), centers_in_world=np.zeros((3, 3)))
+    write_rerun(tmp_path / "survey.rrd", _cameras(METRES), fruits, FruitCloud.empty())
+    content = (tmp_path / "survey.rrd").read_bytes()
+    assert content[:3] == b"RRF"
+    assert len(content) > 2000
+
+
+def test_rerun_missing_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pomona.formats.rerun import write_rerun
+
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match=r"pomona\[rerun\]"):
+        write_rerun(tmp_path / "survey.rrd", _cameras(METRES), _fruits(), FruitCloud.empty())
