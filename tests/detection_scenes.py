@@ -167,8 +167,7 @@ def sahi_results(folder: Path) -> Path:
             }
             for f in fruits
         ]  # fmt: skip
-        if results:
-            written(folder / f"{Path(name).stem}.json", results)
+        written(folder / f"{Path(name).stem}.json", results)
     return folder
 
 

@@ -247,7 +247,10 @@ def test_wrong_annotations_are_named(tmp_path: Path, annotation: dict[str, Any],
         ({"images": [{"id": 1, "width": 60, "height": 40}]}, "file_name: expected a name"),
         ({"images": [{"id": 1, "file_name": "a.jpg", "width": 0, "height": 40}]}, "positive size"),
         ({"images": [{"id": 1, "file_name": "a.jpg", "width": 40, "height": 60}]}, "annotate the photo upright"),
-        ({"images": [{"id": 1, "file_name": "a.jpg", "width": 30, "height": 20}]}, "expected the size of a.jpg, 60 × 40, found 30 × 20"),
+        (
+            {"images": [{"id": 1, "file_name": "a.jpg", "width": 30, "height": 20}]},
+            "expected the size of a.jpg, 60 × 40",
+        ),
         ({"images": [{"id": 1, "file_name": n, "width": 60, "height": 40} for n in "ab"]}, "image 1: expected unique"),
         ({"categories": 5}, "categories: expected a list"),
     ],
@@ -271,5 +274,5 @@ def test_files_that_are_no_coco_are_refused(tmp_path: Path) -> None:
         with pytest.raises(FormatError, match=said):
             read_detections(tmp_path / "x.json", photos)
     (tmp_path / "x.json").write_text("[1]")
-    with pytest.raises(InputError, match="expected detections of one of COCO; .*; found none of them"):
+    with pytest.raises(InputError, match=r"expected detections of one of COCO; .*; found none of them"):
         read_detections(tmp_path / "x.json", photos)

@@ -69,17 +69,17 @@ class Habits:
 
 
 def habits_of(content: Mapping[str, Any]) -> Habits:
-    """Return the habits of the program that wrote a file: supervision, SAHI (its results, with images), or others."""
-    categories = content.get("categories")
-    if isinstance(categories, list) and categories:
-        above = {entry.get("supercategory") for entry in categories if isinstance(entry, dict)}
-        if above == {"common-objects"}:  # supervision, dataset/formats/coco.py
-            return Habits(traced=True, crowds=False)
-    annotations = content.get("annotations")
-    if isinstance(annotations, list) and annotations:  # SAHI, utils/coco.py, CocoPrediction.json
-        keys = {"score", "category_name", "iscrowd", "area"}
-        if all(isinstance(entry, dict) and keys <= set(entry) for entry in annotations):
-            return Habits(traced=True)
+    """Return the habits of the program that wrote a file: supervision, SAHI (its results, with images), or others.
+
+    `content` has been found to have lists of categories, which are objects, and of annotations.
+    """
+    above = [entry.get("supercategory") for entry in content.get("categories", ())]
+    if above and all(name == "common-objects" for name in above):  # supervision, dataset/formats/coco.py
+        return Habits(traced=True, crowds=False)
+    annotations = content["annotations"]
+    keys = {"score", "category_name", "iscrowd", "area"}  # SAHI, utils/coco.py, CocoPrediction.json
+    if annotations and all(isinstance(entry, dict) and keys <= set(entry) for entry in annotations):
+        return Habits(traced=True)
     return Habits()
 
 

@@ -36,7 +36,8 @@ def read_results(
     found = [_photo_of(path, k, entry, photos) for k, entry in enumerate(results)]
     if any(isinstance(entry.get("image_id"), int) and not entry.get("file_name") for entry in results):
         (progress or Silent()).warn(f"{path}: image_id: the numbers are taken to be the names of photos.")
-    named = {photo.name: photo for photo in found if photo is not None}
+    shown = found or [_looked_up(path.name, str(path), photos)]  # an empty list is of a photo without fruit
+    named = {photo.name: photo for photo in shown if photo is not None}
     ids = {name: k for k, name in enumerate(named, start=1)}
     images = [CocoImage(ids[p.name], p.name, p.width_px, p.height_px) for p in named.values()]
     kept = [{**e, "image_id": ids[p.name]} for e, p in zip(results, found, strict=True) if p is not None]

@@ -39,7 +39,8 @@ KINDS = {
     "masks": "images of fruit ids (PNG, TIFF)",
     "mat": "MATLAB masks",
 }
-_ONE_A_PHOTO = ("labelme", "voc", "yolo", "masks", "mat")
+_MANY_TEXTS = ("labelme", "voc")  # a file for every photo: looking into two of them is enough
+_SUFFIXES = (".json", ".csv", ".xml", ".txt")
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,10 @@ def _find(path: Path, photos: Photos) -> _Found:
     own = {photo.path.resolve() for photo in photos}
     by_kind: dict[str, list[Path]] = {}
     for file in _files(path):
-        known = next((kind for kind in ("labelme", "voc") if len(by_kind.get(kind, ())) >= 2), None)
-        same = known is not None and file.suffix == by_kind[known][0].suffix
-        kind = known if same else kind_of(file) if file.resolve() not in own else None
+        if file.resolve() in own:
+            continue
+        alike = (kind for kind in _MANY_TEXTS if len(by_kind.get(kind, ())) >= 2)
+        kind = next((kind for kind in alike if by_kind[kind][0].suffix == file.suffix), None) or _kind_of(file, path)
         if kind == "sink":
             raise sink_error(file)
         if kind is not None:
@@ -110,6 +112,16 @@ def _find(path: Path, photos: Photos) -> _Found:
         raise InputError(f"{path}: expected detections of one format, found {named}: name the one to use")
     ((kind, files),) = by_kind.items()
     return _Found(kind, path if path.is_dir() else path.parent, tuple(files), images)
+
+
+def _kind_of(file: Path, path: Path) -> str | None:
+    """The format of a file in `path`; None of what is no text that can be read, unless it was to hold annotations."""
+    try:
+        return kind_of(file)
+    except FormatError:
+        if file == path or file.suffix.lower() in _SUFFIXES:
+            raise
+        return None
 
 
 def _files(path: Path) -> list[Path]:

@@ -1,0 +1,57 @@
+"""`pomona run --detections`: what is given is the survey's, read again when it or the choice of classes changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import detection_scenes as scenes
+from detection_scenes import FRUITS, HEIGHT, SCENE, WIDTH, whole
+from pomona.cli.options import parse_names
+from pomona.errors import InputError
+from pomona.formats.detections.coco import read_coco
+from pomona.pipeline import RunOptions, run
+from pomona.survey import Survey
+
+SIDES = "east/*,west/*"
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    for k, name in enumerate(SCENE):
+        path = tmp_path / "photos" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), np.full((HEIGHT, WIDTH, 3), 20 * k, np.uint8))
+    return tmp_path / "photos"
+
+
+def test_detections_given_are_the_surveys(tmp_path: Path, photos: Path) -> None:
+    out = tmp_path / "survey"
+    options = RunOptions(detections=scenes.mats(tmp_path / "masks"), sides=SIDES)
+    assert run([photos], out, options, until="segment").detections == len(FRUITS)
+    read = read_coco(Survey.open(out).detections, scenes.scene_photos(photos))
+    for name, fruits in SCENE.items():
+        assert [fruit.score for fruit in fruits] == read[name].scores.tolist()
+        assert all(np.array_equal(whole(m), f.pixels) for m, f in zip(read[name].masks, fruits, strict=True))
+    first = next((tmp_path / "masks").rglob("*.mat"))
+    first.unlink()
+    assert run([photos], out, options, until="segment").detections == len(FRUITS) - len(SCENE["east/IMG_1.JPG"])
+
+
+def test_another_choice_of_classes_reads_again(tmp_path: Path, photos: Path) -> None:
+    path = scenes.cvat(tmp_path)
+    path.write_text(path.read_text().replace('ellipse label="apple"', 'ellipse label="pear"'))
+    options = RunOptions(detections=path, classes=("apple", "pear"), sides=SIDES)
+    assert run([photos], tmp_path / "survey", options, until="segment").detections == len(FRUITS)
+    options = replace(options, classes=parse_names("pear"))
+    assert run([photos], tmp_path / "survey", options, until="segment").detections == 2
+    assert RunOptions.from_json(options.to_json()) == options
+
+
+def test_classes_are_those_of_detections_given() -> None:
+    with pytest.raises(InputError, match="--classes apple,pear are those of --detections, which is not given"):
+        RunOptions(classes=("apple", "pear"))
