@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from datasets_scenes import RedSegmenter, painted, write_fuji_spheres
 from fuji_miniature import write_boxes, write_miniature, write_tiles
@@ -195,6 +196,20 @@ def test_broken_files_are_named_with_what_was_expected(
         run(copy, tmp_path / "out")
     assert isinstance(error.value, FormatError | InputError)
     assert Path(name).name in str(error.value)
+
+
+def test_photos_and_masks_of_other_order_are_refused(copy: Path, tmp_path: Path) -> None:
+    folder = copy / "2-SfM-set" / "raw_images_east_side"
+    folder.mkdir(parents=True)
+    names = [f"IMG_{i:04d}" for i in range(7)]
+    for name in names:
+        Image.new("RGB", (320, 240)).save(folder / f"{name}.jpg")
+    files = find_fuji_files(copy)
+    assert read_fuji_row(files, Silent()).detections is not None
+    for name in ("b_0000", *(f"a_{i:04d}" for i in range(1, 7))):
+        (folder / f"IMG_{name[2:]}.jpg").rename(folder / f"{name}.jpg")
+    with pytest.raises(InputError, match=r"IMG_0000\.mat: expected the masks of a_0001"):
+        read_fuji_row(find_fuji_files(copy), Silent())
 
 
 def test_folders_without_the_dataset_are_refused(tmp_path: Path) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from pomona.formats.detections.mat_masks import MatMasks, read_mat_masks
 from pomona.formats.xyz import first_lines, read_xyz
 from pomona.fruits import FruitCloud
 from pomona.progress import Progress, track
+
+_Value = TypeVar("_Value")
 
 # The authors scaled their clouds, and the cameras with them, by plates 0.85 m apart.
 _FRAME = WorldFrame("given", approximate=False, up_is_known=False)
@@ -97,7 +100,7 @@ def read_true_trees(files: FujiFiles, n_trees: int) -> TrueTrees:
 
     Raises `FormatError` that shows how a file begins where it holds something else.
     """
-    parts = [_read_boxes(file) for file in files.boxes]
+    parts = [_shown(file, read_truth) for file in files.boxes]
     truth = _together(parts)
     by_file = np.repeat(np.arange(1, len(parts) + 1), [len(part) for part in parts])
     if truth.tree_ids.all() and len(truth):
@@ -122,7 +125,7 @@ def _read_masks(side: SideFiles, progress: Progress) -> list[MatMasks]:
 
 def _read_cameras(side: SideFiles, masks: Sequence[MatMasks]) -> Cameras:
     assert side.cameras is not None
-    bundle = parse_bundle(side.cameras)
+    bundle = _shown(side.cameras, parse_bundle)
     for what, paths in (("photos", side.photos), ("masks", side.masks)):
         if paths and len(paths) != len(bundle):
             raise InputError(
@@ -146,26 +149,30 @@ def _detections(side: SideFiles, masks: Sequence[MatMasks], first_id: int) -> di
     found: dict[str, Detections] = {}
     if not masks:
         return found
-    for name, path, one in zip(photo_names(side), side.masks, masks, strict=True):
+    _check_order(side)
+    for name, one in zip(photo_names(side), masks, strict=True):
         scores = np.ones(len(one.masks)) if one.scores is None else one.scores
         ids = np.arange(first_id + 1, first_id + 1 + len(one.masks))
         first_id += len(one.masks)
-        if side.photos:
-            _check_same_photo(name, path)
         found[name] = Detections(name, one.width_px, one.height_px, one.masks, scores, ids)
     return found
 
 
-def _check_same_photo(name: str, mask: Path) -> None:
-    """Photos and masks are paired by their order; where both have numbers, these must not contradict it."""
-    photo_number, mask_number = (_number(text) for text in (name, mask.stem))
-    if photo_number is not None and mask_number is not None and photo_number != mask_number:
-        raise InputError(f"{mask}: expected the masks of photo {name}, which has its place in the order of names")
+def _check_order(side: SideFiles) -> None:
+    """Photos and masks are paired by the order of their names; where both have the same numbers, these must agree."""
+    numbers = [[_number(path.stem) for path in paths] for paths in (side.photos, side.masks)]
+    if set(numbers[0]) != set(numbers[1]) or numbers[0] == numbers[1]:
+        return
+    k = next(i for i, (photo, mask) in enumerate(zip(*numbers, strict=True)) if photo != mask)
+    raise InputError(
+        f"{side.masks[k]}: expected the masks of {side.photos[k].name}, which has this place in the order of names of "
+        f"the {side.name} side: name photos and masks alike"
+    )
 
 
-def _number(text: str) -> str | None:
+def _number(text: str) -> str:
     digits = "".join(character if character.isdigit() else " " for character in text).split()
-    return digits[-1].lstrip("0") if digits else None
+    return digits[-1].lstrip("0") if digits else ""
 
 
 def _joined(clouds: Sequence[FruitCloud]) -> FruitCloud:
@@ -176,9 +183,10 @@ def _joined(clouds: Sequence[FruitCloud]) -> FruitCloud:
     )
 
 
-def _read_boxes(file: Path) -> Truth:
+def _shown(file: Path, read: Callable[[Path], _Value]) -> _Value:
+    """Return what a file holds; an error that it has another form shows how it begins."""
     try:
-        return read_truth(file)
+        return read(file)
     except FormatError as error:
         raise FormatError(f"{error}; the file begins:\n{first_lines(file)}") from None
 
