@@ -35,7 +35,7 @@ def sv() -> Any:
 
 
 def detections(sv: Any, name: str, cut: bool = False) -> Any:
-    masks = np.array([fruit.pixels for fruit in SCENE[name]]).reshape(-1, HEIGHT, WIDTH)
+    masks = np.array([fruit.pixels for fruit in SCENE[name]], bool).reshape(-1, HEIGHT, WIDTH)
     if cut:
         masks[0, 66:72] = False  # a leaf across the first fruit
     return sv.Detections(
