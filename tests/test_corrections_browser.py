@@ -80,7 +80,6 @@ def _fruit(server: ViewServer, place: Any, within_m: float = 0.03) -> int:
 
 def _changes(page: Any, act: Any) -> str:
     """Do something that corrects; returns what the page then says."""
-    page.wait_for_load_state("networkidle")  # crops of what is gone then would not be found
     with page.expect_navigation():
         act()
     page.wait_for_selector("html.has-webgl")

@@ -185,11 +185,18 @@ class ViewServer(ThreadingHTTPServer):
         super().__init__((HOST, port), _Handler)
         self.corrector = corrector
         self.site = Site(data, truth, corrector)
+        self._before: Site | None = None
+
+    def answer(self, path: str) -> Answer | None:
+        """Return what an address stands for; None where there is no such thing; raises for a lost photo."""
+        # A page that corrects may still be loading what was there before.
+        return self.site.answer(path) or (self._before.answer(path) if self._before else None)
 
     def correct(self, path: str, headers: Message, body: BufferedIOBase) -> Answer:
         """Do what a page asks to be changed, and show it from then on; raises `RefusedError`."""
         answer = posts.correct(self.corrector, path, headers, body)
         if self.corrector is not None and answer.changed:
+            self._before = self.site
             self.site = Site(self.corrector.data, self.corrector.truth, self.corrector)
         return Answer(json.dumps(dataclasses.asdict(answer)).encode("utf-8"), _JSON)
 
@@ -230,7 +237,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN, "Only pages of this computer")
             return
         try:
-            answer = self.server.site.answer(self.path.split("?", 1)[0])
+            answer = self.server.answer(self.path.split("?", 1)[0])
         except (PomonaError, OSError) as error:
             self.send_error(HTTPStatus.NOT_FOUND, explain=str(error))
             return
