@@ -74,7 +74,7 @@ def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progre
     write_fruits(out / f"fruits-{scene.name}.csv", fruits)
     tally = evaluate(fruits, truth, options=EvaluateOptions(match="centers")).all
     figures = (
-        Figure("fruits", {"Pomona": float(len(fruits)), "true": float(len(truth))}),
+        Figure("fruits", {"Pomona": len(fruits), "true": len(truth)}),
         Figure("P", {"Pomona": tally.precision}),
         Figure("R", {"Pomona": tally.recall}),
         Figure("F1", {"Pomona": tally.f1}, FRUITNERF_RENDERED.figures["F1"]),
@@ -90,8 +90,8 @@ def _real(scene: Scene, out: Path, model: str | None, fruit_diameter_m: float, p
     run_pipeline(list(scene.photos), survey, options, progress)
     fruits = read_fruits(Survey.open(survey).fruits)
     known = [count for name, count in FRUITNERF_COUNTS.items() if name in scene.name.lower()]
-    true = {"counted by hand": float(known[0])} if known else {}
-    figure = Figure("fruits", {"Pomona": float(len(fruits)), **true})
+    true = {"counted by hand": known[0]} if known else {}
+    figure = Figure("fruits", {"Pomona": len(fruits), **true})
     return Comparison(f"{scene.name}, from photos alone", (figure,))
 
 

@@ -218,6 +218,6 @@ def _laid_over(fruits: Fruits, truth: Truth, fruit_diameter_m: float) -> Fruits 
 
 
 def _totals(found: dict[str, Fruits], notes: tuple[str, ...]) -> Comparison:
-    counts = {name: float(len(fruits)) for name, fruits in found.items()}
+    counts = {name: len(fruits) for name, fruits in found.items()}
     figure = Figure("fruits found in all", counts, sum(part.figures["T"] for part in FUJI_TABLE_3.values()))
     return Comparison("Total", (figure,), "annotated apples; the paper, Table 1", notes)

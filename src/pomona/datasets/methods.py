@@ -28,7 +28,8 @@ _VARIANTS = {"paper": None, "paper, text": "text", "paper, published code": "pub
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What fruits are made of. `least_score` is the score from which a detection in a single photo counts."""
+    """What fruits are made of. `least_score` is the score from which a detection in a single photo counts; 0 for masks
+    that were given, as who gives them has chosen them."""
 
     cameras: Cameras
     detections: SurveyDetections
@@ -50,7 +51,11 @@ def found_by_methods(
         if variant == "published-code" and not _has_tie_points(given.cameras):
             notes.append(f"{name}: left out, as the cameras have no tie points, which that program needs")
             continue
-        options = RunOptions(method="paper", variant=variant, fruit_diameter_m=fruit_diameter_m)
+        # The published code's own threshold is for its own masks' scores.
+        threshold = given.least_score or None
+        options = RunOptions(
+            method="paper", variant=variant, fruit_diameter_m=fruit_diameter_m, score_threshold=threshold
+        )
         found[name], told = _by_paper(given, options, known, progress)
         notes.append(f"{name}: {told}")
     return found, tuple(notes)

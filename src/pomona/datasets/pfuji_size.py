@@ -106,8 +106,8 @@ def _figures(name: str, measured_m: FloatArray, true_m: FloatArray) -> list[Figu
     off_mm = 1000 * (measured_m - true_m)[known]
     spread = np.sum((true_m[known] - true_m[known].mean()) ** 2) if known.any() else 0.0
     values = {
-        "apples": float(len(true_m)),
-        "measured": float(known.sum()),
+        "apples": len(true_m),
+        "measured": int(known.sum()),
         "MAE, mm": float(np.abs(off_mm).mean()) if known.any() else np.nan,
         "mean error, mm": float(off_mm.mean()) if known.any() else np.nan,
         "RMSE, mm": float(np.sqrt((off_mm**2).mean())) if known.any() else np.nan,

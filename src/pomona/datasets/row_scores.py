@@ -77,7 +77,7 @@ def figure_8(found: Mapping[str, Fruits], known: TrueTrees) -> Comparison:
         Figure("RMSE, %", {name: count.rmse_percent for name, count in counts.items()}, printed["RMSE, %"]),
     ]
     for k, tree in enumerate(known.trees):
-        of_tree = {name: float(count.detections[k]) for name, count in counts.items()}
+        of_tree = {name: int(count.detections[k]) for name, count in counts.items()}
         true = int((known.truth.tree_ids == tree).sum())
         figures.append(Figure(f"D of tree {tree} (T = {true})", of_tree))
     notes = ("RMSE is of D − T, in percent of the mean T; R² the squared correlation", known.told)
@@ -106,7 +106,7 @@ def _table_3(title: str, tallies: Mapping[str, Tally], part: str) -> Comparison:
     published = FUJI_TABLE_3[part]
     figures = tuple(
         Figure(
-            name, {column: float(getattr(tally, field)) for column, tally in tallies.items()},
+            name, {column: getattr(tally, field) for column, tally in tallies.items()},
             published.figures.get(name),
         )
         for name, field in values.items()

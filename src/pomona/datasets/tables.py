@@ -40,4 +40,4 @@ def _table(comparison: Comparison) -> Table:
 def _number(value: float | None) -> str:
     if value is None or math.isnan(value):
         return "–"
-    return f"{value:g}" if value == round(value) and abs(value) >= 2 else f"{value:.3f}"
+    return str(value) if isinstance(value, int) else f"{value:.3f}"

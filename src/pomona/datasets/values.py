@@ -10,7 +10,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of a table: the `printed` figure (None: none is known), and ours by column; NaN is undefined."""
+    """One line of a table: the `printed` figure (None: none is known), and ours by column; NaN is undefined.
+
+    Counts are `int`, and are shown so.
+    """
 
     name: str
     ours: Mapping[str, float]
