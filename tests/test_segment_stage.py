@@ -162,3 +162,14 @@ def test_photos_that_are_gone_leave_the_others(tmp_path: Path) -> None:
     found = segment_photos(photos, RedSegmenter(typical_fruit_px=40, fruit_px=(10, 90)), progress=progress)
     assert list(found) == ["p0.jpg"]
     assert "gone.jpg" in progress.warnings[0]
+
+
+def test_where_photos_show_few_fruits_more_of_them_tell_the_scale(tmp_path: Path) -> None:
+    # The two photos that are looked at first show fruits three times as wide as all the others.
+    radii = [20, 20, 60, 20, 20, 20, 60, 20]
+    photos = Photos(
+        tuple(red_photo(tmp_path / f"{k}.jpg", 800, 600, [(400.0, 300.0, float(r))]) for k, r in enumerate(radii))
+    )
+    segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 150))
+    scales = reading_scales(photos, segmenter, sample_photos=2, score_threshold=0.5, progress=Silent())
+    assert scales["0.jpg"] == pytest.approx(1.0, rel=0.25)

@@ -24,6 +24,8 @@ _PASS_SIDES_PX = (512, 1024)
 _FINE_SIDES_PX = (2048, 4096)
 _CLOSE_UP_SIDE_PX = 256
 _ENOUGH = 3
+# A median of fewer fruits than this hangs on which photos were looked at: more are, up to so many times as many.
+_FEW, _MOST_TIMES = 60, 4
 _REFINEMENTS = 3
 _CLOSE = 1.2
 
@@ -51,9 +53,10 @@ def reading_scales(
 ) -> dict[str, float]:
     """Return for each photo's name the scale at which to read it, 1 being its full size.
 
-    Photos of one side, camera and size share a scale: that at which the median width of the fruits found in up to
-    `sample_photos` of them is the segmenter's typical one; never over `MAX_ENLARGEMENT`. Where no fruit is found, they
-    are read at 2048 pixels at most. A segmenter that knows no typical width reads all photos at full size.
+    Photos of one side, camera and size share a scale: that at which the median width of the fruits found in
+    `sample_photos` of them (up to four times as many where these show few fruits) is the segmenter's typical one; never
+    over `MAX_ENLARGEMENT`. Where no fruit is found, they are read at 2048 pixels at most. A segmenter that knows no
+    typical width reads all photos at full size.
     """
     typical_px = segmenter.traits.typical_fruit_px
     if typical_px is None:
@@ -64,23 +67,30 @@ def reading_scales(
     progress.start("looking for the size of the fruits", len(groups))
     scales = {}
     for group in groups.values():
-        count = min(sample_photos, len(group))
-        sample = [group[int((k + 0.5) * len(group) / count)] for k in range(count)]
-        scale = _scale_of(sample, segmenter, typical_px, score_threshold)
+        scale = _scale_of(group, sample_photos, segmenter, typical_px, score_threshold)
         scales.update({photo.name: scale for photo in group})
         progress.advance()
     return {name: scales[name] for name in photos.names}
 
 
-def _scale_of(sample: Sequence[Photo], segmenter: Segmenter, typical_px: float, score_threshold: float) -> float:
-    longer_px = max(sample[0].width_px, sample[0].height_px)
-    images = [pixels for photo in sample if (pixels := _readable(photo, max(_PASS_SIDES_PX))) is not None]
+def _scale_of(
+    group: Sequence[Photo], sample_photos: int, segmenter: Segmenter, typical_px: float, score_threshold: float
+) -> float:
+    longer_px = max(group[0].width_px, group[0].height_px)
+    most = min(_MOST_TIMES * sample_photos, len(group))
+    count = min(sample_photos, len(group))
 
     def look(side_px: float) -> _Widths:
         scale = min(side_px / longer_px, MAX_ENLARGEMENT)
         return _widths(_at_scale(sample, images, longer_px, scale), scale, segmenter, score_threshold)
 
-    best = max((look(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
+    while True:
+        sample = [group[int((k + 0.5) * len(group) / count)] for k in range(count)]
+        images = [pixels for photo in sample if (pixels := _readable(photo, max(_PASS_SIDES_PX))) is not None]
+        best = max((look(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
+        if best.evidence >= _FEW or count == most:
+            break
+        count = min(2 * count, most)
     for side in _FINE_SIDES_PX:
         if best.evidence < _ENOUGH * len(images) and side / 2 < longer_px:
             best = max(best, look(min(side, longer_px)), key=lambda seen: seen.evidence)

@@ -25,7 +25,7 @@ class SegmentOptions:
 
     Detections are kept from `kept_share` of the score threshold up: those below it do not count, but may be weighed.
     `scale` is the scale at which photos are read (1: their full size); `sample_photos` how many photos of each side
-    and camera are looked at to find it.
+    and camera are looked at first to find it.
     """
 
     score_threshold: float | None = None
