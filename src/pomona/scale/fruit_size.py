@@ -9,6 +9,7 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.scale.fruit_pairs import diameter_by_pairs
 
 _LEAST_FRUITS = 10
 # A mask that looks like a whole disc: sides alike, filled like an ellipse (π/4), clear of the photo's edge.
@@ -36,8 +37,11 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections) -> FruitSize | st
     A detection's distance is the median depth of the scene's points seen at its mask, its width the longer side
     of its box, and its diameter follows from both and the focal length. Leaves and neighbours hide parts of fruits,
     so that the median over all masks is too small: only masks that look like whole discs count. Where they are fewer
-    than 10, the upper quartile of all masks stands for the median fruit.
+    than 10, the upper quartile of all masks stands for the median fruit. Cameras that came without what saw their
+    points have no distances: there pairs of photos of one fruit tell (`fruit_pairs`).
     """
+    if not len(cameras.track_point_idx):
+        return _by_pairs(cameras, detections)
     diameters: list[FloatArray] = []
     whole: list[BoolArray] = []
     for i, name in enumerate(cameras.photos):
@@ -53,6 +57,17 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections) -> FruitSize | st
     if known.sum() >= _LEAST_FRUITS:
         return FruitSize(float(np.quantile(all_diameters[known], 0.75)), int(known.sum()), whole=False)
     return f"{int(known.sum())} fruits at a known distance, expected at least {_LEAST_FRUITS}"
+
+
+def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> FruitSize | str:
+    whole = {
+        name: found[np.array([_is_whole(mask, found) for mask in found.masks], bool)]
+        for name, found in detections.by_photo.items()
+    }
+    found = diameter_by_pairs(cameras, SurveyDetections(whole))
+    if found is None:
+        return "the cameras came without points that photos see, and too few whole fruits are seen by two photos"
+    return FruitSize(*found, whole=True)
 
 
 def _diameters(cameras: Cameras, photo_idx: int, found: Detections) -> FloatArray:
