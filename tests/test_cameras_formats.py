@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -80,6 +81,56 @@ def test_metashape_on_earth_keeps_its_place(tmp_path: Path) -> None:
     assert frame.origin[:2] == pytest.approx(PLACE[:2], abs=1e-4)
     assert f"+lat_0={frame.origin[0]}" in (frame.crs or "")
     assert np.abs(read.cameras.centers_in_world).max() < 10
+
+
+def _with_second_component(path: Path, *, tied: bool) -> None:
+    """Puts the last two cameras into a component with a frame of its own, which leads into the same world if `tied`."""
+    tree = ElementTree.parse(path)
+    components = tree.getroot().find("chunk/components")
+    assert components is not None
+    turn, size, shift = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), 2.5, np.array([3.0, -1, 7])
+    for camera in tree.getroot().findall("chunk/cameras/camera")[:2]:
+        camera.set("component_id", "1")
+        transform = camera.find("transform")
+        assert transform is not None
+        matrix = np.array((transform.text or "").split(), float).reshape(4, 4)
+        matrix[:3] = np.column_stack([turn @ matrix[:3, :3], size * turn @ matrix[:3, 3] + shift])
+        transform.text = " ".join(map(str, matrix.ravel().tolist()))
+    second = ElementTree.SubElement(components, "component", id="1", label="Component 2")
+    first = {name: np.array((components[0].findtext(f"transform/{name}") or "").split(), float)
+             for name in ("rotation", "translation", "scale")}  # fmt: skip
+    if tied:
+        rotation = first["rotation"].reshape(3, 3) @ turn.T
+        scale = first["scale"] / size
+        values = {
+            "rotation": rotation.ravel(),
+            "translation": first["translation"] - scale * rotation @ shift,
+            "scale": scale,
+        }
+        transform = ElementTree.SubElement(second, "transform")
+        for name, value in values.items():
+            ElementTree.SubElement(transform, name).text = " ".join(map(str, value.tolist()))
+    tree.write(path)
+
+
+def test_metashape_components_of_one_world(tmp_path: Path) -> None:
+    scene = make_scene(10)
+    written = metashape(components=True)(scene, tmp_path, np.random.default_rng(10))
+    _with_second_component(written.path, tied=True)
+    cameras = read_cameras(written.path, photos_of(scene)).cameras
+    assert len(cameras) == 4
+    for i in range(4):
+        inside = ((written.px[i] > 0) & (written.px[i] < [1600, 1200])).all(1)
+        np.testing.assert_allclose(cameras.project(i, scene.points)[0][inside], written.px[i][inside], atol=0.1)
+
+
+def test_metashape_component_that_nothing_ties(tmp_path: Path) -> None:
+    scene = make_scene(10)
+    written = metashape(components=True)(scene, tmp_path, np.random.default_rng(10))
+    _with_second_component(written.path, tied=False)
+    read = read_cameras(written.path, photos_of(scene))
+    assert read.cameras.photos == tuple(scene.names[:2])
+    assert any("2 cameras are of components that nothing ties" in note for note in read.notes)
 
 
 def test_skew_that_cannot_be_held_is_an_error(tmp_path: Path) -> None:

@@ -89,14 +89,13 @@ def _chunk(document: Element) -> Element:
 def _cameras(chunk: Element) -> tuple[list[_Camera], list[str]]:
     """The cameras that are enabled and aligned, and notes of those that are not."""
     found = chunk.at("cameras").everywhere("camera")
-    disabled = [camera for camera in found if camera.attribute("enabled", "true") in ("false", "0")]
-    enabled = [camera for camera in found if camera not in disabled]
+    enabled = [camera for camera in found if camera.attribute("enabled", "true") not in ("false", "0")]
     aligned = [camera for camera in enabled if camera.get("transform") is not None]
     if not aligned:
         raise chunk.at("cameras").error("cameras with a transform: align the photos in Metashape first")
     notes = []
-    if disabled:
-        notes.append(f"{len(disabled)} cameras are disabled in Metashape and left out")
+    if len(enabled) < len(found):
+        notes.append(f"{len(found) - len(enabled)} cameras are disabled in Metashape and left out")
     if len(aligned) < len(enabled):
         notes.append(f"{len(enabled) - len(aligned)} of {len(enabled)} cameras were not aligned in Metashape")
     cameras = [_camera(camera) for camera in aligned]
