@@ -20,7 +20,7 @@ from pomona.datasets.methods import OBJECT, Given, found_by_methods
 from pomona.datasets.published import FRUITNERF_COUNTS, FRUITNERF_RENDERED
 from pomona.datasets.values import BenchmarkResult, Comparison, Figure
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError
+from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate import EvaluateOptions, Truth, evaluate
 from pomona.formats.cameras.nerfstudio import read_nerfstudio
 from pomona.formats.cameras.onto_photos import onto_photos
@@ -56,7 +56,10 @@ def benchmark_fruitnerf(
         elif scene.objects is not None:
             missing[scene.name] = "the true fruits are known, but there are no masks"
         else:
-            tables.append(_real(scene, out, model, fruit_diameter_m, progress))
+            try:
+                tables.append(_real(scene, out, model, fruit_diameter_m, progress))
+            except (ReconstructionError, InputError) as error:  # the other trees may do better
+                missing[scene.name] = str(error)
     return BenchmarkResult(NAME, tuple(scene.told for scene in scenes), tuple(tables), missing)
 
 

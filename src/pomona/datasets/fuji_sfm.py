@@ -14,7 +14,7 @@ from pomona.datasets.published import FUJI_TABLE_2, FUJI_TABLE_3, FUJI_TILES
 from pomona.datasets.row_scores import figure_8, table_3
 from pomona.datasets.values import BenchmarkResult, Comparison, Figure
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError
+from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate import Truth
 from pomona.evaluate.detections import DetectionScores
 from pomona.formats.detections.coco import read_coco
@@ -184,7 +184,10 @@ def _from_photos(
         return {}, (), "there are no photos of a side, and no cameras (*_cameras.out)"
     survey = out / "survey"
     chosen = RunOptions(model=options.model, fruit_diameter_m=options.fruit_diameter_m)
-    run_pipeline(_sources(files), survey, chosen, progress)
+    try:
+        run_pipeline(_sources(files), survey, chosen, progress)
+    except ReconstructionError as error:
+        return {}, (), str(error)
     fruits = read_fruits(Survey.open(survey).fruits)
     if known is None:
         return {OBJECT: fruits}, (), ""
