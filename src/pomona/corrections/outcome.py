@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -114,7 +114,7 @@ class Corrected:
         for id_, now in self.became.items():
             points = np.flatnonzero(cloud.fruit_id == id_)
             labels[points] = _nearest(cloud.points_in_world[points], now, centers)
-        return FruitCloud(cloud.points_in_world, cloud.rgb, labels)
+        return replace(cloud, fruit_id=labels)
 
 
 def _nearest(points: FloatArray, ids: tuple[int, ...], centers: Mapping[int, FloatArray]) -> FloatArray | int:

@@ -173,8 +173,19 @@ class KeptStage(Stage[T]):
         record = self._survey.record_of(self.name)
         return record if record and record.finished else None
 
+    @property
+    def value(self) -> T:
+        """The result, read back; raises `SurveyError` where it is not there, or was written by another version."""
+        try:
+            return super().value
+        except KeyError as error:
+            raise self._lost() from error
+
     def _run(self) -> StageRecord:
-        raise SurveyError(
-            f"{self._survey.folder} lacks what stage '{self.name}' keeps in work/, or it was changed: use `pomona run` "
-            "with the photos again, which makes it"
+        raise self._lost()
+
+    def _lost(self) -> SurveyError:
+        return SurveyError(
+            f"{self._survey.folder} lacks what stage '{self.name}' keeps in work/, or it was changed, or written by "
+            "another version of Pomona: use `pomona run` with the photos again, which makes it"
         )
