@@ -242,10 +242,11 @@ def test_exported_folder_has_photos_and_names_them(data: ReportData, tmp_path: P
 
 def test_report_carries_up_to_three_crops_a_fruit_with_outlines(data: ReportData) -> None:
     values = values_in(report_html(data))
-    crops = values["sightings"]["crops"]
     fruits = np.repeat(np.arange(len(data.fruits)), np.diff(values["sightings"]["starts"]))
-    with_crop = np.array([crop != "" for crop in crops])
+    with_crop = np.diff(values["sightings"]["cropStarts"].astype(int)) > 0
     each = np.bincount(fruits[with_crop])
+    first = slice(*values["sightings"]["cropStarts"][np.flatnonzero(with_crop)[0] :][:2])
+    assert _picture(values["sightings"]["crops"][first].tobytes()).shape[2] == 3
     assert 1 <= each[each > 0].min() <= each.max() == 3
     assert len(values["detections"]["ids"]) == with_crop.sum()
 

@@ -42,8 +42,8 @@ export interface Sighting {
   photo: number;
   detection: number;
   box: Box;
-  /** JPEG in base64; empty where the page does not carry it. */
-  crop: string;
+  /** A JPEG; empty where the page does not carry it. */
+  crop: Uint8Array;
 }
 
 /** One fruit as found in one photo. `fruit` is the id of what it became, 0 for nothing. */
@@ -93,11 +93,12 @@ export function photosOf(data: SurveyData): Photo[] {
 
 /** The sightings of one of the fruits, the largest first. */
 export function sightingsOf(columns: Sightings, fruit: number): Sighting[] {
-  const { starts, photos, detections, boxes, crops } = columns;
+  const { starts, photos, detections, boxes, cropStarts, crops } = columns;
   const [start, end] = [starts[fruit] ?? 0, starts[fruit + 1] ?? 0];
   return Array.from({ length: end - start }, (_, k) => {
     const i = start + k;
-    return { photo: photos[i]!, detection: detections[i]!, box: [...boxes.subarray(4 * i, 4 * i + 4)] as Box, crop: crops[i] ?? "" };
+    const box = [...boxes.subarray(4 * i, 4 * i + 4)] as Box;
+    return { photo: photos[i]!, detection: detections[i]!, box, crop: crops.subarray(cropStarts[i]!, cropStarts[i + 1]!) };
   });
 }
 

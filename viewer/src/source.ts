@@ -57,7 +57,7 @@ export class PhotoSource {
 
   /** A picture of what the photo saw there; null where there is none. */
   crop(sighting: Sighting, photo: Photo): Picture | null {
-    if (sighting.crop) return { url: `data:image/jpeg;base64,${sighting.crop}`, box: sighting.box };
+    if (sighting.crop.length) return { url: `data:image/jpeg;base64,${btoa(String.fromCharCode(...sighting.crop))}`, box: sighting.box };
     if (!this.hasPhoto(photo)) return null;
     if (this.data.source === "server") return { url: `crops/${sighting.photo}/${sighting.detection}.jpg`, box: sighting.box };
     return { url: photo.file, box: [0, 0, photo.width, photo.height] };

@@ -325,8 +325,11 @@ export class View {
 function drawsInSoftware(): boolean {
   const context = document.createElement("canvas").getContext("webgl2");
   if (!context) return false;
-  const told = context.getExtension("WEBGL_debug_renderer_info");
-  const name = String(context.getParameter(told ? told.UNMASKED_RENDERER_WEBGL : context.RENDERER));
-  context.getExtension("WEBGL_lose_context")?.loseContext();
+  let name = String(context.getParameter(context.RENDERER));
+  if (name === "WebKit WebGL") {
+    // Browsers that hide the name there tell it here; others complain of the question.
+    const told = context.getExtension("WEBGL_debug_renderer_info");
+    if (told) name = String(context.getParameter(told.UNMASKED_RENDERER_WEBGL));
+  }
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }

@@ -35,7 +35,8 @@ const sightings: Sightings = {
   photos: Uint32Array.of(6, 5, 7),
   detections: Uint32Array.of(60, 50, 70),
   boxes: Float32Array.of(1, 2, 8, 8, 0, 0, 9, 9, 3, 3, 5, 5),
-  crops: [],
+  cropStarts: Uint32Array.of(0, 0, 2, 2),
+  crops: Uint8Array.of(255, 216),
 };
 
 /** What Python's `as_bytes` makes of a name and two columns. */
@@ -70,7 +71,8 @@ test("fruits are objects, a failed measurement stays NaN", () => {
 
 test("sightings of a fruit lie between two starts", () => {
   expect([0, 1, 2].map((fruit) => sightingsOf(sightings, fruit).map(({ photo }) => photo))).toEqual([[6], [5, 7], []]);
-  expect(sightingsOf(sightings, 0)[0]).toEqual({ photo: 6, detection: 60, box: [1, 2, 8, 8], crop: "" });
+  expect(sightingsOf(sightings, 0)[0]).toEqual({ photo: 6, detection: 60, box: [1, 2, 8, 8], crop: new Uint8Array(0) });
+  expect(sightingsOf(sightings, 1).map(({ crop }) => [...crop])).toEqual([[255, 216], []]);
 });
 
 test("a fruit without a diameter is drawn as large as the usual one", () => {

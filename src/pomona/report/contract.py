@@ -87,14 +87,16 @@ class Sightings:
     """k times that a photo saw one of n fruits: the photo's index, the detection's id, the crop around it.
 
     Those of fruit i are `starts[i]` to `starts[i + 1]`, the largest first; `starts` has n + 1 entries. `boxes` (k, 4):
-    x, y, width and height of the crop in pixels. `crops`: its JPEG in base64 ("": not in this file).
+    x, y, width and height of the crop in pixels. Its JPEG is bytes `crop_starts[i]` to `crop_starts[i + 1]` of `crops`
+    (none: not in this file).
     """
 
     starts: U32
     photos: U32
     detections: U32
     boxes: F32
-    crops: list[str]
+    crop_starts: U32
+    crops: U8
 
 
 @dataclasses.dataclass(frozen=True)

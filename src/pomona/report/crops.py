@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections import defaultdict
 from collections.abc import Iterable
 
@@ -18,7 +17,7 @@ from pomona.report.seen import Box, boxes_by_id, crop_box, each_observation
 
 CROP_SIDE_PX = 128
 _JPEG_QUALITY = 80
-# Of a crop in base64.
+# Of a crop, as the page's text.
 _USUAL_BYTES = 5000
 _OUTSIDE = (128, 128, 128)
 
@@ -48,8 +47,8 @@ def jpeg(pixels: ByteArray, *, quality: int) -> bytes:
 
 def embedded_crops(
     data: ReportData, *, per_fruit: int = 3, max_photos: int = 120, max_mb: float = 15.0
-) -> dict[int, str]:
-    """Return crops as base64 by detection id: of each fruit the largest few, from at most `max_photos` photos.
+) -> dict[int, bytes]:
+    """Return crops as JPEGs by detection id: of each fruit the largest few, from at most `max_photos` photos.
 
     Together they take at most `max_mb` of the page: of many fruits there are fewer of each. A photo that cannot be
     read (any more) gives no crop.
@@ -60,15 +59,14 @@ def embedded_crops(
     wanted: dict[str, list[tuple[int, Box]]] = defaultdict(list)
     for photo, detection_id, box in _largest(data, chosen, per_fruit):
         wanted[photo].append((detection_id, crop_box(box)))
-    crops: dict[int, str] = {}
+    crops: dict[int, bytes] = {}
     room = max_mb * 1e6
     for name, entries in wanted.items():
         for detection_id, encoded in _crops_of(photos[name], entries):
-            text = base64.b64encode(encoded).decode("ascii")
-            room -= len(text)
+            room -= len(encoded) * 4 / 3
             if room < 0:
                 return crops
-            crops[detection_id] = text
+            crops[detection_id] = encoded
     return crops
 
 

@@ -44,7 +44,7 @@ def write_report(data: ReportData, path: Path) -> None:
 
     The page opens from disk without a network: script and style are in it, and its content security policy lets the
     browser fetch nothing and run no other script, whatever names files have. Where `data.masks` is given, up to three
-    crops of photos of each fruit are in it, of at most 15 MB together; all of it stays below some 30 MB.
+    crops of photos of each fruit are in it, of at most 15 MB together; all of it stays below some 35 MB.
     """
     path.write_text(report_html(data), encoding="utf-8")
 
@@ -163,7 +163,7 @@ def _left_out(data: ReportData, values: SurveyData) -> str:
     if counts.sum() < known:
         parts.append(f"at most {counts.max()} of the photos that saw each fruit")
     of_fruit = np.repeat(np.arange(len(counts)), counts)
-    with_crop = len(np.unique(of_fruit[[crop != "" for crop in seen.crops]])) if seen.crops else 0
+    with_crop = len(np.unique(of_fruit[np.diff(seen.crop_starts.astype(np.int64)) > 0]))
     if values.source == "report" and 0 < with_crop < len(counts):
         parts.append(f"crops of photos of {with_crop:,} of {len(counts):,} fruits")
     if not parts:

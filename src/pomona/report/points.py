@@ -38,7 +38,7 @@ def shown_box(data: ReportData, middle: FloatArray) -> Box:
 
 
 def sampled(cloud: FruitCloud, box: Box, max_points: int | None) -> tuple[Array, Array]:
-    """Return indices of the scene's and of the fruits' points to show, a fixed sample by chance where they are too many.
+    """Return indices of the scene's and of the fruits' points to show, a sample by chance of too many.
 
     Each kind has at least half of the room for `max_points` if it needs it.
     """

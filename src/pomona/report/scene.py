@@ -41,7 +41,7 @@ _GRIDS = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 class SceneOptions:
     """What beside the geometry goes into the data, and where the page finds the rest.
 
-    A server is asked for sightings and detections; other pages carry them. `crops` are JPEGs in base64 by detection
+    A server is asked for sightings and detections; other pages carry them. `crops` are JPEGs by detection
     id; `files` names of resized photos by photo; `detections` are outlines. `max_points` None: all of them.
     `corrections` are what a person changed, where more can be changed. `photos_note` is told where a photo would be
     shown that is not there.
@@ -50,7 +50,7 @@ class SceneOptions:
     source: Source = "report"
     max_points: int | None = MAX_POINTS
     max_sightings: int = MAX_SIGHTINGS
-    crops: dict[int, str] | None = None
+    crops: dict[int, bytes] | None = None
     files: dict[str, str] | None = None
     detections: DetectionColumns | None = None
     truth: TruthData | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray
 from pomona.detections import Mask
 from pomona.report.axes import sightings_idx
-from pomona.report.contract import F32, U32, DetectionColumns, Sightings, packed
+from pomona.report.contract import F32, U8, U32, DetectionColumns, Sightings, packed
 from pomona.report.data import ReportData
 
 Box = tuple[float, float, float, float]
@@ -22,7 +22,7 @@ _LEAST_CROP_PX = 24.0
 _OUTLINE_OFF_PX = 0.6
 
 
-def sightings(data: ReportData, *, crops: Mapping[int, str], most: int) -> Sightings:
+def sightings(data: ReportData, *, crops: Mapping[int, bytes], most: int) -> Sightings:
     """Return which photos saw which fruit: the largest ones of each, as many as make at most `most` together."""
     rows, fruits, photos = sightings_idx(data)
     boxes = _crops_px(data, rows, photos, boxes_by_id(data))
@@ -65,15 +65,17 @@ def _crops_px(data: ReportData, rows: IntArray, photos: IntArray, boxes: Mapping
 
 
 def _columns(
-    data: ReportData, rows: IntArray, counts: IntArray, photos: IntArray, boxes: FloatArray, crops: Mapping[int, str]
+    data: ReportData, rows: IntArray, counts: IntArray, photos: IntArray, boxes: FloatArray, crops: Mapping[int, bytes]
 ) -> Sightings:
     detections = data.observations.detection_id[rows]
+    pictures = [crops.get(id_, b"") for id_ in detections.tolist()]
     return Sightings(
         starts=U32(packed(np.concatenate([[0], np.cumsum(counts)]), "<u4")),
         photos=U32(packed(photos, "<u4")),
         detections=U32(packed(detections, "<u4")),
         boxes=F32(packed(boxes, "<f4")),
-        crops=[crops.get(id_, "") for id_ in detections.tolist()] if crops else [],
+        crop_starts=U32(packed(np.cumsum([0, *map(len, pictures)]), "<u4")),
+        crops=U8(np.frombuffer(b"".join(pictures), np.uint8)),
     )
 
 

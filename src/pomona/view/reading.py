@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,11 +39,7 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
     progress.start("reading the survey")
     records = survey.records
     scale, sfm, segment = records.get("scale"), records.get("sfm"), records.get("segment")
-    with ThreadPoolExecutor(1) as beside:
-        # Decompressing the cloud takes as long as reading the rest.
-        cloud = beside.submit(_cloud, survey)
-        cameras = read_colmap(survey.cameras)
-        fruits, observations = read_fruits(survey.fruits), read_observations(survey.observations)
+    cameras = read_colmap(survey.cameras)
     if scale is not None and scale.finished:
         cameras = replace(cameras, frame=frame_from(scale.info["frame"]))
     lost = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]
@@ -53,9 +48,9 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
         title=survey.folder.name,
         photos=_photos(survey, cameras, photos, progress),
         cameras=cameras,
-        fruits=fruits,
-        observations=observations,
-        cloud=cloud.result(),
+        fruits=read_fruits(survey.fruits),
+        observations=read_observations(survey.observations),
+        cloud=_cloud(survey),
         detections=segment.info.get("detections") if segment else None,
         masks=masks,
         lost=unregistered_from(lost),
