@@ -73,8 +73,10 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
         from pomona.scale import place_in_world
 
         reconstruction = sfm.value
-        if options.cameras is not None and _is_metric(reconstruction) and not (options.markers or options.scale_bar):
-            return _as_given(reconstruction)
+        if options.cameras is not None and not (options.markers or options.scale_bar):
+            as_given = _as_given(reconstruction, counted(segment), context, progress)
+            if as_given is not None:
+                return as_given
         if not reconstruction.pieces:  # only where there is no fruit: sfm_stage raises otherwise
             return Placed(_no_cameras())
         return place_in_world(
@@ -164,8 +166,7 @@ def _given(context: Context, progress: Progress) -> Reconstruction:
     if not given.cameras.frame.metric:
         progress.warn(
             f"Cameras of {given.program}: the file does not say that they are in metres; markers, a scale bar, GNSS or "
-            "the fruits give the scale. If they are in metres, z up, put a file frame.json beside them that says "
-            '{"scale_source": "given"}'
+            'the fruits tell. A file frame.json beside them with {"scale_source": "given"} says that they are, z up'
         )
     missing = [photo for photo in context.photos if photo.name not in given.cameras.photos]
     reason, advice = "not among the cameras given", "add it to the model, or leave --cameras out"
@@ -179,13 +180,24 @@ def _mean_error(cameras: Cameras) -> float:
     return float(errors.mean()) if len(errors) else float("nan")
 
 
-def _is_metric(reconstruction: Reconstruction) -> bool:
-    return all(piece.cameras.frame.metric for piece in reconstruction.pieces)
+def _as_given(
+    reconstruction: Reconstruction, detections: SurveyDetections, context: Context, progress: Progress
+) -> Placed | None:
+    """The cameras where they are, if their file says that they are in metres or their fruits do; else None."""
+    from pomona.scale.given_metres import frame_by_fruits
 
-
-def _as_given(reconstruction: Reconstruction) -> Placed:
     (piece,) = reconstruction.pieces
-    return Placed(piece.cameras, (), ScaleReport(piece.cameras.frame.scale_source))
+    cameras = piece.cameras
+    if not cameras.frame.metric and not any(photo.gnss for photo in context.photos):
+        diameter_m = context.options.scale.fruit_diameter_m
+        frame = frame_by_fruits(cameras, detections, diameter_m)
+        if frame is not None:
+            progress.warn(
+                f"The cameras given are taken to be in metres, as fruits in them are about {1000 * diameter_m:.0f} mm "
+                "wide (--fruit-diameter): their coordinates are kept. Markers or a scale bar overrule that"
+            )
+            cameras = replace(cameras, frame=frame)
+    return Placed(cameras, (), ScaleReport(cameras.frame.scale_source)) if cameras.frame.metric else None
 
 
 def _no_cameras() -> Cameras:
