@@ -149,11 +149,11 @@ export class FruitTable {
     const [first, end] = range;
     const wanted = this.rows.slice(first, end);
     const kept = new Set(wanted);
+    // The keyboard stays in the table when its row leaves the page; before that, as the browser measures the page here.
     const focused = document.activeElement?.closest("tr");
+    if (focused && this.body.contains(focused) && !wanted.some((fruit) => this.made.get(fruit) === focused)) this.box.focus({ preventScroll: true });
     for (const [fruit, row] of this.made) {
       if (kept.has(fruit)) continue;
-      // The keyboard stays in the table when its row has left the page.
-      if (row === focused) this.box.focus({ preventScroll: true });
       row.remove();
       this.made.delete(fruit);
     }
