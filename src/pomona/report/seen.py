@@ -18,8 +18,8 @@ Box = tuple[float, float, float, float]
 # How much larger than the detection a crop is.
 _AROUND = 2.0
 _LEAST_CROP_PX = 24.0
-# An outline may leave out what is less than this off.
-_OUTLINE_OFF_PX = 0.6
+# An outline may leave out what is less than this off, or less than this share of the detection's size.
+_OUTLINE_OFF_PX, _OUTLINE_OFF = 0.6, 0.012
 
 
 def sightings(data: ReportData, *, crops: Mapping[int, bytes], most: int) -> Sightings:
@@ -124,7 +124,8 @@ def _outline(mask: Mask) -> FloatArray:
     # Twice as large, so that the outline runs near the pixels' edges and not through their centres.
     twice = np.repeat(np.repeat(np.pad(mask.pixels, 1), 2, 0), 2, 1).astype(np.uint8)
     contours, _ = cv2.findContours(twice, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    few = cv2.approxPolyDP(max(contours, key=len), 2 * _OUTLINE_OFF_PX, True)[:, 0]
+    off_px = max(_OUTLINE_OFF_PX, _OUTLINE_OFF * max(mask.width_px, mask.height_px))
+    few = cv2.approxPolyDP(max(contours, key=len), 2 * off_px, True)[:, 0]
     xy_px: FloatArray = (few + 0.5) / 2 - 1 + np.array([mask.x_px, mask.y_px])
     return xy_px
 
