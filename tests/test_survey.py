@@ -155,3 +155,11 @@ def test_the_meter_measures() -> None:
 def test_the_manifest_is_json_with_a_format(tmp_path: Path) -> None:
     manifest = json.loads(Survey.create(tmp_path).manifest_path.read_text())
     assert manifest["format"] == "pomona-survey"
+
+
+def test_files_that_are_not_there_are_named_with_what_writes_them(tmp_path: Path) -> None:
+    survey = Survey.create(tmp_path / "s")
+    survey.fruits.touch()
+    survey.need(survey.fruits)
+    with pytest.raises(MissingFileError, match=r"cameras does not exist: `pomona reconstruct .*s` writes it"):
+        survey.need(survey.fruits, survey.cameras, survey.detections)

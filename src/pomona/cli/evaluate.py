@@ -13,7 +13,6 @@ from pomona.cli import options as shared
 from pomona.cli.action import settled
 from pomona.cli.evaluate_detections import Pictures, evaluate_detections
 from pomona.cli.evaluate_mistakes import evaluate_mistakes
-from pomona.errors import MissingFileError
 from pomona.formats.tables import read_fruits
 from pomona.survey import Survey
 
@@ -73,10 +72,8 @@ def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
     options = EvaluateOptions(match=match)  # type: ignore[arg-type]
     opened = Survey.open(survey)
     settled(opened)
-    table = opened.fruits
-    if not table.is_file():
-        raise MissingFileError(f"{table} does not exist: `pomona measure {survey}` writes it")
-    return evaluate_fruits(read_fruits(table), read_truth(truth), options=options)
+    opened.need(opened.fruits)
+    return evaluate_fruits(read_fruits(opened.fruits), read_truth(truth), options=options)
 
 
 def show_scores(scores: Scores) -> None:

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from pomona.cli.progress import TerminalProgress
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError
 from pomona.survey import Survey
 
 if TYPE_CHECKING:
@@ -95,10 +95,9 @@ def _file_of(source: Path) -> Path:
     """The COCO file that was named itself, or that of the survey that was named."""
     if source.is_file():
         return source
-    file = Survey.open(source).detections
-    if not file.is_file():
-        raise MissingFileError(f"{file} does not exist: `pomona segment PHOTOS --out {source}` writes it")
-    return file
+    survey = Survey.open(source)
+    survey.need(survey.detections)
+    return survey.detections
 
 
 def find_photos(source: Path, truth: Path, names: Sequence[str], folder: Path | None) -> dict[str, Photo]:

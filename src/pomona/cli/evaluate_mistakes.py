@@ -11,7 +11,6 @@ from rich.console import Console
 
 from pomona.cli.evaluate_detections import Pictures, find_photos
 from pomona.cli.progress import TerminalProgress
-from pomona.errors import MissingFileError
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.pipeline.seeing import least_score_in
 from pomona.survey import Survey
@@ -70,14 +69,7 @@ def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Prog
 
     survey = Survey.open(source)
     settle(survey, progress)
-    for path, stage in (
-        (survey.cameras, "reconstruct"),
-        (survey.detections, "segment"),
-        (survey.fruits, "measure"),
-        (survey.observations, "measure"),
-    ):
-        if not path.exists():
-            raise MissingFileError(f"{path} does not exist: `pomona {stage}` writes it")
+    survey.need(survey.cameras, survey.detections, survey.fruits, survey.observations)
     cameras, fruits = read_colmap(survey.cameras), read_fruits(survey.fruits)
     return Evidence(
         photos=find_photos(source, truth, cameras.photos, photos),

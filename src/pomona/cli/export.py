@@ -11,7 +11,7 @@ from pomona.cli import options as shared
 from pomona.cli.action import settled
 from pomona.cli.exports import FORMS, Job
 from pomona.cli.progress import TerminalProgress
-from pomona.errors import InputError, MissingFileError, SurveyError
+from pomona.errors import InputError, SurveyError
 from pomona.survey import Survey
 from pomona.survey.files import disk_errors, write_file
 
@@ -39,9 +39,7 @@ def export(
         raise SurveyError(f"{target} exists already: name another file with --out")
     if form.of_fruits:
         settled(opened)
-    source = form.needs(opened)
-    if not source.exists():
-        raise MissingFileError(f"{source} does not exist: run `pomona report {survey}` first")
+    opened.need(form.needs(opened))
     with disk_errors(target.parent), TerminalProgress() as progress:
         job = Job(opened, photos, progress)
         if Path(form.name).suffix:

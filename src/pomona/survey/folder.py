@@ -18,10 +18,17 @@ from pomona.survey.record import StageRecord, now
 
 _FORMAT = "pomona-survey"
 _MANIFEST = "survey.json"
-_RESULTS = (
-    "detections.json", "cameras", "cloud.laz", "fruits.csv", "fruits.geojson", "observations.csv", "report.html",
-    "contact_sheet.jpg",
-)  # fmt: skip
+# The command that writes each, of a survey that was stopped before it.
+_WRITERS = {
+    "detections.json": "pomona segment PHOTOS --out {survey}",
+    "cameras": "pomona reconstruct {survey}",
+    "cloud.laz": "pomona measure {survey}",
+    "fruits.csv": "pomona measure {survey}",
+    "fruits.geojson": "pomona measure {survey}",
+    "observations.csv": "pomona measure {survey}",
+    "report.html": "pomona report {survey}",
+    "contact_sheet.jpg": "pomona report {survey}",
+}
 _IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
 
 
@@ -74,6 +81,13 @@ class Survey:
         if not isinstance(manifest, dict) or manifest.get("format") != _FORMAT:
             raise SurveyError(f"{folder} holds something else than a survey: its {_MANIFEST} was not written by Pomona")
         return cls(folder, manifest)
+
+    def need(self, *paths: Path) -> None:
+        """Raise `MissingFileError` for the first of its files that is not there, naming the command that writes it."""
+        for path in paths:
+            if not path.exists():
+                command = _WRITERS[path.name].format(survey=self.folder)
+                raise MissingFileError(f"{path} does not exist: `{command}` writes it")
 
     @property
     def manifest_path(self) -> Path:
@@ -179,7 +193,7 @@ class Survey:
 
     def clear(self) -> None:
         """Remove what earlier runs wrote, and nothing else."""
-        for path in [self.folder / name for name in _RESULTS] + list((self.folder / "work").glob("*")):
+        for path in [self.folder / name for name in _WRITERS] + list((self.folder / "work").glob("*")):
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             elif path.name != "lock":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pomona import __version__
 from pomona.cameras import Cameras
-from pomona.errors import MissingFileError, PomonaError
+from pomona.errors import PomonaError
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
@@ -33,9 +33,7 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
     """
     progress = progress or Silent()
     survey = Survey.open(folder)
-    for path, stage in ((survey.cameras, "reconstruct"), (survey.fruits, "measure"), (survey.observations, "measure")):
-        if not path.exists():
-            raise MissingFileError(f"{path} does not exist: `pomona {stage} {folder}` writes it")
+    survey.need(survey.cameras, survey.fruits, survey.observations)
     progress.start("reading the survey")
     records = survey.records
     scale, sfm, segment = records.get("scale"), records.get("sfm"), records.get("segment")
