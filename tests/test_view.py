@@ -16,12 +16,15 @@ import numpy as np
 import pytest
 
 from pomona.cameras import Intrinsics
-from pomona.errors import MissingFileError, SurveyError
+from pomona.errors import FormatError, MissingFileError, SurveyError
 from pomona.evaluate import evaluate, read_truth
+from pomona.formats.detections.coco import detections_by_image
+from pomona.formats.detections.coco_file import parse_coco
 from pomona.report import ReportData
 from pomona.report.page import report_html
 from pomona.report.scene import SceneOptions, origin_of, survey_data
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
+from pomona.view.masks import MasksByPhoto
 from pomona.view.pictures import Kept, straightened
 from pomona.view.truth import thresholds
 from report_scenes import unpacked, values_in
@@ -194,6 +197,33 @@ def test_a_survey_that_is_not_finished_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "survey.json").write_text('{"format": "pomona-survey", "stages": {}}')
     with pytest.raises(MissingFileError, match="pomona reconstruct"):
         read_survey(tmp_path)
+
+
+def test_masks_of_a_photo_are_those_of_the_file(survey: Path) -> None:
+    path = survey / "detections.json"
+    whole = {image.file_name: found for image, found in detections_by_image(parse_coco(path))}
+    masks = MasksByPhoto(path, 0.0)
+    assert list(masks) == list(whole)
+    for name, found in masks.items():
+        assert np.array_equal(found.ids, whole[name].ids)
+        assert [m.packed for m in found.masks] == [m.packed for m in whole[name].masks]
+    assert not any(len(found) for found in MasksByPhoto(path, 0.95).values())
+    assert masks.get("none.jpg") is None
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("[]", "an object with the lists"),
+        ('{"images": [], "annotations": [{"id": 1}]}', r"annotations\[0\]: expected an image_id"),
+        ('{"images": [{"id": 1}], "annotations": []}', "file_name"),
+        ('{"images": [', "no JSON"),
+    ],
+)
+def test_damaged_detections_are_told_of(tmp_path: Path, content: str, said: str) -> None:
+    (tmp_path / "detections.json").write_text(content)
+    with pytest.raises(FormatError, match=said):
+        len(MasksByPhoto(tmp_path / "detections.json", 0.0))
 
 
 def test_kept_values_stay_within_bounds() -> None:

@@ -66,7 +66,10 @@ export class Navigation {
   flyTo(aim: three.Vector3, radius: number): void {
     this.leave();
     const outward = this.camera.position.clone().sub(this.controls.target).normalize();
-    const distance = Math.min(this.camera.position.distanceTo(this.controls.target), Math.max(radius * 32, this.data.view.radius / 4));
+    const { high, low, radius: whole } = this.data.view;
+    // Near enough in a long row, too, which is as high as a short one.
+    const near = Math.min(whole / 4, high - low);
+    const distance = Math.min(this.camera.position.distanceTo(this.controls.target), Math.max(radius * 32, near));
     this.fly(aim.clone().addScaledVector(outward, distance), aim, true);
   }
 

@@ -6,7 +6,7 @@ import type { SurveyData } from "./contract";
 const COLOUR = 0x8a6d3b;
 const MOST_LABELS = 12;
 /** Of so many trees at most the number is written. */
-const MOST_TREES = 24;
+const MOST_TREES = 10;
 /** Height of a label at distance 1. */
 const LABEL = 0.026;
 /** Steps between marks, in cells of the grid. */

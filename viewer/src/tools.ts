@@ -11,6 +11,9 @@ import type { Fruit } from "./payload";
 import { TruthLayer } from "./truth";
 import type { Layer, View } from "./view";
 
+/** As many entries has the legend. */
+const MOST_ENTRIES = 7;
+
 export class Tools {
   onFind: (id: number) => void = () => {};
   onShown: (shown: boolean[]) => void = () => {};
@@ -126,9 +129,11 @@ function fillLegend(box: HTMLElement, data: SurveyData, by: ColourBy, colours: C
     bar.style.background = rampCss();
     box.append(element("span", formatted(data, by, colours.range[0])), bar, element("span", formatted(data, by, colours.range[1])));
   }
-  for (const [name, colour] of (colours.categories ?? []).slice(0, 12)) {
+  const categories = colours.categories ?? [];
+  for (const [name, colour] of categories.slice(0, MOST_ENTRIES)) {
     const entry = element("span", name, "category");
     entry.style.setProperty("--colour", css(colour));
     box.append(entry);
   }
+  if (categories.length > MOST_ENTRIES) box.append(element("span", `and ${categories.length - MOST_ENTRIES} more; colours come again`));
 }

@@ -85,6 +85,7 @@ export class View {
       ground: ground(data),
     };
     this.world.add(...Object.values(this.layers), this.extra, this.halo);
+    this.world.traverse(staysOnTop);
     this.navigation = new Navigation(canvas, box, data, fruits, !software, () => this.draw());
     this.paper();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paper());
@@ -124,6 +125,7 @@ export class View {
 
   /** Objects of others, such as a measured line. */
   add(object: three.Object3D): void {
+    object.traverse(staysOnTop);
     this.extra.add(object);
     this.draw();
   }
@@ -319,6 +321,12 @@ export class View {
     }
     return found;
   }
+}
+
+/** Have what hides nothing behind it drawn again over points that come later. */
+function staysOnTop(object: three.Object3D): void {
+  const { material } = object as Partial<three.Mesh>;
+  if (material instanceof three.Material && !(material.depthTest && material.depthWrite)) object.layers.enable(LATER);
 }
 
 /** Whether pictures are computed without a graphics card, as far as the browser says. */
