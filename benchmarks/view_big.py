@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -213,12 +214,13 @@ def served(survey: Path) -> Iterator[tuple[str, int]]:
         assert process.stdout is not None
         yield process.stdout.readline().strip(), process.pid
     finally:
-        process.terminate()
+        process.send_signal(signal.SIGINT)
         process.wait()
 
 
-def look(url: str) -> None:
-    """Open the page, turn it, select a fruit."""
+@contextmanager
+def opened(address: str) -> Iterator[Any]:
+    """A page that shows its first picture."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as started:
@@ -227,9 +229,17 @@ def look(url: str) -> None:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.set_default_timeout(120_000)
         begun = time.monotonic()
-        page.goto(url, wait_until="commit")
+        page.goto(address, wait_until="commit")
         page.wait_for_selector("#view[data-picture]")
         said("from the address to the first picture", time.monotonic() - begun, "s")
+        yield page
+        browser.close()
+
+
+def look(url: str) -> None:
+    """Open the page, turn it, select a fruit."""
+    begun = time.monotonic()
+    with opened(url) as page:
         said("rows of the table that are in the page", page.locator("#fruits tbody tr").count())
         asked = -1
         while asked < (asked := page.evaluate(REQUESTS)):
@@ -246,7 +256,6 @@ def look(url: str) -> None:
         page.wait_for_selector(".crop path.mine")
         said("from Find to a fruit's crops", time.monotonic() - begun, "s")
         said("memory of the page's script", page.evaluate("() => performance.memory.usedJSHeapSize") / 1e6, "MB")
-        browser.close()
 
 
 def turned(page: Any) -> list[float]:
@@ -288,10 +297,13 @@ def main() -> None:
         said("to make the page and its data", time.monotonic() - begun, "s")
         look(url)
         said("memory of pomona view", memory_mb(process), "MB")
+    report = (options.folder / "report.html").resolve()
     begun = time.monotonic()
-    write_report(read_survey(survey), options.folder / "report.html")
+    write_report(read_survey(survey), report)
     said("to read the survey and write report.html", time.monotonic() - begun, "s")
-    said("size of report.html", (options.folder / "report.html").stat().st_size / 1e6, "MB")
+    said("size of report.html", report.stat().st_size / 1e6, "MB")
+    with opened(report.as_uri()):
+        pass
 
 
 if __name__ == "__main__":
