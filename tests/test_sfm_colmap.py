@@ -11,7 +11,7 @@ import pytest
 
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.cameras.colmap import read_colmap, write_colmap
+from pomona.formats.cameras.colmap import read_colmap, read_poses, write_colmap
 from pomona.photos import Photos
 from test_sfm_parts import model, photos
 
@@ -44,6 +44,15 @@ def test_cameras_are_read_as_they_were_written(tmp_path: Path) -> None:
         "track_xy_px",
     ):
         np.testing.assert_array_equal(getattr(back, name), getattr(cameras, name), err_msg=name)
+
+
+def test_poses_are_read_without_points(tmp_path: Path) -> None:
+    cameras = some_cameras()
+    write_colmap(tmp_path / "cameras", cameras, SURVEY)
+    back, whole = read_poses(tmp_path / "cameras"), read_colmap(tmp_path / "cameras")
+    assert (back.photos, back.frame, len(back.points_in_world)) == (cameras.photos, FRAME, 0)
+    np.testing.assert_array_equal(back.cam_from_world, whole.cam_from_world)
+    np.testing.assert_array_equal(back.intrinsics[0].params, whole.intrinsics[0].params)
 
 
 def test_colmap_reads_what_was_written(tmp_path: Path) -> None:

@@ -122,9 +122,9 @@ class Corrector:
         """Return where other photos may show what was clicked in one. Raises `InputError`."""
         cameras, clicked = self.data.cameras, self._mark(mark)
         eye = cameras.centers_in_world[mark.photo]
-        depths = np.linalg.norm(self.data.fruits.centers_in_world - eye, axis=1)
-        if not len(depths):
-            depths = np.linalg.norm(cameras.points_in_world - eye, axis=1)
+        places = (self.data.fruits.centers_in_world, self.data.cloud.points_in_world, cameras.points_in_world)
+        known = next((points for points in places if len(points)), np.zeros((0, 3)))
+        depths = np.linalg.norm(known - eye, axis=1)
         if not len(depths):
             raise InputError("Nothing is known of how far away fruits are: the survey has neither fruits nor points")
         nearest, farthest = np.percentile(depths, (1, 99))

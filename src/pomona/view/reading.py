@@ -8,7 +8,7 @@ from pathlib import Path
 from pomona import __version__
 from pomona.cameras import Cameras
 from pomona.errors import PomonaError
-from pomona.formats.cameras.colmap import read_colmap
+from pomona.formats.cameras.colmap import read_colmap, read_poses
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
@@ -37,7 +37,9 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
     progress.start("reading the survey")
     records = survey.records
     scale, sfm, segment = records.get("scale"), records.get("sfm"), records.get("segment")
-    cameras = read_colmap(survey.cameras)
+    cloud = _cloud(survey)
+    # The cloud has the scene's points; those of the cameras are looked at where there is none.
+    cameras = read_poses(survey.cameras) if len(cloud) else read_colmap(survey.cameras)
     if scale is not None and scale.finished:
         cameras = replace(cameras, frame=frame_from(scale.info["frame"]))
     lost = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]
@@ -48,7 +50,7 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
         cameras=cameras,
         fruits=read_fruits(survey.fruits),
         observations=read_observations(survey.observations),
-        cloud=_cloud(survey),
+        cloud=cloud,
         detections=segment.info.get("detections") if segment else None,
         masks=masks,
         lost=unregistered_from(lost),

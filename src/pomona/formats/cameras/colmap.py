@@ -21,7 +21,7 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary
 from pomona.formats.cameras.colmap_model import assemble
-from pomona.formats.cameras.colmap_text import read_text
+from pomona.formats.cameras.colmap_text import read_text, read_text_poses
 from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
 from pomona.formats.cameras.given import GivenCameras
 from pomona.photos import Photos
@@ -72,6 +72,20 @@ def read_colmap(folder: Path, photos: Photos | None = None) -> Cameras:
     return cameras
 
 
+def read_poses(folder: Path) -> Cameras:
+    """Read what `write_colmap` wrote, without the points and what saw them, which is most of the model of a long row.
+
+    Raises `MissingFileError` and `FormatError` as `read_colmap` does.
+    """
+    lenses, images = read_text_poses(folder)
+    return assemble(folder, lenses, images, (), _frame_of(folder)[0])
+
+
+def _frame_of(folder: Path) -> tuple[WorldFrame, bool]:
+    note = folder / FRAME_FILE
+    return read_frame(note) if note.is_file() else (WorldFrame(), False)
+
+
 def read_model(folder: Path) -> GivenCameras:
     """Read a model of COLMAP's or Pomona's own, text or binary (text where both are there).
 
@@ -79,8 +93,7 @@ def read_model(folder: Path) -> GivenCameras:
     """
     binary = (folder / "cameras.bin").is_file() and not (folder / "cameras.txt").is_file()
     lenses, images, points = (read_binary if binary else read_text)(folder)
-    note = folder / FRAME_FILE
-    frame, upright = read_frame(note) if note.is_file() else (WorldFrame(), False)
+    frame, upright = _frame_of(folder)
     notes = tuple(filter(None, (lens.note(f"camera {camera_id}") for camera_id, lens in lenses.items())))
     return GivenCameras(assemble(folder, lenses, images, points, frame), "COLMAP", notes, upright=upright)
 

@@ -24,9 +24,16 @@ def read_text(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], l
 
     Raises `MissingFileError` when a file is not there, `FormatError` (with file and line) when it cannot be understood.
     """
-    lenses = dict(_parsed(folder / "cameras.txt", _camera))
-    images = list(_images(folder / "images.txt"))
+    lenses, images = read_text_poses(folder, points=True)
     return lenses, images, list(_parsed(folder / "points3D.txt", _point))
+
+
+def read_text_poses(folder: Path, *, points: bool = False) -> tuple[dict[int, FittedLens], list[ColmapImage]]:
+    """Read the lenses and images of a text model alone, by default without what images see of points.
+
+    Raises as `read_text` does.
+    """
+    return dict(_parsed(folder / "cameras.txt", _camera)), list(_images(folder / "images.txt", points=points))
 
 
 def _camera(line: str, where: str) -> tuple[int, FittedLens]:
@@ -46,13 +53,14 @@ def _point(line: str, where: str) -> ColmapPoint:
     )
 
 
-def _images(path: Path) -> Iterator[ColmapImage]:
+def _images(path: Path, *, points: bool) -> Iterator[ColmapImage]:
     """Each image has two lines, of which the second, its points, may be empty."""
     lines = _lines(path)
     for number, line in lines:
         if line:
-            _, points = next(lines, (number, ""))
-            yield _guarded(path, number, lambda where, text=line, xy=points: _image(text, xy, where))  # type: ignore[misc]
+            _, seen = next(lines, (number, ""))
+            seen = seen if points else ""
+            yield _guarded(path, number, lambda where, text=line, xy=seen: _image(text, xy, where))  # type: ignore[misc]
 
 
 def _image(line: str, points: str, where: str) -> ColmapImage:
