@@ -9,7 +9,7 @@ import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import cv2
 import numpy as np
@@ -71,6 +71,18 @@ def test_survey_is_read_whole(data: ReportData) -> None:
     assert sum(map(len, data.masks.values())) == len(data.observations) > 30
     assert all(photo.path.is_file() for photo in data.photos)
     assert data.photos.sides == ("east", "west")
+
+
+def test_a_server_starts_without_names_and_without_the_masks(
+    data: ReportData, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def asked(*_: object) -> NoReturn:
+        raise AssertionError("this may take seconds")
+
+    monkeypatch.setattr("socket.getfqdn", asked)
+    monkeypatch.setattr("pomona.view.masks.MasksByPhoto._contents", asked)
+    with ViewServer(data) as started:
+        assert started.url == f"http://127.0.0.1:{started.server_port}/"
 
 
 def test_page_lets_nothing_in_from_outside(server: ViewServer) -> None:

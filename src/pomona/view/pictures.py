@@ -76,7 +76,8 @@ class Pictures:
         by_name = data.photos.by_name()
         self._photos: list[Photo | None] = [by_name.get(name) for name in data.cameras.photos]
         self._cameras = data.cameras
-        self._masks = data.masks or {}
+        # Not `or`: to ask whether there are any would read the file of detections.
+        self._masks = {} if data.masks is None else data.masks
         self._decoded: Kept[ByteArray] = Kept(_DECODED_BYTES, lambda pixels: pixels.nbytes)
         self._encoded: Kept[bytes] = Kept(_ENCODED_BYTES, len)
         # Two crops of one photo decode it once, and memory holds a few photos, not one a thread.

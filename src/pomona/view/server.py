@@ -17,6 +17,7 @@ from functools import cached_property, partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from io import BufferedIOBase
+from socketserver import TCPServer
 from typing import Any
 
 import numpy as np
@@ -186,6 +187,11 @@ class ViewServer(ThreadingHTTPServer):
         self.corrector = corrector
         self.site = Site(data, truth, corrector)
         self._before: Site | None = None
+
+    def server_bind(self) -> None:
+        """Take the port, without asking name servers what this computer is called, which may take seconds."""
+        TCPServer.server_bind(self)
+        self.server_name, self.server_port = HOST, self.server_address[1]
 
     def answer(self, path: str) -> Answer | None:
         """Return what an address stands for; None where there is no such thing; raises for a lost photo."""
