@@ -182,6 +182,8 @@ def test_only_results_and_report_are_done_again_for_them(scene: Scene) -> None:
     summary = go_on(scene.survey, on_stage=heard.append)
     assert heard == ["photos", "results", "report"]
     assert (summary.fruits, summary.corrections) == (16, "5 applied")
+    assert "5 corrections by hand" in (scene.survey / "report.html").read_text()
+    assert read_survey(scene.survey).corrections == 5
     heard.clear()
     settle(Survey.open(scene.survey))
     go_on(scene.survey, on_stage=heard.append)

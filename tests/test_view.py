@@ -73,9 +73,7 @@ def test_survey_is_read_whole(data: ReportData) -> None:
     assert data.photos.sides == ("east", "west")
 
 
-def test_a_server_starts_without_names_and_without_the_masks(
-    data: ReportData, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_starts_without_names_and_without_the_masks(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
     def asked(*_: object) -> NoReturn:
         raise AssertionError("this may take seconds")
 
@@ -108,7 +106,7 @@ def test_data_are_the_contract(server: ViewServer, data: ReportData) -> None:
 
 
 def test_points_come_in_pieces(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pomona.view.server.PIECE_POINTS", 400)
+    monkeypatch.setattr("pomona.view.site.PIECE_POINTS", 400)
     site = ViewServer(data)
     with site:
         values = unpacked(site.site.answer("/data/survey.bin").body)

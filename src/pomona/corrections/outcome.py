@@ -92,6 +92,11 @@ class Corrected:
     outcomes: tuple[Outcome, ...]
 
     @property
+    def applied(self) -> int:
+        """How many corrections found their fruit."""
+        return sum(not outcome.problem for outcome in self.outcomes)
+
+    @property
     def detected(self) -> Observations:
         """The observations by detections of the survey's file alone: made masks are replaced by what they are of."""
         seen = self.observations

@@ -69,5 +69,5 @@ class Correcting:
     @property
     def numbers(self) -> Mapping[str, int]:
         """How many corrections there are, and how many of them match no fruit."""
-        lost = sum(bool(outcome.problem) for outcome in self.value.outcomes) if self.value else 0
-        return {"all": len(self.log.done), "lost": lost}
+        applied = self.value.applied if self.value else 0
+        return {"all": len(self.log.done), "lost": len(self.log.done) - applied}

@@ -151,6 +151,7 @@ def _report_data(
         cloud=results.value.scene,
         detections=int(segment.ensure().info["detections"]),
         masks=correcting.masks if corrected else trusted(segment, context.options),
+        corrections=corrected.applied if corrected else 0,
         lost=(*unregistered, *scale.value.lost),
         scale=scale.value.residuals,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),

@@ -29,7 +29,8 @@ class ReportData:
     `cloud` holds the points of the scene (`fruit_id` 0) and of the fruits, in the frame of `cameras`. `photos` are
     all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place.
     `detections` is their number in all photos (None: not known); `masks`, by photo, are those that may have become
-    fruit, where outlines and crops are wanted. `scale` says how metres were found, where known.
+    fruit, where outlines and crops are wanted. `corrections` is how many a person made that found their fruit. `scale`
+    says how metres were found, where known.
     `version` is Pomona's.
     """
 
@@ -41,6 +42,7 @@ class ReportData:
     cloud: FruitCloud = field(default_factory=FruitCloud.empty)
     detections: int | None = None
     masks: Mapping[str, Detections] | None = None
+    corrections: int = 0
     lost: tuple[Unregistered, ...] = ()
     scale: ScaleReport | None = None
     stages: tuple[StageTime, ...] = ()

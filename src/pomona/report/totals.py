@@ -42,6 +42,8 @@ def _fruits(data: ReportData) -> str:
         parts.append(f"from {data.detections:,} detections")
     if len(data.fruits):
         parts.append(f"seen {float(data.fruits.views.mean()):.1f} times each")
+    if data.corrections:
+        parts.append(f"{data.corrections:,} correction{'s' if data.corrections > 1 else ''} by hand")
     return _card("Fruits", f"{len(data.fruits):,}", ", ".join(parts), "main")
 
 

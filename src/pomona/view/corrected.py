@@ -23,6 +23,7 @@ def with_corrections(data: ReportData, corrected: Corrected, fruit_cloud: FruitC
         fruits=corrected.fruits,
         observations=corrected.observations,
         masks=corrected.detections.at_least(least_score),
+        corrections=corrected.applied,
         cloud=scene_cloud(data.cameras, corrected.relabelled(fruit_cloud)),
         warnings=tuple(dict.fromkeys(warnings)),
     )

@@ -53,12 +53,19 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
         cloud=cloud,
         detections=segment.info.get("detections") if segment else None,
         masks=masks,
+        corrections=_corrections(records.get("results")),
         lost=unregistered_from(lost),
         scale=_scale(scale),
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(survey.get("warnings", ())),
         version=__version__,
     )
+
+
+def _corrections(record: StageRecord | None) -> int:
+    """How many corrections the tables have; a survey of an older version has none."""
+    numbers = record.info.get("corrections") if record else None
+    return int(numbers["all"] - numbers["lost"]) if numbers else 0
 
 
 def _scale(record: StageRecord | None) -> ScaleReport | None:
