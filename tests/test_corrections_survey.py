@@ -17,15 +17,16 @@ from typer.testing import CliRunner
 
 from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
 from pomona.cli.app import app
-from pomona.corrections import read_corrections
+from pomona.corrections import apply, read_corrections
 from pomona.errors import FormatError
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.pipeline import go_on
-from pomona.pipeline.kept import settle
+from pomona.pipeline.kept import kept_correcting, settle
 from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
 from pomona.survey import Survey
 from pomona.view import Corrector, ViewServer, read_survey
+from pomona.view.corrected import with_corrections
 from report_scenes import row_photos
 
 
@@ -97,6 +98,21 @@ def test_each_kind_is_done_and_kept_at_once(scene: Scene) -> None:
     assert desk.ask("move", moved, tree=3) == f"Fruit {moved} moved to tree 3. 16 fruits"
     assert sorted(filter(None, desk.corrector.state.fruits)) == ["added", "merged", "moved", "split", "split"]
     assert not list(scene.survey.glob(".*"))
+
+
+def test_the_scene_stays_when_fruits_are_corrected(scene: Scene) -> None:
+    # The page's cameras come without points, as the cloud that it reads has them.
+    data = read_survey(scene.survey)
+    found = kept_correcting(Survey.open(scene.survey)).found
+    assert len(data.cameras.points_in_world) == 0
+    points = np.random.default_rng(0).uniform(-1, 1, (40, 3))
+    cameras = replace(
+        found.cameras, points_in_world=points, points_rgb=np.zeros((40, 3), np.uint8), points_error_px=np.zeros(40)
+    )
+    found = replace(found, cameras=cameras)
+    shown = with_corrections(data, apply((), found), found, data.cloud)
+    np.testing.assert_array_equal(shown.cloud.points_in_world[shown.cloud.fruit_id == 0], points)
+    assert (shown.cloud.fruit_id > 0).sum() == (data.cloud.fruit_id > 0).sum() > 0
 
 
 def test_a_clicked_size_is_measured(scene: Scene) -> None:

@@ -136,7 +136,7 @@ class Corrector:
         kept = self._kept
         corrected = self._applier.to(log.done)
         self._log, self._corrected = log, corrected
-        self.data = with_corrections(self._read, corrected, kept.cloud, self._applier.found.least_score)
+        self.data = with_corrections(self._read, corrected, self._applier.found, kept.cloud)
         self.truth = self._compare(self.data) if self._compare else None
 
     def _next(self, log: Corrections, request: CorrectionRequest) -> tuple[Corrections, Correction | None]:

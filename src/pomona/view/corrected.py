@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pomona.corrections import Corrected
+from pomona.corrections import Corrected, Found
 from pomona.corrections.outcome import LOST
 from pomona.fruits import FruitCloud
 from pomona.pipeline.results import scene_cloud
 from pomona.report import ReportData
 
 
-def with_corrections(data: ReportData, corrected: Corrected, fruit_cloud: FruitCloud, least_score: float) -> ReportData:
+def with_corrections(data: ReportData, corrected: Corrected, found: Found, fruit_cloud: FruitCloud) -> ReportData:
     """Return the data with the fruits as corrected.
 
-    `fruit_cloud` are the points on the fruits as they were found; detections of at least `least_score` are shown.
+    `found` is what was corrected, whose cameras have the scene's points; `fruit_cloud` are the points on the fruits.
     """
     warnings = [text for text in data.warnings if not text.startswith(LOST)]
     warnings += [outcome.warning() for outcome in corrected.outcomes if outcome.problem]
@@ -22,8 +22,8 @@ def with_corrections(data: ReportData, corrected: Corrected, fruit_cloud: FruitC
         data,
         fruits=corrected.fruits,
         observations=corrected.observations,
-        masks=corrected.detections.at_least(least_score),
+        masks=corrected.detections.at_least(found.least_score),
         corrections=corrected.applied,
-        cloud=scene_cloud(data.cameras, corrected.relabelled(fruit_cloud)),
+        cloud=scene_cloud(found.cameras, corrected.relabelled(fruit_cloud)),
         warnings=tuple(dict.fromkeys(warnings)),
     )
