@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import PomonaError, few
-from pomona.photos import Photo, Photos
+from pomona.photos import Photos
 from pomona.progress import Progress
 from pomona.survey import Survey
 
@@ -38,7 +38,7 @@ class Job:
 
     def photos(self, cameras: Cameras) -> Photos:
         """The photos of the cameras. Those that are not found are told of; their files do not exist."""
-        from pomona.survey.photos import photos_of
+        from pomona.survey.photos import photos_of, placeholder
 
         try:
             found = photos_of(self.survey, cameras.photos, self.photos_folder).by_name()
@@ -51,12 +51,7 @@ class Job:
                 f"{len(missing)} of {len(cameras)} photos were not found: {few(missing)}. Say where they are with "
                 "--photos FOLDER"
             )
-        return Photos(tuple(found.get(name) or _missing(name, cameras) for name in cameras.photos))
-
-
-def _missing(name: str, cameras: Cameras) -> Photo:
-    lens = cameras.intrinsics_of(cameras.photos.index(name))
-    return Photo(name, Path(name), lens.width_px, lens.height_px)
+        return Photos(tuple(found.get(name) or placeholder(name, cameras) for name in cameras.photos))
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as Xml
 from pathlib import Path
 
-from pomona.errors import FormatError
+from pomona.errors import FormatError, InputError
 from pomona.formats.json_file import read_text
 
 
@@ -21,3 +22,14 @@ def load_xml(path: Path, expected: str) -> Xml.Element:
         return Xml.fromstring(text.encode())
     except (Xml.ParseError, ValueError, LookupError) as error:
         raise FormatError(f"{path}: expected {expected}, but it is no XML: {error}") from None
+
+
+def finite_number(text: str | None, name: str) -> float:
+    """Return the number of an attribute or element called `name`; raises `InputError` where there is no finite one."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{name}: expected a finite number, found {text!r:.40}")
+    return value

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from pomona.cameras import Cameras
 from pomona.photo_names import photos_named
-from pomona.photos import Photos
+from pomona.photos import Photo, Photos
 from pomona.survey.folder import Survey
 
 
@@ -22,3 +23,9 @@ def photos_of(survey: Survey, names: Sequence[str], folder: Path | None = None) 
     sides = "none" if folder else survey.get("options", {}).get("sides", "auto")
     photos = load_photos(places, sides=sides, frames_dir=survey.work("frames"), min_photos=1)
     return photos_named(photos, names)
+
+
+def placeholder(name: str, cameras: Cameras, side: str = "") -> Photo:
+    """Return a photo with a camera whose file is not found: under its name no file exists."""
+    lens = cameras.intrinsics_of(cameras.photos.index(name))
+    return Photo(name, Path(name), lens.width_px, lens.height_px, side=side)

@@ -11,14 +11,14 @@ from pomona.errors import PomonaError
 from pomona.formats.cameras.colmap import read_colmap, read_poses
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
-from pomona.photos import Photo, Photos
+from pomona.photos import Photos
 from pomona.pipeline.placing import scale_report_from, unregistered_from
 from pomona.pipeline.seeing import least_score_in
 from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
 from pomona.scale import ScaleReport
 from pomona.survey import StageRecord, Survey
-from pomona.survey.photos import photos_of
+from pomona.survey.photos import photos_of, placeholder
 from pomona.survey.values import frame_from
 from pomona.view.masks import MasksByPhoto
 
@@ -96,15 +96,8 @@ def _photos(survey: Survey, cameras: Cameras, folder: Path | None, progress: Pro
     if found and missing:
         progress.warn(f"{len(missing)} of {len(cameras)} photos were not found, such as {missing[0]}")
     items = [
-        replace(by_name[name], side=side) if name in by_name else _placeholder(name, side, cameras)
+        replace(by_name[name], side=side) if name in by_name else placeholder(name, cameras, side)
         for name, side in sides.items()
         if name in by_name or name in cameras.photos
     ]
     return Photos(tuple(items), found.skipped, from_video=found.from_video)
-
-
-def _placeholder(name: str, side: str, cameras: Cameras) -> Photo:
-    idx = cameras.index_of(name)
-    assert idx is not None
-    lens = cameras.intrinsics_of(idx)
-    return Photo(name, Path(name), lens.width_px, lens.height_px, side=side)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
-from pomona.formats.json_file import read_text
+from pomona.formats.xml_file import load_xml
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +24,7 @@ class Element:
     @classmethod
     def of_file(cls, path: Path, expected: str) -> Element:
         """Return the outermost element of a file that is to hold `expected`."""
-        try:
-            node = ElementTree.fromstring(read_text(path, expected).encode("utf-8"))
-        except (ElementTree.ParseError, ValueError, LookupError) as error:
-            raise FormatError(f"{path}: expected {expected}, but it is no XML: {error}") from None
+        node = load_xml(path, expected)
         return cls(path, node.tag, node)
 
     @property

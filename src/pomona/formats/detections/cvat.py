@@ -19,7 +19,7 @@ from pomona.errors import FormatError, InputError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size, joined
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, polygon_mask, score_of
-from pomona.formats.xml_file import load_xml
+from pomona.formats.xml_file import finite_number, load_xml
 
 EXPECTED = "annotations of CVAT for images (1.1)"
 _EXTENTS = ("polygon", "polyline", "mask", "ellipse", "box")
@@ -131,13 +131,7 @@ def _number(element: Xml.Element, key: str, default: float | None = None) -> flo
     text = element.get(key)
     if text is None and default is not None:
         return default
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{key}: expected a finite number, found {text!r:.40}")
-    return value
+    return finite_number(text, key)
 
 
 def _whole(element: Xml.Element, key: str) -> int:

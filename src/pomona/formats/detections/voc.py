@@ -6,7 +6,6 @@ Source: supervision, dataset/formats/pascal_voc.py: an `object` has a `name`, a 
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as Xml
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from pomona.errors import FormatError, InputError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import clipped_box, polygon_mask
-from pomona.formats.xml_file import load_xml
+from pomona.formats.xml_file import finite_number, load_xml
 
 EXPECTED = "annotations of Pascal VOC"
 
@@ -79,11 +78,4 @@ def _points(polygon: Xml.Element) -> list[tuple[float, float]]:
 
 
 def _number(element: Xml.Element, tag: str) -> float:
-    text = element.findtext(tag)
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{tag}: expected a finite number, found {text!r:.40}")
-    return value
+    return finite_number(element.findtext(tag), tag)
