@@ -16,7 +16,9 @@ def loaded_by(statement: str) -> set[str]:
     return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
 
 
-@pytest.mark.parametrize("statement", ["import pomona", "import pomona.cli.app", "import pomona.survey"])
+@pytest.mark.parametrize(
+    "statement", ["import pomona", "import pomona.cli.app", "import pomona.survey", "import pomona.export"]
+)
 def test_no_engine_is_loaded(statement: str) -> None:
     assert loaded_by(statement) == set()
 

@@ -8,17 +8,15 @@ from typing import Annotated
 import typer
 
 from pomona.cli import options as shared
-from pomona.cli.action import settled
-from pomona.cli.exports import FORMS, Job
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, SurveyError
+from pomona.export import EXPORT_FORMATS
 from pomona.survey import Survey
-from pomona.survey.files import disk_errors, write_file
 
 
 def export(
     survey: shared.SurveyFolder,
-    to: Annotated[str, typer.Option(metavar="|".join(FORMS), help="The form that is wanted.")],
+    to: Annotated[str, typer.Option(metavar="|".join(EXPORT_FORMATS), help="The format that is wanted.")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="PATH", help="Where to. Default: SURVEY/export/.")
     ] = None,
@@ -31,19 +29,13 @@ def export(
     Fruits: csv, geojson, gpkg, kml; the cloud: las, laz, ply; masks: coco; cameras: colmap, nerfstudio, metashape; all
     to look at: rerun.
     """
-    if to not in FORMS:
-        raise InputError(f"--to: expected one of {', '.join(FORMS)}, found '{to}'")
-    form, opened = FORMS[to], Survey.open(survey)
-    target = out or opened.folder / "export" / form.name
-    if out is not None and target.exists():
-        raise SurveyError(f"{target} exists already: name another file with --out")
-    if form.of_fruits:
-        settled(opened)
-    opened.need(form.needs(opened))
-    with disk_errors(target.parent), TerminalProgress() as progress:
-        job = Job(opened, photos, progress)
-        if Path(form.name).suffix:
-            write_file(target, lambda path: form.write(job, path))
-        else:
-            form.write(job, target)
-    typer.echo(str(target))
+    from pomona.export.survey import SurveySource, export_survey
+
+    if to not in EXPORT_FORMATS:
+        raise InputError(f"--to: expected one of {', '.join(EXPORT_FORMATS)}, found '{to}'")
+    opened = Survey.open(survey)
+    if out is not None and out.exists():
+        raise SurveyError(f"{out} exists already: name another file with --out")
+    with TerminalProgress() as progress:
+        path = export_survey(to, SurveySource(opened, photos, progress), out)
+    typer.echo(str(path))

@@ -1,0 +1,61 @@
+"""What exports are made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from pomona.cameras import Cameras, WorldFrame
+from pomona.fruits import FruitCloud, Fruits
+from pomona.photos import Photos
+from pomona.progress import Progress
+
+if TYPE_CHECKING:
+    from pomona.corrections import Corrected, Found
+
+Part = Literal["fruits", "geojson", "cloud", "detections", "cameras"]
+"""A part of a survey that has a file, or a folder, of its own."""
+
+
+class ExportSource(Protocol):
+    """The results of a survey, each read when an export asks for it; errors of reading them pass through."""
+
+    @property
+    def progress(self) -> Progress:
+        """Who hears of what an export lacks."""
+        ...
+
+    @property
+    def frame(self) -> WorldFrame:
+        """What coordinates mean."""
+        ...
+
+    @property
+    def fruits(self) -> Fruits:
+        """The fruits, as corrected."""
+        ...
+
+    @property
+    def cloud(self) -> FruitCloud:
+        """The points on the fruits."""
+        ...
+
+    @property
+    def cameras(self) -> Cameras:
+        """The cameras, in `frame`."""
+        ...
+
+    def photos_of(self, cameras: Cameras) -> Photos:
+        """Return the photos of `cameras`, in their order, with a warning for those that are not found.
+
+        What stands for a photo that is not found has its name and size, and no file.
+        """
+        ...
+
+    def corrected(self) -> tuple[Found, Corrected] | None:
+        """Return the fruits as found and as a person corrected them; None where nothing is corrected."""
+        ...
+
+    def file(self, part: Part) -> Path:
+        """Return the survey's own file of a part; formats that are this file are copies of it."""
+        ...
