@@ -15,7 +15,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.scale.values import Placed, ScaleReport
 from pomona.segment import SegmenterTraits, TileDetections
-from pomona.sfm.values import Piece, Reconstruction
+from pomona.sfm.pieces import Piece, Reconstruction
 
 WIDTH, HEIGHT = 96, 72
 

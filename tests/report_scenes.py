@@ -15,7 +15,7 @@ from pomona.cameras import Cameras, Intrinsics, WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, StageTime
-from pomona.sfm.values import Unregistered
+from pomona.sfm.pieces import Unregistered
 
 
 def unpacked(content: bytes) -> Any:

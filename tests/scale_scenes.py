@@ -17,7 +17,7 @@ from pomona.photos import Photo, Photos
 from pomona.scale.adjust import point_errors_px
 from pomona.scale.aruco import Sighting
 from pomona.scale.upright import leveling_rotation
-from pomona.sfm.values import Piece
+from pomona.sfm.pieces import Piece
 
 WIDTH, HEIGHT, FOCAL = 864, 1296, 1394.8
 LENS = Intrinsics("SIMPLE_RADIAL", WIDTH, HEIGHT, np.array([FOCAL, WIDTH / 2, HEIGHT / 2, 0.02]))

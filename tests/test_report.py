@@ -27,7 +27,7 @@ from pomona.report.seen import kept_of_each
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
 from pomona.scale import ScaleReport, SideTie
-from pomona.sfm.values import Unregistered
+from pomona.sfm.pieces import Unregistered
 from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_report, unpacked, values_in
 
 _VOID = {"meta", "br", "input", "link", "img"}

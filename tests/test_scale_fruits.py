@@ -17,7 +17,7 @@ from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.by_fruits import FindFruits, halfway, tie_by_fruits
 from pomona.scale.constellation import grow, is_clear, lay_over, mutually_nearest
 from pomona.scale.work import Work
-from pomona.sfm.values import Reconstruction
+from pomona.sfm.pieces import Reconstruction
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted, some_frame
 
 DIAMETER_M = 0.07

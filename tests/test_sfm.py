@@ -16,8 +16,8 @@ from pomona.geometry import estimate_similarity
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.sfm import Reconstruction, SfmOptions, reconstruct
+from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.store import read_reconstruction, write_reconstruction
-from pomona.sfm.worker import MappingProcess
 from sfm_scenes import FOCAL, HEIGHT, WIDTH, boards, centres, photograph, render, row_poses, save, texture
 
 COUNT = 8
@@ -197,7 +197,7 @@ def test_photos_without_overlap_are_an_error_that_says_so(tmp_path: Path) -> Non
 
 def test_a_mapper_that_dies_is_not_the_end(row, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "pomona.sfm.worker._RUN", "import sys; sys.argv[1] == 'global' and sys.exit('it died')\n" + _run()
+        "pomona.sfm.mapping_process._RUN", "import sys; sys.argv[1] == 'global' and sys.exit('it died')\n" + _run()
     )
     progress = Silent()
     result = reconstruct(Photos(tuple(row[0][:5])), options=QUICK, work_dir=tmp_path, progress=progress)
@@ -206,9 +206,9 @@ def test_a_mapper_that_dies_is_not_the_end(row, tmp_path: Path, monkeypatch: pyt
 
 
 def _run() -> str:
-    from pomona.sfm import worker
+    from pomona.sfm import mapping_process
 
-    return worker._RUN
+    return mapping_process._RUN
 
 
 def test_ctrl_c_stops_the_mapper_and_a_second_call_goes_on(

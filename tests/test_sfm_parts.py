@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pomona.cameras import Cameras, Intrinsics
 from pomona.photos import Photo
-from pomona.sfm import SfmOptions
-from pomona.sfm.choose import explained, sampson_distance, support
+from pomona.sfm import SfmOptions, engine
 from pomona.sfm.engine import Overlap
-from pomona.sfm.features import root_sift
+from pomona.sfm.features import Features, root_sift
 from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
-from pomona.sfm.pieces import credible, distinct, take
-from pomona.sfm.reasons import Evidence, explain
-from pomona.sfm.thin import thinned
+from pomona.sfm.selection import credible, distinct, explained, sampson_distance, support, take
+from pomona.sfm.thinning import thinned
+from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
+from pomona.sfm.workspace import Workspace
 from sfm_scenes import as_photos, centres, row_poses, with_gnss
 
 LENS = Intrinsics("SIMPLE_RADIAL", 400, 300, np.array([350.0, 200.0, 150.0, 0.02]))
@@ -149,8 +152,8 @@ def test_small_overlaps_weigh_less() -> None:
 def test_a_piece_at_odds_with_its_matches_is_dropped() -> None:
     good = model(6)
     overlaps, _ = overlaps_of(good)
-    assert credible([good], overlaps, np.full(len(overlaps), 0.8)) == [good]
-    assert credible([good], overlaps, np.full(len(overlaps), 0.1)) == []
+    assert credible([good], overlaps, np.full(len(overlaps), 0.8), 0.3) == [good]
+    assert credible([good], overlaps, np.full(len(overlaps), 0.1), 0.3) == []
 
 
 def test_taking_photos_keeps_points_that_two_of_them_see() -> None:
@@ -185,7 +188,7 @@ def test_few_matches_are_not_thinned() -> None:
     assert thinned(overlaps, [len(xy) for xy in keypoints], 1000) == overlaps
 
 
-def evidence(overlaps: list[tuple[int, int, int]], **changes: object) -> Evidence:
+def evidence(overlaps: list[tuple[int, int, int]], **changes: object) -> RegistrationEvidence:
     values: dict[str, object] = {
         "photos": photos(6),
         "features": np.full(6, 3000),
@@ -195,7 +198,7 @@ def evidence(overlaps: list[tuple[int, int, int]], **changes: object) -> Evidenc
         "placed": frozenset({0, 1, 2, 3, 4}),
         "dropped": frozenset(),
     }
-    return Evidence(**{**values, **changes})  # type: ignore[arg-type]
+    return RegistrationEvidence(**{**values, **changes})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -211,13 +214,71 @@ def evidence(overlaps: list[tuple[int, int, int]], **changes: object) -> Evidenc
         (evidence([], unreadable={5: "the file is gone"}), "the file is gone"),
     ],
 )
-def test_reasons(found: Evidence, words: str) -> None:
+def test_reasons(found: RegistrationEvidence, words: str) -> None:
     import re
 
-    last = explain(found)[-1]
+    last = explain_unregistered(found)[-1]
     assert last.photo == "5.jpg"
     assert re.search(words, last.reason)
     assert last.advice.endswith(".")
+
+
+def stored(workspace: Workspace) -> tuple[list[int], int]:
+    """Which photos have no features, and how many pairs have matches."""
+    return engine.missing_features(workspace.database, len(workspace.photos)), len(
+        engine.read_overlaps(workspace.database)
+    )
+
+
+def matched_workspace(folder: Path) -> Workspace:
+    """A work folder with features of all of three photos, and matches of all pairs."""
+    workspace = Workspace(folder, photos(3), SfmOptions(), "code 1")
+    random = np.random.default_rng(0)
+    xy = random.uniform((20, 20), (380, 280), (200, 2))
+    descriptors = root_sift(random.gamma(0.3, size=(200, 128)))
+    for i in range(3):
+        keypoints = np.column_stack([xy[:, 0] + 10 * i, xy[:, 1], np.ones(200), np.zeros(200)]).astype(np.float32)
+        workspace.save_features({i: Features(keypoints, descriptors, np.zeros((200, 3), np.uint8), 1.0)})
+    engine.match(workspace.database, [("0.jpg", "1.jpg"), ("0.jpg", "2.jpg"), ("1.jpg", "2.jpg")], SfmOptions())
+    return workspace
+
+
+@pytest.mark.parametrize(
+    ("changes", "code_key", "left"),
+    [
+        ({}, "code 1", ([], 3)),
+        ({"good_enough": 0.5, "mappers": ("global",), "threads": 1, "enough_tracks": 500}, "code 1", ([], 3)),
+        ({"window": 3}, "code 1", ([], 0)),
+        ({"min_matches": 30}, "code 1", ([], 0)),
+        ({"max_features": 900}, "code 1", ([0, 1, 2], 0)),
+        ({"contrast_threshold": 0.04}, "code 1", ([0, 1, 2], 0)),
+        ({}, "code 2", ([0, 1, 2], 0)),
+    ],
+)
+def test_a_work_folder_keeps_what_still_holds(
+    tmp_path: Path, changes: dict[str, Any], code_key: str, left: tuple[list[int], int]
+) -> None:
+    assert stored(matched_workspace(tmp_path / "w")) == ([], 3)
+    again = Workspace(tmp_path / "w", photos(3), SfmOptions(**changes), code_key)
+    assert stored(again) == left
+    assert stored(Workspace(tmp_path / "w", photos(3), SfmOptions(**changes), code_key)) == left
+
+
+def test_every_option_has_its_place_in_the_work_folder(tmp_path: Path) -> None:
+    """An option that is forgotten there would leave old features or matches behind."""
+    of_mapping = {"enough_tracks", "min_piece_photos", "least_explained", "first_pair_angle_deg", "mappers"}
+    of_mapping |= {"good_enough", "threads"}
+    Workspace(tmp_path / "w", photos(3), SfmOptions())
+    settings = json.loads((tmp_path / "w" / "settings.json").read_text())
+    named = [*settings["features"]["options"], *settings["matches"]["options"], *of_mapping]
+    assert sorted(named) == sorted(field.name for field in fields(SfmOptions))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"features": 3}'])
+def test_a_work_folder_that_does_not_say_what_it_holds_is_begun_anew(tmp_path: Path, text: str) -> None:
+    workspace = matched_workspace(tmp_path / "w")
+    (workspace.folder / "settings.json").write_text(text)
+    assert stored(Workspace(tmp_path / "w", photos(3), SfmOptions(), "code 1")) == ([0, 1, 2], 0)
 
 
 def test_the_scene_of_these_tests() -> None:

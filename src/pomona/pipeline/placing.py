@@ -15,7 +15,7 @@ from pomona.pipeline.context import Context
 from pomona.pipeline.seeing import counted, trusted
 from pomona.progress import Progress
 from pomona.scale.values import MarkerResidual, PieceScale, Placed, ScaleReport, SideTie
-from pomona.sfm.values import Piece, Reconstruction, Unregistered
+from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.survey import Stage
 from pomona.survey.digest import file_digest, plain
 from pomona.survey.stage import StageWork

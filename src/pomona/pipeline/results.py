@@ -20,7 +20,7 @@ from pomona.pipeline.placing import unregistered_from
 from pomona.pipeline.seeing import trusted
 from pomona.progress import Progress
 from pomona.scale.values import Placed
-from pomona.sfm.values import Reconstruction
+from pomona.sfm.pieces import Reconstruction
 from pomona.survey import Stage
 from pomona.survey.files import write_file
 from pomona.survey.stage import StageWork

@@ -10,7 +10,7 @@ from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.scale.values import ScaleReport
-from pomona.sfm.values import Unregistered
+from pomona.sfm.pieces import Unregistered
 
 
 @dataclass(frozen=True)

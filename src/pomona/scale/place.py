@@ -23,7 +23,7 @@ from pomona.scale.sources import (
 )
 from pomona.scale.values import Placed, ScaleOptions, ScaleReport
 from pomona.scale.work import Work
-from pomona.sfm.values import Reconstruction, Unregistered
+from pomona.sfm.pieces import Reconstruction, Unregistered
 
 _LEAST_LOOSE_PHOTOS = 5
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.cameras import Cameras, ScaleSource
 from pomona.errors import InputError
-from pomona.sfm.values import Unregistered
+from pomona.sfm.pieces import Unregistered
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pomona.cameras import Cameras, ScaleSource
 from pomona.progress import Progress
 from pomona.scale.values import MarkerResidual, PieceScale, SideTie
-from pomona.sfm.values import Piece
+from pomona.sfm.pieces import Piece
 
 
 @dataclass

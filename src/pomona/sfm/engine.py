@@ -127,6 +127,13 @@ def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> 
     listing.unlink(missing_ok=True)
 
 
+def clear_matches(path: Path) -> None:
+    """Forget all matches; cameras, photos and features stay."""
+    with pycolmap.Database.open(path) as database:
+        database.clear_two_view_geometries()
+        database.clear_matches()
+
+
 def read_overlaps(path: Path) -> list[Overlap]:
     """Return all verified pairs with their matches, photos as indices."""
     with pycolmap.Database.open(path) as database:
@@ -201,9 +208,7 @@ def map_incremental(
         ba_global_points_ratio=1.2,
         ba_global_max_refinements=3,
     )
-    # A first pair seen under 16° (COLMAP's default) is rare where photos are taken at short steps along a row, or are
-    # frames of a video: foliage seen under such an angle hardly matches.
-    settings.mapper.init_min_tri_angle = 6.0
+    settings.mapper.init_min_tri_angle = options.first_pair_angle_deg
     settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
     pycolmap.set_random_seed(options.seed)
     pycolmap.incremental_mapping(

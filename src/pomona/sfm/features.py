@@ -16,9 +16,6 @@ from pomona.capture.images import read_pixels
 from pomona.photos import Photo
 from pomona.sfm.options import SfmOptions
 
-# Half of OpenCV's default 0.04: leaves in the shade are dim, and `max_features` bounds their number anyway.
-_CONTRAST = 0.02
-
 
 @dataclass(frozen=True, eq=False)
 class Features:
@@ -46,7 +43,11 @@ def extract(photo: Photo, options: SfmOptions) -> Features:
     """
     pixels = read_pixels(photo, max_side_px=options.max_side_px)
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
-    settings = {"nfeatures": options.max_features, "contrastThreshold": _CONTRAST, "enable_precise_upscale": True}
+    settings = {
+        "nfeatures": options.max_features,
+        "contrastThreshold": options.contrast_threshold,
+        "enable_precise_upscale": True,
+    }
     sift = cv2.SIFT_create(**settings)  # type: ignore[attr-defined]
     found, descriptors = sift.detectAndCompute(grey, None)
     if not found:

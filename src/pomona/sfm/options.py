@@ -16,6 +16,8 @@ class SfmOptions:
 
     `max_side_px`: photos are worked on at no more than this size; results are in pixels of the whole photo.
     `max_features`: the strongest features kept of a photo.
+    `contrast_threshold`: SIFT's. OpenCV's default is 0.04; leaves in the shade are dim, and `max_features` bounds the
+    number of features anyway.
     `window`: each photo is matched with so many photos before and after it, in order of capture.
     `exhaustive_below`: sides of at most so many photos are matched all with all.
     `loops`: each photo is matched with so many photos which look alike, wherever they are in the order.
@@ -23,14 +25,18 @@ class SfmOptions:
     `enough_tracks`: mapping uses about so many points of each photo where there are more.
     `min_matches`: fewer verified matches than this do not make two photos overlap.
     `min_piece_photos`: smaller pieces of a broken reconstruction are not to be trusted, and dropped.
-    `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `choose`).
-    `good_enough`: a result with this much support (0 to 1, see `choose`) ends the search for a better one (1: never).
+    `least_explained`: pieces whose cameras explain a smaller share of their photos' matches are accidents, and dropped.
+    `first_pair_angle_deg`: least angle of rays for the pair that incremental mapping starts from. COLMAP's default is
+    16; photos taken at short steps along a row, or frames of a video, seldom match foliage under such an angle.
+    `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `selection`).
+    `good_enough`: a result with this much support (0 to 1, see `selection`) ends the search for a better one.
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
     `threads`: None takes all processors.
     """
 
     max_side_px: int = 1600
     max_features: int = 8000
+    contrast_threshold: float = 0.02
     window: int = 6
     exhaustive_below: int = 20
     loops: int = 3
@@ -38,6 +44,8 @@ class SfmOptions:
     enough_tracks: int = 1000
     min_matches: int = 20
     min_piece_photos: int = 3
+    least_explained: float = 0.3
+    first_pair_angle_deg: float = 6.0
     mappers: tuple[Mapper, ...] = get_args(Mapper)
     good_enough: float = 0.95
     focal_prior: float = 1.2
@@ -58,8 +66,16 @@ class SfmOptions:
             floor = least.get(field.name, 0)
             if isinstance(value, int) and value < floor:
                 raise InputError(f"SfmOptions.{field.name}: expected at least {floor}, found {value}")
-        if not 0.3 <= self.focal_prior <= 5:
-            raise InputError(f"SfmOptions.focal_prior: expected 0.3 to 5, found {self.focal_prior}")
+        ranges = {
+            "contrast_threshold": (0.0, 1.0),
+            "least_explained": (0.0, 1.0),
+            "first_pair_angle_deg": (0.1, 90.0),
+            "good_enough": (0.0, 1.0),
+            "focal_prior": (0.3, 5.0),
+        }
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise InputError(f"SfmOptions.{name}: expected {low:g} to {high:g}, found {getattr(self, name)}")
         if self.threads == 0:
             raise InputError("SfmOptions.threads: expected at least 1, or None for all processors, found 0")
         unknown = [name for name in self.mappers if name not in get_args(Mapper)]

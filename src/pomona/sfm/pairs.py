@@ -13,6 +13,7 @@ from pomona.photos import Photo
 from pomona.sfm.options import SfmOptions
 
 Pair = tuple[int, int]
+# Words of the VLAD vectors: 64 as in the source; the vectors of a row of hundreds of photos stay small.
 _WORDS = 64
 _EARTH_RADIUS_M = 6_371_000.0
 

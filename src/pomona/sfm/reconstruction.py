@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import numpy as np
@@ -16,30 +17,36 @@ from pomona.errors import InputError, MissingFileError, ReconstructionError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.sfm import engine
-from pomona.sfm.choose import explained, support
 from pomona.sfm.engine import Overlap
 from pomona.sfm.features import Features, extract
+from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.models import Model, read_models
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pairs import candidate_pairs
-from pomona.sfm.pieces import credible, distinct, mean_error_px
-from pomona.sfm.reasons import Evidence, explain
-from pomona.sfm.thin import thinned
-from pomona.sfm.values import Piece, Reconstruction, Unregistered
-from pomona.sfm.worker import MappingProcess
+from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
+from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support
+from pomona.sfm.thinning import thinned
+from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
 
+# Matching can be stopped, and its progress is shown, after so many pairs.
 _PAIRS_AT_ONCE = 64
 _T = TypeVar("_T")
 
 
 def reconstruct(
-    photos: Photos, *, options: SfmOptions | None = None, work_dir: Path, progress: Progress | None = None
+    photos: Photos,
+    *,
+    options: SfmOptions | None = None,
+    work_dir: Path | None = None,
+    code_key: str = "",
+    progress: Progress | None = None,
 ) -> Reconstruction:
     """Find where the photos of each side were taken from, each piece in a frame of its own.
 
-    `work_dir` keeps features, matches and models: a second call with the same photos and options goes on where the
-    first one was stopped. Sides never share photos or points; joining them is the scale stage's work.
+    `work_dir` keeps features, matches and models: a second call with the same photos, options and `code_key` (which
+    names the code and the engines' versions) goes on where the first one was stopped. Without it, nothing is kept.
+    Sides never share photos or points; joining them is the scale stage's work.
 
     Raises `InputError` for fewer than three photos and `ReconstructionError` when no photo of any side can be placed.
     """
@@ -51,31 +58,38 @@ def reconstruct(
         )
     pieces: list[Piece] = []
     lost: list[Unregistered] = []
-    for side in photos.sides:
-        side_pieces, side_lost = _reconstruct_side(photos.of_side(side), side, options, work_dir, progress)
-        pieces += side_pieces
-        lost += side_lost
+    with ExitStack() as stack:
+        if work_dir is None:
+            work_dir = Path(stack.enter_context(TemporaryDirectory(prefix="pomona-sfm-")))
+        for side in photos.sides:
+            of_side = photos.of_side(side)
+            if len(of_side) < options.min_piece_photos:
+                lost += _too_few(of_side, side, options)
+                continue
+            workspace = Workspace(work_dir / _folder_name(side), of_side.items, options, code_key)
+            side_pieces, side_lost = _reconstruct_side(workspace, side, progress)
+            pieces += side_pieces
+            lost += side_lost
     if not pieces:
         raise ReconstructionError(_nothing_placed(lost))
     return Reconstruction(tuple(pieces), tuple(lost))
 
 
-def _reconstruct_side(
-    photos: Photos, side: str, options: SfmOptions, work_dir: Path, progress: Progress
-) -> tuple[list[Piece], list[Unregistered]]:
+def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistered]:
+    reason = f"side {side or 'of the row'} has {len(photos)} photos, fewer than {options.min_piece_photos}"
+    advice = "Take more photos of this side, or check how the photos were divided into sides (--sides)."
+    return [Unregistered(photo.name, side, reason, advice) for photo in photos]
+
+
+def _reconstruct_side(workspace: Workspace, side: str, progress: Progress) -> tuple[list[Piece], list[Unregistered]]:
     label = f" (side {side})" if side else ""
-    if len(photos) < options.min_piece_photos:
-        reason = f"side {side or 'of the row'} has {len(photos)} photos, fewer than {options.min_piece_photos}"
-        advice = "Take more photos of this side, or check how the photos were divided into sides (--sides)."
-        return [], [Unregistered(photo.name, side, reason, advice) for photo in photos]
-    workspace = Workspace(work_dir / _folder_name(side), photos.items, options)
     _warn_of_cameras(workspace, label, progress)
     unreadable = _find_features(workspace, label, progress)
     _match(workspace, label, progress)
     models, evidence = _map(workspace, unreadable, label, progress)
     pieces = [Piece(side, model.cameras, mean_error_px(model.cameras)) for model in models]
-    lost = explain(evidence)
-    _tell(pieces, lost, label, progress)
+    lost = explain_unregistered(evidence)
+    _warn_of_lost(pieces, lost, label, progress)
     return pieces, lost
 
 
@@ -117,8 +131,8 @@ def _match(workspace: Workspace, label: str, progress: Progress) -> None:
 
 def _map(
     workspace: Workspace, unreadable: dict[int, str], label: str, progress: Progress
-) -> tuple[list[Model], Evidence]:
-    """Run the mappers, and keep the result whose cameras explain most; see `choose.explained`."""
+) -> tuple[list[Model], RegistrationEvidence]:
+    """Run the mappers, and keep the result whose cameras explain most; see `selection.explained`."""
     count = len(workspace.photos)
     overlaps = engine.read_overlaps(workspace.database)
     scale = [workspace.cameras[image.camera_idx].scale for image in workspace.images]
@@ -131,7 +145,7 @@ def _map(
         mapped |= {int(photo) for model in models for photo in model.photo_idx}
         models = distinct(models, workspace.options.min_piece_photos)
         shares = explained(models, overlaps, keypoints)
-        models = credible(models, overlaps, shares)
+        models = credible(models, overlaps, shares, workspace.options.least_explained)
         supported = support(explained(models, overlaps, keypoints), overlaps)
         if models and supported > most:
             best, most = models, supported
@@ -140,7 +154,7 @@ def _map(
     placed = frozenset(int(photo) for model in best for photo in model.photo_idx)
     sharpness = [np.nan if i in unreadable else workspace.sharpness(i) for i in range(count)]
     features = np.array([len(xy) for xy in keypoints])
-    evidence = Evidence(
+    evidence = RegistrationEvidence(
         workspace.photos, features, np.array(sharpness), unreadable, overlaps, placed, frozenset(mapped - placed)
     )
     return best, evidence
@@ -181,7 +195,7 @@ def _warn_of_cameras(workspace: Workspace, label: str, progress: Progress) -> No
         )
 
 
-def _tell(pieces: Sequence[Piece], lost: Sequence[Unregistered], label: str, progress: Progress) -> None:
+def _warn_of_lost(pieces: Sequence[Piece], lost: Sequence[Unregistered], label: str, progress: Progress) -> None:
     if len(pieces) > 1:
         sizes = ", ".join(str(len(piece.cameras)) for piece in pieces)
         progress.warn(

@@ -10,7 +10,7 @@ from pathlib import Path
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.cameras.colmap import read_colmap, write_colmap
 from pomona.photos import Photos
-from pomona.sfm.values import Piece, Reconstruction, Unregistered
+from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 
 _INDEX = "reconstruction.json"
 

@@ -1,8 +1,8 @@
-"""What the work folder of one side holds, so that a stopped run goes on where it was.
+"""The work folder of one side: what it holds lets a stopped run go on where it was.
 
-`settings.json` (photos and options that the rest was made with), `features.db` (COLMAP's database: features, matches),
-`features/*.npz` (colours of the keypoints, sharpness), `mapping.db` (what the mappers read), `incremental/`, `global/`
-(models) and their logs.
+`settings.json` (photos, options and code that the rest was made with), `features.db` (COLMAP's database: features,
+matches), `features/*.npz` (colours of the keypoints, sharpness), `mapping.db` (what the mappers read), `incremental/`,
+`global/` (models) and their logs.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import hashlib
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -23,26 +22,38 @@ from pomona.sfm.engine import CameraEntry, ImageEntry, Overlap
 from pomona.sfm.features import Features, working_scale
 from pomona.sfm.options import SfmOptions
 
-_FORMAT = 1
+_FORMAT = 2
+# What features, and the cameras they are stored with, depend on; matches depend on these, too.
+_FEATURE_OPTIONS = ("max_side_px", "max_features", "contrast_threshold", "focal_prior")
+_MATCH_OPTIONS = ("window", "exhaustive_below", "loops", "gnss_neighbours", "min_matches", "seed")
 
 
 class Workspace:
-    """The work folder of one side, begun anew where photos or options differ from those it was made with."""
+    """The work folder of one side.
 
-    def __init__(self, folder: Path, photos: Sequence[Photo], options: SfmOptions) -> None:
+    It is begun anew where the photos, the options that features depend on, or the `code_key` (which names the code and
+    the engines' versions) differ from those it was made with; where only options that matches depend on differ, the
+    features stay. Mapping is always done again.
+    """
+
+    def __init__(self, folder: Path, photos: Sequence[Photo], options: SfmOptions, code_key: str = "") -> None:
         self.folder = folder
         self.photos = photos
         self.options = options
         self.database = folder / "features.db"
         self.cameras, self.images = _entries(photos, options)
-        settings, stored = folder / "settings.json", json.dumps(self._settings(), indent=1)
-        if self.database.is_file() and settings.is_file() and settings.read_text(encoding="utf-8") == stored:
+        path, settings = folder / "settings.json", self._settings(code_key)
+        stored = _read_settings(path) if self.database.is_file() else {}
+        if stored == settings:
             return
-        shutil.rmtree(folder, ignore_errors=True)
-        (folder / "features").mkdir(parents=True)
-        engine.create_database(self.database, self.cameras, self.images)
+        if stored.get("features") == settings["features"]:
+            engine.clear_matches(self.database)
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+            (folder / "features").mkdir(parents=True)
+            engine.create_database(self.database, self.cameras, self.images)
         # Written last: without it, the folder is begun anew.
-        settings.write_text(stored, encoding="utf-8")
+        path.write_text(json.dumps(settings, indent=1), encoding="utf-8")
 
     def mapping_database(self, overlaps: Sequence[Overlap]) -> Path:
         """Write the database that the mappers read, with these overlaps alone; return its path."""
@@ -69,14 +80,29 @@ class Workspace:
     def _features_path(self, i: int) -> Path:
         return self.folder / "features" / f"{i:06d}.npz"
 
-    def _settings(self) -> dict[str, object]:
-        digest = hashlib.sha256()
+    def _settings(self, code_key: str) -> dict[str, object]:
+        """What features and matches were made with, as `settings.json` holds it."""
+        digest, places = hashlib.sha256(), hashlib.sha256()
         for photo in self.photos:
             stat = photo.path.stat() if photo.path.is_file() else None
             known = (photo.name, stat and (stat.st_size, stat.st_mtime_ns), photo.width_px, photo.height_px)
             digest.update(repr((known, photo.focal_px, photo.camera_key, photo.orientation)).encode())
-        options = {name: value for name, value in asdict(self.options).items() if name not in ("threads", "mappers")}
-        return {"format": _FORMAT, "photos": digest.hexdigest(), "options": options}
+            places.update(repr(photo.gnss).encode())
+        of_features = {name: getattr(self.options, name) for name in _FEATURE_OPTIONS}
+        of_matches = {name: getattr(self.options, name) for name in _MATCH_OPTIONS}
+        return {
+            "features": {"format": _FORMAT, "code": code_key, "photos": digest.hexdigest(), "options": of_features},
+            "matches": {"gnss": places.hexdigest(), "options": of_matches},
+        }
+
+
+def _read_settings(path: Path) -> dict[str, object]:
+    """What a folder was made with; empty where nothing says so."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}
 
 
 def _entries(photos: Sequence[Photo], options: SfmOptions) -> tuple[list[CameraEntry], list[ImageEntry]]:

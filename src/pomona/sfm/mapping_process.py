@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pomona.sfm.options import Mapper, SfmOptions
 
-_RUN = "import sys; from pomona.sfm.worker import main; main(sys.argv[1:])"
+_RUN = "import sys; from pomona.sfm.mapping_process import main; main(sys.argv[1:])"
 
 
 class MappingProcess:

@@ -10,10 +10,14 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray
 from pomona.photos import Photo
 from pomona.sfm.engine import Overlap
-from pomona.sfm.values import Unregistered
+from pomona.sfm.pieces import Unregistered
 
+# Sharpness below this part of the usual one is blur: neighbours along a row differ by less.
 _BLURRED = 0.4
-_FEW_FEATURES = 300
+# Fewer features than these are blamed, where others have at least twice as many; fewer than the least always are.
+_FEW_FEATURES, _LEAST_FEATURES = 300, 50
+# Matches with a placed photo that should have been enough to place one more.
+_ENOUGH_MATCHES = 60
 
 _SHARPER = "Take photos with a shorter exposure, hold still, or walk more slowly; then take this place again."
 _TEXTURE = "Keep the tree in the frame, not sky, fog or a plain wall, and check exposure and focus."
@@ -22,8 +26,8 @@ _SIDEWAYS = "Move sideways between photos instead of turning on the spot: a tent
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What is known of n photos after matching.
+class RegistrationEvidence:
+    """What is known of n photos after matching and mapping.
 
     `features` (n,) counts; `sharpness` (n,); `unreadable` maps photo to reason; `placed` the photos that have a place;
     `dropped` photos that were in a piece too small or not credible.
@@ -38,7 +42,7 @@ class Evidence:
     dropped: frozenset[int]
 
 
-def explain(evidence: Evidence) -> list[Unregistered]:
+def explain_unregistered(evidence: RegistrationEvidence) -> list[Unregistered]:
     """Return a reason and an advice for each photo without a place."""
     lost = [i for i in range(len(evidence.photos)) if i not in evidence.placed]
     partners = _partners(evidence)
@@ -50,14 +54,16 @@ def explain(evidence: Evidence) -> list[Unregistered]:
     return unregistered
 
 
-def _reason(i: int, evidence: Evidence, partners: Mapping[int, int], typical: tuple[float, float]) -> tuple[str, str]:
+def _reason(
+    i: int, evidence: RegistrationEvidence, partners: Mapping[int, int], typical: tuple[float, float]
+) -> tuple[str, str]:
     if i in evidence.unreadable:
         return evidence.unreadable[i], "Copy the file again from the camera, or remove it."
     features, usual_features = int(evidence.features[i]), typical[0]
     ratio = float(evidence.sharpness[i]) / max(typical[1], 1e-9)
     blurred = ratio < _BLURRED
     soft = f"it is blurred ({100 * ratio:.0f} % of the usual sharpness)"
-    if features < min(_FEW_FEATURES, 0.5 * usual_features) or features < 50:
+    if features < min(_FEW_FEATURES, 0.5 * usual_features) or features < _LEAST_FEATURES:
         cause = "it is blurred: " if blurred else ""
         return f"{cause}only {features} features were found, others have about {usual_features:.0f}", (
             _SHARPER if blurred else _TEXTURE
@@ -78,12 +84,12 @@ def _reason(i: int, evidence: Evidence, partners: Mapping[int, int], typical: tu
         return f"it overlaps only with photos that have no place either ({others})", _CLOSER
     best = max(known, key=lambda j: known[j])
     weak = f"its best match is {evidence.photos[best].name} with {known[best]} points"
-    if known[best] < 60:
+    if known[best] < _ENOUGH_MATCHES:
         return f"it overlaps too little with the photos that have a place: {weak}", _CLOSER
     return f"it matches placed photos, but too few points in depth could be found from them: {weak}", _SIDEWAYS
 
 
-def _partners(evidence: Evidence) -> list[dict[int, int]]:
+def _partners(evidence: RegistrationEvidence) -> list[dict[int, int]]:
     """For each photo the photos that it has verified matches with, and how many."""
     partners: list[dict[int, int]] = [{} for _ in evidence.photos]
     for overlap in evidence.overlaps:
@@ -91,7 +97,7 @@ def _partners(evidence: Evidence) -> list[dict[int, int]]:
     return partners
 
 
-def _typical(evidence: Evidence) -> tuple[float, float]:
+def _typical(evidence: RegistrationEvidence) -> tuple[float, float]:
     """Medians of features and sharpness over the photos that have a place, or over all where none has."""
     among = sorted(evidence.placed) or list(range(len(evidence.photos)))
     return float(np.median(evidence.features[among])), float(np.median(evidence.sharpness[among]))

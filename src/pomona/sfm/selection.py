@@ -1,18 +1,20 @@
-"""Which of several results is the better one: how much of what the photos have in common do the cameras explain?"""
+"""Selection of what the mappers found: which mapper's models are kept, and which photo belongs to which of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.sfm.engine import Overlap
 from pomona.sfm.models import Model
 
-# Two cameras that are right explain a match to within the error (working px) that verification allowed it.
+# Two cameras that are right explain a match to within the error (working px) that verification allowed it: COLMAP's.
 _TOLERANCE_PX = 4.0
+# Overlaps of this many matches and more weigh the same.
 _FULL_WEIGHT = 100
 
 
@@ -49,6 +51,63 @@ def support(shares: FloatArray, overlaps: Sequence[Overlap]) -> float:
     """
     weights = np.array([min(len(overlap.idx), _FULL_WEIGHT) for overlap in overlaps], float)
     return float((weights * shares).sum() / weights.sum()) if len(weights) else 0.0
+
+
+def distinct(models: Sequence[Model], least_photos: int) -> list[Model]:
+    """Return the models, largest first, with each photo in the largest only; what is left too small is dropped."""
+    taken: set[int] = set()
+    kept: list[Model] = []
+    for model in sorted(models, key=lambda m: (-len(m.photo_idx), -len(m.cameras.points_in_world))):
+        free = np.array([int(photo) not in taken for photo in model.photo_idx], bool)
+        if free.sum() < least_photos:
+            continue
+        kept.append(model if free.all() else take(model, free))
+        taken |= {int(photo) for photo in model.photo_idx[free]}
+    return sorted(kept, key=lambda m: -len(m.photo_idx))
+
+
+def credible(
+    models: Sequence[Model], overlaps: Sequence[Overlap], shares: FloatArray, least_explained: float
+) -> list[Model]:
+    """Return the models whose cameras explain at least that share of their own photos' matches (see `explained`)."""
+    kept = []
+    for model in models:
+        inside = set(model.photo_idx.tolist())
+        own = [k for k, overlap in enumerate(overlaps) if overlap.first in inside and overlap.second in inside]
+        if own and support(shares[own], [overlaps[k] for k in own]) >= least_explained:
+            kept.append(model)
+    return kept
+
+
+def take(model: Model, chosen: BoolArray) -> Model:
+    """Return the model with the chosen photos (n,) alone, and the points that at least two of them see."""
+    cameras = model.cameras
+    seen = chosen[cameras.track_photo_idx]
+    views = np.bincount(cameras.track_point_idx[seen], minlength=len(cameras.points_in_world))
+    seen &= (views >= 2)[cameras.track_point_idx]
+    used = sorted(set(cameras.intrinsics_idx[chosen].tolist()))
+    new_photo, new_point = np.cumsum(chosen) - 1, np.cumsum(views >= 2) - 1
+    part = replace(
+        cameras,
+        photos=tuple(name for name, keep in zip(cameras.photos, chosen, strict=True) if keep),
+        intrinsics=tuple(cameras.intrinsics[i] for i in used),
+        intrinsics_idx=np.searchsorted(used, cameras.intrinsics_idx[chosen]),
+        cam_from_world=cameras.cam_from_world[chosen],
+        points_in_world=cameras.points_in_world[views >= 2],
+        points_rgb=cameras.points_rgb[views >= 2],
+        points_error_px=cameras.points_error_px[views >= 2],
+        track_point_idx=new_point[cameras.track_point_idx[seen]],
+        track_photo_idx=new_photo[cameras.track_photo_idx[seen]],
+        track_xy_px=cameras.track_xy_px[seen],
+    )
+    return Model(part, model.photo_idx[chosen], model.scale[chosen])
+
+
+def mean_error_px(cameras: Cameras) -> float:
+    """Return the mean reprojection error of all observations of points, in pixels of the whole photo."""
+    if not len(cameras.track_point_idx):
+        return float("nan")
+    return float(cameras.points_error_px[cameras.track_point_idx].mean())
 
 
 def sampson_distance(pose1: FloatArray, pose2: FloatArray, rays1: FloatArray, rays2: FloatArray) -> FloatArray:
