@@ -1,12 +1,13 @@
 # Two commands for a fresh machine with Python 3.11 or newer:
 #   make demo   makes .venv, installs Pomona, runs the main job on the bundled sample
 #   make test   makes .venv-dev, installs what the tests need, runs the quick tests
-# Others: make check (what .ci/run runs), make viewer (rebuild the viewer; needs Node).
+# Others: make check (what .ci/run runs), make docs (the documentation as a site: site/index.html), make viewer (rebuild the
+# viewer; needs Node).
 
 PYTHON ?= python3
 DEMO_OUT ?= pomona-demo
 
-.PHONY: demo test check lint slow viewer clean
+.PHONY: demo test check lint docs slow viewer clean
 
 demo: .venv/installed
 	.venv/bin/pomona demo --out $(DEMO_OUT)
@@ -14,12 +15,16 @@ demo: .venv/installed
 test: .venv-dev/installed
 	.venv-dev/bin/python -m pytest
 
-check: lint test slow
+check: lint test docs slow
 
 lint: .venv-dev/installed
 	.venv-dev/bin/ruff check .
 	.venv-dev/bin/ruff format --check .
 	.venv-dev/bin/mypy
+
+docs: .venv-dev/installed
+	.venv-dev/bin/python docs/assemble.py build/docs
+	.venv-dev/bin/mkdocs build --strict --quiet
 
 slow: .venv-dev/installed
 	.venv-dev/bin/python -m pytest -m slow
@@ -38,8 +43,8 @@ viewer:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Pomona needs Python 3.11 or newer; call make with PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv .venv-dev
 	.venv-dev/bin/python -m pip install --quiet --upgrade pip
-	.venv-dev/bin/python -m pip install --quiet --editable '.[dev,train,synth]'
+	.venv-dev/bin/python -m pip install --quiet --editable '.[dev,docs,train,synth]'
 	touch $@
 
 clean:
-	rm -rf .venv .venv-dev build dist
+	rm -rf .venv .venv-dev build dist site

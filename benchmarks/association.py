@@ -1,4 +1,4 @@
-"""The ways of joining detections into fruits, on the same rows: scores, time and memory, for docs/benchmarks.md.
+"""The ways of joining detections into fruits, on the same rows: scores, time and memory, for docs/lab/benchmarks.md.
 
 python -m benchmarks.association OUT ROW [ROW ...] [--seeds N] [--only KIND ...] [--methods METHOD ...] [--json FILE]
 

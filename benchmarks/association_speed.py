@@ -1,4 +1,4 @@
-"""How the time of the association grows with the length of the row: seconds and peak memory, for docs/benchmarks.md.
+"""How time and memory of the association grow with the length of the row, for docs/lab/benchmarks.md.
 
 python benchmarks/association_speed.py [PHOTOS ...]      by default 75 150 300 600
 

@@ -1,4 +1,4 @@
-"""Segmenters on photos that they were not trained on: AP50, F1, masks and time, as a table for docs/benchmarks.md.
+"""Segmenters on photos that they were not trained on: AP50, F1, masks and time, as a table for docs/lab/segmenter.md.
 
 python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--only NAME ...] [--min-visible PX] [--scale S]
         [--json FILE]

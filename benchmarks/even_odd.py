@@ -1,4 +1,4 @@
-"""Whether two halves of a survey's photos tell of the same fruits: even against odd photos, for docs/benchmarks.md.
+"""Whether even and odd photos of a survey give the same fruits, for docs/lab/object-method.md.
 
 python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--crops FOLDER --photos FOLDER]
 

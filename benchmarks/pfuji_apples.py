@@ -1,4 +1,4 @@
-"""Fruits in the union cloud of 215 real apples, by spheres and by the paper's clustering, for docs/cloud-method.md.
+"""Fruits in the union cloud of 215 real apples, by spheres and by the paper's clustering, for docs/lab/cloud-method.md.
 
 python -m benchmarks.pfuji_apples [FOLDER] [--worse]
 

@@ -1,4 +1,4 @@
-"""Both sides of rendered rows in one frame: by markers, by these and fruits, by fruits alone; for docs/benchmarks.md.
+"""Both sides of rendered rows in one frame: by markers, markers and fruits, fruits alone; for docs/lab/benchmarks.md.
 
 python -m benchmarks.sides OUT ROW [ROW ...]
 

@@ -1,6 +1,6 @@
 """`pomona run` on the real videos and the rendered row: stage times, peak memory, photos placed, fruits, scores.
 
-python benchmarks/surveys.py OUT [--data FOLDER] [--only NAME ...]     prints the tables of docs/benchmarks.md
+python benchmarks/surveys.py OUT [--data FOLDER] [--only NAME ...]     prints the tables of docs/lab/benchmarks.md
 
 A survey that is in OUT already is read, not run again.
 """

@@ -1,4 +1,4 @@
-"""How fast `pomona view` opens a big survey, and how it turns: seconds, for docs/view.md.
+"""How fast `pomona view` opens a big survey, and how it turns: seconds, for docs/lab/viewing.md.
 
     python benchmarks/view_big.py FOLDER [--fruits 20000] [--photos 2000] [--points 5000000]
 

@@ -163,7 +163,10 @@ def test_metadata_that_anybody_may_add_becomes_traits(tmp_path: Path) -> None:
 @needs_onnx
 def test_unknown_outputs_are_refused(tmp_path: Path) -> None:
     model = write_detr(tmp_path / "x.onnx", [((0.0, 0.0, 1.0, 1.0), 0, 2.0)])
-    said = r"no layout that Pomona knows\. Found: pred .*Known: Pomona's own.*YOLO-seg.*RF-DETR-seg.*docs/detectors\.md"
+    said = (
+        r"no layout that Pomona knows\. Found: pred .*Known: Pomona's own.*YOLO-seg.*RF-DETR-seg.*"
+        r"docs/reference/detectors\.md"
+    )
     with pytest.raises(FormatError, match=said):
         load_segmenter(_renamed(model, "dets", "pred"))
 
@@ -304,7 +307,7 @@ def test_files_that_a_model_depends_on(tmp_path: Path) -> None:
 
 
 def test_the_detector_of_the_documentation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    text = (Path(__file__).parent.parent / "docs" / "detectors.md").read_text()
+    text = (Path(__file__).parent.parent / "docs" / "reference" / "detectors.md").read_text()
     (code,) = [block for block in text.split("```python\n")[1:] if "class RedThings" in block]
     (tmp_path / "red_things.py").write_text(code.split("```")[0])
     monkeypatch.syspath_prepend(tmp_path)

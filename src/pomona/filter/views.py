@@ -26,7 +26,7 @@ def view_features(fused: Fused, detections: SurveyDetections, cameras: Cameras) 
     The logarithm of the number of photos that saw it; these as a share of the photos that should have, being near to
     one that did and having it in the picture; the mean score of its detections; the largest share of its disc that a
     mask fills; and the logarithm of how well its place is known, a standard deviation in diameters. More was tried,
-    and told nothing more (docs/object-method.md).
+    and told nothing more (docs/reference/methods/object.md).
     """
     masks = masks_of(detections, cameras, rays=_RAYS)
     usual_m = float(np.nanmedian(fused.fruits.diameters_m)) / 2 if len(fused.fruits) else 1.0

@@ -33,12 +33,14 @@ class RunOptions:
 
     `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
     installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks
-    (docs/given-detections.md), in place of a segmenter, and `classes`, those of it that are fruit (None: it has one).
+    (docs/reference/detection-formats.md), in place of a segmenter, and `classes`, those of it that are fruit (None: it
+    has one).
     `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
     `scale_bar` (two ids, metres), `use_gnss`, `fruit_diameter_m`: where metres come from, in this order.
     `variant` of the method "paper": to the letter of its "text", or as its authors' "published-code" does it; None:
-    what is best of both (docs/paper-method.md). `engine` makes the dense cloud. `filter_false_positives`: whether the
-    support vector machine has its say, with `filter_model` (None: the shipped one).
+    what is best of both (docs/reference/methods/paper.md). `engine` makes the dense cloud.
+    `filter_false_positives`: whether the support vector machine has its say, with `filter_model` (None: the shipped
+    one).
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -106,7 +108,7 @@ class RunOptions:
     def least_score(self, model_threshold: float) -> float:
         """Return the score from which detections become fruit, where a single photo's are best from `model_threshold`.
 
-        Who sees all photos may trust less in each: 0.8 of it finds more fruits (docs/object-method.md).
+        Who sees all photos may trust less in each: 0.8 of it finds more fruits (docs/lab/object-method.md).
         """
         if self.score_threshold is not None:
             return self.score_threshold

@@ -31,5 +31,5 @@ def load_onnx(path: Path, *, classes: Sequence[str] = (), score_floor: float | N
     raise FormatError(
         f"{path}: its outputs are of no layout that Pomona knows. Found: {'; '.join(map(str, file.outputs))}. "
         f"Known: {'; '.join(known)}. A detector without masks has to be exported again from its segmentation variant; "
-        f"for any other network, see docs/detectors.md"
+        f"for any other network, see docs/reference/detectors.md"
     )

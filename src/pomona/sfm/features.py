@@ -1,7 +1,7 @@
 """Features of a photo: OpenCV's SIFT with RootSIFT descriptors, at a bounded size and in a bounded number.
 
 OpenCV's extractor rather than COLMAP's: at the same settings it takes half the time of COLMAP's on a processor, and
-places features as precisely (see docs/sfm.md).
+places features as precisely (see docs/reference/methods/structure-from-motion.md).
 """
 
 from __future__ import annotations

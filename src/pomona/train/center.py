@@ -28,7 +28,7 @@ TYPICAL_FRUIT_PX = 40.0
 """Fruit widths that the crops show, and the width at which photos are read by this network."""
 
 # Masks made from boxes reach a pixel or two over the fruit. On rendered photos, whose masks are exact, areas are 1.18
-# of the true ones at 0.5 and 1.10 at 0.9, where they overlap the true masks best (docs/model-card.md).
+# of the true ones at 0.5 and 1.10 at 0.9, where they overlap the true masks best (docs/lab/segmenter.md).
 _FOREGROUND_OF_WEAK_MASKS = 0.9
 
 _MULTIPLE = 32

@@ -76,7 +76,7 @@ class FruitNet(nn.Module):
 def seen_twice(network: FruitNet, image: Tensor) -> Outputs:
     """Return the mean of what the network says of photos (n, 3, h, w) and of their mirror images.
 
-    On photos that it was not trained on that is worth 0.01 of F1 and AP50 (docs/model-card.md), for twice the time.
+    On photos that it was not trained on that is worth 0.01 of F1 and AP50 (docs/lab/segmenter.md), for twice the time.
     """
     one, other = network(image), _mirrored(network(torch.flip(image, [3])))
     return Outputs(*((a + b) / 2 for a, b in zip(one, other, strict=True)))

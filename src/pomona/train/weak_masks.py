@@ -2,7 +2,7 @@
 
 Each photo has its own model of colour: a histogram of what lies in the middle of its boxes against one of what lies
 outside all boxes. Middles hold leaves as well; those are found by their colour, and the histogram is made again
-without them (expectation maximisation with the surroundings held). docs/training-data.md says how good that is.
+without them (expectation maximisation with the surroundings held). docs/lab/training.md says how good that is.
 """
 
 from __future__ import annotations

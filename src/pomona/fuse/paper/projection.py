@@ -15,7 +15,7 @@ from pomona.fuse.paper.options import Projection
 # As in the authors' code, which leaves photos with fewer out.
 MIN_DLT_POINTS = 10
 # It counts pixels from 1, tie points from the photo's edge, and rounds: half a pixel off in x, and the other way in y.
-# With this 205 of its 209 fruits share 99 % of their points with ours, without it 7 (docs/datasets.md).
+# With this 205 of its 209 fruits share 99 % of their points with ours, without it 7 (docs/lab/public-datasets.md).
 _CODE_OFF_PX = np.array([-0.5, 0.5])
 
 
