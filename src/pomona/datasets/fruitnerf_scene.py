@@ -20,7 +20,8 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate import Truth
 from pomona.formats.detections.png_masks import masks_of_ids
-from pomona.formats.json_file import load_json, read_text
+from pomona.formats.files import read_text
+from pomona.formats.json_file import load_json
 from pomona.formats.xyz import first_lines
 from pomona.photos import Photos
 from pomona.progress import Progress, track

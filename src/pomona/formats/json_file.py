@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import FormatError, MissingFileError
+from pomona.errors import FormatError
+from pomona.formats.files import read_text
 
 
 class _TwiceError(ValueError):
@@ -26,19 +27,6 @@ def load_json(path: Path, expected: str) -> Any:
         raise FormatError(f"{path}: expected {expected}, but {error}") from None
     except ValueError as error:
         raise FormatError(f"{path}: expected {expected}, but it is no JSON: {error}") from None
-
-
-def read_text(path: Path, expected: str) -> str:
-    """Return the text of a file; raises `MissingFileError`, and `FormatError` where it is empty or no UTF-8 text."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise MissingFileError(f"{path}: expected {expected}, but there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path}: expected {expected}, but it cannot be read: {error}") from None
-    if not text.strip():
-        raise FormatError(f"{path}: expected {expected}, but the file is empty")
-    return text
 
 
 def is_number(value: Any) -> bool:

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError
-from pomona.formats.json_file import read_text
+from pomona.formats.files import read_text
 
 
 def load_xml(path: Path, expected: str) -> Xml.Element:

@@ -19,7 +19,7 @@ from pomona.cameras import Cameras, Intrinsics
 from pomona.errors import FormatError, InputError
 from pomona.formats.cameras.given import shared
 from pomona.formats.cameras.poses import pose_from, rotation_from
-from pomona.formats.json_file import read_text
+from pomona.formats.files import read_text
 
 _EXPECTED = "a Bundler file (# Bundle file v0.3)"
 # From Bundler's camera axes (y up, looking along -z) to OpenCV's.

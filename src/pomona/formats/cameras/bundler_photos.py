@@ -10,7 +10,7 @@ from pomona.formats.cameras.bundler import Bundle, cameras_of, parse_bundle
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.names import match_names
 from pomona.formats.cameras.onto_photos import stored_size
-from pomona.formats.json_file import read_text
+from pomona.formats.files import read_text
 from pomona.photos import Photos
 
 # After a photo Bundler writes "0" and the focal length that it began with.

@@ -13,7 +13,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.errors import FormatError
-from pomona.formats.json_file import read_text
+from pomona.formats.files import read_text
 
 _HEADER = "OPENSFM_TRACKS_VERSION"
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError, few
-from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, parse_coco
+from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, is_coco, parse_coco
+from pomona.formats.detections.format import AnnotationFiles, Format
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size, edges_of
 from pomona.formats.detections.photo_source import Sources
 from pomona.progress import Progress, Silent
@@ -64,3 +65,16 @@ def _fruit(annotation: CocoAnnotation, *, named: bool) -> LabelledFruit | None:
         score=annotation.score,
         id=annotation.id,
     )
+
+
+def _read(given: AnnotationFiles) -> list[LabelledPhoto]:
+    return [p for file in given.files for p in read_coco_labels(file, given.sources, progress=given.progress)]
+
+
+FORMAT = Format(
+    kind="coco",
+    title="COCO",
+    recognise=lambda content: is_coco(content.json),
+    read=_read,
+    labels="a COCO file (*.json with images and annotations)",
+)

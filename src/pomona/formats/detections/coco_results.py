@@ -13,7 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError
-from pomona.formats.detections.coco_file import CocoFile, CocoImage, coco_of, parse_coco, with_images
+from pomona.formats.detections.coco_file import CocoFile, CocoImage, coco_of, is_results, parse_coco, with_images
+from pomona.formats.detections.coco_labels import labelled_coco
+from pomona.formats.detections.format import AnnotationFiles, Format
+from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.json_file import load_json
 from pomona.photos import Photo
@@ -70,3 +73,21 @@ def _looked_up(name: str, place: str, photos: GivenPhotos) -> Photo | None:
     if photo is None and name not in photos.strangers:
         photos.strangers.append(name)
     return photo
+
+
+def _read(given: AnnotationFiles) -> list[LabelledPhoto]:
+    assert given.photos is not None
+    found = []
+    for file in given.files:
+        content = read_results(file, given.photos, given.companions, progress=given.progress)
+        found += labelled_coco(file, content, given.sources, progress=given.progress)
+    return found
+
+
+FORMAT = Format(
+    kind="coco-results",
+    title="a list of COCO results",
+    recognise=lambda content: is_results(content.json),
+    read=_read,
+    companions=("coco",),  # what has the images of the results
+)

@@ -16,6 +16,7 @@ import numpy as np
 
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
+from pomona.formats.detections.format import Format, file_by_file
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size, joined
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, polygon_mask, score_of
@@ -139,3 +140,12 @@ def _whole(element: Xml.Element, key: str) -> int:
     if value != int(value):
         raise InputError(f"{key}: expected a whole number, found {value:g}")
     return int(value)
+
+
+FORMAT = Format(
+    kind="cvat",
+    title="CVAT",
+    recognise=lambda content: content.xml is not None and is_cvat(content.xml),
+    read=file_by_file(read_cvat),
+    labels="annotations of CVAT for images (*.xml)",
+)

@@ -18,6 +18,7 @@ import numpy as np
 
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
+from pomona.formats.detections.format import Format
 from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto, check_size, joined
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, number, numbers, polygon_mask
@@ -135,3 +136,13 @@ def _point(value: Any) -> tuple[float, float]:
     if len(pair) != 2:
         raise InputError(f"points: expected pairs x, y, found {value!r:.40}")
     return number(pair[0], "x"), number(pair[1], "y")
+
+
+FORMAT = Format(
+    kind="labelme",
+    title="LabelMe",
+    recognise=lambda content: is_labelme(content.json),
+    read=lambda given: read_labelme(given.files, given.sources),
+    labels="LabelMe files (*.json with imagePath and shapes, one a photo)",
+    one_photo_a_file=True,
+)

@@ -16,13 +16,16 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.detections import Mask
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError
+from pomona.formats.detections.format import Format
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
 from pomona.formats.detections.photo_source import Sources, named_as
 from pomona.formats.detections.png_masks import masks_of_ids
+from pomona.formats.files import read_head
 
 EXPECTED = "a MATLAB file with mask (a label image) and scores (one a label)"
 _ENDINGS = ("_mask", "_masks")
+_HEADER_BYTES = 1024  # the signature of HDF5 follows a block of MATLAB's own, of 512 bytes
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MOST_LABELS = 65535  # as the authors' code, which keeps label images in 16 bits
 
@@ -88,13 +91,7 @@ def read_mats_found(files: Sequence[Path], folder: Path, sources: Sources) -> li
 def _variables(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    try:
-        with path.open("rb") as file:
-            head = file.read(1024)
-    except FileNotFoundError:
-        raise MissingFileError(f"{path}: expected {EXPECTED}, but there is no such file") from None
-    except OSError as error:
-        raise FormatError(f"{path}: expected {EXPECTED}, but it cannot be read: {error}") from None
+    head = read_head(path, EXPECTED, _HEADER_BYTES)
     if head.startswith(b"MATLAB 7.3") or _HDF5 in head:
         raise FormatError(
             f"{path}: expected a MATLAB file of version 7 or older, found one of 7.3 (HDF5): "
@@ -141,3 +138,12 @@ def _what(value: Any) -> str:
 def _first_other(value: np.ndarray[Any, Any]) -> str:
     other = value[~((value >= 0) & (value <= _MOST_LABELS) & (np.round(value) == value))]
     return f"{other[0]:g}"
+
+
+FORMAT = Format(
+    kind="mat",
+    title="MATLAB masks",
+    recognise=lambda content: is_mat(content.head) or content.suffix == ".mat",  # version 4 has no header
+    read=lambda given: read_mats_found(given.files, given.folder, given.sources),
+    binary=True,
+)

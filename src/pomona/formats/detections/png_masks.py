@@ -15,12 +15,14 @@ from scipy import ndimage
 from pomona.arrays import IntArray
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.format import Format, LabelFolder
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
 from pomona.formats.detections.photo_source import PhotoFile, SizeOf, Sources, named_as, named_within, photos_in
 
 _MASK_FOLDERS = ("masks", "truth/masks", "instances", "labels")
 _PHOTO_FOLDERS = ("images", "photos", ".")
 _PNG, _PALETTE = b"\x89PNG\r\n\x1a\n", b"\x03"
+_IMAGES = (_PNG, b"II*\x00", b"MM\x00*")  # PNG and TIFF, the ones that keep numbers as they are
 _MOST_COLOURS = 2000  # nobody gives so many fruits of one photo a colour each
 _VOC_RIM = (224, 224, 192)
 _ENDINGS = ("", "_mask", "_masks", "_instances", "_label", "_ids")
@@ -145,3 +147,14 @@ def masks_of_ids(ids: IntArray) -> Iterator[tuple[int, Mask]]:
             rows, columns = place
             id_ = number if known is None else int(known[number])
             yield id_, Mask.from_pixels(ids[place] == number, columns.start, rows.start)
+
+
+FORMAT = Format(
+    kind="masks",
+    title="images of fruit ids (PNG, TIFF)",
+    recognise=lambda content: content.head.startswith(_IMAGES),
+    read=lambda given: read_masks_found(given.files, given.folder, given.sources),
+    labels="images of fruit ids (masks/*.png for images/*), such as a rendered row has (truth/masks/*.png)",
+    binary=True,
+    label_folder=LabelFolder(lambda folder: mask_folder(folder) is not None, read_png_masks, exact=True),
+)

@@ -2,61 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, few
-from pomona.formats.detections.coco_labels import labelled_coco, read_coco_labels
 from pomona.formats.detections.coco_masks import ellipse_mask
-from pomona.formats.detections.coco_results import read_results
-from pomona.formats.detections.cvat import read_cvat
-from pomona.formats.detections.kinds import kind_of, sink_error
+from pomona.formats.detections.content import FileContent
+from pomona.formats.detections.format import AnnotationFiles, Format
 from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto, classes_of
-from pomona.formats.detections.labelme import read_labelme
-from pomona.formats.detections.mat_masks import read_mats_found
 from pomona.formats.detections.photo_source import GivenPhotos
-from pomona.formats.detections.png_masks import read_masks_found
-from pomona.formats.detections.via import read_via_json
-from pomona.formats.detections.via_csv import read_via_csv
-from pomona.formats.detections.voc import read_voc
-from pomona.formats.detections.yolo import NOT_LABELS, read_yolo_found
+from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
+from pomona.formats.detections.yolo import NOT_LABELS
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 
-KINDS = {
-    "coco": "COCO",
-    "coco-results": "a list of COCO results",
-    "via": "VIA",
-    "via-csv": "a table of VIA",
-    "labelme": "LabelMe",
-    "cvat": "CVAT",
-    "voc": "Pascal VOC",
-    "yolo": "YOLO",
-    "masks": "images of fruit ids (PNG, TIFF)",
-    "mat": "MATLAB masks",
-}
-_MANY_TEXTS = ("labelme", "voc")  # a file for every photo: looking into two of them is enough
+# Files with these suffixes are there to hold annotations: one that cannot be read is an error, not passed over.
 _SUFFIXES = (".json", ".csv", ".xml", ".txt")
-
-
-@dataclass(frozen=True)
-class _Found:
-    """The files of one format in what was given; `folder` is where their names start."""
-
-    kind: str
-    folder: Path
-    files: tuple[Path, ...]
-    images: tuple[Path, ...] = ()  # COCO files beside a list of results
 
 
 def read_detections(
     path: Path, photos: Photos, *, classes: Sequence[str] | None = None, progress: Progress | None = None
 ) -> SurveyDetections:
-    """Return the detections that a file or folder of any format in `KINDS` gives for `photos`.
+    """Return the detections that a file or folder of any format in `registry.FORMATS` gives for `photos`.
 
     The format is known by the content. Photos are matched by name, by the end of the path, or by the name without
     suffix. Scores are 1 where the file has none, ids are the file's where it has some. A box alone becomes the ellipse
@@ -68,11 +39,10 @@ def read_detections(
     what was expected.
     """
     path, progress = Path(path), progress or Silent()
-    found = _find(path, photos)
+    found, files, companions = _find(path, photos)
     given = GivenPhotos(photos)
-    labelled = _read(found, given, progress)
-    if found.kind == "yolo":
-        labelled = _with_bare(labelled, given, path, progress)
+    folder = path if path.is_dir() else path.parent
+    labelled = found.read(AnnotationFiles(path, folder, files, given.of_file, given, companions, progress))
     if not labelled:
         raise FormatError(
             f"{path}: none of its {len(given.strangers)} images is among the {len(photos)} photos: expected names such "
@@ -87,8 +57,8 @@ def read_detections(
     return detections
 
 
-def _find(path: Path, photos: Photos) -> _Found:
-    """The files of the one format in `path`."""
+def _find(path: Path, photos: Photos) -> tuple[Format, tuple[Path, ...], tuple[Path, ...]]:
+    """The one format in `path`, its files, and those of the formats that belong to it."""
     if not path.exists():
         raise MissingFileError(f"{path}: expected detections, but there is no such file or folder")
     own = {photo.path.resolve() for photo in photos}
@@ -96,28 +66,35 @@ def _find(path: Path, photos: Photos) -> _Found:
     for file in _files(path):
         if file.resolve() in own:
             continue
-        alike = (kind for kind in _MANY_TEXTS if len(by_kind.get(kind, ())) >= 2)
-        kind = next((kind for kind in alike if by_kind[kind][0].suffix == file.suffix), None) or _kind_of(file, path)
-        if kind == "sink":
-            raise sink_error(file)
-        if kind is not None:
-            by_kind.setdefault(kind, []).append(file)
-    images = tuple(by_kind.pop("coco", ())) if "coco-results" in by_kind else ()
-    if "via" in by_kind:
-        by_kind.pop("via-csv", None)  # the other export of a project
+        one = _another_alike(file, by_kind) or _recognised(file, path)
+        if one is not None and one.refusal:
+            raise FormatError(f"{file}: {one.refusal}")
+        if one is not None:
+            by_kind.setdefault(one.kind, []).append(file)
+    companions = {
+        kind: tuple(file for each in FORMAT_OF[kind].companions for file in by_kind.pop(each, ()))
+        for kind in [each.kind for each in FORMATS if each.kind in by_kind]
+    }
     if not by_kind:
-        raise InputError(f"{path}: expected detections of one of {'; '.join(KINDS.values())}; found none of them")
+        titles = "; ".join(each.title for each in FORMATS if not each.refusal)
+        raise InputError(f"{path}: expected detections of one of {titles}; found none of them")
     if len(by_kind) > 1:
-        named = ", ".join(f"{KINDS[kind]} ({files[0].name})" for kind, files in by_kind.items())
+        named = ", ".join(f"{FORMAT_OF[kind].title} ({files[0].name})" for kind, files in by_kind.items())
         raise InputError(f"{path}: expected detections of one format, found {named}: name the one to use")
     ((kind, files),) = by_kind.items()
-    return _Found(kind, path if path.is_dir() else path.parent, tuple(files), images)
+    return FORMAT_OF[kind], tuple(files), companions[kind]
 
 
-def _kind_of(file: Path, path: Path) -> str | None:
+def _another_alike(file: Path, by_kind: Mapping[str, Sequence[Path]]) -> Format | None:
+    """The format of a file like others before: where each photo has one, looking into two of them is enough."""
+    alike = (kind for kind, files in by_kind.items() if len(files) >= 2 and files[0].suffix == file.suffix)
+    return next((FORMAT_OF[kind] for kind in alike if FORMAT_OF[kind].one_photo_a_file), None)
+
+
+def _recognised(file: Path, path: Path) -> Format | None:
     """The format of a file in `path`; None of what is no text that can be read, unless it was to hold annotations."""
     try:
-        return kind_of(file)
+        return recognised(FileContent(file))
     except FormatError:
         if file == path or file.suffix.lower() in _SUFFIXES:
             raise
@@ -129,46 +106,6 @@ def _files(path: Path) -> list[Path]:
         return [path]
     inside = (p for p in sorted(path.rglob("*")) if p.is_file() and p.name.lower() not in NOT_LABELS)
     return [p for p in inside if not any(part.startswith(".") for part in p.relative_to(path).parts)]
-
-
-def _read(found: _Found, given: GivenPhotos, progress: Progress) -> list[LabelledPhoto]:
-    files, folder, sources = found.files, found.folder, given.of_file
-
-    def results(file: Path) -> list[LabelledPhoto]:
-        content = read_results(file, given, found.images, progress=progress)
-        return labelled_coco(file, content, sources, progress=progress)
-
-    each: dict[str, Callable[[Path], list[LabelledPhoto]]] = {
-        "coco": lambda file: read_coco_labels(file, sources, progress=progress),
-        "coco-results": results,
-        "via": lambda file: read_via_json(file, sources),
-        "via-csv": lambda file: read_via_csv(file, sources),
-        "cvat": lambda file: read_cvat(file, sources),
-    }
-    together: dict[str, Callable[[], list[LabelledPhoto]]] = {
-        "labelme": lambda: read_labelme(files, sources),
-        "voc": lambda: read_voc(files, sources),
-        "yolo": lambda: read_yolo_found(files, folder, sources),
-        "masks": lambda: read_masks_found(files, folder, sources),
-        "mat": lambda: read_mats_found(files, folder, sources),
-    }
-    if found.kind in together:
-        return together[found.kind]()
-    return [photo for file in files for photo in each[found.kind](file)]
-
-
-def _with_bare(
-    labelled: list[LabelledPhoto], given: GivenPhotos, path: Path, progress: Progress
-) -> list[LabelledPhoto]:
-    """YOLO's photos and those without a file, in which it found nothing."""
-    bare = given.unused
-    if labelled and bare:
-        progress.warn(
-            f"{path}: {len(bare)} photos have no file and are taken as photos without fruit, as YOLO writes none for "
-            f"them: {few([photo.name for photo in bare])}."
-        )
-        labelled = [*labelled, *(LabelledPhoto(p.path, p.name, p.width_px, p.height_px, ()) for p in bare)]
-    return labelled
 
 
 def _of_classes(path: Path, labelled: list[LabelledPhoto], classes: Sequence[str] | None) -> list[LabelledPhoto]:

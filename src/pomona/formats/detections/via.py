@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError
+from pomona.formats.detections.format import Format, file_by_file
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.via3 import is_via3, via3_photos
@@ -70,3 +71,14 @@ def _photo(path: Path, key: str, entry: Any) -> ViaPhoto:
         attributes = region.get("region_attributes")
         found.append(ViaRegion(where, region["shape_attributes"], attributes if isinstance(attributes, dict) else {}))
     return ViaPhoto(name, tuple(found))
+
+
+FORMAT = Format(
+    kind="via",
+    title="VIA",
+    recognise=lambda content: is_via(content.json),
+    read=file_by_file(read_via_json),
+    labels="labels of the VGG Image Annotator (*.json)",
+    companions=("via-csv",),  # the other export of a project
+    photos_in=via_photos,
+)

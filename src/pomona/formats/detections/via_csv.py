@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError
+from pomona.formats.detections.format import Format, file_by_file
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.via_regions import ViaPhoto, ViaRegion, labelled
-from pomona.formats.json_file import read_text
+from pomona.formats.files import read_text
 
 EXPECTED = "a table of regions of the VGG Image Annotator (VIA)"
 _COLUMNS = ("filename", "region_shape_attributes", "region_attributes")
@@ -67,3 +68,13 @@ def _object(path: Path, place: str, column: str, text: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise FormatError(f"{path}: {place}: {column}: expected a JSON object, found {text!r:.40}")
     return value
+
+
+FORMAT = Format(
+    kind="via-csv",
+    title="a table of VIA",
+    recognise=lambda content: is_via_csv(content.first_line),
+    read=file_by_file(read_via_csv),
+    labels="a table of the VGG Image Annotator (*.csv)",
+    photos_in=via_csv_photos,
+)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError
+from pomona.formats.detections.format import Format
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import clipped_box, polygon_mask
@@ -79,3 +80,13 @@ def _points(polygon: Xml.Element) -> list[tuple[float, float]]:
 
 def _number(element: Xml.Element, tag: str) -> float:
     return finite_number(element.findtext(tag), tag)
+
+
+FORMAT = Format(
+    kind="voc",
+    title="Pascal VOC",
+    recognise=lambda content: content.xml is not None and is_voc(content.xml),
+    read=lambda given: read_voc(given.files, given.sources),
+    labels="Pascal VOC files (*.xml, one a photo)",
+    one_photo_a_file=True,
+)

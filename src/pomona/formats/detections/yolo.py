@@ -16,11 +16,13 @@ import numpy as np
 import yaml  # type: ignore[import-untyped]
 
 from pomona.detections import Mask
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError, MissingFileError, few
+from pomona.formats.detections.content import FileContent
+from pomona.formats.detections.format import AnnotationFiles, Format, LabelFolder
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.photo_source import PhotoFile, SizeOf, Sources, named_as, named_within, photos_below
 from pomona.formats.detections.shapes import clipped_box, polygon_mask, score_of
-from pomona.formats.json_file import read_text
+from pomona.formats.files import read_text
 
 EXPECTED = "lines of YOLO"
 # Rounded shares may reach over the edge; 1 % of the photo's side is what exporters have been seen to do.
@@ -189,3 +191,37 @@ def _category(cell: str, names: Mapping[int, str] | None) -> str:
     if number not in names:
         raise InputError(f"expected the number of a class from {min(names)} to {max(names)}, found {number}")
     return names[number]
+
+
+def _recognise(content: FileContent) -> bool:
+    """By the text, or of a file without any, that a photo without fruit may have, by the suffix."""
+    return content.suffix == ".txt" if content.is_blank else is_yolo(content.lines)
+
+
+def _read(given: AnnotationFiles) -> list[LabelledPhoto]:
+    """The photos with files, and those of a survey without: in them nothing was found."""
+    labelled = read_yolo_found(given.files, given.folder, given.sources)
+    bare = given.photos.unused if given.photos is not None else []
+    if labelled and bare:
+        given.progress.warn(
+            f"{given.given}: {len(bare)} photos have no file and are taken as photos without fruit, as YOLO writes "
+            f"none for them: {few([photo.name for photo in bare])}."
+        )
+        labelled += [LabelledPhoto(p.path, p.name, p.width_px, p.height_px, ()) for p in bare]
+    return labelled
+
+
+def _holds_labels(folder: Path) -> bool:
+    """Whether a folder is the root of YOLO labels: it has `labels/`, names of classes, or label files itself."""
+    here = (folder / "labels").is_dir() or class_names(folder) is not None
+    return (here or any(file.parent == folder for file in label_files(folder))) and bool(label_files(folder))
+
+
+FORMAT = Format(
+    kind="yolo",
+    title="YOLO",
+    recognise=_recognise,
+    read=_read,
+    labels="YOLO labels (labels/*.txt for images/*, or a *.txt beside each photo)",
+    label_folder=LabelFolder(_holds_labels, read_yolo, last=True),
+)

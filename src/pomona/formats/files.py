@@ -1,0 +1,38 @@
+"""Reading what a file holds as text or bytes, with errors that name the file and what it is to hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from pomona.errors import FormatError, MissingFileError
+
+_Read = TypeVar("_Read", str, bytes)
+
+
+def read_text(path: Path, expected: str) -> str:
+    """Return the text of a file; raises `MissingFileError`, and `FormatError` where it is empty or no UTF-8 text."""
+    text = _read(path, expected, lambda: path.read_text(encoding="utf-8-sig"))
+    if not text.strip():
+        raise FormatError(f"{path}: expected {expected}, but the file is empty")
+    return text
+
+
+def read_head(path: Path, expected: str, size: int) -> bytes:
+    """Return the first `size` bytes of a file; raises `MissingFileError`, and `FormatError` where it cannot be read."""
+
+    def first() -> bytes:
+        with path.open("rb") as file:
+            return file.read(size)
+
+    return _read(path, expected, first)
+
+
+def _read(path: Path, expected: str, read: Callable[[], _Read]) -> _Read:
+    try:
+        return read()
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: expected {expected}, but there is no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: expected {expected}, but it cannot be read: {error}") from None
