@@ -14,7 +14,7 @@ from pomona.formats.detections.content import FileContent
 from pomona.formats.detections.read import read_detections
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parent.parent / "docs" / "reference"
 
 
 def labelme(folder: Path) -> Path:
@@ -67,9 +67,11 @@ def test_every_format_has_a_title_and_is_documented(kind: str) -> None:
     one = FORMAT_OF[kind]
     assert one.title
     if not one.refusal:
-        name = {"coco-results": "results", "via-csv": "VIA", "via": "VIA", "masks": "PNG", "mat": "MATLAB"}
-        said = name.get(kind, one.title)
-        assert any(said in page.read_text(encoding="utf-8") for page in DOCS.rglob("given-detections.md"))
+        said = {"coco-results": "results", "via-csv": "VIA", "masks": "PNG", "mat": "MATLAB"}.get(kind, one.title)
+        assert said in (DOCS / "detection-formats.md").read_text(encoding="utf-8")
+    if one.labels:
+        said = {"via-csv": "VGG Image Annotator", "via": "VGG Image Annotator", "masks": "PNG"}.get(kind, one.title)
+        assert said in (DOCS / "label-formats.md").read_text(encoding="utf-8")
 
 
 def test_kinds_and_titles_are_unique() -> None:
