@@ -8,6 +8,7 @@ from sklearn.cluster import DBSCAN
 
 from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
+from pomona.fruit_size import FruitSize
 from pomona.fuse.paper.first_estimate import first_estimates
 from pomona.fuse.paper.groups import connected_groups, nearest_group, nearest_reach
 from pomona.fuse.paper.projection import CellGrid, dlt_camera
@@ -152,7 +153,7 @@ def test_the_first_estimate_of_a_half_seen_sphere(shift: float) -> None:
     eye = np.array([[shift, -2.0, 0.0]])
     front = points[points[:, 1] < -0.01] + rng.normal(0, 0.001, (int((points[:, 1] < -0.01).sum()), 3))
     front = np.concatenate([front, front[:40] + np.array([0, 0.06, 0.02])])  # strays
-    (center,), (diameter,) = first_estimates([front], [eye], 0.085)
+    (center,), (diameter,) = first_estimates([front], [eye], FruitSize(0.085))
     assert np.linalg.norm(center - np.array([shift, 0, 0])) < 0.006
     assert 0.074 < diameter < 0.088
 
@@ -162,12 +163,12 @@ def test_a_patch_is_completed_to_the_usual_size_of_the_row() -> None:
     ball = sphere_points(np.array([0.6, 0, 0]), 0.08, 1000)
     patch = ball[np.linalg.norm(ball - np.array([0.6, -0.04, 0]), axis=1) < 0.02]
     eyes = [np.array([[0.2 * k, -2.0, 0.0]]) for k in range(4)]
-    centers, diameters = first_estimates([*whole, patch], eyes, 0.08)
+    centers, diameters = first_estimates([*whole, patch], eyes, FruitSize(0.08))
     assert np.linalg.norm(centers[3] - np.array([0.6, 0, 0])) < 0.012
     assert 0.065 < diameters[3] < 0.09
 
 
 def test_no_fruits_have_no_estimates() -> None:
-    centers, diameters = first_estimates([], [], 0.08)
+    centers, diameters = first_estimates([], [], FruitSize(0.08))
     assert centers.shape == (0, 3)
     assert diameters.shape == (0,)

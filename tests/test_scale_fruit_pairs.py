@@ -9,7 +9,7 @@ import pytest
 
 from pomona.cameras import Cameras, Intrinsics
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.scale.fruit_size import FruitSize, fruit_size
+from pomona.scale.fruit_size import ApparentSize, fruit_size
 
 LENS = Intrinsics("SIMPLE_PINHOLE", 1600, 1200, np.array([1500.0, 800, 600]))
 DIAMETER = 0.08
@@ -47,7 +47,7 @@ def test_pairs_tell_the_diameter(units: float) -> None:
     fruits = rng.uniform([0, -0.3, 0.4], [3.2, 0.3, 1.6], (60, 3)) * units
     cameras = _row(units)
     size = fruit_size(cameras, _seen(cameras, fruits, rng.normal(DIAMETER, 0.004, 60) * units))
-    assert isinstance(size, FruitSize)
+    assert isinstance(size, ApparentSize)
     assert size.diameter / units == pytest.approx(DIAMETER, rel=0.06)  # boxes of pixels are a little too wide
     assert 60 < size.count < 600
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from pomona.cli import options as shared
 from pomona.cli.failures import Stopped, told
 from pomona.cli.progress import TerminalProgress
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 
 if TYPE_CHECKING:
     from pomona.datasets.values import BenchmarkResult
@@ -32,7 +33,7 @@ def fuji_sfm(
     out: _Out = Path("pomona-fuji-sfm"),
     model: shared.Model = None,
     trees: _Trees = 11,
-    fruit_diameter: shared.FruitDiameter = 0.075,
+    fruit_diameter: shared.FruitDiameter = DEFAULT_DIAMETER_M,
     as_json: shared.Json = False,
 ) -> None:
     """Fuji-SfM, the paper's own: Tables 2 and 3 and Figure 8, from what of photos, masks, cameras, clouds is there."""
@@ -61,7 +62,7 @@ def fruitnerf(
     root: _Root,
     out: _Out = Path("pomona-fruitnerf"),
     model: shared.Model = None,
-    fruit_diameter: shared.FruitDiameter = 0.075,
+    fruit_diameter: shared.FruitDiameter = DEFAULT_DIAMETER_M,
     as_json: shared.Json = False,
 ) -> None:
     """FruitNeRF: rendered and real trees, with cameras in transforms.json, and masks."""

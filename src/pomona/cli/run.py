@@ -10,6 +10,7 @@ import typer
 from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.summary import show
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 
@@ -20,7 +21,7 @@ def run(
     markers: shared.Markers = None,
     scale_bar: shared.ScaleBar = None,
     marker_dictionary: shared.MarkerDictionary = "DICT_4X4_50",
-    fruit_diameter: shared.FruitDiameter = 0.075,
+    fruit_diameter: shared.FruitDiameter = DEFAULT_DIAMETER_M,
     model: shared.Model = None,
     score_threshold: shared.ScoreThreshold = None,
     detections: shared.GivenDetections = None,

@@ -12,6 +12,7 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.corrections.values import Correction, in_words
 from pomona.detections import SurveyDetections
+from pomona.fruit_size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.measure import MeasureOptions
 
@@ -38,18 +39,12 @@ class Found:
     side_of: Mapping[str, str] = field(default_factory=dict)
     least_score: float = 0.0
     measure: MeasureOptions = field(default_factory=MeasureOptions)
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
 
     @property
-    def usual_diameter(self) -> float:
-        """The median diameter; where no fruit has one, what fruits are taken to be."""
-        return float(np.median(self.diameters)) if len(self.diameters) else self.fruit_diameter_m
-
-    @property
-    def diameters(self) -> FloatArray:
-        """The diameters that were measured."""
-        diameters: FloatArray = self.fruits.diameters_m[np.isfinite(self.fruits.diameters_m)]
-        return diameters
+    def size(self) -> FruitSize:
+        """The size of the fruits that were measured; where none was, what fruits are taken to be."""
+        return size_of_fruits(self.fruits.diameters_m, FruitSize(self.fruit_diameter_m))
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class State:
         away = np.linalg.norm(self.fruits.centers_in_world - np.array(place), axis=1)
         nearest = int(away.argmin())
         diameter = float(self.fruits.diameters_m[nearest])
-        reach = (diameter if np.isfinite(diameter) else self.found.usual_diameter) / 2
+        reach = (diameter if np.isfinite(diameter) else self.found.size.diameter_m) / 2
         return nearest if away[nearest] <= reach else None
 
     def new_id(self) -> int:
@@ -152,7 +152,7 @@ class State:
         photos = {photo: self.detections[photo] for photo in seen.photo}
         if len(photos) < 2:
             return fruit
-        usual = self.found.usual_diameter
+        usual = self.found.size.diameter_m
         options = self.found.measure
         fused = Fused(fruit, seen, FruitCloud.empty())
         new = measure(fused, SurveyDetections(photos), self.found.cameras, options=options)
@@ -167,14 +167,14 @@ class State:
 
     def of_usual_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
         """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour."""
-        diameters = self.found.diameters
+        size = self.found.size
         return Fruits(
             np.array([fruit_id]),
             place[None],
-            np.array([self.found.usual_diameter]),
+            np.array([size.diameter_m]),
             np.ones(1),  # a person saw it
             np.zeros(1, np.int64),
-            np.array([diameters.std() if len(diameters) > 1 else np.nan]),
+            np.array([size.sd_m]),
             tree_ids=self.tree_near(place) if like is None else like.tree_ids,
             sides=("",) if like is None else like.sides,
         )

@@ -21,6 +21,7 @@ from pomona.formats.detections.coco import read_coco
 from pomona.formats.detections.label_sets import LabelSet
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.tables import read_fruits, write_fruits
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.fruits import Fruits
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
@@ -39,7 +40,7 @@ class FujiOptions:
 
     model: str | None = None
     trees: int = 11
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
 
     def __post_init__(self) -> None:
         if self.trees < 1:

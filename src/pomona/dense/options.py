@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pomona.errors import InputError
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 
 Engine = Literal["auto", "opencv", "patchmatch"]
 
@@ -22,7 +23,7 @@ class DenseOptions:
     """
 
     engine: Engine = "auto"
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
     work_fruit_px: float = 36.0
     neighbours: int = 10
     min_agreeing: int = 2

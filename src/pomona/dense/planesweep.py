@@ -10,10 +10,10 @@ import numpy as np
 from pomona.arrays import Array, IntArray
 from pomona.dense.atlas import Atlas, pack
 from pomona.dense.depth_maps import DepthMap, empty_map
-from pomona.dense.ranges import Ranges
 from pomona.dense.scene import Scene
 from pomona.dense.sweep import MatchOptions, best_inverse_depth, sweep
 from pomona.dense.views import View
+from pomona.fruit_ranges import FruitRanges
 
 # Windows as a share of a fruit's width, coarse and fine, and the fine pass's reach in fruit diameters.
 _COARSE_WINDOW, _FINE_WINDOW, _FINE_REACH = 0.7, 0.35, 0.6
@@ -34,10 +34,10 @@ def plane_sweep_map(scene: Scene, photo_idx: int) -> DepthMap:
     return _fine(view, neighbours[:_FINE_NEIGHBOURS], scene.ranges, coarse_atlas, coarse)
 
 
-def _coarse(view: View, neighbours: Sequence[View], ranges: Ranges) -> tuple[Atlas, Array]:
+def _coarse(view: View, neighbours: Sequence[View], ranges: FruitRanges) -> tuple[Atlas, Array]:
     """Return, at half scale, an atlas and its pixels' inverse depths (h, w)."""
     near, far, typical = (float(m[view.photo_idx]) for m in (ranges.near_m, ranges.far_m, ranges.typical_m))
-    fruit_px = ranges.fruit_m * view.matrix[0, 0] / typical / 2
+    fruit_px = ranges.size.diameter_m * view.matrix[0, 0] / typical / 2
     window = _odd(_COARSE_WINDOW * fruit_px)
     atlas = pack(view.halved(), window // 2)
     steps = int((1 / near - 1 / far) * _parallax_px_m(view, neighbours) / 2 / _COARSE_STEP_PX) + 2
@@ -48,13 +48,13 @@ def _coarse(view: View, neighbours: Sequence[View], ranges: Ranges) -> tuple[Atl
     return atlas, best_inverse_depth(scores, 0.0, inverse_depths)[0]
 
 
-def _fine(view: View, neighbours: Sequence[View], ranges: Ranges, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
+def _fine(view: View, neighbours: Sequence[View], ranges: FruitRanges, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
     """Search again at full working scale near the coarse depths, with smaller windows."""
     typical = float(ranges.typical_m[view.photo_idx])
-    window = _odd(_FINE_WINDOW * ranges.fruit_m * view.matrix[0, 0] / typical)
+    window = _odd(_FINE_WINDOW * ranges.size.diameter_m * view.matrix[0, 0] / typical)
     atlas = pack(view, window // 2)
     base = _smoothed(coarse_atlas, coarse, atlas, window)
-    reach = _FINE_REACH * ranges.fruit_m / typical**2
+    reach = _FINE_REACH * ranges.size.diameter_m / typical**2
     steps = 2 * int(reach * _parallax_px_m(view, neighbours) / _FINE_STEP_PX) + 3
     offsets = np.linspace(-reach, reach, steps).astype(np.float32)
     scores = sweep(atlas, view, neighbours, base, offsets, MatchOptions(window_px=window, best=_FINE_BEST))

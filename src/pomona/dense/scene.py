@@ -13,9 +13,10 @@ from pomona.capture import read_pixels
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
 from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.options import DenseOptions
-from pomona.dense.ranges import Ranges, measure_ranges
 from pomona.dense.views import View, ViewCache, make_view
 from pomona.detections import Detections, SurveyDetections
+from pomona.fruit_ranges import fruit_ranges
+from pomona.fruit_size import FruitSize
 from pomona.photos import Photos
 from pomona.progress import Progress, track
 
@@ -27,8 +28,8 @@ class Scene:
         self._detections, self.cameras, self.options = detections, cameras, options
         by_name = photos.by_name()
         self._photos = [by_name[name] for name in cameras.photos]
-        self.ranges: Ranges = measure_ranges(detections, cameras, options.fruit_diameter_m)
-        self._scale = min(1.0, options.work_fruit_px / self.ranges.fruit_px)
+        self.ranges = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m))
+        self._scale = min(1.0, options.work_fruit_px / self.ranges.width_px)
         sides = tuple(photo.side for photo in self._photos)
         self.neighbours = choose_neighbours(cameras, sides, self.ranges.typical_m, options.neighbours)
         self.view = ViewCache(self._load, capacity=2 * options.neighbours + 3)
@@ -49,7 +50,7 @@ def cloud_of_maps(
 
     `depth_map` gives the map of a photo; each is asked for once, and dropped when no later photo needs it.
     """
-    options, fruit_m = scene.options, scene.ranges.fruit_m
+    options, fruit_m = scene.options, scene.ranges.size.diameter_m
     uses = Counter(int(j) for i, js in enumerate(scene.neighbours) for j in (i, *js))
     maps: dict[int, DepthMap] = {}
     parts: list[tuple[FloatArray, ByteArray]] = [(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))]

@@ -9,8 +9,8 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
-from pomona.dense.ranges import measure_ranges
 from pomona.detections import Mask, SurveyDetections
+from pomona.fruit_ranges import fruit_width_px
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent, track
@@ -37,9 +37,7 @@ def sphere_cloud(
     shown = _most_shown(fruits, observations, detections)
     if not shown:
         return FruitCloud.empty()
-    scale = min(
-        1.0, _WORK_FRUIT_PX / measure_ranges(detections, cameras, float(np.nanmedian(fruits.diameters_m))).fruit_px
-    )
+    scale = min(1.0, _WORK_FRUIT_PX / fruit_width_px(detections, cameras))
     by_name, index = photos.by_name(), {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
     parts = []
     for name in track(sorted(shown), progress, "cloud", len(shown)):

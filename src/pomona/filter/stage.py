@@ -13,6 +13,7 @@ from pomona.errors import InputError
 from pomona.filter.features import features, resized
 from pomona.filter.svm import LinearSvm
 from pomona.filter.views import place_probability, view_features
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
 
@@ -67,7 +68,7 @@ def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:
 
 
 def _size_factor(fused: Fused, svm: LinearSvm) -> float:
-    diameters_m = fused.fruits.diameters_m[np.isfinite(fused.fruits.diameters_m)]
-    if len(diameters_m) == 0 or not np.isfinite(svm.fruit_diameter_m):
+    if not np.isfinite(svm.fruit_diameter_m):
         return 1.0
-    return float(svm.fruit_diameter_m / np.median(diameters_m))
+    trained_on = FruitSize(svm.fruit_diameter_m)
+    return trained_on.diameter_m / size_of_fruits(fused.fruits.diameters_m, trained_on).diameter_m

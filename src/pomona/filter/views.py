@@ -8,6 +8,7 @@ from scipy.special import erf
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 from pomona.fuse.object.fit import place_sds_m
 from pomona.fuse.object.masks import Masks, masks_of
@@ -29,7 +30,7 @@ def view_features(fused: Fused, detections: SurveyDetections, cameras: Cameras) 
     and told nothing more (docs/reference/methods/object.md).
     """
     masks = masks_of(detections, cameras, rays=_RAYS)
-    usual_m = float(np.nanmedian(fused.fruits.diameters_m)) / 2 if len(fused.fruits) else 1.0
+    usual_m = size_of_fruits(fused.fruits.diameters_m, FruitSize()).radius_m
     radii_m = fused.fruits.diameters_m / 2
     spheres = Spheres(fused.fruits.centers_in_world, np.where(np.isfinite(radii_m), radii_m, usual_m))
     sphere_idx, mask_idx = _claims(fused, masks)

@@ -11,6 +11,7 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.filter.features import fruit_points
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure.outlines import Sight, sight_of
@@ -106,7 +107,7 @@ def _prior(measured: list[_Measured], up_is_known: bool, options: MeasureOptions
     if len(clear) < options.fewest_clear:
         return Prior()
     spheres = [m.sphere for m in clear if m.sphere]
-    radius = float(np.median([sphere.radius for sphere in spheres]))
+    radius = size_of_fruits(np.array([2 * sphere.radius for sphere in spheres]), FruitSize()).radius_m
     if not up_is_known:
         return Prior(0.0, radius, options.prior_rays)
     off = np.concatenate([s.off_radii[s.touching] for s in spheres])
@@ -178,7 +179,7 @@ def _measure_one(
 
 def _plausible(measured: list[_Measured], options: MeasureOptions) -> list[_Measured]:
     """Take back diameters that are far from the survey's median."""
-    median_m = float(np.nanmedian([m.diameter_m for m in measured])) if any(not m.reason for m in measured) else np.nan
+    median_m = size_of_fruits(np.array([m.diameter_m for m in measured]), FruitSize()).diameter_m
     low_m, high_m = options.smallest * median_m, options.largest * median_m
     return [
         m

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from pomona.errors import InputError, MissingFileError
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ class RunOptions:
     scale_bar: tuple[int, int, float] | None = None
     marker_dictionary: str = "DICT_4X4_50"
     use_gnss: bool = True
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
     engine: str = "auto"
     filter_false_positives: bool = True
     filter_model: Path | None = None

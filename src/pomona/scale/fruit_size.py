@@ -23,7 +23,7 @@ _SURFACE_RADII = 2 / 3
 
 
 @dataclass(frozen=True)
-class FruitSize:
+class ApparentSize:
     """The fruits' median diameter in units of a piece, from `count` detections; `whole`: from whole discs alone."""
 
     diameter: float
@@ -31,7 +31,7 @@ class FruitSize:
     whole: bool
 
 
-def fruit_size(cameras: Cameras, detections: SurveyDetections) -> FruitSize | str:
+def fruit_size(cameras: Cameras, detections: SurveyDetections) -> ApparentSize | str:
     """Return the median fruit diameter in the piece's units, or why it cannot be told.
 
     A detection's distance is the median depth of the scene's points seen at its mask, its width the longer side
@@ -53,13 +53,15 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections) -> FruitSize | st
     is_whole = np.concatenate(whole) if whole else np.zeros(0, bool)
     known = np.isfinite(all_diameters)
     if (known & is_whole).sum() >= _LEAST_FRUITS:
-        return FruitSize(float(np.median(all_diameters[known & is_whole])), int((known & is_whole).sum()), whole=True)
+        return ApparentSize(
+            float(np.median(all_diameters[known & is_whole])), int((known & is_whole).sum()), whole=True
+        )
     if known.sum() >= _LEAST_FRUITS:
-        return FruitSize(float(np.quantile(all_diameters[known], 0.75)), int(known.sum()), whole=False)
+        return ApparentSize(float(np.quantile(all_diameters[known], 0.75)), int(known.sum()), whole=False)
     return f"{int(known.sum())} fruits at a known distance, expected at least {_LEAST_FRUITS}"
 
 
-def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> FruitSize | str:
+def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> ApparentSize | str:
     whole = {
         name: found[np.array([_is_whole(mask, found) for mask in found.masks], bool)]
         for name, found in detections.by_photo.items()
@@ -67,7 +69,7 @@ def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> FruitSize | str
     found = diameter_by_pairs(cameras, SurveyDetections(whole))
     if found is None:
         return "the cameras came without points that photos see, and too few whole fruits are seen by two photos"
-    return FruitSize(*found, whole=True)
+    return ApparentSize(*found, whole=True)
 
 
 def _diameters(cameras: Cameras, photo_idx: int, found: Detections) -> FloatArray:

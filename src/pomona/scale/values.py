@@ -10,6 +10,7 @@ import numpy as np
 
 from pomona.cameras import Cameras, ScaleSource
 from pomona.errors import InputError
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.sfm.pieces import Unregistered
 
 
@@ -25,14 +26,15 @@ class ScaleOptions:
     markers: Path | None = None
     scale_bar: tuple[int, int, float] | None = None
     marker_dictionary: str = "DICT_4X4_50"
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
     use_gnss: bool = True
     refine: bool = True
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.fruit_diameter_m) and 0.001 < self.fruit_diameter_m < 2.0):
             raise InputError(
-                f"--fruit-diameter: expected metres between 0.001 and 2, such as 0.075, found {self.fruit_diameter_m}"
+                f"--fruit-diameter: expected metres between 0.001 and 2, such as {DEFAULT_DIAMETER_M}, "
+                f"found {self.fruit_diameter_m}"
             )
         if self.scale_bar is not None:
             one, other, length_m = self.scale_bar

@@ -16,6 +16,7 @@ from pomona.corrections import Applier, Corrected, Correction, Corrections, read
 from pomona.corrections.places import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
 from pomona.corrections.values import Added, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.errors import InputError, SurveyError
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.pipeline.correcting import Correcting
 from pomona.pipeline.kept import kept_correcting
 from pomona.report import ReportData
@@ -167,7 +168,7 @@ class Corrector:
                 return self._split(request, centers[0])
 
     def _added(self, request: CorrectionRequest) -> Added:
-        cameras, usual = self.data.cameras, self._applier.found.usual_diameter
+        cameras, usual = self.data.cameras, self._applier.found.size.diameter_m
         marks = tuple(self._mark(mark) for mark in request.marks)
         place = place_from_marks(cameras, marks, usual)
         diameter = diameter_from_edges(cameras, [self._mark(m) for m in request.size], place) if request.size else None
@@ -179,7 +180,7 @@ class Corrector:
         )
 
     def _split(self, request: CorrectionRequest, center: FloatArray) -> Split:
-        cameras, usual = self.data.cameras, self._applier.found.usual_diameter
+        cameras, usual = self.data.cameras, self._applier.found.size.diameter_m
         marks = tuple(self._mark(mark) for mark in request.marks)
         if len(marks) != 2 or marks[0].photo != marks[1].photo:
             raise InputError("Click the middles of the two fruits, in one photo")
@@ -249,8 +250,8 @@ def _revision(log: Corrections) -> str:
 
 
 def _usual(data: ReportData) -> float | None:
-    sizes = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)]
-    return float(np.median(sizes)) if len(sizes) else None
+    size = size_of_fruits(data.fruits.diameters_m, FruitSize())
+    return size.diameter_m if size.source == "fruits" else None
 
 
 def _said(request: CorrectionRequest, fruits: Sequence[int], count: int) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,7 @@ class CloudOptions:
     `rounds` of looking for fruits in what is left over.
     """
 
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
     cell_diameters: float = 0.05
     scatter_radii: float = 0.1
     inside: float = 0.5

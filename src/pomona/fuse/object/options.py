@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.fruit_size import DEFAULT_DIAMETER_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,7 @@ class ObjectOptions:
     photo shows `min_share`: a few pixels fit many places.
     """
 
-    fruit_diameter_m: float = 0.075
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
     rays_per_mask: int = 16
     crossing_radii: float = 0.5
     baselines: tuple[float, float] = (0.035, 0.45)

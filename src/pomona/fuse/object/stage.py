@@ -9,9 +9,10 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
-from pomona.dense.ranges import measure_ranges
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
+from pomona.fruit_ranges import fruit_ranges
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.object.choice import apart, assigned, elected, likely_spheres
 from pomona.fuse.object.fit import fit_spheres
@@ -67,12 +68,12 @@ def fuse(
             "Fruits can be joined only where cameras are in metres (as fruits have a size), found cameras without a "
             "scale: give --markers, --scale-bar or --fruit-diameter"
         )
-    usual_m = measure_ranges(detections, cameras, options.fruit_diameter_m).fruit_m / 2
+    size = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m)).size
     ordered = _in_order(cameras)
     masks = masks_of(detections, ordered, rays=options.rays_per_mask)
     if len(masks) == 0:
         return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
-    found = _without_pieces(_search(masks, usual_m, options, progress), masks)
+    found = _without_pieces(_search(masks, size, options, progress), masks)
     return _fused(found.kept(found.claims.largest_shares(len(found.spheres)) >= options.min_share), masks, ordered)
 
 
@@ -82,27 +83,28 @@ def _without_pieces(found: _Found, masks: Masks) -> _Found:
     return _Found(*without_pieces(found.spheres, found.claims, masks, float(np.median(found.spheres.radii_m))))
 
 
-def _search(masks: Masks, usual_m: float, options: ObjectOptions, progress: Progress) -> _Found:
+def _search(masks: Masks, size: FruitSize, options: ObjectOptions, progress: Progress) -> _Found:
     """Look for fruits in rounds, each in what the earlier ones left; begun anew where fruits turn out of other size."""
     progress.start("fuse", 1 + options.rounds)
-    gate, seeds = Gate(masks, usual_m), find_seeds(masks, usual_m, options)
-    found = _Found(Spheres.alike(np.zeros((0, 3)), usual_m), Claims.none())
+    gate, seeds = Gate(masks, size.radius_m), find_seeds(masks, size.radius_m, options)
+    found = _nothing_found(size)
     progress.advance()
     for number in range(options.rounds):
         before = len(found.spheres)
-        found = _further(found, seeds, gate, masks, usual_m, options)
+        found = _further(found, seeds, gate, masks, size.radius_m, options)
         if number == 0:
-            seen_m = _usual_radius_m(found, masks, usual_m)
-            if abs(seen_m / usual_m - 1) > _SAME_SIZE:
-                gate, seeds = Gate(masks, seen_m), find_seeds(masks, seen_m, options)
-                found = _further(
-                    _Found(Spheres.alike(np.zeros((0, 3)), seen_m), Claims.none()), seeds, gate, masks, seen_m, options
-                )
-            usual_m = seen_m
+            before_m, size = size.diameter_m, _refined_size(found, masks, size)
+            if abs(size.diameter_m / before_m - 1) > _SAME_SIZE:
+                gate, seeds = Gate(masks, size.radius_m), find_seeds(masks, size.radius_m, options)
+                found = _further(_nothing_found(size), seeds, gate, masks, size.radius_m, options)
         progress.advance()
         if len(found.spheres) <= before:
             break
     return found
+
+
+def _nothing_found(size: FruitSize) -> _Found:
+    return _Found(Spheres.alike(np.zeros((0, 3)), size.radius_m), Claims.none())
 
 
 def _further(found: _Found, seeds: Seeds, gate: Gate, masks: Masks, usual_m: float, options: ObjectOptions) -> _Found:
@@ -120,16 +122,17 @@ def _further(found: _Found, seeds: Seeds, gate: Gate, masks: Masks, usual_m: flo
     return found
 
 
-def _usual_radius_m(found: _Found, masks: Masks, usual_m: float) -> float:
-    """Return the median radius of fruits that are well seen, fitted as if nothing were known of their size."""
+def _refined_size(found: _Found, masks: Masks, size: FruitSize) -> FruitSize:
+    """Return the size of fruits that are well seen, fitted without a prior on it; `size` where they are few."""
     n = len(found.spheres)
     clear = np.zeros(n, dtype=bool)
     clear[found.claims.sphere_idx[found.claims.shares >= _CLEAR]] = True
     clear &= found.claims.counts(n) >= _CLEAR_VIEWS
     if clear.sum() < _FEWEST_CLEAR:
-        return usual_m
+        return size
     some = found.kept(clear)
-    return float(np.median(fit_spheres(some.spheres, some.claims, masks, usual_m, radius_spread=_FREE).radii_m))
+    fitted = fit_spheres(some.spheres, some.claims, masks, size.radius_m, radius_spread=_FREE)
+    return size_of_fruits(2 * fitted.radii_m, size)
 
 
 def _settled(

@@ -9,6 +9,7 @@ import numpy as np
 from pomona.arrays import IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.paper.first_estimate import first_estimates
 from pomona.fuse.paper.unify import Sighting
@@ -30,7 +31,7 @@ def assemble(members: list[Member], detections: SurveyDetections, cameras: Camer
     centers, diameters = first_estimates(
         [cloud.points_in_world[points_idx] for points_idx, _ in members],
         [eyes[[s.photo_idx for s in sightings]] for _, sightings in members],
-        usual_diameter_m(members, detections, cameras, cloud),
+        size_by_widths(members, detections, cameras, cloud),
     )
     ids = np.arange(1, len(members) + 1)
     views = np.array([len({s.photo_idx for s in sightings}) for _, sightings in members])
@@ -39,8 +40,10 @@ def assemble(members: list[Member], detections: SurveyDetections, cameras: Camer
     return Fused(fruits, _observations(members, detections, cameras), labelled)
 
 
-def usual_diameter_m(members: list[Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud) -> float:
-    """Return the median over fruits of the width (m) that the widest mask of each has at the depth of its points.
+def size_by_widths(
+    members: list[Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud
+) -> FruitSize:
+    """Return the median over fruits, at least one, of the width of the widest mask of each at the depth of its points.
 
     A mask's width is the shorter side of its box: neighbours under one mask make only the longer side longer. Leaves
     make masks narrower, but seldom all masks of a fruit.
@@ -55,7 +58,7 @@ def usual_diameter_m(members: list[Member], detections: SurveyDetections, camera
             focal_px = cameras.intrinsics_of(sighting.photo_idx).focal_px
             each.append(min(mask.width_px, mask.height_px) * depth_m / focal_px)
         widths.append(max(each))
-    return float(np.median(widths))
+    return size_of_fruits(np.array(widths), FruitSize())
 
 
 def _mean_score(sightings: list[Sighting], detections: SurveyDetections, cameras: Cameras) -> float:

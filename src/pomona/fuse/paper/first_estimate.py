@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pomona.arrays import FloatArray
+from pomona.fruit_size import FruitSize
 
 _ROUNDS = 25
 _MAX_POINTS = 400
@@ -17,17 +18,17 @@ _INDEPENDENT = 40.0
 
 
 def first_estimates(
-    parts: Sequence[FloatArray], eyes: Sequence[FloatArray], usual_m: float
+    parts: Sequence[FloatArray], eyes: Sequence[FloatArray], size: FruitSize
 ) -> tuple[FloatArray, FloatArray]:
     """Return the centres (n, 3) and diameters (n,) in metres of n fruits.
 
     `parts[i]` (m, 3) are the points on fruit i, m ≥ 1, `eyes[i]` (k, 3) the centres of the cameras that saw it. Each
-    is a sphere fitted to its points, drawn to `usual_m`, the usual diameter of this row, where the points say little:
+    is a sphere fitted to its points, drawn to `size`, which fruits of this row have, where the points say little:
     of a fruit behind leaves only a patch is seen.
     """
     if not parts:
         return np.zeros((0, 3)), np.zeros(0)
-    fits = [fit_sphere(points, eye, usual_m / 2) for points, eye in zip(parts, eyes, strict=True)]
+    fits = [fit_sphere(points, eye, size.radius_m) for points, eye in zip(parts, eyes, strict=True)]
     return np.array([center for center, _ in fits]), np.array([2 * radius for _, radius in fits])
 
 

@@ -1,4 +1,4 @@
-"""How wide fruit is in the photos, how wide in metres, and at which depths it hangs: measured before any stereo."""
+"""How wide fruit is in the photos, how wide in metres, and at which depths it hangs: from masks and sparse points."""
 
 from __future__ import annotations
 
@@ -9,50 +9,66 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_size import FruitSize
 
 _MIN_SPARSE_POINTS = 20
 # Masks are cut by leaves and borders: the widest fifth stands for whole fruit, robustly.
 _WHOLE_FRUIT_PERCENTILE = 80
+# Where no photo has enough masks: the middle of the widths at which segmenters know fruit.
+_UNKNOWN_WIDTH_PX = 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Ranges:
-    """`fruit_px`: width of a whole fruit in the photos; `fruit_m`: in metres; per photo (n,): near to far depth."""
+class FruitRanges:
+    """Fruit in n photos: `width_px` of a whole one; `size` in metres; depths (n,) at which each photo shows it."""
 
-    fruit_px: float
-    fruit_m: float
+    width_px: float
+    size: FruitSize
     near_m: FloatArray
     typical_m: FloatArray
     far_m: FloatArray
 
 
-def measure_ranges(detections: SurveyDetections, cameras: Cameras, fruit_diameter_m: float) -> Ranges:
-    """Measure the ranges from mask sizes and, where the cameras have sparse points near masks, from their depths.
+def fruit_width_px(detections: SurveyDetections, cameras: Cameras) -> float:
+    """Return the width of a whole fruit in the photos that have a camera: the median over photos."""
+    return _median_width_px(_widths_px(detections, cameras))
 
-    `fruit_diameter_m` is what to assume where there are too few sparse points to measure it.
+
+def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: FruitSize) -> FruitRanges:
+    """Return the ranges from mask sizes and, where the cameras have sparse points near masks, from their depths.
+
+    `otherwise` is the size to assume where there are too few sparse points to estimate it.
     """
     n = len(cameras)
-    widths = [_whole_fruit_px(detections, name) for name in cameras.photos]
-    known = np.array([w for w in widths if w is not None])
-    fruit_px = float(np.median(known)) if len(known) else 40.0
+    widths = _widths_px(detections, cameras)
+    width_px = _median_width_px(widths)
     focal = np.array([cameras.intrinsics_of(i).focal_px for i in range(n)])
     sparse = [_sparse_depths(detections, cameras, i) for i in range(n)]
-    measured = [
+    estimates = [
         float(np.median(depths)) * width / f
         for depths, width, f in zip(sparse, widths, focal, strict=True)
         if width is not None and len(depths) >= _MIN_SPARSE_POINTS
     ]
-    fruit_m = float(np.median(measured)) if measured else fruit_diameter_m
+    size = FruitSize(float(np.median(estimates)), "masks") if estimates else otherwise
     near, typical, far = np.empty(n), np.empty(n), np.empty(n)
     for i, depths in enumerate(sparse):
-        typical[i] = fruit_m * focal[i] / (widths[i] or fruit_px)
+        typical[i] = size.diameter_m * focal[i] / (widths[i] or width_px)
         near[i], far[i] = 0.6 * typical[i], 1.7 * typical[i]
         if len(depths) >= _MIN_SPARSE_POINTS:
             low, middle, high = np.percentile(depths, [3, 50, 97])
             typical[i] = middle
-            near[i] = max(0.4 * middle, min(low, 0.85 * middle) - 2 * fruit_m)
-            far[i] = min(2.5 * middle, max(high, 1.2 * middle) + 2 * fruit_m)
-    return Ranges(fruit_px, fruit_m, near, typical, far)
+            near[i] = max(0.4 * middle, min(low, 0.85 * middle) - 2 * size.diameter_m)
+            far[i] = min(2.5 * middle, max(high, 1.2 * middle) + 2 * size.diameter_m)
+    return FruitRanges(width_px, size, near, typical, far)
+
+
+def _widths_px(detections: SurveyDetections, cameras: Cameras) -> list[float | None]:
+    return [_whole_fruit_px(detections, name) for name in cameras.photos]
+
+
+def _median_width_px(widths_px: list[float | None]) -> float:
+    known = np.array([width for width in widths_px if width is not None])
+    return float(np.median(known)) if len(known) else _UNKNOWN_WIDTH_PX
 
 
 def _whole_fruit_px(detections: SurveyDetections, photo: str) -> float | None:
