@@ -67,10 +67,14 @@ def test_every_format_has_a_title_and_is_documented(kind: str) -> None:
     one = FORMAT_OF[kind]
     assert one.title
     if not one.refusal:
-        said = {"coco-results": "results", "via-csv": "VIA", "masks": "PNG", "mat": "MATLAB"}.get(kind, one.title)
+        said = {"coco-results": "results", "via-csv": "VIA", "masks": "label images", "mat": "MATLAB"}.get(
+            kind, one.title
+        )
         assert said in (DOCS / "detection-formats.md").read_text(encoding="utf-8")
     if one.labels:
-        said = {"via-csv": "VGG Image Annotator", "via": "VGG Image Annotator", "masks": "PNG"}.get(kind, one.title)
+        said = {"via-csv": "VGG Image Annotator", "via": "VGG Image Annotator", "masks": "images of ids"}.get(
+            kind, one.title
+        )
         assert said in (DOCS / "label-formats.md").read_text(encoding="utf-8")
 
 
