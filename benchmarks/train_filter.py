@@ -23,7 +23,7 @@ import numpy as np
 
 from association import dropped, with_false
 from even_odd import part_of
-from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
@@ -35,6 +35,7 @@ from pomona.filter.features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.formats.detections.read import read_detections
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object, paper
+from pomona.intrinsics import Intrinsics
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions

@@ -25,13 +25,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.las import write_las
 from pomona.formats.tables import write_fruits, write_observations
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.report import write_report
 from pomona.view import read_survey

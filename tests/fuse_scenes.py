@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray
-from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.fruits import FruitCloud
+from pomona.intrinsics import Intrinsics
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 400.0
 

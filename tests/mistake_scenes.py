@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from fuse_scenes import seen_pixels
-from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate import Truth, read_truth
 from pomona.evaluate.mistakes import Evidence
@@ -18,6 +18,7 @@ from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import write_fruits, write_observations
 from pomona.fruits import Fruits, Observations
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.survey.values import arrays_of, write_arrays
 

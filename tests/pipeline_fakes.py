@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pomona.cameras import Cameras, Intrinsics, WorldFrame, concatenate
+from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Mask
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
+from pomona.intrinsics import Intrinsics
 from pomona.scale.values import Placed, ScaleReport
 from pomona.segment import SegmenterTraits, TileDetections
 from pomona.sfm.pieces import Piece, Reconstruction

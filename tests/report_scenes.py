@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, StageTime
 from pomona.sfm.pieces import Unregistered

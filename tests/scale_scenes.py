@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.geometry import Similarity
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.scale.adjust import point_errors_px
 from pomona.scale.aruco import Sighting

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from camera_scenes import make_scene
-from pomona.cameras import Cameras, Intrinsics, WorldFrame, local_crs
+from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.cli.export import export as export_command
 from pomona.corrections import Corrected, Found
 from pomona.errors import InputError
 from pomona.export import EXPORT_FORMATS, Part, export_format, write_export
 from pomona.fruits import FruitCloud, Fruits
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from camera_scenes import enu_axes, geocentric, make_scene
-from pomona.cameras import Cameras, Intrinsics, WorldFrame, local_crs
+from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.cameras.metashape_export import write_metashape
@@ -26,6 +26,7 @@ from pomona.formats.gpkg import write_gpkg
 from pomona.formats.kml import write_kml
 from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
 from pomona.fruits import FruitCloud, Fruits
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 
 METRES = WorldFrame("markers", approximate=False, up_is_known=True)

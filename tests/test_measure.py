@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pomona.cameras import Cameras, Intrinsics, WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
+from pomona.intrinsics import Intrinsics
 from pomona.measure import MeasureOptions, measure
 from pomona.measure.sphere import Evidence, fit_sphere
 from pomona.outlines import outline_px

@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.errors import InputError
 from pomona.fruits import Fruits, Observations
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.report import ContactSheetOptions, write_contact_sheet

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.intrinsics import Intrinsics
 from pomona.scale.fruit_size import ApparentSize, fruit_size
 
 LENS = Intrinsics("SIMPLE_PINHOLE", 1600, 1200, np.array([1500.0, 800, 600]))

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.sfm import SfmOptions, engine
 from pomona.sfm.engine import Overlap

@@ -12,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pomona.cameras import Cameras, Intrinsics, WorldFrame, concatenate, opencv_from_colmap_px
+from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError, PomonaError
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import Similarity, estimate_similarity
+from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo, Photos
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.cameras import Intrinsics
 from pomona.errors import FormatError, MissingFileError, SurveyError
 from pomona.evaluate import evaluate, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
+from pomona.intrinsics import Intrinsics
 from pomona.report import ReportData
 from pomona.report.page import report_html
 from pomona.report.scene import SceneOptions, origin_of, survey_data

@@ -17,12 +17,13 @@ import cv2
 import numpy as np
 
 from pomona.arrays import Array
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.dense.depth_maps import DepthMap, empty_map
 from pomona.dense.scene import Scene
 from pomona.dense.views import View
 from pomona.errors import FormatError
 from pomona.formats.cameras.colmap import write_colmap
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, track
 

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from pomona.arrays import Array, ByteArray, FloatArray
-from pomona.cameras import Intrinsics, opencv_from_colmap_px
 from pomona.detections import Detections
+from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
 
 
 @dataclass(frozen=True, eq=False)

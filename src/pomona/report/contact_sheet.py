@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 
 from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from pomona.cameras import Cameras, opencv_from_colmap_px
+from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.errors import InputError, MissingFileError
 from pomona.fruits import Fruits, Observations
+from pomona.intrinsics import opencv_from_colmap_px
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 from pomona.report.choose import choose_photos

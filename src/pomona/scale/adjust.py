@@ -14,7 +14,8 @@ import numpy as np
 import pycolmap
 
 from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
+from pomona.intrinsics import Intrinsics
 from pomona.scale.aruco import Sighting
 
 # A plate's centre is known to about 0.1 px and an image feature to about 0.5 px: it counts as this many of them.

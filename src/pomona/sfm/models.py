@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pomona.arrays import Array, ByteArray, FloatArray, IntArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
+from pomona.intrinsics import Intrinsics
 from pomona.sfm.engine import CAMERA_MODEL, CameraEntry, open_models
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray
-from pomona.cameras import Intrinsics, opencv_from_colmap_px
+from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo
 from pomona.report.crops import crop_jpeg, jpeg
 from pomona.report.data import ReportData

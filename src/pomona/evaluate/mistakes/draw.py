@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
-from pomona.cameras import opencv_from_colmap_px
 from pomona.detections import Mask
+from pomona.intrinsics import opencv_from_colmap_px
 
 Rgb = tuple[int, int, int]
 

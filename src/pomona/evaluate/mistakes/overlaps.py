@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask
 from pomona.errors import FormatError
 from pomona.evaluate.truth import Truth
 from pomona.formats.detections.png_masks import read_ids
+from pomona.intrinsics import Intrinsics
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 # A detection shows a fruit that has so much of it: of pixels the rest may be leaves; a disc reaches under neighbours.

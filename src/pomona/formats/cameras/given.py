@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.arrays import IntArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
+from pomona.intrinsics import Intrinsics
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from pomona.arrays import BoolArray, FloatArray
-from pomona.cameras import Intrinsics
 from pomona.errors import FormatError
+from pomona.intrinsics import Intrinsics
 
 # How the tangent of the angle to the axis becomes the radius that the polynomials see.
 Curve = Literal["perspective", "equidistant", "equisolid"]

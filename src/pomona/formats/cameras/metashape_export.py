@@ -16,10 +16,11 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.formats.cameras.metashape_frame import EarthlyWorld
 from pomona.formats.cameras.onto_photos import as_stored
 from pomona.formats.cameras.polynomial import polynomial_lens
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photos
 
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.errors import InputError, few
 from pomona.formats.cameras.given import GivenCameras, shared
 from pomona.formats.cameras.names import match_names
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 
 # Quarter turns clockwise that make a stored photo upright, by its EXIF orientation. Others are mirrored.

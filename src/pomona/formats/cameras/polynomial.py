@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.cameras import Intrinsics
 from pomona.errors import InputError
 from pomona.formats.cameras.lenses import Lens
+from pomona.intrinsics import Intrinsics
 
 _MOST_OFF_PX = 0.1
 _STEPS = 40

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras, Intrinsics
+from pomona.cameras import Cameras
 from pomona.dense.views import paint_labels
 from pomona.detections import Detections
 from pomona.fuse.paper.options import Projection
+from pomona.intrinsics import Intrinsics
 
 # As in the authors' code, which leaves photos with fewer out.
 MIN_DLT_POINTS = 10
