@@ -26,7 +26,7 @@ from camera_scenes import (
 )  # fmt: skip
 from pomona.errors import FormatError
 from pomona.formats.cameras.lenses import Lens, fit_lens
-from pomona.formats.cameras.recognise import read_cameras
+from pomona.formats.cameras.read import read_cameras
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from pomona.formats.cameras.recognise import read_cameras
+from pomona.formats.cameras.read import read_cameras
 from pomona.photos import Photo, Photos
 
 # Written by COLMAP 3.8's `model_converter --output_type Bundler`, beside the binary model that it was given.

@@ -20,7 +20,7 @@ from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.cameras.metashape_export import write_metashape
 from pomona.formats.cameras.nerfstudio_export import write_nerfstudio
 from pomona.formats.cameras.onto_photos import as_stored
-from pomona.formats.cameras.recognise import read_cameras
+from pomona.formats.cameras.read import read_cameras
 from pomona.formats.geojson import write_geojson
 from pomona.formats.gpkg import write_gpkg
 from pomona.formats.kml import write_kml

@@ -31,7 +31,7 @@ def sfm_stage(context: Context, segment: Stage[SurveyDetections]) -> Stage[Recon
 
     def key() -> Any:
         if context.options.cameras is not None:
-            from pomona.formats.cameras.recognise import find_cameras
+            from pomona.formats.cameras.read import find_cameras
 
             files = find_cameras(context.options.cameras).files
             return ["given", [file_digest(file) for file in files], context.photo_details]
@@ -156,7 +156,7 @@ def _no_piece(reconstruction: Reconstruction) -> str:
 
 
 def _given(context: Context, progress: Progress) -> Reconstruction:
-    from pomona.formats.cameras.recognise import read_cameras
+    from pomona.formats.cameras.read import read_cameras
 
     assert context.options.cameras is not None
     progress.start("reading the cameras given")

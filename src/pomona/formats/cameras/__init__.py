@@ -1,1 +1,1 @@
-"""Cameras of other programs: one module a format; `recognise` tells which it is and reads it."""
+"""Cameras of other programs: one module a format, all of them in `registry`; `read` finds and reads them."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pomona.errors import FormatError
 from pomona.formats.cameras.bundler import Bundle, cameras_of, parse_bundle
+from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.names import match_names
 from pomona.formats.cameras.onto_photos import stored_size
@@ -64,3 +65,26 @@ def _names(path: Path, bundle: Bundle) -> list[str]:
         twice = next(name for name in names if names.count(name) > 1)
         raise FormatError(f"{found}: expected different photos, found '{twice}' twice")
     return names
+
+
+def _recognise(file: CameraFile) -> bool:
+    """By its first line, or where that is missing, by the numbers of cameras and points that follow it."""
+    lines = [line.split() for line in file.head.splitlines() if line.strip() and not line.startswith("#")]
+    counts = bool(lines) and len(lines[0]) == 2 and all(word.isdecimal() for word in lines[0])
+    return file.head.startswith("# Bundle file") or (file.path.suffix == ".out" and counts)
+
+
+def _companions(path: Path) -> list[Path]:
+    found = list_of(path)
+    return [] if found is None else [found]
+
+
+FORMAT = CameraFormat(
+    kind="bundler",
+    title="Bundler (.out)",
+    recognise=_recognise,
+    read=read_bundler,
+    places=("bundle/bundle.out", "bundle.out"),
+    patterns=("*.out",),
+    companions=_companions,
+)

@@ -22,6 +22,7 @@ from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary
 from pomona.formats.cameras.colmap_model import assemble
 from pomona.formats.cameras.colmap_text import read_text, read_text_poses
+from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
 from pomona.formats.cameras.given import GivenCameras
 from pomona.photos import Photos
@@ -139,3 +140,19 @@ def _numbers(values: FloatArray) -> str:
 def _write(path: Path, lines: Iterator[str]) -> None:
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(line + "\n" for line in lines)
+
+
+def _recognise(folder: CameraFile) -> bool:
+    return any((folder.path / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin"))
+
+
+FORMAT = CameraFormat(
+    kind="colmap",
+    title="COLMAP (a folder with cameras, images and points3D, .txt or .bin)",
+    recognise=_recognise,
+    read=lambda folder, photos: read_model(folder),
+    places=(".", "sparse", "sparse/*", "colmap/sparse/*", "[0-9]"),
+    folder_files=frozenset(
+        f"{stem}{suffix}" for stem in ("cameras", "images", "points3D", "frame") for suffix in (".txt", ".bin", ".json")
+    ),
+)

@@ -17,6 +17,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
+from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.given import GivenCameras, shared
 from pomona.formats.cameras.lenses import Curve, FittedLens, Lens, fit_lens
 from pomona.formats.cameras.metashape_frame import place_of
@@ -208,3 +209,17 @@ def _lens(sensor_id: int, sensor: Element) -> FittedLens:
         curve=_CURVES[kind],
     )
     return fit_lens(lens, calibration.where)
+
+
+def _recognise(file: CameraFile) -> bool:
+    return file.head.startswith("<") and ("<document" in file.head or file.path.suffix.lower() == ".xml")
+
+
+FORMAT = CameraFormat(
+    kind="metashape",
+    title="Metashape (.xml)",
+    recognise=_recognise,
+    read=lambda path, photos: read_metashape(path),
+    places=(),
+    patterns=("*.xml",),
+)

@@ -16,6 +16,7 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.formats.cameras.fields import Field
+from pomona.formats.cameras.format import CameraFormat
 from pomona.formats.cameras.frames import frame_from_field
 from pomona.formats.cameras.given import GivenCameras, shared
 from pomona.formats.cameras.lenses import FittedLens, Lens, fit_lens
@@ -158,3 +159,14 @@ def _points(root: Field) -> tuple[FloatArray, ByteArray]:
     if field is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     return read_ply_points(root.path.parent / field.text())
+
+
+FORMAT = CameraFormat(
+    kind="nerfstudio",
+    title="nerfstudio (transforms.json)",
+    recognise=lambda file: file.has_key("frames"),
+    read=read_nerfstudio,
+    places=("transforms.json",),
+    json_name="transforms.json",
+    companions=lambda path: sorted(path.parent.glob("*.ply")),
+)

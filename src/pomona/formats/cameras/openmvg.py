@@ -16,6 +16,7 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.formats.cameras.fields import Field
+from pomona.formats.cameras.format import CameraFormat
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.lenses import Curve, FittedLens, Lens, fit_lens
 from pomona.formats.cameras.poses import pose_from, rotation_from
@@ -162,3 +163,13 @@ def _structure(
     grey = np.full((len(points), 3), 128, np.uint8)  # the file has no colours
     tracks = (np.array(point_idx, np.int64), np.array(photo_idx, np.int64), np.array(xy).reshape(-1, 2))
     return points, grey, tracks
+
+
+FORMAT = CameraFormat(
+    kind="openmvg",
+    title="OpenMVG (sfm_data.json)",
+    recognise=lambda file: file.has_key("sfm_data_version"),
+    read=lambda path, photos: read_openmvg(path),
+    places=("sfm_data.json", "reconstruction/sfm_data.json"),
+    json_name="sfm_data.json",
+)

@@ -18,12 +18,14 @@ from scipy.spatial.transform import Rotation
 from pomona.arrays import ByteArray, FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate, local_crs
 from pomona.formats.cameras.fields import Field
+from pomona.formats.cameras.format import CameraFormat
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.lenses import Curve, FittedLens, Lens, fit_lens
 from pomona.formats.cameras.opensfm_tracks import Tracks, read_tracks
 from pomona.formats.cameras.poses import pose_from
 
 _EXPECTED = "OpenSfM's reconstruction.json"
+_TRACKS = "tracks.csv"
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def read_opensfm(path: Path) -> GivenCameras:
         )
         parts = parts[:1]
     frame = _frame(parts[0])
-    tracks = read_tracks(path.with_name("tracks.csv"))
+    tracks = read_tracks(path.with_name(_TRACKS))
     read = [_part(part, tracks, frame) for part in parts]
     notes += [note for _, part_notes in read for note in part_notes]
     return GivenCameras(concatenate([cameras for cameras, _ in read], frame), "OpenSfM", tuple(notes))
@@ -149,3 +151,14 @@ def _points(part: Field) -> tuple[Sequence[str], FloatArray, ByteArray]:
     places = np.array([point.at("coordinates").numbers(3) for _, point in entries]).reshape(-1, 3)
     colours = np.array([point.at("color").numbers(3) for _, point in entries]).reshape(-1, 3)
     return [key for key, _ in entries], places, np.clip(np.round(colours), 0, 255).astype(np.uint8)
+
+
+FORMAT = CameraFormat(
+    kind="opensfm",
+    title="OpenSfM and OpenDroneMap (reconstruction.json)",
+    recognise=lambda file: file.has_key("shots"),
+    read=lambda path, photos: read_opensfm(path),
+    places=("opensfm/reconstruction.json", "reconstruction.json"),
+    json_name="reconstruction.json",
+    companions=lambda path: [path.with_name(_TRACKS)] if path.with_name(_TRACKS).is_file() else [],
+)
