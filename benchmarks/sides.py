@@ -63,7 +63,7 @@ def line(row: Path, kind: str, by: str, placed: Placed, detections: SurveyDetect
     fruits = measure(fused, detections, cameras, photos, options=RunOptions().measure)
     scores = evaluate(fruits, truth).visible
     assert scores is not None
-    ties = placed.residuals.ties
+    ties = placed.report.ties
     agree = f"{ties[0].fruits} | {ties[0].median_mm:.1f}" if ties else "– | –"
     both = sum(side == "both" for side in fruits.sides)
     cells = (

@@ -14,7 +14,7 @@ from pomona.detections import Mask
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
-from pomona.scale.values import Placed, ScaleReport
+from pomona.scale.report import Placed, ScaleReport
 from pomona.segment import SegmenterTraits, TileDetections
 from pomona.sfm.pieces import Piece, Reconstruction
 

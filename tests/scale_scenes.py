@@ -15,8 +15,8 @@ from pomona.cameras import Cameras
 from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
-from pomona.scale.adjust import point_errors_px
 from pomona.scale.aruco import Sighting
+from pomona.scale.bundle_adjustment import point_errors_px
 from pomona.scale.upright import leveling_rotation
 from pomona.sfm.pieces import Piece
 
@@ -98,11 +98,11 @@ def sighted(
 def show_markers(monkeypatch: pytest.MonkeyPatch, sightings: Sequence[Sighting]) -> None:
     """Let the stage find these markers, as if it had looked at photos."""
 
-    def find(photos: Iterable[Photo], wanted: Iterable[int], *_: object) -> list[Sighting]:
+    def find(photos: Iterable[Photo], wanted: Iterable[int], *_: object, **__: object) -> list[Sighting]:
         names, ids = {photo.name for photo in photos}, set(wanted)
         return [s for s in sightings if s.photo in names and s.marker_id in ids]
 
-    monkeypatch.setattr("pomona.scale.sources.find_markers", find)
+    monkeypatch.setattr("pomona.scale.markers.find_markers", find)
 
 
 def photos_of(*cameras: Cameras) -> Photos:

@@ -123,7 +123,7 @@ def test_fruit_but_no_cameras_is_an_error(fakes: Fakes, tmp_path: Path) -> None:
 
 
 def test_markers_that_are_never_seen(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pomona.scale.place import place_in_world
+    from pomona.scale.world_frame import place_in_world
 
     monkeypatch.setattr("pomona.scale.place_in_world", place_in_world)
     (tmp_path / "markers.csv").write_text("id,x,y,z\n0,0,0,0\n1,1,0,0\n2,0,0,1\n")
@@ -236,7 +236,7 @@ def test_unknown_option_values(options: dict[str, object], message: str) -> None
 def test_unknown_option_values_that_stages_know(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, str], message: str
 ) -> None:
-    from pomona.scale.place import place_in_world
+    from pomona.scale.world_frame import place_in_world
     from pomona.segment.load import load_segmenter
 
     Fakes().install(monkeypatch)

@@ -14,9 +14,9 @@ from pomona.fruits import Fruits
 from pomona.geometry import Similarity
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.by_fruits import FindFruits, halfway, tie_by_fruits
-from pomona.scale.constellation import grow, is_clear, lay_over, mutually_nearest
-from pomona.scale.work import Work
+from pomona.scale.placement import Placement
+from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register
+from pomona.scale.side_alignment import FindFruits, align_sides, halfway
 from pomona.sfm.pieces import Reconstruction
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted, some_frame
 
@@ -62,20 +62,20 @@ def test_two_sides_are_laid_over_each_other_by_what_both_see(seed: int, share: f
     row = fruits_on_a_row(seed=seed)
     west, east = as_seen(row, 1, share, 10 + seed), as_seen(row, -1, share, 20 + seed)
     frame = level_frame(seed)
-    overlay = lay_over(frame.apply(west), east, DIAMETER_M)
-    assert overlay is not None
-    back = overlay.target_from_source.apply(frame.apply(row))
+    found = register(frame.apply(west), east, DIAMETER_M)
+    assert found is not None
+    back = found.target_from_source.apply(frame.apply(row))
     off_m = np.linalg.norm(back - row, axis=1)
     assert np.median(off_m) < 0.01
     assert off_m.max() < 0.03
-    assert 12 <= len(overlay.pairs) <= len(row)
-    assert len(set(overlay.pairs[:, 0])) == len(set(overlay.pairs[:, 1])) == len(overlay.pairs)
+    assert 12 <= len(found.pairs) <= len(row)
+    assert len(set(found.pairs[:, 0])) == len(set(found.pairs[:, 1])) == len(found.pairs)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_rows_that_have_nothing_in_common_are_not_laid_over_each_other(seed: int) -> None:
     one, other = fruits_on_a_row(seed=seed), fruits_on_a_row(seed=100 + seed)
-    assert lay_over(as_seen(one, 1, 0.75, 1), as_seen(other, -1, 0.75, 2), DIAMETER_M) is None
+    assert register(as_seen(one, 1, 0.75, 1), as_seen(other, -1, 0.75, 2), DIAMETER_M) is None
 
 
 def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
@@ -83,8 +83,8 @@ def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
     west, east = as_seen(row, 1, 0.6, 1), as_seen(row, -1, 0.6, 2)
     random = np.random.default_rng(3)
     order, other_order = random.permutation(len(west)), random.permutation(len(east))
-    plain, shuffled = lay_over(west, east, DIAMETER_M), lay_over(west[order], east[other_order], DIAMETER_M)
-    large = lay_over(10 * west, 10 * east, 10 * DIAMETER_M)
+    plain, shuffled = register(west, east, DIAMETER_M), register(west[order], east[other_order], DIAMETER_M)
+    large = register(10 * west, 10 * east, 10 * DIAMETER_M)
     assert plain is not None
     assert shuffled is not None
     assert large is not None
@@ -95,27 +95,27 @@ def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
 
 def test_few_fruits_tell_nothing() -> None:
     row = fruits_on_a_row(7)
-    assert lay_over(row, row, DIAMETER_M) is None
-    assert lay_over(np.zeros((0, 3)), row, DIAMETER_M) is None
-    assert grow(Similarity.identity(), row, row, DIAMETER_M) is None
+    assert register(row, row, DIAMETER_M) is None
+    assert register(np.zeros((0, 3)), row, DIAMETER_M) is None
+    assert iterate_closest_points(Similarity.identity(), row, row, DIAMETER_M) is None
     in_a_line = np.stack([np.arange(12) * 0.2, np.zeros(12), np.ones(12)], axis=1)
-    assert lay_over(in_a_line, in_a_line, DIAMETER_M) is None
+    assert register(in_a_line, in_a_line, DIAMETER_M) is None
 
 
 def test_what_is_clear_and_what_is_chance() -> None:
     row = fruits_on_a_row()
-    overlay = grow(Similarity.identity(), row, row + 0.01, DIAMETER_M)
-    assert overlay is not None
-    assert is_clear(overlay, row, row + 0.01, DIAMETER_M)
-    np.testing.assert_allclose(overlay.target_from_source.apply(row), row + 0.01, atol=1e-9)
-    few = replace(overlay, pairs=overlay.pairs[:9])
-    assert not is_clear(few, *(np.repeat(row, 9, axis=0),) * 2, DIAMETER_M)
+    found = iterate_closest_points(Similarity.identity(), row, row + 0.01, DIAMETER_M)
+    assert found is not None
+    assert is_significant(found, row, row + 0.01, DIAMETER_M)
+    np.testing.assert_allclose(found.target_from_source.apply(row), row + 0.01, atol=1e-9)
+    few = replace(found, pairs=found.pairs[:9])
+    assert not is_significant(few, *(np.repeat(row, 9, axis=0),) * 2, DIAMETER_M)
 
 
 def test_nearest_of_each_other() -> None:
     points, target = np.array([[0.0, 0, 0], [0.4, 0, 0], [9, 0, 0]]), np.array([[0.1, 0, 0], [5.0, 0, 0]])
-    assert mutually_nearest(points, target, 1.0).tolist() == [[0, 0]]
-    assert mutually_nearest(points, target, 0.05).tolist() == []
+    assert mutual_neighbours(points, target, 1.0).tolist() == [[0, 0]]
+    assert mutual_neighbours(points, target, 0.05).tolist() == []
 
 
 def test_halfway_meets_in_the_middle_and_believes_vague_points_little() -> None:
@@ -157,13 +157,13 @@ def _between(world: Cameras, cameras: Cameras) -> Similarity:
     return Similarity(float(scale), rotation, target[0] - scale * rotation @ centers[0])
 
 
-def both_in_metres(source: str = "fruit-diameter") -> Work:
+def both_in_metres(source: str = "fruit-diameter") -> Placement:
     """Both sides in frames of their own, their scales known but for some percent."""
     pieces = [as_piece(EAST, "east", 1), as_piece(WEST, "west", 2)]
-    work = Work(pieces, Silent())
+    placement = Placement(pieces, Silent())
     for idx, error in enumerate((1.0, 1.06)):
-        work.scale(idx, source, error / some_frame(idx + 1).scale)  # type: ignore[arg-type]
-    return work
+        placement.set_scale(idx, source, error / some_frame(idx + 1).scale)  # type: ignore[arg-type]
+    return placement
 
 
 def relative_error_m(east: Cameras, west: Cameras) -> float:
@@ -173,61 +173,61 @@ def relative_error_m(east: Cameras, west: Cameras) -> float:
 
 
 def test_sides_without_anything_are_tied_by_their_fruits() -> None:
-    work = both_in_metres()
+    placement = both_in_metres()
     fruits = fruits_on_a_row(length_m=2.0)
-    tie_by_fruits(work, None, finder(fruits, {"east": 0.6, "west": 0.6}))
-    assert set(work.tied) == {0, 1}
-    assert relative_error_m(work.tied[0], work.tied[1]) < 0.06
-    (tie,) = work.ties
+    align_sides(placement, None, finder(fruits, {"east": 0.6, "west": 0.6}))
+    assert set(placement.in_world) == {0, 1}
+    assert relative_error_m(placement.in_world[0], placement.in_world[1]) < 0.06
+    (tie,) = placement.ties
     assert (tie.side, tie.other, tie.tied_by) == ("east", "west", "fruits")
     assert np.isnan(tie.moved_mm)
     assert 20 < tie.fruits <= 130
     assert 3 < tie.median_mm < 25
     # The scale is that of the side it was laid over.
-    assert work.metres_per_unit[1] == pytest.approx(1 / some_frame(2).scale, rel=0.01)
+    assert placement.metres_per_unit[1] == pytest.approx(1 / some_frame(2).scale, rel=0.01)
 
 
 def test_sides_that_share_no_fruit_stay_apart() -> None:
-    work = both_in_metres()
+    placement = both_in_metres()
     rows = {"east": fruits_on_a_row(seed=1), "west": fruits_on_a_row(seed=2)}
 
     def find(cameras: Cameras) -> Fruits:
         return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
 
-    tie_by_fruits(work, None, find)
-    assert (work.tied, work.ties) == ({}, [])
-    assert any("seen from the other side" in reason for reason in work.failures[1])
+    align_sides(placement, None, find)
+    assert (placement.in_world, placement.ties) == ({}, [])
+    assert any("seen from the other side" in reason for reason in placement.failures[1])
 
 
 def test_gnss_is_a_start_which_fruits_make_exact() -> None:
-    work = both_in_metres("gnss")
+    placement = both_in_metres("gnss")
     off = Similarity(1.0, np.eye(3), np.array([1.5, -0.8, 0.6]))
-    work.tied = {0: EAST, 1: WEST.transformed(off)}
-    work.metres_per_unit = {0: 1.0, 1: 1.0}
+    placement.in_world = {0: EAST, 1: WEST.transformed(off)}
+    placement.metres_per_unit = {0: 1.0, 1: 1.0}
     frame = WorldFrame("gnss", approximate=False, crs="EPSG:32631", origin=(41.0, 0.5, 200.0))
-    tie_by_fruits(work, frame, finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6}))
-    assert relative_error_m(work.tied[0], work.tied[1]) < 0.06
-    np.testing.assert_array_equal(work.tied[0].cam_from_world, EAST.cam_from_world)
-    assert work.ties[0].tied_by == "gnss"
-    assert work.ties[0].moved_mm == pytest.approx(1000 * np.linalg.norm(off.translation), rel=0.1)
+    align_sides(placement, frame, finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6}))
+    assert relative_error_m(placement.in_world[0], placement.in_world[1]) < 0.06
+    np.testing.assert_array_equal(placement.in_world[0].cam_from_world, EAST.cam_from_world)
+    assert placement.ties[0].tied_by == "gnss"
+    assert placement.ties[0].moved_mm == pytest.approx(1000 * np.linalg.norm(off.translation), rel=0.1)
 
 
 def test_markers_leave_little_which_fruits_make_less() -> None:
-    work = both_in_metres("markers")
+    placement = both_in_metres("markers")
     off = Similarity(1.0, np.eye(3), np.array([0.006, 0.0, -0.004]))
-    work.tied = {0: EAST, 1: WEST.transformed(off)}
-    work.metres_per_unit = {0: 1.0, 1: 1.0}
+    placement.in_world = {0: EAST, 1: WEST.transformed(off)}
+    placement.metres_per_unit = {0: 1.0, 1: 1.0}
     for idx in (0, 1):
-        work.scale(idx, "markers", 1.0, rms_mm=5.0)
-    tie_by_fruits(work, WorldFrame("markers", False, True), finder(fruits_on_a_row(length_m=2.0), {
+        placement.set_scale(idx, "markers", 1.0, rms_mm=5.0)
+    align_sides(placement, WorldFrame("markers", False, True), finder(fruits_on_a_row(length_m=2.0), {
         "east": 0.6, "west": 0.6}))  # fmt: skip
     row = fruits_on_a_row(length_m=2.0)
-    east, west = (_between(side, work.tied[i]).apply(row) for i, side in enumerate((EAST, WEST)))
+    east, west = (_between(side, placement.in_world[i]).apply(row) for i, side in enumerate((EAST, WEST)))
     apart_m = np.median(np.linalg.norm(west - east, axis=1))
     assert apart_m < 0.5 * np.linalg.norm(off.translation)
     # Both went half the way.
     np.testing.assert_allclose(((east + west) / 2 - row).mean(0), off.translation / 2, atol=0.001)
-    (tie,) = work.ties
+    (tie,) = placement.ties
     assert tie.tied_by == "markers"
     assert 0 < tie.moved_mm < 30
 
@@ -241,9 +241,9 @@ def test_the_stage_tells_of_ties_and_no_longer_of_sides_apart(monkeypatch: pytes
     fruits = finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6})
     placed = place_in_world(pieces, photos_of(EAST, WEST), options=options, find_fruits=fruits, progress=progress)
     assert not any("no common frame" in w for w in progress.warnings)
-    assert placed.residuals.sides_are_tied
-    assert [tie.tied_by for tie in placed.residuals.ties] == ["fruits"]
+    assert placed.report.sides_are_tied
+    assert [tie.tied_by for tie in placed.report.ties] == ["fruits"]
     apart = place_in_world(pieces, photos_of(EAST, WEST), options=options, progress=progress)
     assert any("no common frame" in w for w in progress.warnings)
-    assert not apart.residuals.sides_are_tied
-    assert apart.residuals.ties == ()
+    assert not apart.report.sides_are_tied
+    assert apart.report.ties == ()

@@ -14,15 +14,15 @@ import pytest
 from pomona.cameras import Cameras
 from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.geometry import robust_similarity
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.adjust import share_lenses
-from pomona.scale.align import robust_similarity
 from pomona.scale.aruco import find_markers
-from pomona.scale.markers import read_markers
-from pomona.scale.triangulate import triangulate
+from pomona.scale.bundle_adjustment import share_lenses
+from pomona.scale.marker_table import read_markers
+from pomona.scale.triangulation import triangulate
 from pomona.sfm import Reconstruction
 from scale_scenes import (
     LENS,
@@ -51,7 +51,7 @@ def test_both_sides_come_into_the_markers_frame(monkeypatch: pytest.MonkeyPatch,
     assert placed.cameras.frame.scale_source == "markers"
     assert placed.cameras.frame.up_is_known
     assert not placed.cameras.frame.approximate
-    report = placed.residuals
+    report = placed.report
     assert (report.source, report.tied_pieces, report.sides_are_tied, report.unseen_markers) == ("markers", 2, True, ())
     assert 0 < report.markers_rms_mm < 2
     assert [(r.marker_id, r.side) for r in report.markers] == [(i, s) for s in ("east", "west") for i in range(6)]
@@ -83,12 +83,12 @@ def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path:
     progress = Silent()
     options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
     placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
-    assert placed.residuals.unseen_markers == (4, 5)
+    assert placed.report.unseen_markers == (4, 5)
     assert rms_m(placed.cameras, EAST, WEST) < 0.004
     (warning,) = progress.warnings
     assert warning.startswith(f"2 of 6 markers named in {options.markers} were not seen in any photo: 4, 5.")
     assert "--marker-dictionary" in warning
-    assert placed.residuals.notes == tuple(progress.warnings)
+    assert placed.report.notes == tuple(progress.warnings)
 
 
 def test_no_marker_seen_loses_no_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_a_marker_that_the_table_has_elsewhere_is_left_out(monkeypatch: pytest.M
     options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", wrong))
     placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
     assert rms_m(placed.cameras, EAST, WEST) < 0.003
-    assert [r.marker_id for r in placed.residuals.markers if not r.used] == [3, 3]
+    assert [r.marker_id for r in placed.report.markers if not r.used] == [3, 3]
     assert all(re.search(r"marker 3 was left out: seen 0\.(3[5-9]|4[0-5])", warning) for warning in progress.warnings)
     assert len(progress.warnings) == 2
 
@@ -154,7 +154,7 @@ def test_a_side_without_markers_is_set_beside_with_a_warning(monkeypatch: pytest
     assert east[:, 0].max() < west[:, 0].min()
     assert np.ptp(west[:, 0]) == pytest.approx(np.ptp(WEST.centers_in_world[:, 0]), rel=0.1), "as far away as the east"
     assert placed.cameras.frame.approximate
-    assert not placed.residuals.sides_are_tied
+    assert not placed.report.sides_are_tied
     assert any("counted twice" in warning for warning in progress.warnings)
 
 

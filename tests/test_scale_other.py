@@ -18,9 +18,9 @@ from pomona.geometry import Similarity
 from pomona.photos import Gnss, Photos
 from pomona.progress import Silent
 from pomona.scale import Placed, ScaleOptions, place_in_world
-from pomona.scale.beside import set_beside
 from pomona.scale.gnss import fit_gnss, local_frame, positions_in_local
 from pomona.scale.upright import estimate_upright_similarity, leveling_rotation, row_frame, up_direction
+from pomona.scale.world_frame import set_beside
 from pomona.sfm import Piece, Reconstruction
 from scale_scenes import (
     FOCAL,
@@ -61,10 +61,10 @@ def test_a_scale_bar_gives_metres_to_each_side(monkeypatch: pytest.MonkeyPatch) 
         np.testing.assert_allclose(np.linalg.norm(found - found[0], axis=1), lengths(truth), rtol=5e-3, atol=1e-3)
     assert placed.cameras.frame.scale_source == "scale-bar"
     assert not placed.cameras.frame.approximate
-    assert [(r.marker_id, r.side, np.isnan(r.residual_mm)) for r in placed.residuals.markers] == [
+    assert [(r.marker_id, r.side, np.isnan(r.residual_mm)) for r in placed.report.markers] == [
         (0, "east", True), (5, "east", True), (0, "west", True), (5, "west", True),
     ]  # fmt: skip
-    assert np.isnan(placed.residuals.markers_rms_mm)
+    assert np.isnan(placed.report.markers_rms_mm)
     assert len(progress.warnings) == 1, "sides without a common frame"
     assert "no common frame" in progress.warnings[0]
 
@@ -85,7 +85,7 @@ def test_a_scale_bar_serves_pieces_that_the_table_does_not(monkeypatch: pytest.M
     show_markers(monkeypatch, sighted([EAST], PLACES) + sighted([WEST], bar))
     options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"), scale_bar=(10, 11, 1.0))
     placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options)
-    assert [piece.source for piece in placed.residuals.pieces] == ["markers", "scale-bar"]
+    assert [piece.source for piece in placed.report.pieces] == ["markers", "scale-bar"]
     west = placed.cameras.centers_in_world[8:]
     np.testing.assert_allclose(np.linalg.norm(west - west[0], axis=1), lengths(WEST), rtol=5e-3, atol=1e-3)
 
@@ -144,7 +144,7 @@ def test_gnss_of_a_metre_of_noise_and_some_wild_positions_still_gives_the_row() 
     found = placed.cameras.centers_in_world
     assert np.linalg.norm(found[-1] - found[0]) == pytest.approx(40, rel=0.06)
     assert 0.01 < np.sqrt(((found + offset_m(placed) - LONG.centers_in_world)[:, :2] ** 2).sum(1).mean()) < 1.2
-    assert 400 < placed.residuals.pieces[0].rms_mm < 1600
+    assert 400 < placed.report.pieces[0].rms_mm < 1600
 
 
 def test_gnss_that_scatters_more_than_the_path_is_long_is_not_believed() -> None:
@@ -187,7 +187,7 @@ def test_photos_without_positions_have_no_local_frame() -> None:
     positions = positions_in_local(mixed, frame)
     assert np.isnan(positions[0]).all()
     assert np.isfinite(positions[1:]).all()
-    assert isinstance(fit_gnss(EAST, np.full((8, 3), np.nan)), str)
+    assert isinstance(fit_gnss(EAST, np.full((8, 3), np.nan), ScaleOptions()), str)
 
 
 def test_a_scale_bar_gives_the_scale_and_gnss_the_place(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,7 +251,7 @@ def test_fruit_diameter_gives_approximate_metres_and_says_so(diameter_m: float, 
     (warning,) = progress.warnings
     assert "metres are approximate" in warning
     assert f"taken to be {1000 * diameter_m:.0f} mm in diameter (--fruit-diameter)" in warning
-    assert placed.residuals.pieces[0].source == "fruit-diameter"
+    assert placed.report.pieces[0].source == "fruit-diameter"
 
 
 def test_mostly_hidden_fruits_give_a_rougher_scale() -> None:

@@ -1,13 +1,19 @@
-"""Rigid and similarity transforms, named `target_from_source`."""
+"""Similarity transforms, named `target_from_source`, and their least-squares and robust fits."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from pomona.arrays import FloatArray, set_checked
+from pomona.arrays import BoolArray, FloatArray, set_checked
 from pomona.errors import InputError
+
+# Points count as lying on one line where their spread across it is less than this share of the spread along it.
+_LINE_RATIO = 0.04
+# Where there are more triples, a random sample of so many bounds the time.
+_MOST_TRIPLES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,3 +72,48 @@ def estimate_similarity(points_in_source: FloatArray, points_in_target: FloatArr
     rotation = u @ np.diag(sign) @ vt
     scale = float((singular * sign).sum() / (source_centred**2).sum(1).mean())
     return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
+
+
+def robust_similarity(
+    points_in_source: FloatArray, points_in_target: FloatArray, *, noise_m: float = 0.005
+) -> tuple[Similarity, BoolArray]:
+    """Return `target_from_source` of n ≥ 3 pairs (n, 3) and which pairs (n,) agree with it.
+
+    Every three pairs propose one; that with the least median residual separates inliers from outliers (least median of
+    squares, Rousseeuw 1984), and the inliers are fitted by least squares. With three pairs all are taken as inliers.
+    Residuals up to three times `noise_m`, in the target's units, never make an outlier: 5 mm is what a person can place
+    markers to.
+
+    Raises `InputError` when fewer than three pairs are given, or when they lie on one line.
+    """
+    n = len(points_in_source)
+    if n < 3 or on_one_line(points_in_target):
+        raise InputError(f"A place in space needs three markers that are not on one line, found {n} on one")
+    inliers = np.ones(n, bool)
+    if n > 3:
+        triples = list(combinations(range(n), 3))
+        if len(triples) > _MOST_TRIPLES:
+            chosen = np.random.default_rng(0).choice(len(triples), _MOST_TRIPLES, replace=False)
+            triples = [triples[i] for i in chosen]
+        residuals = [_residuals_of(points_in_source, points_in_target, list(triple)) for triple in triples]
+        # Of n residuals three are small by construction: judge by the middle of the others.
+        rank = 3 + (n - 3) // 2
+        best = min((r for r in residuals if r is not None), key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
+        sigma = 1.4826 * float(np.sort(best)[rank - 1 : rank + 1].mean())
+        inliers = best < 3 * max(sigma, noise_m)
+        if inliers.sum() < 3 or on_one_line(points_in_target[inliers]):
+            inliers = np.ones(n, bool)
+    return estimate_similarity(points_in_source[inliers], points_in_target[inliers]), inliers
+
+
+def on_one_line(points: FloatArray) -> bool:
+    """Say whether points (n, 3) lie on one line, or so nearly that they do not fix a rotation about it."""
+    singular = np.linalg.svd(points - points.mean(0), compute_uv=False)
+    return len(points) < 3 or bool(singular[1] < _LINE_RATIO * singular[0])
+
+
+def _residuals_of(source: FloatArray, target: FloatArray, triple: list[int]) -> FloatArray | None:
+    if on_one_line(target[triple]) or on_one_line(source[triple]):
+        return None
+    similarity = estimate_similarity(source[triple], target[triple])
+    return np.asarray(np.linalg.norm(similarity.apply(source) - target, axis=1))

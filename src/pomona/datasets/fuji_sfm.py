@@ -27,7 +27,7 @@ from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
-from pomona.scale.constellation import lay_over
+from pomona.scale.registration import register
 from pomona.survey import Survey
 
 NAME = "Fuji-SfM"
@@ -210,7 +210,7 @@ def _from_photos(
 
 
 def _laid_over(fruits: Fruits, truth: Truth, fruit_diameter_m: float) -> Fruits | None:
-    overlay = lay_over(fruits.centers_in_world, truth.centers_in_world, fruit_diameter_m)
+    overlay = register(fruits.centers_in_world, truth.centers_in_world, fruit_diameter_m)
     if overlay is None:
         return None
     truth_from_world = overlay.target_from_source

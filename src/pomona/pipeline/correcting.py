@@ -10,7 +10,7 @@ from pomona.corrections import Corrected, Corrections, Found, apply, read_correc
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
 from pomona.pipeline.context import Context
-from pomona.scale.values import Placed
+from pomona.scale.report import Placed
 from pomona.survey import Stage
 
 if TYPE_CHECKING:

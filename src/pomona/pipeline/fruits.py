@@ -13,7 +13,7 @@ from pomona.pipeline.context import Context
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.seeing import counted, trusted
 from pomona.progress import Progress
-from pomona.scale.values import Placed
+from pomona.scale.report import Placed
 from pomona.survey import Stage
 from pomona.survey.digest import file_digest
 from pomona.survey.stage import StageWork

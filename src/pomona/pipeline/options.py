@@ -87,7 +87,7 @@ class RunOptions:
     @property
     def scale(self) -> ScaleOptions:
         """Options of the scale stage."""
-        from pomona.scale.values import ScaleOptions
+        from pomona.scale.options import ScaleOptions
 
         return ScaleOptions(
             markers=self.markers,
@@ -169,7 +169,7 @@ class RunOptions:
                     f"--marker-dictionary: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
                 )
         if self.markers is not None:
-            from pomona.scale.markers import read_markers
+            from pomona.scale.marker_table import read_markers
 
             read_markers(self.markers)
         if self.filter_model is not None:

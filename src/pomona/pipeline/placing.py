@@ -14,7 +14,7 @@ from pomona.errors import ReconstructionError
 from pomona.pipeline.context import Context
 from pomona.pipeline.seeing import counted, trusted
 from pomona.progress import Progress
-from pomona.scale.values import MarkerResidual, PieceScale, Placed, ScaleReport, SideTie
+from pomona.scale.report import MarkerResidual, PieceScale, Placed, ScaleReport, SideTie
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.survey import Stage
 from pomona.survey.digest import file_digest, plain
@@ -22,7 +22,7 @@ from pomona.survey.stage import StageWork
 from pomona.survey.values import frame_from
 
 if TYPE_CHECKING:
-    from pomona.scale.by_fruits import FindFruits
+    from pomona.scale.side_alignment import FindFruits
 
 
 def sfm_stage(context: Context, segment: Stage[SurveyDetections]) -> Stage[Reconstruction]:
@@ -96,7 +96,7 @@ def scale_stage(context: Context, segment: Stage[SurveyDetections], sfm: Stage[R
             {
                 "photos": len(placed.cameras),
                 "frame": placed.cameras.frame,
-                "report": placed.residuals,
+                "report": placed.report,
                 "lost": placed.lost,
             }
         )
@@ -184,7 +184,7 @@ def _as_given(
     reconstruction: Reconstruction, detections: SurveyDetections, context: Context, progress: Progress
 ) -> Placed | None:
     """The cameras where they are, if their file says that they are in metres or their fruits do; else None."""
-    from pomona.scale.given_metres import frame_by_fruits
+    from pomona.scale.fruit_size import frame_by_fruits
 
     (piece,) = reconstruction.pieces
     cameras = piece.cameras

@@ -19,7 +19,7 @@ from pomona.pipeline.correcting import Correcting
 from pomona.pipeline.placing import unregistered_from
 from pomona.pipeline.seeing import trusted
 from pomona.progress import Progress
-from pomona.scale.values import Placed
+from pomona.scale.report import Placed
 from pomona.sfm.pieces import Reconstruction
 from pomona.survey import Stage
 from pomona.survey.files import write_file
@@ -153,7 +153,7 @@ def _report_data(
         masks=correcting.masks if corrected else trusted(segment, context.options),
         corrections=corrected.applied if corrected else 0,
         lost=(*unregistered, *scale.value.lost),
-        scale=scale.value.residuals,
+        scale=scale.value.report,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(dict.fromkeys(warnings)),
         version=__version__,

@@ -9,7 +9,7 @@ from pomona.cameras import Cameras
 from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
-from pomona.scale.values import ScaleReport
+from pomona.scale.report import ScaleReport
 from pomona.sfm.pieces import Unregistered
 
 

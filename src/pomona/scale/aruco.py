@@ -17,10 +17,10 @@ from pomona.errors import InputError
 from pomona.photos import Photo
 from pomona.progress import Progress
 
-# Plates are looked for at this size first, and then measured in the full photo: a plate is worth setting up where it
-# is at least 1 % of the photo's side, 20 pixels of these.
-_COARSE_SIDE_PX = 2000
+# Around where a plate was found in the small photo, as a share of its size: room for its white margin.
 _MARGIN = 0.6
+# Corners found in the whole photo farther than this share of the plate's size from the first ones are of another plate.
+_SAME_PLATE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,18 @@ def dictionary_names() -> list[str]:
 
 
 def find_markers(
-    photos: Iterable[Photo], wanted: Collection[int], dictionary: str, progress: Progress, *, threads: int = 2
+    photos: Iterable[Photo],
+    wanted: Collection[int],
+    dictionary: str,
+    progress: Progress,
+    *,
+    search_side_px: int = 2000,
+    threads: int = 2,
 ) -> list[Sighting]:
     """Return every sighting of the `wanted` ids in the photos; other ids (false decodes, other plates) are left out.
+
+    Plates are searched in photos of at most `search_side_px`, then measured in the whole photo. (A plate is worth
+    setting up where it is at least 1 % of the photo's side, 20 pixels of 2000.)
 
     Raises `InputError` for a dictionary that does not exist, or an id that it does not hold. A photo that cannot be
     decoded is warned of and left out.
@@ -64,7 +73,7 @@ def find_markers(
     progress.start("Looking for markers", len(photos))
     sightings: list[Sighting] = []
     with ThreadPoolExecutor(threads) as pool:
-        look = partial(_in_photo, wanted=frozenset(wanted), dictionary=dictionary)
+        look = partial(_in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px)
         for photo, found in zip(photos, pool.map(look, photos), strict=True):
             progress.advance()
             if isinstance(found, str):
@@ -74,9 +83,9 @@ def find_markers(
     return sightings
 
 
-def _in_photo(photo: Photo, wanted: Collection[int], dictionary: str) -> list[Sighting] | str:
+def _in_photo(photo: Photo, wanted: Collection[int], dictionary: str, search_side_px: int) -> list[Sighting] | str:
     try:
-        small = cv2.cvtColor(read_pixels(photo, max_side_px=_COARSE_SIDE_PX), cv2.COLOR_RGB2GRAY)
+        small = cv2.cvtColor(read_pixels(photo, max_side_px=search_side_px), cv2.COLOR_RGB2GRAY)
         scale = small.shape[1] / photo.width_px
         if scale == 1.0:
             return [Sighting(photo.name, i, c) for i, c in detect(small, dictionary) if i in wanted]
@@ -97,7 +106,7 @@ def _measured(grey: ByteArray, marker_id: int, coarse_px: FloatArray, dictionary
     x1, y1 = np.ceil(high + margin).astype(int)
     for found_id, corners in detect(np.ascontiguousarray(grey[y0:y1, x0:x1]), dictionary):
         corners_px = np.asarray(corners + np.array([x0, y0]))
-        if found_id == marker_id and np.abs(corners_px - coarse_px).max() < 0.2 * (high - low).max():
+        if found_id == marker_id and np.abs(corners_px - coarse_px).max() < _SAME_PLATE * (high - low).max():
             return np.asarray(corners_px, np.float64)
     return coarse_px
 

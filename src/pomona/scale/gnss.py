@@ -1,4 +1,4 @@
-"""A local east-north-up frame from the positions that cameras wrote into their photos. pyproj is touched here alone."""
+"""Metres and an east-north-up frame from the GNSS positions of photos. pyproj is touched here alone in this room."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import numpy as np
 from pyproj import Transformer
 
 from pomona.arrays import BoolArray, FloatArray
-from pomona.cameras import Cameras, local_crs
+from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError
-from pomona.geometry import Similarity
-from pomona.photos import Photo
-from pomona.scale.align import robust_similarity
+from pomona.geometry import Similarity, robust_similarity
+from pomona.photos import Photo, Photos
+from pomona.scale.options import ScaleOptions
+from pomona.scale.placement import Placement
 from pomona.scale.upright import estimate_upright_similarity, up_direction
 
-_LEAST_POSITIONS = 5
-# Positions must be spread this many times wider than they scatter around the fit, or they tell no scale.
-_LEAST_SPREAD = 8.0
+# Where there are more pairs, a random sample of so many bounds the time.
 _MOST_PAIRS = 1000
 
 
@@ -42,6 +41,32 @@ class GnssFit:
     inliers: BoolArray
     rms_m: float
     up_is_known: bool
+
+
+def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -> WorldFrame | None:
+    """Put every piece with good enough positions into a local east-north-up frame, keeping a scale it has."""
+    frame = local_frame(photos.items)
+    if frame is None:
+        return None
+    by_name = photos.by_name()
+    up_is_known = False
+    for idx, piece in enumerate(placement.pieces):
+        of_piece: list[Photo] = [by_name[name] for name in piece.cameras.photos]
+        scale = placement.metres_per_unit.get(idx)
+        fit = fit_gnss(piece.cameras, positions_in_local(of_piece, frame), options, scale=scale)
+        if isinstance(fit, str):
+            placement.add_failure(idx, fit)
+            if placement.is_main(idx):
+                placement.warn(f"{placement.name(idx)} has no place from GNSS: {fit}")
+            continue
+        placement.in_world[idx] = piece.cameras.transformed(fit.local_from_piece)
+        if scale is None:
+            placement.set_scale(idx, "gnss", fit.local_from_piece.scale, 1000 * fit.rms_m)
+        up_is_known = up_is_known or fit.up_is_known
+    if not placement.in_world:
+        return None
+    source = placement.scales[min(placement.in_world)].source
+    return WorldFrame(source, approximate=False, up_is_known=up_is_known, crs=frame.crs, origin=frame.origin)
 
 
 def local_frame(photos: Sequence[Photo]) -> LocalFrame | None:
@@ -67,8 +92,10 @@ def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray
     return positions
 
 
-def fit_gnss(cameras: Cameras, positions: FloatArray, *, scale: float | None = None) -> GnssFit | str:
-    """Return a piece's place from its cameras' positions (n, 3), NaN where unknown, or why they do not tell it.
+def fit_gnss(
+    cameras: Cameras, positions: FloatArray, options: ScaleOptions, *, scale: float | None = None
+) -> GnssFit | str:
+    """Return a piece's place from its cameras' positions (n, 3), NaN where unknown, or why they do not give one.
 
     Where positions are spread well in two directions, as from a drone, all of the similarity is fitted to them.
     Positions along a row say nothing of its roll: there up is taken from how the cameras were held, and scale (unless
@@ -76,10 +103,10 @@ def fit_gnss(cameras: Cameras, positions: FloatArray, *, scale: float | None = N
     """
     known = np.isfinite(positions).all(1)
     distinct = len(np.unique(positions[known].round(2), axis=0))
-    if distinct < _LEAST_POSITIONS:
-        return f"{distinct} different GNSS positions, expected at least {_LEAST_POSITIONS}"
+    if distinct < options.least_gnss_positions:
+        return f"{distinct} different GNSS positions, expected at least {options.least_gnss_positions}"
     source, target = cameras.centers_in_world[known], positions[known]
-    fit = _fit_all(source, target) if scale is None else None
+    fit = _fit_all(source, target, options.least_gnss_spread) if scale is None else None
     up_is_known = fit is not None
     if fit is None:
         try:
@@ -89,7 +116,7 @@ def fit_gnss(cameras: Cameras, positions: FloatArray, *, scale: float | None = N
     similarity, good = fit
     rms_m = _scatter(similarity, source[good], target[good], unknowns=7 if up_is_known else 5)
     length_m = _spread(target[good])[0]
-    if length_m < _LEAST_SPREAD * rms_m:
+    if length_m < options.least_gnss_spread * rms_m:
         return (
             f"GNSS positions scatter by {rms_m:.1f} m around the cameras' path, which is only {length_m:.1f} m (RMS) "
             "long: too little to tell a scale"
@@ -99,7 +126,7 @@ def fit_gnss(cameras: Cameras, positions: FloatArray, *, scale: float | None = N
     return GnssFit(similarity, inliers, rms_m, up_is_known)
 
 
-def _fit_all(source: FloatArray, target: FloatArray) -> tuple[Similarity, BoolArray] | None:
+def _fit_all(source: FloatArray, target: FloatArray, least_spread: float) -> tuple[Similarity, BoolArray] | None:
     """A similarity without regard to how the cameras were held; None where positions are too nearly on one line."""
     try:
         similarity, good = robust_similarity(source, target)
@@ -107,7 +134,7 @@ def _fit_all(source: FloatArray, target: FloatArray) -> tuple[Similarity, BoolAr
         return None
     across_m = _spread(target[good])[1]
     scatter_m = _scatter(similarity, source[good], target[good], unknowns=7)
-    return (similarity, good) if across_m > _LEAST_SPREAD * scatter_m else None
+    return (similarity, good) if across_m > least_spread * scatter_m else None
 
 
 def _spread(positions: FloatArray) -> FloatArray:

@@ -1,92 +1,268 @@
-"""`markers.csv`: where the centres of the marker plates are, in metres."""
+"""Metres from markers: pieces fitted to markers of known places and refined together, or scaled by two of them."""
 
 from __future__ import annotations
 
-import csv
-import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray, set_checked
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.arrays import FloatArray
+from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.errors import InputError
+from pomona.geometry import Similarity, on_one_line, robust_similarity
+from pomona.photos import Photos
+from pomona.scale.aruco import Sighting, find_markers
+from pomona.scale.bundle_adjustment import hold_markers, point_errors_px, share_lenses, split
+from pomona.scale.marker_table import Markers
+from pomona.scale.options import ScaleOptions
+from pomona.scale.placement import Placement
+from pomona.scale.report import MarkerResidual
+from pomona.scale.triangulation import TriangulatedMarker, reprojection_errors_px, triangulate_markers
+from pomona.scale.upright import estimate_upright_similarity, up_direction
 
-_COLUMNS = ("id", "x", "y", "z")
+# Residuals above this share of the markers' spread mean that the table and the photos do not belong together.
+_MOST_RESIDUAL = 0.1
+# At most so many bundle adjustments: each begins with a better estimate of how exactly the places are known.
+_ROUNDS = 3
+# Another round is worth its time where the places turned out to be this much better known than assumed.
+_ENOUGH = 0.8
+# Nobody places markers better than this.
+_LEAST_SIGMA_M = 0.0002
+# Cameras that stood nearer to or farther from the markers than this speak for a table in other units.
+_PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
+
+
+def find_sightings(
+    placement: Placement, photos: Photos, markers: Markers | None, options: ScaleOptions
+) -> list[Sighting]:
+    """Return where the markers of the table and of the scale bar are seen in the photos of the pieces."""
+    wanted = set(map(int, markers.ids)) if markers is not None else set()
+    wanted |= set(options.scale_bar[:2]) if options.scale_bar is not None else set()
+    if not wanted:
+        return []
+    placed = {name for piece in placement.pieces for name in piece.cameras.photos}
+    searched = [photo for photo in photos if photo.name in placed]
+    sightings = find_markers(
+        searched, wanted, options.marker_dictionary, placement.progress, search_side_px=options.marker_search_side_px
+    )
+    placement.unseen_markers = tuple(sorted(wanted - {s.marker_id for s in sightings}))
+    if placement.unseen_markers:
+        named = ", ".join(map(str, placement.unseen_markers))
+        where = "--scale-bar" if markers is None else str(options.markers)
+        placement.warn(
+            f"{len(placement.unseen_markers)} of {len(wanted)} markers named in {where} were not seen in any photo: "
+            f"{named}. Check that they are {options.marker_dictionary} plates (--marker-dictionary), sharp, "
+            "unobstructed, with a white margin"
+        )
+    return sightings
+
+
+def place_by_markers(
+    placement: Placement, photos: Photos, markers: Markers, sightings: Sequence[Sighting], options: ScaleOptions
+) -> WorldFrame | None:
+    """Put every piece that sees enough markers into their frame, and refine those together."""
+    places = markers.places()
+    fits: dict[int, MarkerFit] = {}
+    for idx, piece in enumerate(placement.pieces):
+        fit = fit_markers(piece.cameras, sightings, places)
+        if isinstance(fit, str):
+            placement.add_failure(idx, fit)
+            if placement.is_main(idx):
+                placement.warn(f"{placement.name(idx)} has no place from the markers: {fit}")
+            continue
+        fits[idx] = fit
+        placement.set_scale(idx, "markers", fit.world_from_piece.scale, 1000 * fit.rms_m)
+        _warn_of_fit(placement, idx, fit)
+    if not fits:
+        return None
+    tied = [placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()]
+    if options.refine and all(fit.up_is_known for fit in fits.values()):
+        keys = {photo.name: photo.camera_key for photo in photos}
+        placement.progress.start("Refining cameras on the markers")
+        tied = refine(tied, list(fits.values()), places, keys)
+    for (idx, fit), cameras in zip(fits.items(), tied, strict=True):
+        placement.in_world[idx] = cameras
+        placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places)
+        _check_units(placement, idx, places, cameras.centers_in_world)
+    return WorldFrame("markers", approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
+
+
+def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
+    if not fit.up_is_known:
+        placement.warn(
+            f"{placement.name(idx)} sees {len(fit.used)} markers, which are on one line: its tilt about that line was "
+            "taken from how the camera was held. Three markers that are not on one line make it exact"
+        )
+    for marker_id, reason in fit.unused.items():
+        placement.warn(f"{placement.name(idx)}: marker {marker_id} was left out: {reason}")
+
+
+def _check_units(placement: Placement, idx: int, places: dict[int, FloatArray], centers: FloatArray) -> None:
+    middle = np.mean(list(places.values()), axis=0)
+    distance = float(np.median(np.linalg.norm(centers - middle, axis=1)))
+    low, high = _PLAUSIBLE_DISTANCE_M
+    if not low < distance < high:
+        placement.warn(
+            f"{placement.name(idx)}: by the markers' places the camera stood {distance:.3g} m from them; are the "
+            "places in metres?"
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Markers:
-    """n markers: `ids` (n,), unique, and the places of their centres `points_in_world` (n, 3), metres, z up."""
+class MarkerFit:
+    """One piece in the markers' frame: which markers were `used`, the others with a reason, the residual RMS (m).
 
-    ids: IntArray
-    points_in_world: FloatArray
-
-    def __post_init__(self) -> None:
-        set_checked(self, "ids", (len(self.ids),), np.int64)
-        set_checked(self, "points_in_world", (len(self.ids), 3), np.float64)
-        if len(np.unique(self.ids)) != len(self.ids):
-            raise InputError("Markers: ids must be unique")
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def places(self) -> dict[int, FloatArray]:
-        """Return the places keyed by id."""
-        return {int(i): point for i, point in zip(self.ids, self.points_in_world, strict=True)}
-
-
-def read_markers(path: Path) -> Markers:
-    """Read a table with the columns `id,x,y,z` (metres); other columns are ignored.
-
-    Raises `MissingFileError` when there is no such file, and `FormatError`, naming line and column, when a column is
-    missing, a value is no number, or an id stands there twice.
+    `up_is_known` is False where markers did not fix the rotation, and the cameras' own up completed it.
     """
-    if not path.is_file():
-        raise MissingFileError(f"--markers {path}: no such file; expected a table with the columns id,x,y,z in metres")
+
+    world_from_piece: Similarity
+    used: Mapping[int, TriangulatedMarker]
+    unused: Mapping[int, str]
+    rms_m: float
+    up_is_known: bool
+
+    @property
+    def sightings(self) -> list[Sighting]:
+        """The sightings of the markers used."""
+        return [sighting for marker in self.used.values() for sighting in marker.sightings]
+
+
+def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]) -> MarkerFit | str:
+    """Return a piece's fit to markers of known places, or why there is none.
+
+    Three markers that are not on one line give place, rotation and scale. With two, or on one line, the rotation
+    about the line comes from how the cameras were held.
+    """
+    found, failed = triangulate_markers(cameras, sightings)
+    found = {i: marker for i, marker in found.items() if i in places}
+    ids = list(found)
+    if len(ids) < 2:
+        return f"{len(ids)} of the markers were seen well in two or more photos, expected at least 3"
+    source = np.array([found[i].triangulated.point for i in ids])
+    target = np.array([places[i] for i in ids])
+    up_is_known = not on_one_line(target)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise FormatError(f"{path}: expected a text file (CSV with the columns id,x,y,z), found other data") from None
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
-    lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
-    if not lines:
-        raise FormatError(f"{path}: the file is empty; expected a table with the columns id,x,y,z in metres")
-    separator = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
-    rows = list(csv.reader([line for _, line in lines], delimiter=separator))
-    header = [cell.strip().lower() for cell in rows[0]]
-    missing = [column for column in _COLUMNS if column not in header]
-    if missing:
-        raise FormatError(
-            f"{path}, line {lines[0][0]}: expected the columns id,x,y,z, found {','.join(header)}: "
-            f"{', '.join(missing)} missing"
+        if up_is_known:
+            similarity, inliers = robust_similarity(source, target)
+        else:
+            similarity = estimate_upright_similarity(source, target, up_direction(cameras))
+            inliers = np.ones(len(ids), bool)
+    except InputError as error:
+        return str(error)
+    residuals = np.linalg.norm(similarity.apply(source) - target, axis=1)
+    spread = float(np.linalg.norm(target[inliers] - target[inliers].mean(0), axis=1).mean())
+    rms_m = float(np.sqrt((residuals[inliers] ** 2).mean()))
+    if rms_m > _MOST_RESIDUAL * spread:
+        return (
+            f"markers {', '.join(map(str, ids))} are seen where the table does not have them ({rms_m:.2f} m off, RMS): "
+            "check its ids and places"
         )
-    places: dict[int, list[float]] = {}
-    for (number, _), row in zip(lines[1:], rows[1:], strict=True):
-        cells = {column: row[header.index(column)] if header.index(column) < len(row) else "" for column in _COLUMNS}
-        marker_id = _whole(cells["id"], path, number)
-        if marker_id in places:
-            raise FormatError(f"{path}, line {number}, column id: marker {marker_id} stands there twice")
-        places[marker_id] = [_number(cells[column], path, number, column) for column in _COLUMNS[1:]]
-    if not places:
-        raise FormatError(f"{path}: expected at least one marker below the header, found none")
-    return Markers(np.array(list(places), np.int64), np.array(list(places.values()), float))
+    wrong = {
+        i: f"seen {r:.3f} m from its place in the table, against all others"
+        for i, r, is_inlier in zip(ids, residuals, inliers, strict=True)
+        if not is_inlier
+    }
+    used = {i: found[i] for i in ids if i not in wrong}
+    return MarkerFit(similarity, used, {**failed, **wrong}, rms_m, up_is_known)
 
 
-def _whole(cell: str, path: Path, line: int) -> int:
-    value = _number(cell, path, line, "id")
-    if value != int(value) or value < 0:
-        raise FormatError(
-            f"{path}, line {line}, column id: expected a whole number of 0 or more, found {cell.strip()!r}"
-        )
-    return int(value)
+def refine(
+    pieces: Sequence[Cameras], fits: Sequence[MarkerFit], places: Mapping[int, FloatArray], keys: Mapping[str, str]
+) -> list[Cameras]:
+    """Return the fitted pieces, already in the markers' frame, after one bundle adjustment of all with the markers.
+
+    How exactly the places are known is estimated from the photos: at first as well as the pieces fit them rigidly,
+    then, as the adjustment unbends the pieces, as well as it fits them (variance components). The pieces are returned
+    unchanged where the markers would not be seen better, or the scene worse.
+    """
+    sightings = [sighting for fit in fits for sighting in fit.sightings]
+    before = concatenate(pieces, WorldFrame())
+    shared = share_lenses(before, keys)
+    best = before
+    # Three numbers for each marker and piece, of which a similarity of each piece takes seven.
+    freedom = max(1, 3 * sum(len(fit.used) for fit in fits) - 7 * len(fits))
+    sigma_m = max(_LEAST_SIGMA_M, float(np.sqrt(sum(f.rms_m**2 * len(f.used) for f in fits) / freedom)))
+    for _ in range(_ROUNDS):
+        refined = hold_markers(shared, sightings, places, sigma_m=sigma_m)
+        if refined is None or not _is_better(refined, before, sightings, places):
+            break
+        best = refined
+        offsets_m = np.array([offset for fit in fits for offset in marker_offsets(refined, fit, places).values()])
+        fitted_m = max(_LEAST_SIGMA_M, float(np.sqrt((offsets_m**2).sum() / freedom)))
+        if fitted_m > _ENOUGH * sigma_m:
+            break
+        sigma_m = fitted_m
+    return split(best, [len(piece) for piece in pieces])
 
 
-def _number(cell: str, path: Path, line: int, column: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FormatError(f"{path}, line {line}, column {column}: expected a number, found {cell.strip()!r}")
-    return value
+def marker_offsets(cameras: Cameras, fit: MarkerFit, places: Mapping[int, FloatArray]) -> dict[int, float]:
+    """Return how far, in metres, each marker used is triangulated from its place by cameras in the markers' frame."""
+    found, _ = triangulate_markers(cameras, fit.sightings)
+    return {i: float(np.linalg.norm(m.triangulated.point - places[i])) for i, m in found.items()}
+
+
+def residuals_of(cameras: Cameras, side: str, fit: MarkerFit, places: Mapping[int, FloatArray]) -> list[MarkerResidual]:
+    """Return how each marker fits a piece that is in the markers' frame."""
+    offsets = marker_offsets(cameras, fit, places)
+    residuals = []
+    for i, marker in fit.used.items():
+        errors_px = reprojection_errors_px(cameras, marker.sightings, places)
+        rms_px = float(np.sqrt((errors_px**2).mean()))
+        offset_mm = 1000 * offsets.get(i, float("nan"))
+        residuals.append(MarkerResidual(i, side, len(marker.sightings), offset_mm, rms_px))
+    nan = float("nan")
+    residuals += [MarkerResidual(i, side, 0, nan, nan, used=False, reason=why) for i, why in fit.unused.items()]
+    return sorted(residuals, key=lambda r: r.marker_id)
+
+
+def _is_better(
+    refined: Cameras, before: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+) -> bool:
+    seen_before, seen = (
+        reprojection_errors_px(before, sightings, places),
+        reprojection_errors_px(refined, sightings, places),
+    )
+    scene_before, scene = _scene_px(before), _scene_px(refined)
+    return bool(np.sqrt((seen**2).mean()) < np.sqrt((seen_before**2).mean()) and scene <= 1.1 * scene_before + 0.05)
+
+
+def _scene_px(cameras: Cameras) -> float:
+    errors_px = point_errors_px(cameras)
+    return float(np.nanmean(errors_px)) if np.isfinite(errors_px).any() else 0.0
+
+
+def scale_by_bar(placement: Placement, sightings: Sequence[Sighting], options: ScaleOptions) -> None:
+    """Give metres from the scale bar to every piece that sees both of its markers."""
+    if options.scale_bar is None:
+        return
+    for idx in placement.unscaled():
+        piece = placement.pieces[idx]
+        found = _bar_scale(piece.cameras, sightings, options.scale_bar, piece.side)
+        if isinstance(found, str):
+            placement.add_failure(idx, found)
+            if placement.is_main(idx):
+                placement.warn(f"{placement.name(idx)} has no scale from the scale bar: {found}")
+            continue
+        placement.set_scale(idx, "scale-bar", found[0])
+        placement.markers += found[1]
+
+
+def _bar_scale(
+    cameras: Cameras, sightings: Sequence[Sighting], bar: tuple[int, int, float], side: str
+) -> tuple[float, list[MarkerResidual]] | str:
+    """Return a piece's metres per unit and how well its two markers are seen, or why the bar gives no scale."""
+    one, other, length_m = bar
+    found, failed = triangulate_markers(cameras, [s for s in sightings if s.marker_id in (one, other)])
+    for marker_id in (one, other):
+        if marker_id not in found:
+            return f"marker {marker_id} of the scale bar: {failed.get(marker_id, 'not seen in any photo')}"
+    a, b = found[one].triangulated, found[other].triangulated
+    length = float(np.linalg.norm(a.point - b.point))
+    if length <= 0:
+        return "both markers of the scale bar are seen in one place"
+    residuals = [
+        MarkerResidual(i, side, len(found[i].sightings), float("nan"), found[i].triangulated.rms_px)
+        for i in (one, other)
+    ]
+    return length_m / length, residuals

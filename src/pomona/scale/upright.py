@@ -1,4 +1,4 @@
-"""Which way is up, told from how people hold cameras; and fits that take it as given."""
+"""Which way is up, judging by how people hold cameras; level frames, and fits of similarities that keep up."""
 
 from __future__ import annotations
 

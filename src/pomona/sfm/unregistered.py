@@ -12,11 +12,11 @@ from pomona.photos import Photo
 from pomona.sfm.engine import Overlap
 from pomona.sfm.pieces import Unregistered
 
-# Sharpness below this part of the usual one is blur: neighbours along a row differ by less.
+# Sharpness below this part of the usual one is called blur.
 _BLURRED = 0.4
 # Fewer features than these are blamed, where others have at least twice as many; fewer than the least always are.
 _FEW_FEATURES, _LEAST_FEATURES = 300, 50
-# Matches with a placed photo that should have been enough to place one more.
+# With as many matches with a placed photo, too little overlap is not the reason.
 _ENOUGH_MATCHES = 60
 
 _SHARPER = "Take photos with a shorter exposure, hold still, or walk more slowly; then take this place again."

@@ -9,7 +9,7 @@ from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.geometry import Similarity
-from pomona.scale.given_metres import frame_by_fruits
+from pomona.scale.fruit_size import frame_by_fruits
 
 DIAMETER_M = 0.075
 

@@ -1,8 +1,8 @@
-"""Two sides' fruits, each in a frame of its own, laid over each other like two photos of one night sky.
+"""Registration of two sets of points in level frames of their own, as of two photos of one night sky.
 
-Both sides see some of the same fruits, from behind, and these stand in a pattern that occurs once. Two fruits of one
-side and two of the other which are as far apart and as steep above each other propose a similarity; the fruits around
-them speak for or against it; the best proposals grow by further fruits until all that agree are fitted at once.
+Both sides of a row see some of the same fruits, and these stand in a pattern that occurs once. Two fruits of one side
+and two of the other that are as far apart and as steep above each other give a hypothesis, a similarity; the fruits
+around them vote on it; the best hypotheses are refined by iterative closest points.
 """
 
 from __future__ import annotations
@@ -14,91 +14,106 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.geometry import Similarity, estimate_similarity
-from pomona.scale.align import on_one_line
+from pomona.geometry import Similarity, estimate_similarity, on_one_line
 
-# Lengths in fruit diameters. Fruits farther apart than this are not compared at once: pieces may be bent.
+# Lengths are in fruit diameters. Nearer fruits do not fix a heading; farther ones are off where pieces are bent.
 _NEAREST, _FARTHEST = 3.0, 14.0
+# Correspondences are at most this far apart; twice as far while a hypothesis is rough.
 _SAME_PLACE, _FIRST_SAME_PLACE = 0.4, 0.75
+# How many fruits around a pair vote on its hypotheses.
 _NEIGHBOURS = 24
 # Scales that come from fruits differ by so much at most, and what is taken for up is off by so much.
 _MOST_SCALE, _MOST_TILT = 1.2, np.radians(12)
+# Pairs of two sides are alike where their lengths and their steepness differ by no more than this.
 _LENGTH_RATIO, _STEEPNESS = 1.15, np.radians(6)
-_MOST_PAIRS, _MOST_PROPOSALS, _GROWN = 1500, 400_000, 40
+# These bound time and memory: pairs of one side, hypotheses voted on, and hypotheses refined.
+_MOST_PAIRS, _MOST_HYPOTHESES, _REFINED = 1500, 400_000, 40
+# Steps of iterative closest points; over the first half of them the reach of correspondences shrinks.
 _STEPS = 15
-_FEWEST = 8
+# The registration must bring together this many times as many points as its mirror image does, and some more.
 _CLEARER, _MORE = 1.5, 4
+# Random shifts by which it is estimated how many points are brought together by chance.
 _SHIFTS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Overlay:
+class Registration:
     """`target_from_source`, and the k pairs (k, 2) of points, source and target, which it brings together."""
 
     target_from_source: Similarity
     pairs: IntArray
 
 
-def lay_over(source: FloatArray, target: FloatArray, diameter_m: float) -> Overlay | None:
-    """Return how points (n, 3) of one level frame (z up, about in metres) lie over points (m, 3) of another.
+def register(
+    source: FloatArray, target: FloatArray, diameter_m: float, *, least_common: int = 8
+) -> Registration | None:
+    """Return the registration of points (n, 3) of one level frame (z up) to points (m, 3) of another.
 
-    Their heading is unknown, their scales are about the same. None where no overlay brings clearly more points
-    together than chance does. The result does not depend on the order of points.
+    `diameter_m` is that of the fruits whose centres these are, and the unit of all tolerances. Heading and translation
+    are unknown, the scales are about the same. None where no registration brings at least `least_common` points
+    together, and clearly more than chance does. The result does not depend on the order of points.
     """
-    if min(len(source), len(target)) < _FEWEST:
+    if min(len(source), len(target)) < least_common:
         return None
     order = np.lexsort(source.T), np.lexsort(target.T)
     a, b = source[order[0]], target[order[1]]
-    best = _best_overlay(a, b, diameter_m)
+    best = _best_registration(a, b, diameter_m, least_common)
     if best is None:
         return None
     # A mirror image has the same distances and neighbours, and can lie over the target by chance alone.
-    mirrored = _best_overlay(a * [1.0, -1.0, 1.0], b, diameter_m)
+    mirrored = _best_registration(a * [1.0, -1.0, 1.0], b, diameter_m, least_common)
     if mirrored is not None and len(best.pairs) < _CLEARER * len(mirrored.pairs) + _MORE:
         return None
     pairs = np.stack([order[0][best.pairs[:, 0]], order[1][best.pairs[:, 1]]], axis=1)
-    return Overlay(best.target_from_source, pairs)
+    return Registration(best.target_from_source, pairs)
 
 
-def grow(start: Similarity, source: FloatArray, target: FloatArray, diameter_m: float) -> Overlay | None:
-    """Fit all pairs that are each other's nearest, again and again, from a first guess; None where they are too few.
+def iterate_closest_points(
+    start: Similarity, source: FloatArray, target: FloatArray, diameter_m: float, *, least_common: int = 8
+) -> Registration | None:
+    """Refine a first similarity by iterative closest points; None where fewer than `least_common` correspond.
 
-    None also where the fit tilts, shrinks or enlarges what it started from more than two level frames can differ.
+    Correspondences are points that are each other's nearest. None also where the fit tilts, shrinks or enlarges more
+    than two level frames can differ.
+    Source: Besl and McKay 1992, with a similarity and mutual neighbours.
     """
     similarity = start
     for step in range(_STEPS):
         reach = _FIRST_SAME_PLACE + (_SAME_PLACE - _FIRST_SAME_PLACE) * min(1.0, 2 * step / _STEPS)
-        pairs = mutually_nearest(similarity.apply(source), target, reach * diameter_m)
-        if len(pairs) < _FEWEST or on_one_line(target[pairs[:, 1]]):
+        pairs = mutual_neighbours(similarity.apply(source), target, reach * diameter_m)
+        if len(pairs) < least_common or on_one_line(target[pairs[:, 1]]):
             return None
         similarity = estimate_similarity(source[pairs[:, 0]], target[pairs[:, 1]])
         if not _is_plausible(similarity):
             return None
-    return Overlay(similarity, mutually_nearest(similarity.apply(source), target, _SAME_PLACE * diameter_m))
+    return Registration(similarity, mutual_neighbours(similarity.apply(source), target, _SAME_PLACE * diameter_m))
 
 
-def is_clear(overlay: Overlay, source: FloatArray, target: FloatArray, diameter_m: float) -> bool:
-    """Say whether an overlay brings clearly more points together than the same points do a few diameters aside."""
-    if len(overlay.pairs) < _FEWEST:
+def is_significant(
+    found: Registration, source: FloatArray, target: FloatArray, diameter_m: float, *, least_common: int = 8
+) -> bool:
+    """Say whether a registration brings clearly more points together than the same points do a few diameters aside."""
+    if len(found.pairs) < least_common:
         return False
     random = np.random.default_rng(0)
-    placed = overlay.target_from_source.apply(source)
+    placed = found.target_from_source.apply(source)
     shifts = random.normal(size=(_SHIFTS, 3))
     shifts *= (random.uniform(1.5, 4.0, _SHIFTS) * diameter_m / np.linalg.norm(shifts, axis=1))[:, None]
-    by_chance = max(len(mutually_nearest(placed + shift, target, _SAME_PLACE * diameter_m)) for shift in shifts)
-    return bool(len(overlay.pairs) >= by_chance + 3 * np.sqrt(by_chance + 1) + 2)
+    by_chance = max(len(mutual_neighbours(placed + shift, target, _SAME_PLACE * diameter_m)) for shift in shifts)
+    return bool(len(found.pairs) >= by_chance + 3 * np.sqrt(by_chance + 1) + 2)
 
 
-def _best_overlay(a: FloatArray, b: FloatArray, diameter_m: float) -> Overlay | None:
-    grown = [grow(start, a, b, diameter_m) for start in _best_proposals(a, b, cKDTree(b), diameter_m)]
-    return max((overlay for overlay in grown if overlay is not None), key=lambda o: len(o.pairs), default=None)
+def _best_registration(a: FloatArray, b: FloatArray, diameter_m: float, least_common: int) -> Registration | None:
+    hypotheses = _best_hypotheses(a, b, cKDTree(b), diameter_m)
+    refined = [iterate_closest_points(start, a, b, diameter_m, least_common=least_common) for start in hypotheses]
+    return max((found for found in refined if found is not None), key=lambda found: len(found.pairs), default=None)
 
 
-def _best_proposals(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: float) -> list[Similarity]:
+def _best_hypotheses(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: float) -> list[Similarity]:
     """Return the similarities of two points each that most of the points around these agree with."""
     scales, headings, origins_a, origins_b, votes = [], [], [], [], []
     near = cKDTree(a)
-    for first, second, to_first, to_second in _alike(a, b, diameter_m):
+    for first, second, to_first, to_second in _similar_pairs(a, b, diameter_m):
         of_a, of_b = a[second] - a[first], b[to_second] - b[to_first]
         scale = np.linalg.norm(of_b, axis=1) / np.linalg.norm(of_a)
         heading = np.arctan2(of_b[:, 1], of_b[:, 0]) - np.arctan2(of_a[1], of_a[0])
@@ -114,12 +129,12 @@ def _best_proposals(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: flo
         votes.append(np.isfinite(distance).reshape(len(scale), -1).sum(1))
     if not votes:
         return []
-    best = np.argsort(-np.concatenate(votes), kind="stable")[:_GROWN]
+    best = np.argsort(-np.concatenate(votes), kind="stable")[:_REFINED]
     parts = (np.concatenate(values)[best] for values in (scales, headings, origins_a, origins_b))
     return [_similarity(*values) for values in zip(*parts, strict=True)]
 
 
-def _alike(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[int, int, IntArray, IntArray]]:
+def _similar_pairs(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[int, int, IntArray, IntArray]]:
     """Yield two points of `a` and the pairs of `b`, in order, that are about as far apart and as steep."""
     random = np.random.default_rng(0)
     pairs_a, pairs_b = _pairs(a, diameter_m), _pairs(b, diameter_m)
@@ -127,7 +142,7 @@ def _alike(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[in
     if len(pairs_a) == 0 or len(pairs_b) == 0:
         return
     shapes = cKDTree(_shapes(b, pairs_b))
-    left = _MOST_PROPOSALS
+    left = _MOST_HYPOTHESES
     for first, second in pairs_a[random.permutation(len(pairs_a))[:_MOST_PAIRS]]:
         fitting = np.sort(shapes.query_ball_point(_shapes(a, np.array([[first, second]]))[0], 1.0))
         if len(fitting):
@@ -140,7 +155,7 @@ def _alike(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[in
 def _pairs(points: FloatArray, diameter_m: float) -> IntArray:
     pairs = cKDTree(points).query_pairs(_FARTHEST * diameter_m, output_type="ndarray")
     far_enough = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1) > _NEAREST * diameter_m
-    # Points above each other do not tell a heading.
+    # Points above each other do not fix a heading.
     flat = np.linalg.norm((points[pairs[:, 0]] - points[pairs[:, 1]])[:, :2], axis=1) > _NEAREST / 2 * diameter_m
     kept = pairs[far_enough & flat].astype(np.int64)
     ordered: IntArray = kept[np.lexsort(kept.T)]
@@ -168,7 +183,7 @@ def _similarity(scale: float, heading: float, origin_a: FloatArray, origin_b: Fl
     return Similarity(float(scale), rotation, origin_b - scale * rotation @ origin_a)
 
 
-def mutually_nearest(points: FloatArray, target: FloatArray, reach_m: float) -> IntArray:
+def mutual_neighbours(points: FloatArray, target: FloatArray, reach_m: float) -> IntArray:
     """Return index pairs (k, 2) of points that are each other's nearest, at most `reach_m` apart."""
     distance, nearest = map(np.asarray, cKDTree(target).query(points, distance_upper_bound=reach_m))
     near = np.flatnonzero(np.isfinite(distance))

@@ -1,48 +1,14 @@
-"""What the scale stage is told, and what it tells of: where metres came from, and how well they fit."""
+"""Result and report of the scale stage: where metres came from, and how well they fit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from pomona.cameras import Cameras, ScaleSource
-from pomona.errors import InputError
-from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.sfm.pieces import Unregistered
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScaleOptions:
-    """Where metres come from, in this order: markers, a scale bar, GNSS in EXIF, the fruits' own diameter.
-
-    `markers` is a `markers.csv`; `scale_bar` two marker ids and their distance in metres. `fruit_diameter_m` is the
-    median diameter of the fruits. `use_gnss` and `refine` (a last bundle adjustment that holds the markers in their
-    places) can be switched off.
-    """
-
-    markers: Path | None = None
-    scale_bar: tuple[int, int, float] | None = None
-    marker_dictionary: str = "DICT_4X4_50"
-    fruit_diameter_m: float = DEFAULT_DIAMETER_M
-    use_gnss: bool = True
-    refine: bool = True
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.fruit_diameter_m) and 0.001 < self.fruit_diameter_m < 2.0):
-            raise InputError(
-                f"--fruit-diameter: expected metres between 0.001 and 2, such as {DEFAULT_DIAMETER_M}, "
-                f"found {self.fruit_diameter_m}"
-            )
-        if self.scale_bar is not None:
-            one, other, length_m = self.scale_bar
-            if one == other or not (np.isfinite(length_m) and length_m > 0):
-                raise InputError(
-                    "--scale-bar ID,ID,METRES: expected two different marker ids and a positive distance, "
-                    f"found {one},{other},{length_m}"
-                )
 
 
 @dataclass(frozen=True)
@@ -78,7 +44,7 @@ TiedBy = Literal["markers", "gnss", "fruits"]
 
 @dataclass(frozen=True)
 class SideTie:
-    """How two sides agree on the `fruits` that each of them sees alone, after these brought them together.
+    """How two sides agree on the `fruits` that both see, after these aligned them.
 
     `tied_by` is what had them in one frame before. `median_mm` is the median distance between the places that the
     sides give to the same fruit; `moved_mm` how far the fruits moved the sides (NaN where they had no common frame).
@@ -94,9 +60,10 @@ class SideTie:
 
 @dataclass(frozen=True)
 class ScaleReport:
-    """What the survey's manifest and report tell of the scale. `tied_pieces` are in one frame by measurement.
+    """What the survey's manifest and report say of the scale.
 
-    Residuals of markers are of the fit to the markers alone, before `ties` of sides by fruits.
+    `tied_pieces` is how many pieces are in one frame by measurement. Residuals of markers are of the fit to the markers
+    alone, before sides were aligned by their fruits (`ties`).
     """
 
     source: ScaleSource = "none"
@@ -125,4 +92,4 @@ class Placed:
 
     cameras: Cameras
     lost: tuple[Unregistered, ...] = ()
-    residuals: ScaleReport = ScaleReport()
+    report: ScaleReport = ScaleReport()

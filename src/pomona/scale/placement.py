@@ -1,4 +1,4 @@
-"""The scale stage's notebook: which pieces have a place, which a scale alone, and what to tell a person."""
+"""What the scale stage knows of each piece while it works: a place in the world, a scale alone, or why neither."""
 
 from __future__ import annotations
 
@@ -7,41 +7,41 @@ from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras, ScaleSource
 from pomona.progress import Progress
-from pomona.scale.values import MarkerResidual, PieceScale, SideTie
+from pomona.scale.report import MarkerResidual, PieceScale, SideTie
 from pomona.sfm.pieces import Piece
 
 
 @dataclass
-class Work:
+class Placement:
     """What is known so far of each piece, by its index.
 
-    `tied` holds cameras that are in the world frame already; `metres_per_unit` the pieces that have a scale alone;
-    `scales` tells of both; `failures` says what was tried in vain;
-    `ties` how sides agree on fruits that both see.
+    `in_world` holds the cameras of pieces that are in the world frame by measurement ("tied" in the report);
+    `metres_per_unit` the scales known, whether or not the piece has a place; `scales` where both came from;
+    `failures` why sources gave none; `ties` how sides agree on fruits that both see.
     """
 
     pieces: Sequence[Piece]
     progress: Progress
-    tied: dict[int, Cameras] = field(default_factory=dict)
+    in_world: dict[int, Cameras] = field(default_factory=dict)
     metres_per_unit: dict[int, float] = field(default_factory=dict)
     scales: dict[int, PieceScale] = field(default_factory=dict)
     failures: dict[int, list[str]] = field(default_factory=dict)
     markers: list[MarkerResidual] = field(default_factory=list)
-    unseen: tuple[int, ...] = ()
+    unseen_markers: tuple[int, ...] = ()
     notes: list[str] = field(default_factory=list)
     ties: list[SideTie] = field(default_factory=list)
 
-    def tell(self, message: str) -> None:
+    def warn(self, message: str) -> None:
         """Warn the person, and keep the message for the survey."""
         self.notes.append(message)
         self.progress.warn(message)
 
-    def fail(self, idx: int, reason: str) -> None:
-        """Remember why a source gave a piece no scale."""
+    def add_failure(self, idx: int, reason: str) -> None:
+        """Remember why a source gave a piece no scale or place."""
         self.failures.setdefault(idx, []).append(reason)
 
-    def scale(self, idx: int, source: ScaleSource, metres_per_unit: float, rms_mm: float = float("nan")) -> None:
-        """Remember where a piece's metres came from."""
+    def set_scale(self, idx: int, source: ScaleSource, metres_per_unit: float, rms_mm: float = float("nan")) -> None:
+        """Remember a piece's scale and where it came from."""
         piece = self.pieces[idx]
         self.metres_per_unit[idx] = metres_per_unit
         self.scales[idx] = PieceScale(piece.side, len(piece.cameras), source, metres_per_unit, rms_mm)

@@ -1,4 +1,4 @@
-"""A last bundle adjustment that ties the markers to their known places. pycolmap is touched here alone in this room.
+"""Bundle adjustment that holds markers at their known places. pycolmap is touched here alone in this room.
 
 A similarity moves a piece as a whole: what structure from motion bent (a focal length 0.7 % off, a row slightly
 curved) stays bent, and cameras far from the markers are thrown off. Here cameras, lenses and points move until
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pycolmap
@@ -21,7 +22,9 @@ from pomona.scale.aruco import Sighting
 # A plate's centre is known to about 0.1 px and an image feature to about 0.5 px: it counts as this many of them.
 _COPIES = 16
 _FEATURE_NOISE_PX = 0.5
+# An upper bound on time.
 _MOST_ITERATIONS = 50
+# Estimates of one focal length differ by less than this share, zooms by more.
 _ALIKE_FOCAL = 0.03
 # How far away the observers stand that tie the markers to their places: far enough for their rays to be parallel.
 _OBSERVER_DISTANCE_M = 10_000.0
@@ -153,7 +156,7 @@ def share_lenses(cameras: Cameras, keys: Mapping[str, str]) -> Cameras:
     """Return the cameras with one lens for all photos of one `keys[photo]`, model and size, where theirs are alike.
 
     Pieces are mapped one by one, and each estimates the lens anew; that of the most photos is kept. Lenses whose
-    focal lengths differ by more than 3 % are left apart: the photos do not tell of a zoom, but it was one.
+    focal lengths differ by more than 3 % are left apart: EXIF does not mention the zoom, but there was one.
     """
     counts = np.bincount(cameras.intrinsics_idx, minlength=len(cameras.intrinsics))
     groups: dict[tuple[str, str, int, int], list[int]] = {}
@@ -171,4 +174,29 @@ def share_lenses(cameras: Cameras, keys: Mapping[str, str]) -> Cameras:
     intrinsics_idx = [kept.index(shared[i]) for i in cameras.intrinsics_idx]
     return replace(
         cameras, intrinsics=tuple(cameras.intrinsics[i] for i in kept), intrinsics_idx=np.array(intrinsics_idx)
+    )
+
+
+def split(cameras: Cameras, lengths: Sequence[int]) -> list[Cameras]:
+    """Undo `concatenate` of pieces that have these numbers of photos."""
+    ends = np.cumsum([0, *lengths])
+    return [_part(cameras, int(start), int(end)) for start, end in pairwise(ends)]
+
+
+def _part(cameras: Cameras, start: int, end: int) -> Cameras:
+    in_part = (cameras.track_photo_idx >= start) & (cameras.track_photo_idx < end)
+    points, point_idx = np.unique(cameras.track_point_idx[in_part], return_inverse=True)
+    lenses, lens_idx = np.unique(cameras.intrinsics_idx[start:end], return_inverse=True)
+    return Cameras(
+        photos=cameras.photos[start:end],
+        intrinsics=tuple(cameras.intrinsics[i] for i in lenses),
+        intrinsics_idx=lens_idx,
+        cam_from_world=cameras.cam_from_world[start:end],
+        points_in_world=cameras.points_in_world[points],
+        points_rgb=cameras.points_rgb[points],
+        points_error_px=cameras.points_error_px[points],
+        track_point_idx=point_idx,
+        track_photo_idx=cameras.track_photo_idx[in_part] - start,
+        track_xy_px=cameras.track_xy_px[in_part],
+        frame=cameras.frame,
     )

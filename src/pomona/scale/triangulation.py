@@ -1,8 +1,8 @@
-"""Points from their pixels in several photos, robustly: one wrong pixel must not spoil a marker."""
+"""Robust triangulation of points, and of markers, from several photos: one wrong pixel must not spoil a marker."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,19 +11,57 @@ from scipy.optimize import least_squares
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
+from pomona.scale.aruco import Sighting, by_marker
 
+# Rays that meet under less than this say nothing of depth.
 _LEAST_ANGLE_DEG = 1.0
+# Only so many pairs of rays, those under the widest angles, bound the time.
 _MOST_PAIRS = 300
 
 
 @dataclass(frozen=True, eq=False)
 class Triangulated:
-    """A point (3,) in the cameras' frame, which observations agree (n,), their RMS, and the widest angle of rays."""
+    """A point (3,) in the cameras' frame, which observations (n,) are inliers, and the RMS of their residuals."""
 
     point: FloatArray
     inliers: BoolArray
     rms_px: float
-    angle_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class TriangulatedMarker:
+    """A marker seen in a piece: the sightings that agree, and the point that they agree on in the piece's frame."""
+
+    marker_id: int
+    sightings: tuple[Sighting, ...]
+    triangulated: Triangulated
+
+
+def triangulate_markers(
+    cameras: Cameras, sightings: Sequence[Sighting]
+) -> tuple[dict[int, TriangulatedMarker], dict[int, str]]:
+    """Return the markers that can be triangulated in a piece, and for the other sighted ones why they cannot."""
+    index = {name: i for i, name in enumerate(cameras.photos)}
+    found: dict[int, TriangulatedMarker] = {}
+    failed: dict[int, str] = {}
+    for marker_id, seen in by_marker([s for s in sightings if s.photo in index]).items():
+        xy_px = np.array([s.center_px for s in seen])
+        point = triangulate(cameras, [index[s.photo] for s in seen], xy_px, most_error_px=tolerance_px(cameras))
+        if isinstance(point, str):
+            failed[marker_id] = point
+        else:
+            kept = tuple(s for s, is_inlier in zip(seen, point.inliers, strict=True) if is_inlier)
+            found[marker_id] = TriangulatedMarker(marker_id, kept, point)
+    return found, failed
+
+
+def reprojection_errors_px(
+    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+) -> FloatArray:
+    """Return how far (k,) each sighting's centre is from where its known place projects, in pixels."""
+    index = {name: i for i, name in enumerate(cameras.photos)}
+    errors = [cameras.project(index[s.photo], places[s.marker_id][None])[0][0] - s.center_px for s in sightings]
+    return np.asarray(np.linalg.norm(np.array(errors).reshape(-1, 2), axis=1))
 
 
 def tolerance_px(cameras: Cameras) -> float:
@@ -67,7 +105,7 @@ def triangulate(
 
     fit = least_squares(residuals, best[2], x_scale="jac")
     errors = _errors(cameras, idx, xy, fit.x)
-    return Triangulated(fit.x, inliers, float(np.sqrt((errors**2).sum(1).mean())), _angle_deg(rays[kept]))
+    return Triangulated(fit.x, inliers, float(np.sqrt((errors**2).sum(1).mean())))
 
 
 def nearest_to_rays(origins: FloatArray, rays: FloatArray) -> FloatArray:

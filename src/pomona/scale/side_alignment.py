@@ -1,4 +1,4 @@
-"""Sides in one frame by the fruits that both see, and how well they agree there."""
+"""Alignment of a row's sides by the fruits that both see, and how well the sides agree on them."""
 
 from __future__ import annotations
 
@@ -13,17 +13,20 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.fruits import Fruits
 from pomona.geometry import Similarity
-from pomona.scale.constellation import grow, is_clear, lay_over, mutually_nearest
+from pomona.scale.placement import Placement
+from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register
+from pomona.scale.report import SideTie, TiedBy
 from pomona.scale.upright import row_frame
-from pomona.scale.values import SideTie, TiedBy
-from pomona.scale.work import Work
 
 FindFruits = Callable[[Cameras], Fruits]
 """Finds the fruits that cameras in metres see."""
 
+# Correspondences are found anew so often while sides in the markers' frame meet; the motions are small.
 _ROUNDS = 3
+# Iteratively reweighted least squares: steps, and residuals (in spreads) from which weights fall below a half.
 _ROBUST_ROUNDS, _TAIL = 8, 2.0
-_SAME_FRUIT = 0.5  # diameters
+# Two centres are of one fruit where they are nearer than this many diameters.
+_SAME_FRUIT = 0.5
 _SOURCES = ("markers", "scale-bar", "gnss", "fruit-diameter")  # of metres, the best first
 
 
@@ -49,99 +52,106 @@ class _Side:
         )
 
 
-def tie_by_fruits(work: Work, frame: WorldFrame | None, find_fruits: FindFruits) -> None:
-    """Bring pieces which see the same fruits into one frame, and refine those that are in one.
+def align_sides(
+    placement: Placement, frame: WorldFrame | None, find_fruits: FindFruits, *, least_common: int = 8
+) -> None:
+    """Bring pieces that see the same fruits into one frame, and refine those that are in one.
 
-    Pieces in the markers' frame meet half-way. Those that GNSS has put there, or nothing yet, are laid over the piece
-    whose metres are best. What sees too few fruits of the others stays where it is.
+    Pieces in the markers' frame meet half-way. Those that GNSS has placed, or nothing yet, are registered to the piece
+    whose metres are best. A piece that has fewer than `least_common` fruits in common with the others stays where it
+    is.
     """
-    metric = [i for i in range(len(work.pieces)) if i in work.scales and work.scales[i].source != "none"]
+    metric = [i for i in range(len(placement.pieces)) if i in placement.scales and placement.scales[i].source != "none"]
     if len(metric) < 2:
         return
-    work.progress.start("Laying sides over each other", len(metric))
+    placement.progress.start("Aligning sides by their fruits", len(metric))
     sides: dict[int, _Side] = {}
     for idx in metric:
-        sides[idx] = _side(work, idx, find_fruits)
-        work.progress.advance()
+        sides[idx] = _side(placement, idx, find_fruits)
+        placement.progress.advance()
     exact = frame is not None and frame.scale_source == "markers"
-    fixed = [i for i in metric if i in work.tied] if exact else []
+    fixed = [i for i in metric if i in placement.in_world] if exact else []
     if exact:
-        _meet(work, [i for i in fixed if len(sides[i].centers)], sides)
+        _meet_halfway(placement, [i for i in fixed if len(sides[i].centers)], sides, least_common)
     else:
-        fixed = [min(metric, key=lambda i: (_SOURCES.index(work.scales[i].source), -len(work.pieces[i].cameras)))]
-    for idx in sorted(set(metric) - set(fixed), key=lambda i: -len(work.pieces[i].cameras)):
-        if _lay(work, idx, fixed, sides):
+        scales = placement.scales
+        fixed = [min(metric, key=lambda i: (_SOURCES.index(scales[i].source), -len(placement.pieces[i].cameras)))]
+    for idx in sorted(set(metric) - set(fixed), key=lambda i: -len(placement.pieces[i].cameras)):
+        if _register_to(placement, idx, fixed, sides, least_common):
             fixed.append(idx)
 
 
-def _side(work: Work, idx: int, find_fruits: FindFruits) -> _Side:
-    if idx in work.tied:
-        cameras = work.tied[idx]
+def _side(placement: Placement, idx: int, find_fruits: FindFruits) -> _Side:
+    if idx in placement.in_world:
+        cameras = placement.in_world[idx]
     else:
-        piece = work.pieces[idx].cameras
-        cameras = piece.transformed(Similarity(work.metres_per_unit[idx], np.eye(3), np.zeros(3)))
+        piece = placement.pieces[idx].cameras
+        cameras = piece.transformed(Similarity(placement.metres_per_unit[idx], np.eye(3), np.zeros(3)))
         cameras = cameras.transformed(row_frame(cameras))
-    fruits = find_fruits(cameras.transformed(Similarity.identity(), WorldFrame(work.scales[idx].source)))
+    fruits = find_fruits(cameras.transformed(Similarity.identity(), WorldFrame(placement.scales[idx].source)))
     diameter_m = float(np.median(fruits.diameters_m)) if len(fruits) else float("nan")
     return _Side(cameras, fruits.centers_in_world, diameter_m)
 
 
-def _meet(work: Work, tied: Sequence[int], sides: dict[int, _Side]) -> None:
+def _meet_halfway(placement: Placement, tied: Sequence[int], sides: dict[int, _Side], least_common: int) -> None:
     """Move pieces of two sides that the markers brought together half-way to where the other has the same fruits."""
     for i, j in combinations(tied, 2):
-        if work.pieces[i].side == work.pieces[j].side:
+        if placement.pieces[i].side == placement.pieces[j].side:
             continue
         moved_m = 0.0
         for _ in range(_ROUNDS):
-            pairs = _near(sides[i], sides[j])
+            pairs = _correspondences(sides[i], sides[j], least_common)
             if pairs is None:
                 break
-            off_m = float(np.hypot(_off_by_markers_m(work, i), _off_by_markers_m(work, j)))
-            half = halfway(sides[i].centers[pairs[:, 0]], sides[j].centers[pairs[:, 1]], sides[i].sight, off_m)
+            prior_m = float(np.hypot(_marker_error_m(placement, i), _marker_error_m(placement, j)))
+            half = halfway(sides[i].centers[pairs[:, 0]], sides[j].centers[pairs[:, 1]], sides[i].sight, prior_m)
             moved = sides[i].moved(half), sides[j].moved(half.inverse())
             moved_m += _moved_m(sides[i], moved[0]) + _moved_m(sides[j], moved[1])
             sides[i], sides[j] = moved
         else:
-            work.ties.append(_tie(work, i, j, "markers", sides, moved_m))
+            placement.ties.append(_tie(placement, i, j, "markers", sides, moved_m))
     for idx in tied:
-        work.tied[idx] = sides[idx].cameras
+        placement.in_world[idx] = sides[idx].cameras
 
 
-def _lay(work: Work, idx: int, fixed: Sequence[int], sides: dict[int, _Side]) -> bool:
-    """Lay a piece over those whose places are fixed, and say whether it could be done."""
+def _register_to(
+    placement: Placement, idx: int, fixed: Sequence[int], sides: dict[int, _Side], least_common: int
+) -> bool:
+    """Register a piece to those whose places are fixed, and say whether it could be done."""
     known = [i for i in fixed if len(sides[i].centers)]
     if not known or len(sides[idx].centers) == 0:
         return False
     target = np.concatenate([sides[i].centers for i in known])
-    overlay = lay_over(sides[idx].centers, target, sides[known[0]].diameter_m)
-    if overlay is None:
-        work.fail(idx, "too few of its fruits are seen from the other side as well")
+    found = register(sides[idx].centers, target, sides[known[0]].diameter_m, least_common=least_common)
+    if found is None:
+        placement.add_failure(idx, "too few of its fruits are seen from the other side as well")
         return False
     before, base = sides[idx], fixed[0]
-    sides[idx] = before.moved(overlay.target_from_source)
-    starts_from_gnss = idx in work.tied
-    work.tied[base], work.tied[idx] = sides[base].cameras, sides[idx].cameras
-    metres_per_unit = work.metres_per_unit[idx] * overlay.target_from_source.scale
-    work.scale(idx, work.scales[base].source, metres_per_unit)
+    sides[idx] = before.moved(found.target_from_source)
+    starts_from_gnss = idx in placement.in_world
+    placement.in_world[base], placement.in_world[idx] = sides[base].cameras, sides[idx].cameras
+    metres_per_unit = placement.metres_per_unit[idx] * found.target_from_source.scale
+    placement.set_scale(idx, placement.scales[base].source, metres_per_unit)
     with_most = max(known, key=lambda i: len(_shared(sides[idx], sides[i])))
     moved_m = _moved_m(before, sides[idx]) if starts_from_gnss else float("nan")
-    work.ties.append(_tie(work, with_most, idx, "gnss" if starts_from_gnss else "fruits", sides, moved_m))
+    placement.ties.append(_tie(placement, with_most, idx, "gnss" if starts_from_gnss else "fruits", sides, moved_m))
     return True
 
 
-def _off_by_markers_m(work: Work, idx: int) -> float:
-    """Return by how much the markers may have misplaced a piece: their residual, less the more of them there are."""
-    side = work.pieces[idx].side
-    count = sum(marker.used and marker.side == side for marker in work.markers)
-    return work.scales[idx].rms_mm / 1000 / float(np.sqrt(max(count, 1)))
+def _marker_error_m(placement: Placement, idx: int) -> float:
+    """Return by how much the markers may have misplaced a piece: their residual over the root of their number."""
+    side = placement.pieces[idx].side
+    count = sum(marker.used and marker.side == side for marker in placement.markers)
+    return placement.scales[idx].rms_mm / 1000 / float(np.sqrt(max(count, 1)))
 
 
-def _near(one: _Side, other: _Side) -> IntArray | None:
+def _correspondences(one: _Side, other: _Side, least_common: int) -> IntArray | None:
     """Return pairs (k, 2) of the same fruits of sides in one frame; None where they do not clearly share any."""
-    overlay = grow(Similarity.identity(), one.centers, other.centers, one.diameter_m)
-    if overlay is None or not is_clear(overlay, one.centers, other.centers, one.diameter_m):
+    points = one.centers, other.centers, one.diameter_m
+    found = iterate_closest_points(Similarity.identity(), *points, least_common=least_common)
+    if found is None or not is_significant(found, *points, least_common=least_common):
         return None
-    return mutually_nearest(one.centers, other.centers, _SAME_FRUIT * one.diameter_m)
+    return mutual_neighbours(one.centers, other.centers, _SAME_FRUIT * one.diameter_m)
 
 
 def halfway(one: FloatArray, other: FloatArray, sight: FloatArray, prior_m: float) -> Similarity:
@@ -177,7 +187,7 @@ def _spread(values: FloatArray) -> float:
 
 def _shared(one: _Side, other: _Side) -> FloatArray:
     """Return how far apart (k,) the two sides have each of the k fruits that both see."""
-    pairs = mutually_nearest(one.centers, other.centers, _SAME_FRUIT * one.diameter_m)
+    pairs = mutual_neighbours(one.centers, other.centers, _SAME_FRUIT * one.diameter_m)
     return np.asarray(np.linalg.norm(one.centers[pairs[:, 0]] - other.centers[pairs[:, 1]], axis=1))
 
 
@@ -185,7 +195,7 @@ def _moved_m(before: _Side, after: _Side) -> float:
     return float(np.median(np.linalg.norm(after.centers - before.centers, axis=1)))
 
 
-def _tie(work: Work, i: int, j: int, by: TiedBy, sides: dict[int, _Side], moved_m: float) -> SideTie:
+def _tie(placement: Placement, i: int, j: int, by: TiedBy, sides: dict[int, _Side], moved_m: float) -> SideTie:
     apart_m = _shared(sides[i], sides[j])
-    names = work.pieces[i].side, work.pieces[j].side
+    names = placement.pieces[i].side, placement.pieces[j].side
     return SideTie(*names, by, len(apart_m), 1000 * float(np.median(apart_m)), 1000 * moved_m)

@@ -1,0 +1,197 @@
+"""The scale stage: pieces in frames of their own become one set of cameras in a metric world frame, z up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.detections import SurveyDetections
+from pomona.errors import ReconstructionError
+from pomona.geometry import Similarity
+from pomona.photos import Photos
+from pomona.progress import Progress, Silent
+from pomona.scale.fruit_size import scale_by_fruit_size
+from pomona.scale.gnss import place_by_gnss
+from pomona.scale.marker_table import read_markers
+from pomona.scale.markers import find_sightings, place_by_markers, scale_by_bar
+from pomona.scale.options import ScaleOptions
+from pomona.scale.placement import Placement
+from pomona.scale.report import Placed, ScaleReport
+from pomona.scale.side_alignment import FindFruits, align_sides
+from pomona.scale.upright import row_frame
+from pomona.sfm.pieces import Reconstruction, Unregistered
+
+# The gap between pieces set beside each other, as a share of the longer one: to be seen, and not to look far.
+_GAP = 0.1
+# Scene points beyond these quantiles are strays, which do not count for a piece's extent.
+_EXTENT_QUANTILES = (0.02, 0.98)
+
+
+def place_in_world(
+    reconstruction: Reconstruction,
+    photos: Photos,
+    *,
+    options: ScaleOptions | None = None,
+    detections: SurveyDetections | None = None,
+    find_fruits: FindFruits | None = None,
+    progress: Progress | None = None,
+) -> Placed:
+    """Return all pieces as cameras in one metric frame, z up, with a report, and what could not be placed.
+
+    Metres and the frame come from the first of these that a piece has: markers of known places, a scale bar, GNSS
+    positions, the fruits' own diameter. With `find_fruits`, sides that see the same fruits are aligned by them. Pieces
+    that nothing brings into one frame are set beside each other, with a warning.
+
+    Raises `ReconstructionError` when there is no piece, and `InputError`, `FormatError` or `MissingFileError` for
+    options and marker tables that cannot be used.
+    """
+    options, progress = options or ScaleOptions(), progress or Silent()
+    markers = read_markers(options.markers) if options.markers is not None else None
+    pieces = [piece for piece in reconstruction.pieces if len(piece.cameras)]
+    if not pieces:
+        raise ReconstructionError(
+            "No photo has a place, so that there is nothing to give a scale to. "
+            "Take photos a small step apart, each overlapping the one before by 80 %"
+        )
+    placement = Placement(pieces, progress)
+    sightings = find_sightings(placement, photos, markers, options)
+    frame = place_by_markers(placement, photos, markers, sightings, options) if markers is not None else None
+    scale_by_bar(placement, sightings, options)
+    if frame is None and options.use_gnss:
+        frame = place_by_gnss(placement, photos, options)
+    scale_by_fruit_size(placement, detections, options)
+    _scale_by_distance(placement)
+    if find_fruits is not None:
+        align_sides(placement, frame, find_fruits, least_common=options.least_common_fruits)
+    return _assemble(placement, frame, options)
+
+
+def _scale_by_distance(placement: Placement) -> None:
+    """Scale main pieces that still have no scale so that they were photographed from as far away as the others."""
+    known = [
+        placement.metres_per_unit[i] * _median_distance(placement.pieces[i].cameras)
+        for i in placement.metres_per_unit
+        if np.isfinite(_median_distance(placement.pieces[i].cameras))
+    ]
+    for idx in placement.unscaled():
+        own = _median_distance(placement.pieces[idx].cameras)
+        if not placement.is_main(idx) or not np.isfinite(own):
+            continue
+        failures = "; ".join(placement.failures.get(idx, []))
+        if known:
+            placement.set_scale(idx, "none", float(np.median(known)) / own)
+            placement.warn(
+                f"{placement.name(idx)} has no scale of its own ({failures}): it was taken to be photographed from as "
+                "far as the other side"
+            )
+        else:
+            placement.set_scale(idx, "none", 1.0)
+            placement.warn(
+                f"{placement.name(idx)} has no scale ({failures}): its lengths are in units of its own, not metres. "
+                "Use markers, a scale bar, or photos with fruits"
+            )
+
+
+def _median_distance(cameras: Cameras) -> float:
+    """The median distance from the photos to the scene's points that they see, in the cameras' units."""
+    centers = cameras.centers_in_world[cameras.track_photo_idx]
+    points = cameras.points_in_world[cameras.track_point_idx]
+    return float(np.median(np.linalg.norm(points - centers, axis=1))) if len(points) else float("nan")
+
+
+def _assemble(placement: Placement, frame: WorldFrame | None, options: ScaleOptions) -> Placed:
+    """Set loose pieces beside those in the world frame, name what is lost, and join the rest."""
+    loose, lost = [], []
+    for idx, piece in enumerate(placement.pieces):
+        if idx in placement.in_world:
+            continue
+        has_scale = idx in placement.metres_per_unit
+        if placement.is_main(idx) or (has_scale and len(piece.cameras) >= options.least_loose_photos):
+            loose.append(idx)
+        else:
+            lost += _lost(placement, idx)
+    metric = [_in_metres(placement.pieces[i].cameras, placement.metres_per_unit.get(i, 1.0)) for i in loose]
+    beside = dict(zip(loose, set_beside(list(placement.in_world.values()), metric), strict=True))
+    _warn_of_loose(placement, loose)
+    kept = sorted([*placement.in_world, *loose])
+    scales = tuple(placement.scales[i] for i in kept if i in placement.scales)
+    if frame is None:
+        source = scales[0].source if scales else "none"
+        frame = WorldFrame(source, approximate=source in ("fruit-diameter", "none"))
+    if any(scale.source in ("fruit-diameter", "none") for scale in scales):
+        frame = WorldFrame(frame.scale_source, True, frame.up_is_known, frame.crs, frame.origin)
+    parts = [placement.in_world[i] if i in placement.in_world else beside[i] for i in kept]
+    report = ScaleReport(
+        source=frame.scale_source,
+        pieces=scales,
+        markers=tuple(placement.markers),
+        unseen_markers=placement.unseen_markers,
+        tied_pieces=len(placement.in_world),
+        notes=tuple(placement.notes),
+        ties=tuple(placement.ties),
+    )
+    return Placed(concatenate(parts, frame), tuple(lost), report)
+
+
+def set_beside(fixed: Sequence[Cameras], loose: Sequence[Cameras]) -> list[Cameras]:
+    """Return the loose pieces, leveled, one after another along x beyond the fixed ones and each other.
+
+    Pieces must be in metres; the fixed ones stay where they are. The first loose piece keeps its own origin where
+    there are no fixed ones.
+    """
+    end = max((_extent(cameras)[1] for cameras in fixed), default=None)
+    placed = []
+    for cameras in loose:
+        level = cameras.transformed(row_frame(cameras))
+        low, high = _extent(level)
+        if end is not None:
+            shift = end + _GAP * max(high - low, 1.0) - low
+            level = level.transformed(Similarity(1.0, np.eye(3), np.array([shift, 0.0, 0.0])))
+            low, high = low + shift, high + shift
+        end = high
+        placed.append(level)
+    return placed
+
+
+def _extent(cameras: Cameras) -> tuple[float, float]:
+    """From where to where along x cameras and nearly all points lie."""
+    x: FloatArray = cameras.centers_in_world[:, 0]
+    low, high = float(x.min()), float(x.max())
+    if len(cameras.points_in_world):
+        at = np.quantile(cameras.points_in_world[:, 0], _EXTENT_QUANTILES)
+        low, high = min(low, float(at[0])), max(high, float(at[1]))
+    return low, high
+
+
+def _in_metres(cameras: Cameras, metres_per_unit: float) -> Cameras:
+    return cameras.transformed(Similarity(metres_per_unit, np.eye(3), np.zeros(3)))
+
+
+def _lost(placement: Placement, idx: int) -> list[Unregistered]:
+    piece = placement.pieces[idx]
+    why = "; ".join(placement.failures.get(idx, [])) or f"only {len(piece.cameras)} photos"
+    reason = f"in a separate piece of {len(piece.cameras)} photos that nothing ties to the rest of its side ({why})"
+    advice = "take photos between this place and its neighbours, or set up three markers that these photos see"
+    return [Unregistered(name, piece.side, reason, advice) for name in piece.cameras.photos]
+
+
+def _warn_of_loose(placement: Placement, loose: list[int]) -> None:
+    if len(loose) + bool(placement.in_world) < 2:
+        return
+    sides = list(dict.fromkeys(placement.pieces[i].side for i in [*placement.in_world, *loose]))
+    if len(sides) > 1:
+        placement.warn(
+            f"Sides {' and '.join(sides)} have no common frame: they were set beside each other, and fruits seen from "
+            "both sides are counted twice. Too few fruits are seen from both sides to bring them together. Set up "
+            "markers of known places (--markers) on each side, or count the sides apart"
+        )
+    pieces = [i for i in loose if not placement.is_main(i)]
+    if pieces:
+        photos = sum(len(placement.pieces[i].cameras) for i in pieces)
+        placement.warn(
+            f"{len(pieces)} separate pieces ({photos} photos) were set beside the others: fruits seen in more than one "
+            "piece are counted twice. More photos between the pieces, or markers, tie them together"
+        )
