@@ -28,7 +28,7 @@ from pomona.cameras import Cameras
 from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.evaluate import evaluate, read_truth
+from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import read_coco
 from pomona.fuse import object, paper
@@ -162,7 +162,7 @@ def joined(kind: str, method: str, row: Path, detections: SurveyDetections, came
         fused = filters.apply(fused, svm)
     fruits = measure(fused, detections, cameras, options=options.measure)
     seconds = time.monotonic() - begun
-    scores = evaluate(fruits, truth).visible
+    scores = evaluate_fruits(fruits, truth).visible
     assert scores is not None
     by_tree: defaultdict[int, list[int]] = defaultdict(lambda: [0, 0])
     tree_of = dict(zip(truth.ids.tolist(), truth.tree_ids.tolist(), strict=True))

@@ -20,8 +20,8 @@ import numpy as np
 from pomona import filter as filters
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.evaluate import EvaluateOptions, Truth, evaluate, read_truth
-from pomona.evaluate.matching import assign, candidates_by_center
+from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits, read_truth
+from pomona.evaluate.fruits.matching import assign, candidates_by_center
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
@@ -104,7 +104,7 @@ def rows(name: str, halves: Halves, truth: Truth | None) -> list[str]:
         median_m = float(np.median(apart_m[mine])) if mine.any() else np.nan
         scores = ""
         if truth is not None:
-            visible = [evaluate(f[s], truth).visible for f, s in zip((even, odd), sure, strict=True)]
+            visible = [evaluate_fruits(f[s], truth).visible for f, s in zip((even, odd), sure, strict=True)]
             scores = ", ".join(f"{v.f1:.3f}" for v in visible if v is not None)
         lines.append(
             f"| {name} | {level:g} | {counts[0]} | {counts[1]} | {share(abs(counts[0] - counts[1]), max(counts))} | "

@@ -20,8 +20,8 @@ import numpy as np
 from even_odd import detections_of, part_of
 from pomona import filter as filters
 from pomona.detections import SurveyDetections
-from pomona.evaluate import EvaluateOptions, Truth, read_truth
-from pomona.evaluate.matching import assign, candidates_by_center
+from pomona.evaluate.fruits import EvaluateOptions, Truth, read_truth
+from pomona.evaluate.fruits.matching import assign, candidates_by_center
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.fuse import object
 from pomona.measure import measure

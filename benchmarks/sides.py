@@ -18,7 +18,7 @@ from pomona import filter as filters
 from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
-from pomona.evaluate import Truth, evaluate, read_truth
+from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.fuse import object
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.measure import measure
@@ -61,7 +61,7 @@ def line(row: Path, kind: str, by: str, placed: Placed, detections: SurveyDetect
     fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
     photos = load_photos([row / "images"])
     fruits = measure(fused, detections, cameras, photos, options=RunOptions().measure)
-    scores = evaluate(fruits, truth).visible
+    scores = evaluate_fruits(fruits, truth).visible
     assert scores is not None
     ties = placed.report.ties
     agree = f"{ties[0].fruits} | {ties[0].median_mm:.1f}" if ties else "– | –"

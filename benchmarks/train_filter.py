@@ -27,9 +27,8 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.evaluate import Truth, evaluate, read_truth
-from pomona.evaluate.matching import candidates_by_center
-from pomona.evaluate.options import EvaluateOptions
+from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
+from pomona.evaluate.fruits.matching import EvaluateOptions, candidates_by_center
 from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features, view_probability
 from pomona.filter.features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.formats.detections.read import read_detections
@@ -248,8 +247,8 @@ def main() -> None:
     probability = svm.probability if arguments.method == "paper" else lambda values: view_probability(values, svm)
     for example in done:
         kept = probability(example.values) >= 0.5
-        before = evaluate(example.fruits, example.truth).all
-        after = evaluate(example.fruits[kept], example.truth).all
+        before = evaluate_fruits(example.fruits, example.truth).all
+        after = evaluate_fruits(example.fruits[kept], example.truth).all
         print(f"{example.label}: F1 {before.f1:.3f} -> {after.f1:.3f}, FDR {before.false_detection_rate:.3f} -> "
               f"{after.false_detection_rate:.3f}, R {before.recall:.3f} -> {after.recall:.3f}")  # fmt: skip
 

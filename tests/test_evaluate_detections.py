@@ -23,7 +23,6 @@ from pomona.evaluate.detections import (
     EvaluateDetectionsOptions,
     PhotoTruth,
     average_precision,
-    detections_table,
     evaluate_detections,
     kinds,
     read_detection_truth,
@@ -31,9 +30,9 @@ from pomona.evaluate.detections import (
     truth_from_ids,
     truth_of_labelled,
 )
-from pomona.evaluate.detections.matching import right
-from pomona.evaluate.detections.overlap import box_overlap, mask_overlap
+from pomona.evaluate.detections.matching import box_overlap, mask_overlap, right
 from pomona.evaluate.detections.scores import precision_curve
+from pomona.evaluate.tables import detections_table
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.rle import encode

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.evaluate import Truth
+from pomona.evaluate.fruits import Truth
 from pomona.filter import (
     FEATURE_NAMES,
     VIEW_FEATURE_NAMES,

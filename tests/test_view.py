@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pomona.errors import FormatError, MissingFileError, SurveyError
-from pomona.evaluate import evaluate, read_truth
+from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.intrinsics import Intrinsics
@@ -301,7 +301,7 @@ def test_truth_says_what_evaluate_says(data: ReportData, survey: Path, tmp_path:
     missed = result.missed.reshape(len(result.steps), -1)
     for k, step in enumerate(result.steps):
         kept = data.fruits.scores >= step.threshold - 1e-6
-        tally = evaluate(data.fruits[kept], truth).all
+        tally = evaluate_fruits(data.fruits[kept], truth).all
         assert (step.true, step.false) == (tally.true_positives, tally.false_positives)
         assert step.f1 == pytest.approx(tally.f1, abs=1e-4)
         assert np.array_equal(found[k] > 0, kept)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.evaluate import read_truth
+from pomona.evaluate.fruits import read_truth
 from pomona.report.page import write_report
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data

@@ -17,7 +17,7 @@ from pomona.formats.tables import read_fruits
 from pomona.survey import Survey
 
 if TYPE_CHECKING:
-    from pomona.evaluate import Scores
+    from pomona.evaluate.fruits import Scores
 
 _SURVEY = Annotated[
     Path,
@@ -66,8 +66,7 @@ _PHOTOS = Annotated[
 
 def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
     """Return the scores of a survey's fruits against a file or folder of true ones."""
-    from pomona.evaluate import EvaluateOptions, read_truth
-    from pomona.evaluate import evaluate as evaluate_fruits
+    from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, read_truth
 
     options = EvaluateOptions(match=match)  # type: ignore[arg-type]
     opened = Survey.open(survey)
@@ -78,9 +77,9 @@ def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
 
 def show_scores(scores: Scores) -> None:
     """Print scores as a table on stdout."""
-    from pomona.evaluate import scores_table
+    from pomona.evaluate.tables import fruits_table
 
-    Console(highlight=False).print(scores_table(scores))
+    Console(highlight=False).print(fruits_table(scores))
 
 
 def evaluate(
@@ -109,7 +108,7 @@ def evaluate(
         evaluate_detections(survey, truth, options, pictures=drawing, outcomes=outcomes, as_json=as_json)
         return
     if pictures is not None:
-        from pomona.evaluate import EvaluateOptions
+        from pomona.evaluate.fruits import EvaluateOptions
 
         of_fruits = EvaluateOptions(match=match)  # type: ignore[arg-type]
         page = Pictures(folder=pictures, worst=worst, photos=photos)

@@ -44,7 +44,8 @@ def evaluate_detections(
     as_json: bool = False,
 ) -> None:
     """Print the scores of a survey's detections, or of those in a COCO file, and draw what was asked for."""
-    from pomona.evaluate.detections import detections_table, outcomes_json
+    from pomona.evaluate.detections import outcomes_json
+    from pomona.evaluate.tables import detections_table
 
     with TerminalProgress() as progress:
         scores, found, truth = _scored(source, truth_path, options, progress)
@@ -105,7 +106,7 @@ def find_photos(source: Path, truth: Path, names: Sequence[str], folder: Path | 
 
     Raises `InputError` where none is found.
     """
-    from pomona.evaluate.detections.photo_files import photos_beside
+    from pomona.evaluate.detections.pictures import photos_beside
     from pomona.survey.photos import photos_of
 
     if folder is None and source.is_dir():

@@ -1,4 +1,4 @@
-"""`pomona evaluate --pictures`: a page of the fruits that went wrong, with crops of the photos that tell."""
+"""`pomona evaluate --pictures`: a page of the fruits that went wrong, with crops of the photos that show it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from pomona.survey import Survey
 from pomona.survey.values import columns_from, read_arrays
 
 if TYPE_CHECKING:
-    from pomona.evaluate import EvaluateOptions
-    from pomona.evaluate.mistakes import Evidence
+    from pomona.evaluate.diagnosis import SurveyResult
+    from pomona.evaluate.fruits import EvaluateOptions
     from pomona.fruits import Fruits, Observations
     from pomona.progress import Progress
 
@@ -33,18 +33,19 @@ def evaluate_mistakes(
     as_json: bool = False,
 ) -> None:
     """Print the scores of a survey's fruits and what went wrong, and write the page of it."""
-    from pomona.evaluate import evaluate, read_truth, scores_table
-    from pomona.evaluate.mistakes import MistakeOptions, find_mistakes, mistakes_table, true_masks, write_mistakes
+    from pomona.evaluate.diagnosis import MistakeOptions, find_mistakes, masks_beside, write_mistakes
+    from pomona.evaluate.fruits import evaluate_fruits, read_truth
+    from pomona.evaluate.tables import fruits_table, mistakes_table
 
     drawing = MistakeOptions(worst=pictures.worst)
     with TerminalProgress() as progress:
         truth = read_truth(truth_path)
-        evidence = read_evidence(source, truth_path, pictures.photos, progress)
-        scores = evaluate(evidence.fruits, truth, options=options)
-        masks = true_masks(truth_path, evidence.cameras.photos)
-        found = find_mistakes(evidence, truth, scores, masks=masks, match=options, options=drawing, progress=progress)
+        survey = read_result(source, truth_path, pictures.photos, progress)
+        scores = evaluate_fruits(survey.fruits, truth, options=options)
+        masks = masks_beside(truth_path, survey.cameras.photos)
+        found = find_mistakes(survey, truth, scores, masks=masks, match=options, options=drawing, progress=progress)
         page = write_mistakes(
-            pictures.folder, evidence, truth, scores, found, masks=masks, options=drawing, progress=progress
+            pictures.folder, survey, truth, scores, found, masks=masks, options=drawing, progress=progress
         )
     if as_json:
         content = scores.to_json(outcomes=outcomes)
@@ -52,18 +53,18 @@ def evaluate_mistakes(
         typer.echo(json.dumps(content, indent=1))
         return
     console = Console(highlight=False)
-    console.print(scores_table(scores))
+    console.print(fruits_table(scores))
     console.print(mistakes_table(found))
     typer.echo(f"{len(found)} fruit{'s' * (len(found) != 1)} that went wrong: {page}")
 
 
-def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Progress) -> Evidence:
-    """Read what a survey holds of its fruits.
+def read_result(source: Path, truth: Path, photos: Path | None, progress: Progress) -> SurveyResult:
+    """Read the fruits of a survey, and what they were made from.
 
     Raises `MissingFileError` naming what the survey lacks and what writes it, and `InputError` where no photo is found.
     """
     from pomona.evaluate.detections import read_found
-    from pomona.evaluate.mistakes import Evidence
+    from pomona.evaluate.diagnosis import SurveyResult
     from pomona.formats.cameras.colmap import read_colmap
     from pomona.pipeline.kept import settle
 
@@ -71,20 +72,20 @@ def read_evidence(source: Path, truth: Path, photos: Path | None, progress: Prog
     settle(survey, progress)
     survey.need(survey.cameras, survey.detections, survey.fruits, survey.observations)
     cameras, fruits = read_colmap(survey.cameras), read_fruits(survey.fruits)
-    return Evidence(
+    return SurveyResult(
         photos=find_photos(source, truth, cameras.photos, photos),
         sides={entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())},
         cameras=cameras,
         detections=read_found(survey.detections, progress=progress).by_photo,
         fruits=fruits,
         observations=read_observations(survey.observations),
-        joined=_joined(survey, fruits, progress),
+        unfiltered=_unfiltered(survey, fruits, progress),
         least_score=least_score_in(survey),
         title=survey.folder.name,
     )
 
 
-def _joined(survey: Survey, fruits: Fruits, progress: Progress) -> tuple[Fruits, Observations] | None:
+def _unfiltered(survey: Survey, fruits: Fruits, progress: Progress) -> tuple[Fruits, Observations] | None:
     """Return the fruits before the filter, where the survey still has those of which `fruits` are left."""
     from pomona.fruits import Fruits, Observations
 

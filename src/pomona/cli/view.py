@@ -72,7 +72,7 @@ def view(
 
 
 def _comparing(path: Path) -> Callable[[ReportData], TruthData]:
-    from pomona.evaluate import read_truth
+    from pomona.evaluate.fruits import read_truth
     from pomona.report.scene import origin_of
     from pomona.view import truth_data
 

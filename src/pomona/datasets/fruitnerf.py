@@ -21,7 +21,7 @@ from pomona.datasets.published import FRUITNERF_COUNTS, FRUITNERF_RENDERED
 from pomona.datasets.values import BenchmarkResult, Comparison, Figure
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
-from pomona.evaluate import EvaluateOptions, Truth, evaluate
+from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits
 from pomona.formats.cameras.nerfstudio import read_nerfstudio
 from pomona.formats.cameras.onto_photos import onto_photos
 from pomona.formats.tables import read_fruits, write_fruits
@@ -75,7 +75,7 @@ def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progre
     found, _ = found_by_methods(Given(cameras, detections, None), None, fruit_diameter_m, progress)
     fruits = found[OBJECT]
     write_fruits(out / f"fruits-{scene.name}.csv", fruits)
-    tally = evaluate(fruits, truth, options=EvaluateOptions(match="centers")).all
+    tally = evaluate_fruits(fruits, truth, options=EvaluateOptions(match="centers")).all
     figures = (
         Figure("fruits", {"Pomona": len(fruits), "true": len(truth)}),
         Figure("P", {"Pomona": tally.precision}),

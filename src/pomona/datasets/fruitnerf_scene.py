@@ -18,7 +18,7 @@ from pomona.arrays import IntArray
 from pomona.capture import load_photos
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.evaluate import Truth
+from pomona.evaluate.fruits import Truth
 from pomona.formats.detections.png_masks import masks_of_ids
 from pomona.formats.files import read_text
 from pomona.formats.json_file import load_json

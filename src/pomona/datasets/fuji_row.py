@@ -15,7 +15,7 @@ from pomona.datasets.fuji_files import FujiFiles, SideFiles
 from pomona.datasets.published import FUJI_TABLE_3, FUJI_TREES
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError
-from pomona.evaluate import Truth, read_truth
+from pomona.evaluate.fruits import Truth, read_truth
 from pomona.formats.cameras.bundler import cameras_of, parse_bundle
 from pomona.formats.detections.label_sets import part_of
 from pomona.formats.detections.mat_masks import MatMasks, read_mat_masks

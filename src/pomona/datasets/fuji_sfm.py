@@ -15,8 +15,8 @@ from pomona.datasets.row_scores import figure_8, table_3
 from pomona.datasets.values import BenchmarkResult, Comparison, Figure
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
-from pomona.evaluate import Truth
 from pomona.evaluate.detections import DetectionScores
+from pomona.evaluate.fruits import Truth
 from pomona.formats.detections.coco import read_coco
 from pomona.formats.detections.label_sets import LabelSet
 from pomona.formats.detections.labelled import LabelledPhoto

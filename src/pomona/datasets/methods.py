@@ -13,7 +13,7 @@ from pomona.datasets.fuji_row import TrueTrees
 from pomona.datasets.row_scores import trees_of
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.evaluate import EvaluateOptions
+from pomona.evaluate.fruits import EvaluateOptions
 from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm, training_table
 from pomona.fruits import FruitCloud, Fruits
 from pomona.fuse import Fused, object, paper

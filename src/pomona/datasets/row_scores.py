@@ -12,7 +12,7 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.datasets.fuji_row import TrueTrees
 from pomona.datasets.published import FUJI_FIGURE_8, FUJI_TABLE_3
 from pomona.datasets.values import Comparison, Figure
-from pomona.evaluate import EvaluateOptions, Tally, Truth, evaluate
+from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits
 from pomona.fruits import Fruits
 
 _MATCHES = {"boxes": "more than half of the found box in the true one", "inside": "the found centre in the true box"}
@@ -60,7 +60,7 @@ def table_3(found: Mapping[str, Fruits], known: TrueTrees) -> list[Comparison]:
         for match, words in _MATCHES.items():
             options = EvaluateOptions(match=match)  # type: ignore[arg-type]
             tallies = {
-                name: evaluate(fruits[np.isin(trees_of(fruits, known.truth), trees)], truth, options=options).all
+                name: evaluate_fruits(fruits[np.isin(trees_of(fruits, known.truth), trees)], truth, options=options).all
                 for name, fruits in found.items()
             }
             title = f"Table 3, {part} trees ({len(trees)}; {len(truth)} apples): right is {words}"

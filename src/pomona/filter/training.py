@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray
-from pomona.evaluate import EvaluateOptions, Truth
-from pomona.evaluate.matching import candidates_of
+from pomona.evaluate.fruits import EvaluateOptions, Truth
+from pomona.evaluate.fruits.matching import candidates_of
 from pomona.filter.features import FEATURE_NAMES, features
 from pomona.fuse import Fused
 

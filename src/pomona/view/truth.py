@@ -1,4 +1,4 @@
-"""Truth beside result: what `pomona.evaluate` says of each fruit, at every score threshold that changes something."""
+"""Truth beside result: what `evaluate_fruits` says of each fruit, at every score threshold that changes something."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
-from pomona.evaluate import EvaluateOptions, Tally, Truth, evaluate
+from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits
 from pomona.fruits import Fruits
 from pomona.report.contract import F32, U8, Rates, TruthData, packed
 
@@ -23,7 +23,7 @@ def truth_data(
     """Return what became of found and true fruits at up to 60 score thresholds from 0 on.
 
     `origin` (3,) is what the view's positions are relative to. Over the visible true fruits where it is known which
-    these are, else over all; merged true fruits count as missed. Raises what `evaluate` raises.
+    these are, else over all; merged true fruits count as missed. Raises what `evaluate_fruits` raises.
     """
     options = options or EvaluateOptions()
     visible = truth.visible(options.visible_px, options.visible_photos)
@@ -33,7 +33,7 @@ def truth_data(
     found: list[ByteArray] = []
     missed: list[ByteArray] = []
     for threshold in thresholds(fruits.scores):
-        scores = evaluate(fruits[fruits.scores >= threshold - _SLACK], truth, options=options)
+        scores = evaluate_fruits(fruits[fruits.scores >= threshold - _SLACK], truth, options=options)
         tally = scores.all if visible is None else scores.visible
         assert tally is not None
         of_found, of_true = np.zeros(len(fruits), np.uint8), np.zeros(len(truth), np.uint8)

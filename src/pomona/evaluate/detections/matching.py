@@ -4,14 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.detections import Detections
-from pomona.evaluate.detections.options import COCO_IOUS, EvaluateDetectionsOptions
-from pomona.evaluate.detections.overlap import box_overlap, mask_overlap
+from pomona.detections import Detections, Mask
+from pomona.errors import InputError
 from pomona.evaluate.detections.truth import PhotoTruth
+
+DetectionMatch = Literal["auto", "masks", "boxes"]
+
+COCO_IOUS = tuple(round(0.5 + 0.05 * k, 2) for k in range(10))
+"""The thresholds over which COCO's AP is the mean."""
+
+TABLE_2 = COCO_IOUS
+"""The confidences of the paper's Table 2, which happen to be the same numbers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateDetectionsOptions:
+    """Options of `evaluate_detections`.
+
+    `match`: a detection is a true fruit when their "masks", or their "boxes", share more than `min_iou` of their union;
+    "auto" takes masks where both the truth and the detections have them. A true fruit whose box is narrower than
+    `min_size_px`, or of which fewer than `min_visible_px` pixels are to be seen (where the truth has masks), is not
+    scored: it is neither missed nor found, and a detection that is it is neither right nor wrong. `confidences` are
+    those at which recall, precision and F1 are listed.
+    """
+
+    match: DetectionMatch = "auto"
+    min_iou: float = 0.5
+    min_size_px: float = 12.0
+    min_visible_px: int = 0
+    confidences: tuple[float, ...] = TABLE_2
+
+    def __post_init__(self) -> None:
+        if self.match not in get_args(DetectionMatch):
+            known = ", ".join(get_args(DetectionMatch))
+            raise InputError(f"match: expected one of {known} for detections, found {self.match!r}")
+        if not 0 < self.min_iou < 1:
+            raise InputError(f"min_iou: expected a number above 0 and below 1, found {self.min_iou}")
+        if not self.min_size_px >= 0 or self.min_visible_px < 0:
+            raise InputError(
+                f"min_size_px and min_visible_px: expected 0 or more pixels, found {self.min_size_px} and "
+                f"{self.min_visible_px}"
+            )
+        if not self.confidences or not all(0 <= c <= 1 for c in self.confidences):
+            raise InputError(f"confidences: expected at least one number from 0 to 1, found {self.confidences}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +114,7 @@ def match_photo(
     are compared either way, unless `compare_masks` is False, as the detections have none.
     """
     options = options or EvaluateDetectionsOptions()
-    scored = truth.scored(options)
+    scored = truth.scored(options.min_size_px, options.min_visible_px)
     assert found.boxes_px is not None
     boxes = box_overlap(found.boxes_px, truth.boxes_px, truth.crowds)
     masks = None
@@ -135,4 +175,41 @@ def _of_matches(overlap: FloatArray, true_idx: IntArray, crowds: BoolArray) -> F
     matched = np.flatnonzero(true_idx >= 0)
     matched = matched[~crowds[true_idx[matched]]]
     result[matched] = overlap[matched, true_idx[matched]]
+    return result
+
+
+def box_overlap(found: FloatArray, true: FloatArray, crowds: BoolArray | None = None) -> FloatArray:
+    """Return the intersection over union (n, m) of boxes (n, 4) and (m, 4); over the found box alone in crowds (m,)."""
+    low = np.maximum(found[:, None, :2], true[None, :, :2])
+    high = np.minimum(found[:, None, 2:], true[None, :, 2:])
+    shared = np.clip(high - low, 0, None).prod(axis=2)
+    return _ratio(shared, (found[:, 2:] - found[:, :2]).prod(axis=1), (true[:, 2:] - true[:, :2]).prod(axis=1), crowds)
+
+
+def mask_overlap(found: Sequence[Mask], true: Sequence[Mask], crowds: BoolArray | None = None) -> FloatArray:
+    """Return the intersection over union (n, m) of masks; over the found mask alone in crowds (m,).
+
+    Only pairs whose crops meet are compared, and each mask is unpacked once.
+    """
+    ours, theirs = [mask.pixels for mask in found], [mask.pixels for mask in true]
+    boxes_a, boxes_b = (np.array([m.box_px for m in masks], int).reshape(-1, 4) for masks in (found, true))
+    low = np.maximum(boxes_a[:, None, :2], boxes_b[None, :, :2])
+    high = np.minimum(boxes_a[:, None, 2:], boxes_b[None, :, 2:])
+    shared = np.zeros((len(found), len(true)))
+    for i, j in zip(*np.nonzero((low < high).all(axis=2)), strict=True):
+        (x0, y0), (x1, y1) = low[i, j].tolist(), high[i, j].tolist()
+        a, b = found[i], true[j]
+        mine = ours[i][y0 - a.y_px : y1 - a.y_px, x0 - a.x_px : x1 - a.x_px]
+        its = theirs[j][y0 - b.y_px : y1 - b.y_px, x0 - b.x_px : x1 - b.x_px]
+        shared[i, j] = np.count_nonzero(mine & its)
+    areas_a = np.array([np.count_nonzero(pixels) for pixels in ours], float)
+    areas_b = np.array([np.count_nonzero(pixels) for pixels in theirs], float)
+    return _ratio(shared, areas_a, areas_b, crowds)
+
+
+def _ratio(shared: FloatArray, areas_a: FloatArray, areas_b: FloatArray, crowds: BoolArray | None) -> FloatArray:
+    union = areas_a[:, None] + areas_b[None] - shared
+    if crowds is not None:
+        union = np.where(crowds[None], np.broadcast_to(areas_a[:, None], union.shape), union)
+    result: FloatArray = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
     return result

@@ -16,6 +16,7 @@ from pomona.errors import InputError, MissingFileError
 from pomona.evaluate.detections.matching import PhotoMatch
 from pomona.evaluate.detections.scores import DetectionScores, kinds
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
+from pomona.photo_names import photos_named
 from pomona.photos import Photo
 from pomona.progress import Progress, Silent, track
 
@@ -193,3 +194,29 @@ def _with_legend(picture: ByteArray, counts: Mapping[str, int], missed: int, con
     text = f"confidence {confidence:.2f} and more"
     cv2.putText(strip, text, (left + 10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _INK, 1, cv2.LINE_AA)
     return sheet
+
+
+def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None) -> dict[str, Photo]:
+    """Return the photos of `names` in `folder`, or else in `images/` beside the truth, or beside it.
+
+    Names that fit no photo are left out; raises `InputError` where none does.
+    """
+    from pomona.capture import load_photos
+
+    place = truth if truth.is_dir() else truth.parent
+    around = [place / "images", place.parent / "images", place.parent.parent / "images"]
+    holds_masks = any((of / "masks").is_dir() for of in (place, place / "truth"))
+    if not holds_masks and (truth.is_file() or any(place.glob("*.json"))):  # masks are no photos
+        around.append(place)
+    tried = [folder] if folder else [f for f in around if f.is_dir()]
+    for candidate in tried:
+        try:
+            photos = load_photos([candidate], sides="none", min_photos=1)
+        except InputError:  # no photo in there
+            continue
+        if known := photos_named(photos, names):
+            return known.by_name()
+    raise InputError(
+        f"The photos named in {truth} were not found in {', '.join(map(str, tried)) or place}: "
+        "say where they are with --photos FOLDER"
+    )

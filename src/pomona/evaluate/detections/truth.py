@@ -10,7 +10,6 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.detections import Mask
 from pomona.errors import InputError, few
-from pomona.evaluate.detections.options import EvaluateDetectionsOptions
 from pomona.formats.detections.coco_file import CocoImage
 from pomona.photo_names import pair_names
 from pomona.progress import Progress, Silent
@@ -47,11 +46,11 @@ class PhotoTruth:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def scored(self, options: EvaluateDetectionsOptions) -> BoolArray:
-        """Say of each true fruit (n,) whether it is to be found: large enough, enough of it visible, not ignored."""
-        large = self.boxes_px[:, 2] - self.boxes_px[:, 0] >= options.min_size_px
-        if self.masks is not None and options.min_visible_px:
-            large &= np.array([mask.area_px >= options.min_visible_px for mask in self.masks], bool)
+    def scored(self, min_size_px: float, min_visible_px: int) -> BoolArray:
+        """Say of each true fruit (n,) whether it is to be found: wide enough, enough of it visible, not ignored."""
+        large = self.boxes_px[:, 2] - self.boxes_px[:, 0] >= min_size_px
+        if self.masks is not None and min_visible_px:
+            large &= np.array([mask.area_px >= min_visible_px for mask in self.masks], bool)
         scored: BoolArray = large & ~self.ignored & ~self.crowds
         return scored
 

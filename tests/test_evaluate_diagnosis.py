@@ -15,25 +15,25 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from mistake_scenes import HEIGHT, KINDS_AND_STAGES, WIDTH, Scene, make_scene, write_survey
+from diagnosis_scenes import HEIGHT, KINDS_AND_STAGES, WIDTH, Scene, make_scene, write_survey
 from pomona.cli.app import app
 from pomona.detections import Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
-from pomona.evaluate import Truth, evaluate
-from pomona.evaluate.mistakes import (
+from pomona.evaluate.diagnosis import (
     Mistake,
     MistakeOptions,
     Mistakes,
     View,
     find_mistakes,
-    mistakes_table,
-    true_masks,
+    masks_beside,
     write_mistakes,
 )
-from pomona.evaluate.mistakes import draw as drawing
-from pomona.evaluate.mistakes.choose import chosen
-from pomona.evaluate.mistakes.spheres import Spheres
-from pomona.evaluate.mistakes.stages import KINDS, STAGES
+from pomona.evaluate.diagnosis import draw as drawing
+from pomona.evaluate.diagnosis.find import choose_views
+from pomona.evaluate.diagnosis.mistakes import KINDS, STAGES
+from pomona.evaluate.diagnosis.spheres import Spheres
+from pomona.evaluate.fruits import Truth, evaluate_fruits
+from pomona.evaluate.tables import mistakes_table
 from pomona.progress import Silent
 
 
@@ -45,9 +45,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 def mistakes_of(scene: Scene, *, masks: bool = True, truth: Truth | None = None, crops: int = 6) -> Mistakes:
     truth = truth or scene.truth
     return find_mistakes(
-        scene.evidence,
+        scene.survey,
         truth,
-        evaluate(scene.evidence.fruits, truth),
+        evaluate_fruits(scene.survey.fruits, truth),
         masks=scene.masks if masks else None,
         options=MistakeOptions(crops=crops),
     )
@@ -59,10 +59,10 @@ def by_name(mistakes: Mistakes) -> dict[str, Mistake]:
 
 def page_of(scene: Scene, folder: Path, *, options: MistakeOptions | None = None) -> tuple[Path, Silent]:
     heard = Silent()
-    scores = evaluate(scene.evidence.fruits, scene.truth)
-    found = find_mistakes(scene.evidence, scene.truth, scores, masks=scene.masks, options=options)
+    scores = evaluate_fruits(scene.survey.fruits, scene.truth)
+    found = find_mistakes(scene.survey, scene.truth, scores, masks=scene.masks, options=options)
     page = write_mistakes(
-        folder, scene.evidence, scene.truth, scores, found, masks=scene.masks, options=options, progress=heard
+        folder, scene.survey, scene.truth, scores, found, masks=scene.masks, options=options, progress=heard
     )
     return page, heard
 
@@ -82,7 +82,7 @@ def test_kinds_and_stages(scene: Scene) -> None:
     assert {kind: sum(of.values()) for kind, of in found.counts().items()} == Counter(
         kind for kind, _ in KINDS_AND_STAGES.values()
     )
-    tally = evaluate(scene.evidence.fruits, scene.truth).visible
+    tally = evaluate_fruits(scene.survey.fruits, scene.truth).visible
     assert tally is not None
     assert len(found) == sum(outcome.kind in KINDS for outcome in tally.outcomes)
 
@@ -112,8 +112,8 @@ def test_reasons_say_what_is_known(scene: Scene) -> None:
 
 def test_a_fruit_inside_its_neighbours_detections(scene: Scene) -> None:
     """The detections of true fruit 1 reach over true fruit 2, of which there is less to see: none is of it alone."""
-    observations = scene.evidence.observations
-    detections = dict(scene.evidence.detections)
+    observations = scene.survey.observations
+    detections = dict(scene.survey.detections)
     for photo, detection_id in zip(observations.photo, observations.detection_id.tolist(), strict=True):
         ids = cv2.imread(str(scene.masks[photo]), cv2.IMREAD_UNCHANGED)
         of, row = detections[photo], int(np.flatnonzero(detections[photo].ids == detection_id)[0])
@@ -129,7 +129,7 @@ def test_a_fruit_inside_its_neighbours_detections(scene: Scene) -> None:
 
 
 def test_a_fruit_detected_in_pieces(scene: Scene) -> None:
-    detections = dict(scene.evidence.detections)
+    detections = dict(scene.survey.detections)
     of = detections["east_000.jpg"]
     ids = cv2.imread(str(scene.masks["east_000.jpg"]), cv2.IMREAD_UNCHANGED) == 7
     piece = Mask.from_pixels(ids & (np.arange(WIDTH) % 2 == 0))
@@ -143,14 +143,14 @@ def test_a_fruit_detected_in_pieces(scene: Scene) -> None:
 
 
 def test_a_fruit_that_no_placed_photo_shows(scene: Scene) -> None:
-    cameras = scene.evidence.cameras
+    cameras = scene.survey.cameras
     away = replace(cameras, cam_from_world=cameras.cam_from_world - np.eye(3, 4, 1) * 9)
     mistake = by_name(mistakes_of(scene.with_(cameras=away), masks=False, truth=hidden(scene.truth)))["true fruit 2"]
     assert (mistake.stage, mistake.views) == ("unplaced", ())
 
 
 def test_found_twice_from_one_side(scene: Scene) -> None:
-    everywhere = scene.with_(sides=dict.fromkeys(scene.evidence.sides, "row"))
+    everywhere = scene.with_(sides=dict.fromkeys(scene.survey.sides, "row"))
     mistake = by_name(mistakes_of(everywhere))["fruit 106"]
     assert mistake.stage == "twice"
     assert mistake.reason == "It and fruit 105 both are true fruit 5, and photos of row saw both."
@@ -158,31 +158,31 @@ def test_found_twice_from_one_side(scene: Scene) -> None:
 
 def test_a_found_fruit_of_several_or_of_unknown_detections(scene: Scene) -> None:
     """Fruit 107 is given a detection of each of fruits 101, 105 and 110, and keeps one that shows no true fruit."""
-    observations = scene.evidence.observations
+    observations = scene.survey.observations
     first = np.array([photo == "east_000.jpg" for photo in observations.photo])
     given = first & np.isin(observations.fruit_id, (101, 105, 110))
     own = observations.fruit_id == 107
     changed = replace(observations, fruit_id=np.where(given, 107, observations.fruit_id))
-    mixed = scene.with_(observations=changed[first | ~own], joined=None)
+    mixed = scene.with_(observations=changed[first | ~own], unfiltered=None)
     mistake = by_name(mistakes_of(mixed))["fruit 107"]
     assert mistake.stage == "mixed"
     assert mistake.reason.startswith("Its 4 detections show several true fruits: 1 true fruit ")
     assert mistake.reason.endswith(", 1 none.")
-    without = scene.with_(observations=observations[~own], joined=None)
+    without = scene.with_(observations=observations[~own], unfiltered=None)
     assert by_name(mistakes_of(without))["fruit 107"].stage == "unknown"
 
 
 def test_what_the_filter_dropped_may_be_unknown(scene: Scene) -> None:
-    assert by_name(mistakes_of(scene.with_(joined=None)))["true fruit 6"].stage == "apart"
+    assert by_name(mistakes_of(scene.with_(unfiltered=None)))["true fruit 6"].stage == "apart"
 
 
 def test_nothing_wrong(scene: Scene, tmp_path: Path) -> None:
-    fruits = scene.evidence.fruits[scene.evidence.fruits.ids == 101]
+    fruits = scene.survey.fruits[scene.survey.fruits.ids == 101]
     truth = Truth(scene.truth.ids[:1], scene.truth.centers_in_world[:1], scene.truth.diameters_m[:1])
     right = scene.with_(fruits=fruits)
     found = mistakes_of(right, truth=truth)
     assert len(found) == 0
-    page = write_mistakes(tmp_path, right.evidence, truth, evaluate(fruits, truth), found)
+    page = write_mistakes(tmp_path, right.survey, truth, evaluate_fruits(fruits, truth), found)
     assert "Nothing is wrong: all 1 true fruits were found" in page.read_text()
 
 
@@ -221,10 +221,10 @@ def test_found_fruits_are_shown_in_the_photos_that_saw_them(scene: Scene) -> Non
 def test_choice_of_photos() -> None:
     views = [View("a", "", 100, group="east"), View("b", "", 90, group="east"), View("c", "", 9, group="west")]
     views += [View("d", "", 5, group="west"), View("a", "", 8, group="west"), View("gone", "", 500, group="west")]
-    names = [view.photo for view in chosen(views, 9, {"a", "b", "c", "d"})]
+    names = [view.photo for view in choose_views(views, 9, {"a", "b", "c", "d"})]
     assert names == ["a", "c", "b", "d"]
-    assert [view.photo for view in chosen(views, 2, {"b", "c", "d"})] == ["b", "c"]
-    assert chosen([], 3, set()) == ()
+    assert [view.photo for view in choose_views(views, 2, {"b", "c", "d"})] == ["b", "c"]
+    assert choose_views([], 3, set()) == ()
 
 
 # Crops
@@ -252,8 +252,8 @@ def test_crops_show_the_circle_where_the_fruit_projects(scene: Scene, tmp_path: 
 
 def test_circles_respect_the_lens(scene: Scene) -> None:
     """What a true mask shows, by rays through the bent lens, fills the circle."""
-    tally = evaluate(scene.evidence.fruits, scene.truth).all
-    spheres = Spheres(scene.evidence, scene.truth, tally)
+    tally = evaluate_fruits(scene.survey.fruits, scene.truth).all
+    spheres = Spheres(scene.survey, scene.truth, tally)
     circles = {(c.true, c.fruit_id): c for c in spheres.circles(0)}
     ids = cv2.imread(str(scene.masks["east_000.jpg"]), cv2.IMREAD_UNCHANGED)
     for fruit_id in (1, 7, 11):  # at the photo's edge
@@ -262,15 +262,15 @@ def test_circles_respect_the_lens(scene: Scene) -> None:
         cv2.fillPoly(disc, [corners], 1, cv2.LINE_8, 4)
         shared, union = (disc & (ids == fruit_id)).sum(), (disc | (ids == fruit_id)).sum()
         assert 0.88 < shared / union <= 1
-    pinhole = replace(scene.evidence.cameras.intrinsics[0], params=np.array([420.0, WIDTH / 2, HEIGHT / 2, 0]))
-    straight = replace(scene.evidence.cameras, intrinsics=(pinhole,))
-    other = Spheres(replace(scene.evidence, cameras=straight), scene.truth, tally).circles(0)[0]
+    pinhole = replace(scene.survey.cameras.intrinsics[0], params=np.array([420.0, WIDTH / 2, HEIGHT / 2, 0]))
+    straight = replace(scene.survey.cameras, intrinsics=(pinhole,))
+    other = Spheres(replace(scene.survey, cameras=straight), scene.truth, tally).circles(0)[0]
     assert 0.5 < np.linalg.norm(other.center_px - circles[True, 1].center_px) < 10
 
 
 def test_colours_of_circles(scene: Scene) -> None:
-    tally = evaluate(scene.evidence.fruits, scene.truth).all
-    circles = {(c.true, c.fruit_id): c for c in Spheres(scene.evidence, scene.truth, tally).circles(0)}
+    tally = evaluate_fruits(scene.survey.fruits, scene.truth).all
+    circles = {(c.true, c.fruit_id): c for c in Spheres(scene.survey, scene.truth, tally).circles(0)}
     wanted = {101: drawing.RIGHT, 107: drawing.FALSE, 106: drawing.DOUBLE, 108: drawing.DROPPED}
     assert {i: circles[False, i].colour for i in wanted} == wanted
     assert circles[True, 2].colour == drawing.TRUE
@@ -313,7 +313,7 @@ def test_each_photo_is_read_once(scene: Scene, tmp_path: Path, monkeypatch: pyte
         read[photo.name] += 1
         return read_pixels(photo, **options)
 
-    monkeypatch.setattr("pomona.evaluate.mistakes.crops.read_pixels", counting)
+    monkeypatch.setattr("pomona.evaluate.diagnosis.crops.read_pixels", counting)
     page_of(scene, tmp_path)
     assert set(read.values()) == {1}
     assert len(read) == 6
@@ -390,7 +390,7 @@ def test_crops_of_an_earlier_page_go_and_nothing_else(scene: Scene, tmp_path: Pa
 
 
 def test_a_fruit_without_diameter_is_a_cross(scene: Scene, tmp_path: Path) -> None:
-    fruits = scene.evidence.fruits
+    fruits = scene.survey.fruits
     unmeasured = replace(fruits, diameters_m=np.where(fruits.ids == 107, np.nan, fruits.diameters_m))
     path, _ = page_of(scene.with_(fruits=unmeasured), tmp_path)
     assert "diameter not measured" in path.read_text()
@@ -409,7 +409,7 @@ def test_table(scene: Scene) -> None:
 
 
 def test_photos_that_are_missing_or_damaged_are_warned_about(scene: Scene, tmp_path: Path) -> None:
-    photos = dict(scene.evidence.photos)
+    photos = dict(scene.survey.photos)
     del photos["east_001.jpg"]
     broken = tmp_path / "broken.jpg"
     broken.write_bytes(b"no photo")
@@ -436,18 +436,18 @@ def test_true_masks_of_another_size(scene: Scene, tmp_path: Path) -> None:
     cv2.imwrite(str(small), np.zeros((10, 20), np.uint16))
     with pytest.raises(FormatError, match="as large as the photo, 400 × 240, found 20 × 10"):
         find_mistakes(
-            scene.evidence,
+            scene.survey,
             scene.truth,
-            evaluate(scene.evidence.fruits, scene.truth),
+            evaluate_fruits(scene.survey.fruits, scene.truth),
             masks={"east_000.jpg": small},
         )
 
 
 def test_where_true_masks_are(scene: Scene) -> None:
-    photos = scene.evidence.cameras.photos
+    photos = scene.survey.cameras.photos
     for place in (scene.folder, scene.folder / "truth", scene.folder / "truth" / "fruits.csv"):
-        assert true_masks(place, photos) == scene.masks
-    assert true_masks(scene.folder / "images", photos) == {}
+        assert masks_beside(place, photos) == scene.masks
+    assert masks_beside(scene.folder / "images", photos) == {}
 
 
 def test_options_that_cannot_be() -> None:
@@ -520,6 +520,6 @@ def test_command_says_what_a_survey_lacks(scene: Scene, survey: Path, tmp_path: 
 
 
 def test_evidence_before_the_filter(scene: Scene) -> None:
-    evidence = scene.evidence
-    assert evidence.before_filter[0].ids.tolist() == [*evidence.fruits.ids.tolist(), 108]
-    assert replace(evidence, joined=None).before_filter[0] is evidence.fruits
+    survey = scene.survey
+    assert survey.before_filter[0].ids.tolist() == [*survey.fruits.ids.tolist(), 108]
+    assert replace(survey, unfiltered=None).before_filter[0] is survey.fruits

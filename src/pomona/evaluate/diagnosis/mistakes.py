@@ -1,4 +1,4 @@
-"""What the page of mistakes is made from, and what it tells."""
+"""What a diagnosis is made from (the result of a survey, options) and what it says: mistakes, each at its stage."""
 
 from __future__ import annotations
 
@@ -6,22 +6,79 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.evaluate.mistakes.stages import KINDS, STAGES, Kind, Stage
+from pomona.errors import InputError
 from pomona.evaluate.rates import known
 from pomona.fruits import Fruits, Observations
 from pomona.photos import Photo
 
+Kind = Literal["missed", "merged", "false", "double"]
+Stage = Literal[
+    "unplaced", "undetected", "covered", "weak", "once", "apart", "taken", "elsewhere", "dropped",
+    "misplaced", "mixed", "nothing", "sides", "twice", "unknown",
+]  # fmt: skip
+
+KINDS: dict[Kind, str] = {
+    "missed": "true fruits of which nothing was found",
+    "merged": "true fruits whose centre lies in a found fruit that is not their match",
+    "false": "found fruits where there is none",
+    "double": "found fruits beside another found one of the same true fruit",
+}
+# In the order in which the pipeline comes to them.
+STAGES: dict[Stage, str] = {
+    "unplaced": "shown only by photos without a camera",
+    "undetected": "no detection in any photo",
+    "covered": "only inside detections of neighbours",
+    "weak": "only detections too weak to be used",
+    "once": "detected in one photo alone",
+    "apart": "detected in several photos, not joined",
+    "taken": "detected, and joined with another fruit",
+    "elsewhere": "detected and joined, but placed wrongly",
+    "dropped": "found, and then dropped by the filter",
+    "nothing": "its detections show no true fruit",
+    "mixed": "its detections show several true fruits",
+    "misplaced": "a true fruit that is placed wrongly",
+    "sides": "one true fruit, found once from each side",
+    "twice": "one true fruit, found twice from the same side",
+    "unknown": "nothing is known of its detections",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MistakeOptions:
+    """Options of `write_mistakes`.
+
+    The `worst` fruits of each kind are shown (None: all): of missed and merged ones those that photos show best, of
+    false and double ones those with the highest score. Each has up to `crops` crops of `crop_px` pixels a side, whose
+    window is `around` times as wide as what it is about, and at least `least_window_px` of the photo.
+    """
+
+    worst: int | None = None
+    crops: int = 6
+    crop_px: int = 360
+    around: float = 2.6
+    least_window_px: int = 48
+    jpeg_quality: int = 80
+
+    def __post_init__(self) -> None:
+        if self.worst is not None and self.worst < 1:
+            raise InputError(f"worst: expected at least 1 fruit of each kind, found {self.worst}")
+        for name, least in (("crops", 1), ("crop_px", 64), ("least_window_px", 8), ("around", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"MistakeOptions.{name}: expected at least {least}, found {getattr(self, name)}")
+        if not 1 <= self.jpeg_quality <= 100:
+            raise InputError(f"MistakeOptions.jpeg_quality: expected 1 to 100, found {self.jpeg_quality}")
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Evidence:
-    """What a survey holds of its fruits.
+class SurveyResult:
+    """The fruits of a survey with the photos, cameras and detections that they were made from.
 
     `photos`, by name, are those that can still be read; `sides` says of which side of the row a photo is. Detections
-    of at least `least_score` could become fruit. `joined` are the fruits before the filter, with their observations;
+    of at least `least_score` could become fruit. `unfiltered` are the fruits before the filter and their observations,
     None where these are not known.
     """
 
@@ -31,19 +88,19 @@ class Evidence:
     detections: SurveyDetections
     fruits: Fruits
     observations: Observations
-    joined: tuple[Fruits, Observations] | None = None
+    unfiltered: tuple[Fruits, Observations] | None = None
     least_score: float = 0.0
     title: str = ""
 
     @property
     def before_filter(self) -> tuple[Fruits, Observations]:
         """The fruits before the filter where they are known, else those that it left."""
-        return self.joined or (self.fruits, self.observations)
+        return self.unfiltered or (self.fruits, self.observations)
 
 
 @dataclass(frozen=True)
 class View:
-    """A photo that tells of a mistake, and what it tells in words. `weight` is the larger the more the photo shows."""
+    """A photo that shows a mistake, and what it shows in words. `weight` is the larger the more the photo shows."""
 
     photo: str
     note: str
@@ -54,7 +111,7 @@ class View:
 
 @dataclass(frozen=True, kw_only=True)
 class Mistake:
-    """One fruit that went wrong, at which stage, why, and the photos that tell.
+    """One fruit that went wrong, at which stage, why, and the photos that show it.
 
     `fruit_id` is None for missed and merged fruits, `truth_id` for found ones that have to do with no true one.
     `fruit_ids` are all the found fruits concerned. Lengths are metres. `weight` orders the mistakes of a kind.

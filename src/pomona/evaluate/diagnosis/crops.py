@@ -14,11 +14,10 @@ from pomona.capture import read_pixels
 from pomona.capture.images import write_jpeg
 from pomona.detections import Mask
 from pomona.errors import InputError, MissingFileError, few
-from pomona.evaluate.mistakes import draw
-from pomona.evaluate.mistakes.draw import Drawing, Outline, Window
-from pomona.evaluate.mistakes.options import MistakeOptions
-from pomona.evaluate.mistakes.spheres import Circle, Spheres
-from pomona.evaluate.mistakes.values import Evidence, Mistake, View
+from pomona.evaluate.diagnosis import draw
+from pomona.evaluate.diagnosis.draw import Drawing, Outline, Window
+from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, SurveyResult, View
+from pomona.evaluate.diagnosis.spheres import Circle, Spheres
 from pomona.formats.detections.png_masks import read_ids
 from pomona.photos import Photo
 from pomona.progress import Progress, track
@@ -31,7 +30,7 @@ _NEAR_RADII, _BESIDE_RADII = 2.5, 4.0
 
 @dataclass(frozen=True)
 class Crop:
-    """Two files beside the page, a crop and the same with what is drawn into it, and what the photo tells."""
+    """Two files beside the page, a crop and the same with what is drawn into it, and what the photo shows."""
 
     photo: str
     note: str
@@ -44,13 +43,13 @@ class CropCutter:
 
     def __init__(
         self,
-        evidence: Evidence,
+        survey: SurveyResult,
         spheres: Spheres,
         true_ids: Mapping[str, Path],
         folder: Path,
         options: MistakeOptions,
     ) -> None:
-        self._evidence, self._spheres, self._true_ids = evidence, spheres, true_ids
+        self._survey, self._spheres, self._true_ids = survey, spheres, true_ids
         self._folder, self._options = folder, options
 
     def cut(self, mistakes: Sequence[Mistake], progress: Progress) -> dict[str, tuple[Crop, ...]]:
@@ -80,7 +79,7 @@ class CropCutter:
     def _of_photo(
         self, name: str, wanted: Sequence[tuple[Mistake, int]], astray: list[str]
     ) -> Iterator[tuple[Mistake, int, Crop]]:
-        photo, photo_idx = self._evidence.photos[name], self._evidence.cameras.index_of(name)
+        photo, photo_idx = self._survey.photos[name], self._survey.cameras.index_of(name)
         assert photo_idx is not None
         self._check_size(photo, photo_idx)
         pixels, circles = read_pixels(photo), self._spheres.circles(photo_idx)
@@ -96,7 +95,7 @@ class CropCutter:
             yield mistake, number, self._write(f"{mistake.key}-{number + 1}", view, pixels, window, drawing)
 
     def _check_size(self, photo: Photo, photo_idx: int) -> None:
-        lens = self._evidence.cameras.intrinsics_of(photo_idx)
+        lens = self._survey.cameras.intrinsics_of(photo_idx)
         if (photo.width_px, photo.height_px) != (lens.width_px, lens.height_px):
             raise InputError(
                 f"expected {lens.width_px} × {lens.height_px} pixels, as its camera has, found {photo.width_px} × "
@@ -114,12 +113,12 @@ class CropCutter:
 
     def _masks(self, view: View) -> Iterator[Outline]:
         """The outlines of all detections, those of this fruit last."""
-        found = self._evidence.detections.get(view.photo)
+        found = self._survey.detections.get(view.photo)
         if found is None:
             return
         own = np.isin(found.ids, view.detection_ids)
         for k in np.argsort(own, kind="stable"):
-            weak = found.scores[k] < self._evidence.least_score
+            weak = found.scores[k] < self._survey.least_score
             colour = draw.WEAK if weak else draw.OWN if own[k] else draw.OTHER
             yield Outline(found.masks[k], colour, bool(own[k]))
 
@@ -130,7 +129,7 @@ class CropCutter:
 
         None where the fruit does not project into the photo.
         """
-        cameras, options = self._evidence.cameras, self._options
+        cameras, options = self._survey.cameras, self._options
         place = np.array(mistake.center_in_world)
         center = centers_px(cameras, photo_idx, place[None])[0]
         distance = max(float(np.linalg.norm(cameras.centers_in_world[photo_idx] - place)), 1e-6)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pomona.errors import FormatError, MissingFileError
-from pomona.evaluate import evaluate, read_truth
+from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.fruits import Fruits
 
 
@@ -29,7 +29,7 @@ def test_without_visible_pixels_only_all_fruits_are_scored(tmp_path: Path) -> No
     (tmp_path / "fruits.csv").write_text("id,x,y,z,diameter\n1,0,0,1,0.08\n")
     truth = read_truth(tmp_path)
     assert truth.visible() is None
-    assert evaluate(Fruits.empty(), truth).visible is None
+    assert evaluate_fruits(Fruits.empty(), truth).visible is None
 
 
 def test_boxes_are_read_as_columns_lines_and_corners(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_orchard_dev(shared_data: Path) -> None:
     assert 100 < visible.sum() < 153
     shifted = truth.centers_in_world + np.array([0.003, 0, 0])
     fruits = Fruits(truth.ids, shifted, truth.diameters_m + 0.002, np.ones(153), np.full(153, 2))
-    scores = evaluate(fruits, truth)
+    scores = evaluate_fruits(fruits, truth)
     assert scores.all.f1 == 1
     assert scores.all.center_rmse_m == pytest.approx(0.003)
     assert scores.all.diameter_bias_m == pytest.approx(0.002)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from pomona.errors import InputError
-from pomona.evaluate import EvaluateOptions, Truth, evaluate, match, scores_table
-from pomona.evaluate.matching import Candidates, assign
+from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits, match
+from pomona.evaluate.fruits.matching import Candidates, assign
+from pomona.evaluate.tables import fruits_table
 from pomona.fruits import Fruits
 
 
@@ -46,7 +47,7 @@ ROW = [(0.0, 0, 1), (0.5, 0, 1), (1.0, 0, 1), (1.5, 0, 1)]
 
 def test_scores_are_the_papers_equations() -> None:
     # Fruits 1 and 2 found, 1 twice; 3 and 4 missed; one false.
-    scores = evaluate(found([(0.01, 0, 1), (0, 0.02, 1), (0.5, 0, 1.03), (3, 0, 1)]), known(ROW)).all
+    scores = evaluate_fruits(found([(0.01, 0, 1), (0, 0.02, 1), (0.5, 0, 1.03), (3, 0, 1)]), known(ROW)).all
     assert (scores.true_fruits, scores.detections, scores.true_positives) == (4, 4, 2)
     assert (scores.false_positives, scores.multi_detections, scores.labels_detected) == (1, 1, 2)
     assert scores.detection_rate == scores.recall == scores.precision == scores.f1 == 0.5
@@ -59,37 +60,37 @@ def test_scores_are_the_papers_equations() -> None:
 def test_two_fruits_found_as_one_are_both_detected_but_one_is_recalled() -> None:
     # The difference between the paper's DR (0.991) and R (0.906).
     pair = [(0.0, 0, 1), (0.07, 0, 1)]
-    scores = evaluate(found([(0.035, 0, 1)], 0.15), known(pair)).all
+    scores = evaluate_fruits(found([(0.035, 0, 1)], 0.15), known(pair)).all
     assert (scores.detection_rate, scores.recall, scores.precision) == (1.0, 0.5, 1.0)
     assert sorted(o.kind for o in scores.outcomes) == ["matched", "merged"]
 
 
 def test_a_wild_diameter_does_not_detect_the_whole_row() -> None:
-    scores = evaluate(found([(0, 0, 1)], 50.0), known(ROW)).all
+    scores = evaluate_fruits(found([(0, 0, 1)], 50.0), known(ROW)).all
     assert (scores.labels_detected, scores.diameters) == (1, 1)
 
 
 def test_half_a_diameter_is_the_limit() -> None:
-    assert evaluate(found([(0.0399, 0, 1)]), known(ROW)).all.true_positives == 1
-    assert evaluate(found([(0.0401, 0, 1)]), known(ROW)).all.true_positives == 0
+    assert evaluate_fruits(found([(0.0399, 0, 1)]), known(ROW)).all.true_positives == 1
+    assert evaluate_fruits(found([(0.0401, 0, 1)]), known(ROW)).all.true_positives == 0
 
 
 def test_assignment_prefers_more_pairs_to_nearer_ones() -> None:
     # The first found fruit is nearest to true fruit 2, but only so are both matched.
     truth = known([(0, 0, 1), (0.05, 0, 1)])
-    scores = evaluate(found([(0.03, 0, 1), (0.06, 0, 1)]), truth).all
+    scores = evaluate_fruits(found([(0.03, 0, 1), (0.06, 0, 1)]), truth).all
     assert (scores.true_positives, scores.multi_detections) == (2, 0)
     assert match(found([(0.03, 0, 1), (0.06, 0, 1), (9, 9, 9)]), truth).tolist() == [0, 1, -1]
 
 
 def test_invisible_fruits_excuse_but_do_not_count() -> None:
     seen = {"a": {1: 500, 2: 119, 3: 900}, "b": {1: 120, 2: 800}, "c": {2: 100}}
-    scores = evaluate(found([(0, 0, 1), (0.5, 0, 1), (3, 0, 1)]), known(ROW, seen))
+    scores = evaluate_fruits(found([(0, 0, 1), (0.5, 0, 1), (3, 0, 1)]), known(ROW, seen))
     assert scores.visible is not None
     assert (scores.visible.true_fruits, scores.visible.true_positives) == (1, 1)
     assert (scores.visible.hidden, scores.visible.detections, scores.visible.false_positives) == (1, 2, 1)
     assert (scores.all.true_fruits, scores.all.detections, scores.all.hidden) == (4, 3, 0)
-    lenient = evaluate(found([(0, 0, 1)]), known(ROW, seen), options=EvaluateOptions(visible_px=100)).visible
+    lenient = evaluate_fruits(found([(0, 0, 1)]), known(ROW, seen), options=EvaluateOptions(visible_px=100)).visible
     assert lenient is not None
     assert lenient.true_fruits == 2
 
@@ -97,7 +98,7 @@ def test_invisible_fruits_excuse_but_do_not_count() -> None:
 def test_visible_fruits_come_first_when_a_found_fruit_could_be_either() -> None:
     truth = known([(0, 0, 1), (0.05, 0, 1)], {"a": {1: 500}, "b": {1: 500}})
     # Nearer to the invisible fruit.
-    scores = evaluate(found([(0.03, 0, 1)]), truth).visible
+    scores = evaluate_fruits(found([(0.03, 0, 1)]), truth).visible
     assert scores is not None
     assert (scores.true_positives, scores.hidden) == (1, 0)
 
@@ -107,35 +108,35 @@ def test_boxes_overlap_by_half() -> None:
     assert truth.diameters_m[0] == pytest.approx(0.08)
     inside = found([(0.079, 0.04, 0.04)])  # shares 0.041 of 0.08 along x
     outside = found([(0.081, 0.04, 0.04)])
-    assert evaluate(inside, truth).all.true_positives == 1
-    assert evaluate(outside, truth).all.true_positives == 0
+    assert evaluate_fruits(inside, truth).all.true_positives == 1
+    assert evaluate_fruits(outside, truth).all.true_positives == 0
     strict = EvaluateOptions(overlap="iou")
-    assert evaluate(inside, truth, options=strict).all.true_positives == 0
-    assert evaluate(found([(0.05, 0.04, 0.04)]), truth, options=strict).all.true_positives == 1
-    assert evaluate(found([(0.05, 0.04, 0.04)], math.nan), truth).all.true_positives == 1
+    assert evaluate_fruits(inside, truth, options=strict).all.true_positives == 0
+    assert evaluate_fruits(found([(0.05, 0.04, 0.04)]), truth, options=strict).all.true_positives == 1
+    assert evaluate_fruits(found([(0.05, 0.04, 0.04)], math.nan), truth).all.true_positives == 1
 
 
 def test_nothing_found_and_nothing_there() -> None:
-    missed = evaluate(Fruits.empty(), known(ROW)).all
+    missed = evaluate_fruits(Fruits.empty(), known(ROW)).all
     assert (missed.recall, missed.f1) == (0.0, 0.0)
     assert math.isnan(missed.precision)
-    false = evaluate(found(ROW), known([])).all
+    false = evaluate_fruits(found(ROW), known([])).all
     assert (false.precision, false.f1) == (0.0, 0.0)
     assert math.isnan(false.recall)
-    assert math.isnan(evaluate(Fruits.empty(), known([])).all.f1)
+    assert math.isnan(evaluate_fruits(Fruits.empty(), known([])).all.f1)
 
 
 def test_unmeasured_diameters_and_places_are_left_out() -> None:
-    scores = evaluate(found([(0, 0, 1), (0.5, 0, 1), (math.nan, 0, 0)], [0.09, math.nan, 0.08]), known(ROW)).all
+    scores = evaluate_fruits(found([(0, 0, 1), (0.5, 0, 1), (math.nan, 0, 0)], [0.09, math.nan, 0.08]), known(ROW)).all
     assert (scores.true_positives, scores.diameters, scores.false_positives) == (2, 1, 1)
     assert scores.diameter_bias_m == pytest.approx(0.01)
 
 
 def test_table_and_json_show_the_scores() -> None:
     seen = {"a": {1: 500}, "b": {1: 500}}
-    scores = evaluate(found([(0, 0, 1), (math.nan, 0, 0)]), known(ROW, seen))
+    scores = evaluate_fruits(found([(0, 0, 1), (math.nan, 0, 0)]), known(ROW, seen))
     console = Console(width=100, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(scores_table(scores))
+    console.print(fruits_table(scores))
     text = console.export_text()
     assert "visible fruits" in text
     assert "0.333" in text  # F1 = 2 · 1 / (4 + 2)
@@ -149,7 +150,7 @@ def test_options_are_checked() -> None:
     with pytest.raises(InputError, match="match"):
         EvaluateOptions(match="nearest")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="boxes"):
-        evaluate(found(ROW), known(ROW), options=EvaluateOptions(match="boxes"))
+        evaluate_fruits(found(ROW), known(ROW), options=EvaluateOptions(match="boxes"))
 
 
 def test_a_long_row_takes_no_longer_than_its_length() -> None:
@@ -160,7 +161,7 @@ def test_a_long_row_takes_no_longer_than_its_length() -> None:
         np.arange(1, n + 1), centers + rng.normal(0, 0.005, (n, 3)), np.full(n, 0.08), np.ones(n), np.ones(n)
     )
     start = time.process_time()
-    scores = evaluate(fruits, Truth(np.arange(n), centers, np.full(n, 0.08))).all
+    scores = evaluate_fruits(fruits, Truth(np.arange(n), centers, np.full(n, 0.08))).all
     assert 0.99 < scores.f1 <= 1
     assert time.process_time() - start < 8
 
@@ -198,7 +199,7 @@ def test_counts_always_add_up(n_found: int, n_true: int, seed: int) -> None:
     centers = [tuple(c) for c in rng.uniform(0, 0.25, (n_found, 3))]
     seen = {p: {int(i): 200 for i in rng.integers(1, n_true + 1, n_true // 2)} for p in "ab"} if n_true else {}
     truth = known([tuple(c) for c in rng.uniform(0, 0.25, (n_true, 3))], seen)
-    scores = evaluate(found(centers), truth)
+    scores = evaluate_fruits(found(centers), truth)
     for tally in scores.tallies:
         assert tally.true_positives + tally.false_positives + tally.multi_detections == tally.detections
         assert tally.detections + tally.hidden == n_found

@@ -12,8 +12,8 @@ import numpy as np
 from fuse_scenes import seen_pixels
 from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.evaluate import Truth, read_truth
-from pomona.evaluate.mistakes import Evidence
+from pomona.evaluate.diagnosis import SurveyResult
+from pomona.evaluate.fruits import Truth, read_truth
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import write_fruits, write_observations
@@ -65,15 +65,15 @@ class Scene:
 
     folder: Path
     truth: Truth
-    evidence: Evidence
+    survey: SurveyResult
     masks: dict[str, Path]
 
     @property
     def photos(self) -> Photos:
-        return Photos(tuple(self.evidence.photos.values()))
+        return Photos(tuple(self.survey.photos.values()))
 
     def with_(self, **changes: object) -> Scene:
-        return replace(self, evidence=replace(self.evidence, **changes))
+        return replace(self, survey=replace(self.survey, **changes))
 
 
 def cameras() -> Cameras:
@@ -115,19 +115,19 @@ def make_scene(folder: Path) -> Scene:
     rows = "".join(f"{i},{x},{y},{z},{DIAMETER_M}\n" for i, (x, y, z) in CENTERS.items())
     (folder / "truth" / "fruits.csv").write_text("id,x,y,z,diameter\n" + rows)
     detections, id_of = _detections(views, pixels)
-    evidence = Evidence(
+    survey = SurveyResult(
         photos={n: Photo(n, folder / "images" / n, WIDTH, HEIGHT, side=n.split("_")[0]) for n in views.photos},
         sides={n: n.split("_")[0] for n in views.photos},
         cameras=views,
         detections=detections,
         fruits=_fruits(FOUND),
         observations=_observations(FOUND, detections, id_of),
-        joined=(_fruits(FOUND | DROPPED), _observations(FOUND | DROPPED, detections, id_of)),
+        unfiltered=(_fruits(FOUND | DROPPED), _observations(FOUND | DROPPED, detections, id_of)),
         least_score=LEAST_SCORE,
         title="a <small> row",
     )
     masks = {n: folder / "truth" / "masks" / f"{Path(n).stem}.png" for n in views.photos}
-    return Scene(folder, read_truth(folder), evidence, masks)
+    return Scene(folder, read_truth(folder), survey, masks)
 
 
 def _detections(
@@ -176,22 +176,22 @@ def _observations(found: dict, detections: SurveyDetections, id_of: dict[tuple[i
 
 def write_survey(scene: Scene, folder: Path) -> Path:
     """Write what `pomona run` would have written of a scene."""
-    evidence = scene.evidence
+    survey = scene.survey
     folder.mkdir(parents=True)
     manifest = {
         "format": "pomona-survey",
         "sources": [str(scene.folder / "images")],
         "options": {"sides": "auto", "method": "object"},
-        "photos": [{"name": name, "side": side} for name, side in evidence.sides.items()],
+        "photos": [{"name": name, "side": side} for name, side in survey.sides.items()],
         "stages": {"segment": {"fingerprint": "x", "info": {"score_threshold": 0.5}}},
     }
     (folder / "survey.json").write_text(json.dumps(manifest))
-    write_colmap(folder / "cameras", evidence.cameras, scene.photos)
-    write_coco(folder / "detections.json", scene.photos, evidence.detections)
-    write_fruits(folder / "fruits.csv", evidence.fruits)
-    write_observations(folder / "observations.csv", evidence.observations)
-    assert evidence.joined is not None
-    fruits, observations = evidence.joined
+    write_colmap(folder / "cameras", survey.cameras, scene.photos)
+    write_coco(folder / "detections.json", scene.photos, survey.detections)
+    write_fruits(folder / "fruits.csv", survey.fruits)
+    write_observations(folder / "observations.csv", survey.observations)
+    assert survey.unfiltered is not None
+    fruits, observations = survey.unfiltered
     write_arrays(
         folder / "work" / "fuse.npz", {**arrays_of(fruits, "fruits/"), **arrays_of(observations, "observations/")}
     )

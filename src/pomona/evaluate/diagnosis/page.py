@@ -3,20 +3,75 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence, Set
 from html import escape
 from importlib.resources import files
 from itertools import groupby
+from pathlib import Path
 from string import Template
 
 from pomona import __version__
-from pomona.evaluate.mistakes.crops import Crop
-from pomona.evaluate.mistakes.draw import Rgb, legend
-from pomona.evaluate.mistakes.stages import KINDS, STAGES, Kind, Stage
-from pomona.evaluate.mistakes.values import Mistake, Mistakes
-from pomona.evaluate.scores import Tally
+from pomona.errors import few
+from pomona.evaluate.diagnosis.crops import Crop, CropCutter
+from pomona.evaluate.diagnosis.draw import Rgb, legend
+from pomona.evaluate.diagnosis.mistakes import (
+    KINDS,
+    STAGES,
+    Kind,
+    Mistake,
+    MistakeOptions,
+    Mistakes,
+    Stage,
+    SurveyResult,
+)
+from pomona.evaluate.diagnosis.spheres import Spheres
+from pomona.evaluate.fruits.scores import Scores, Tally
+from pomona.evaluate.fruits.truth import Truth
+from pomona.progress import Progress, Silent
 
-_ROOM = files("pomona.evaluate.mistakes")
+_CROPS = "crops"
+_PAGE = files("pomona.evaluate.diagnosis") / "page.html"
+# The crops of an earlier page, which are deleted; other files in that folder are kept.
+_OURS = re.compile(rf"({'|'.join(KINDS)})-\d+-\d+(-drawn)?\.jpg")
+
+
+def write_mistakes(
+    folder: Path,
+    survey: SurveyResult,
+    truth: Truth,
+    scores: Scores,
+    mistakes: Mistakes,
+    *,
+    masks: Mapping[str, Path] | None = None,
+    options: MistakeOptions | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write `folder/index.html` and its crops in `folder/crops/`, and return the page. Crops of an earlier page go.
+
+    `masks` are images of true fruit ids, by photo: what they show of a fruit is drawn. Each photo is read once. Photos
+    that are missing or cannot be read are warned about and left out.
+    """
+    options, progress = options or MistakeOptions(), progress or Silent()
+    tally = scores.visible if mistakes.label == "visible" and scores.visible else scores.all
+    if missing := [name for name in survey.cameras.photos if name not in survey.photos]:
+        progress.warn(f"Photos that were not found have no crops: {few(missing)}")
+    crops_folder = folder / _CROPS
+    crops_folder.mkdir(parents=True, exist_ok=True)
+    for path in crops_folder.iterdir():
+        if _OURS.fullmatch(path.name):
+            path.unlink()
+    shown = _worst(mistakes, options.worst)
+    cutter = CropCutter(survey, Spheres(survey, truth, tally), masks or {}, crops_folder, options)
+    crops = cutter.cut(shown, progress)
+    page = folder / "index.html"
+    page.write_text(page_html(survey.title, tally, mistakes, crops, folder=_CROPS), encoding="utf-8")
+    return page
+
+
+def _worst(mistakes: Mistakes, count: int | None) -> list[Mistake]:
+    """The worst `count` of each kind, whatever the stage."""
+    return [mistake for kind in KINDS for mistake in sorted(mistakes.of_kind(kind), key=lambda m: -m.weight)[:count]]
 
 
 def page_html(title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, Sequence[Crop]], *, folder: str) -> str:
@@ -25,10 +80,9 @@ def page_html(title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, 
     It needs no script: what hides a kind, or the drawings, is style alone.
     """
     counts = mistakes.counts()
-    return Template(_ROOM.joinpath("template.html").read_text(encoding="utf-8")).substitute(
+    return Template(_PAGE.read_text(encoding="utf-8")).substitute(
         title=escape(title),
         version=escape(__version__),
-        style=_ROOM.joinpath("style.css").read_text(encoding="utf-8").strip(),
         subtitle=escape(_subtitle(tally, mistakes)),
         scores=_scores(tally),
         summary=_summary(counts, {(m.kind, m.stage) for m in mistakes.items if m.key in crops}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +13,10 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask
 from pomona.errors import FormatError
-from pomona.evaluate.truth import Truth
+from pomona.evaluate.fruits.truth import Truth
 from pomona.formats.detections.png_masks import read_ids
 from pomona.intrinsics import Intrinsics
+from pomona.photo_names import pair_names
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 # A detection shows a fruit that has so much of it: of pixels the rest may be leaves; a disc reaches under neighbours.
@@ -109,3 +111,14 @@ def _overlaps(rows: list[tuple[int, int, float, float, float]], least: float) ->
     return Overlaps(
         table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3], table[:, 4], least
     )
+
+
+def masks_beside(truth: Path, photos: Sequence[str]) -> dict[str, Path]:
+    """Return, by photo, the images of true fruit ids in `truth/masks/` or `masks/` of a row's folder or beside a table.
+
+    Empty where the truth has none. Raises `InputError` where an image fits several of `photos`.
+    """
+    places = [truth / "truth" / "masks", truth / "masks"] if truth.is_dir() else [truth.parent / "masks"]
+    images = next((found for place in places if (found := sorted(place.glob("*.png")))), [])
+    by_stem = {image.stem: image for image in images}
+    return {photo: by_stem[stem] for stem, photo in pair_names(tuple(by_stem), photos).items()}

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.evaluate.mistakes import draw
-from pomona.evaluate.mistakes.draw import Rgb
-from pomona.evaluate.mistakes.shown import told_px
-from pomona.evaluate.mistakes.values import Evidence
-from pomona.evaluate.scores import Tally
-from pomona.evaluate.truth import Truth
+from pomona.evaluate.diagnosis import draw
+from pomona.evaluate.diagnosis.associations import seen_px_by_photo
+from pomona.evaluate.diagnosis.draw import Rgb
+from pomona.evaluate.diagnosis.mistakes import SurveyResult
+from pomona.evaluate.fruits.scores import Tally
+from pomona.evaluate.fruits.truth import Truth
 from pomona.fruits import Fruits
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
@@ -56,30 +56,30 @@ class Circle:
 class Spheres:
     """All spheres that may be drawn: true fruits, found ones, and those that the filter dropped."""
 
-    def __init__(self, evidence: Evidence, truth: Truth, tally: Tally) -> None:
-        joined, observations = evidence.before_filter
-        dropped = joined[~np.isin(joined.ids, evidence.fruits.ids)]
-        self._cameras, self._truth = evidence.cameras, truth
-        self._told = told_px(truth, evidence.cameras.photos)
+    def __init__(self, survey: SurveyResult, truth: Truth, tally: Tally) -> None:
+        unfiltered, observations = survey.before_filter
+        dropped = unfiltered[~np.isin(unfiltered.ids, survey.fruits.ids)]
+        self._cameras, self._truth = survey.cameras, truth
+        self._seen_px = seen_px_by_photo(truth, survey.cameras.photos)
         self._seen_in: dict[str, set[int]] = defaultdict(set)
         for fruit_id, photo in zip(observations.fruit_id.tolist(), observations.photo, strict=True):
             self._seen_in[photo].add(fruit_id)
-        self.usual_diameter_m = _usual_m(evidence.fruits, truth)
+        self.usual_diameter_m = _usual_m(survey.fruits, truth)
         self._centers_in_world = np.concatenate(
-            [truth.centers_in_world, evidence.fruits.centers_in_world, dropped.centers_in_world]
+            [truth.centers_in_world, survey.fruits.centers_in_world, dropped.centers_in_world]
         )
-        self._diameters_m = np.concatenate([truth.diameters_m, evidence.fruits.diameters_m, dropped.diameters_m])
-        self._found_ids = [*evidence.fruits.ids.tolist(), *dropped.ids.tolist()]
+        self._diameters_m = np.concatenate([truth.diameters_m, survey.fruits.diameters_m, dropped.diameters_m])
+        self._found_ids = [*survey.fruits.ids.tolist(), *dropped.ids.tolist()]
         kinds = {outcome.fruit_id: outcome.kind for outcome in tally.outcomes}
         self._matched = np.isin(truth.ids, [o.truth_id or 0 for o in tally.outcomes if o.kind == "matched"])
-        found = [_FOUND_COLOURS[kinds.get(i, "matched")] for i in evidence.fruits.ids.tolist()]
+        found = [_FOUND_COLOURS[kinds.get(i, "matched")] for i in survey.fruits.ids.tolist()]
         self._colours = [*[draw.TRUE] * len(truth), *found, *[draw.DROPPED] * len(dropped)]
 
     def circles(self, photo_idx: int) -> list[Circle]:
         """Return the circles of all spheres that are in front of a camera and not far beside its photo, thin."""
         centers = centers_px(self._cameras, photo_idx, self._centers_in_world)
-        told = np.ones(len(self._truth)) if self._told is None else self._told[photo_idx]
-        shown = (told > 0) & ~self._matched
+        seen_px = np.ones(len(self._truth)) if self._seen_px is None else self._seen_px[photo_idx]
+        shown = (seen_px > 0) & ~self._matched
         seen = np.concatenate([shown, np.isin(self._found_ids, list(self._seen_in[self._cameras.photos[photo_idx]]))])
         near = np.flatnonzero(np.isfinite(centers).all(axis=1))
         outlines = sphere_outlines_px(self._cameras, photo_idx, self._centers_in_world[near], self._diameters_m[near])
