@@ -13,9 +13,9 @@ from datasets_scenes import RedSegmenter, painted, write_fuji_spheres
 from fuji_miniature import write_boxes, write_miniature, write_tiles
 from pomona.datasets.fuji_files import find_fuji_files
 from pomona.datasets.fuji_row import read_fuji_row, read_true_trees
-from pomona.datasets.fuji_sfm import FujiOptions, benchmark_fuji_sfm, tiles_of
+from pomona.datasets.fuji_sfm import benchmark_fuji_sfm, tiles_of
 from pomona.datasets.row_scores import TreeCounts
-from pomona.datasets.values import BenchmarkResult, Comparison
+from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, Comparison
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.xyz import read_xyz, write_xyz
 from pomona.progress import Silent
@@ -36,7 +36,7 @@ def copy(spheres: Path, tmp_path: Path) -> Path:
 
 
 def run(root: Path, out: Path, **options: object) -> BenchmarkResult:
-    return benchmark_fuji_sfm(root, out, FujiOptions(**options), Silent())  # type: ignore[arg-type]
+    return benchmark_fuji_sfm(root, out, BenchmarkOptions(**options), Silent())  # type: ignore[arg-type]
 
 
 def value(table: Comparison, name: str, column: str) -> float:
@@ -217,8 +217,8 @@ def test_folders_without_the_dataset_are_refused(tmp_path: Path) -> None:
         run(tmp_path / "nowhere", tmp_path / "out")
     with pytest.raises(InputError, match="found none of them"):
         run(tmp_path, tmp_path / "out")
-    with pytest.raises(InputError, match="--trees"):
-        FujiOptions(trees=0)
+    with pytest.raises(InputError, match="trees: expected at least 1"):
+        BenchmarkOptions(trees=0)
 
 
 @pytest.mark.slow

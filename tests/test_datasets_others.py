@@ -12,14 +12,16 @@ from PIL import Image
 from rich.console import Console
 from typer.testing import CliRunner
 
+from conftest import REPOSITORY
 from datasets_scenes import RedSegmenter, painted, write_fruitnerf, write_fuji_spheres
 from fuse_scenes import sphere_points
 from pomona.cli.app import app
 from pomona.datasets.fruitnerf import benchmark_fruitnerf
 from pomona.datasets.minneapple import benchmark_minneapple
 from pomona.datasets.pfuji_size import benchmark_pfuji_size
+from pomona.datasets.registry import DATASETS, Dataset
 from pomona.datasets.tables import result_tables
-from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, Comparison, Figure
 from pomona.datasets.wgisd import benchmark_wgisd
 from pomona.errors import PomonaError
 from pomona.progress import Silent
@@ -197,3 +199,22 @@ def test_tables_show_printed_figures_and_what_is_missing() -> None:
     for expected in ("a file", "0.500", "0.881", "–", "someone 2020", "a note", "B could not be made: no file"):
         assert expected in text
     assert table.to_json()["figures"][0]["ours"]["other"] is None
+
+
+@pytest.mark.parametrize("dataset", DATASETS, ids=lambda each: each.name)
+def test_every_dataset_has_a_command_and_is_documented(dataset: Dataset) -> None:
+    assert dataset.title.split(":")[0].split(",")[0] in (REPOSITORY / "docs" / "lab" / "public-datasets.md").read_text(
+        encoding="utf-8"
+    )
+    shown = CliRunner().invoke(app, ["benchmark", dataset.name, "--help"], env={"COLUMNS": "200"})
+    assert shown.exit_code == 0
+    assert dataset.title in " ".join(shown.stdout.split())
+    for option in ("model", "trees", "fruit_diameter_m"):
+        flag = f"--{option.removesuffix('_m').replace('_', '-')} "
+        assert (flag in shown.stdout) == (option in dataset.options)
+
+
+def test_a_dataset_that_is_not_there_is_named(tmp_path: Path) -> None:
+    for dataset in DATASETS:
+        with pytest.raises(PomonaError, match="nowhere"):
+            dataset.run(tmp_path / "nowhere", tmp_path / "out", BenchmarkOptions(), Silent())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from pomona.capture import load_photos
@@ -12,7 +12,7 @@ from pomona.datasets.methods import OBJECT, Given, found_by_methods
 from pomona.datasets.pictures import read_labels, score_pictures
 from pomona.datasets.published import FUJI_TABLE_2, FUJI_TABLE_3, FUJI_TILES
 from pomona.datasets.row_scores import figure_8, table_3
-from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, Comparison, Figure
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate.detections import DetectionScores
@@ -21,7 +21,6 @@ from pomona.formats.detections.coco import read_coco
 from pomona.formats.detections.label_sets import LabelSet
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.tables import read_fruits, write_fruits
-from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.fruits import Fruits
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
@@ -34,20 +33,7 @@ NAME = "Fuji-SfM"
 _TABLE_2, _TABLE_3, _FIGURE_8 = "Table 2", "Table 3", "Figure 8"
 
 
-@dataclass(frozen=True, kw_only=True)
-class FujiOptions:
-    """Options of the benchmark: the segmenter (None: the shipped one), how many trees the row has, and its fruit."""
-
-    model: str | None = None
-    trees: int = 11
-    fruit_diameter_m: float = DEFAULT_DIAMETER_M
-
-    def __post_init__(self) -> None:
-        if self.trees < 1:
-            raise InputError(f"--trees: expected at least 1, found {self.trees}")
-
-
-def benchmark_fuji_sfm(root: Path, out: Path, options: FujiOptions, progress: Progress) -> BenchmarkResult:
+def benchmark_fuji_sfm(root: Path, out: Path, options: BenchmarkOptions, progress: Progress) -> BenchmarkResult:
     """Return the tables that can be made from what is below `root`; fruits and detections are written to `out`.
 
     Raises `MissingFileError`, `InputError` where nothing of the dataset is found, and `FormatError` for files that are
@@ -88,7 +74,7 @@ def tiles_of(files: FujiFiles, part: str) -> list[LabelledPhoto]:
     return [photo for one in sets for photo in read_labels(one)]
 
 
-def _table_2(files: FujiFiles, options: FujiOptions, progress: Progress) -> Comparison:
+def _table_2(files: FujiFiles, options: BenchmarkOptions, progress: Progress) -> Comparison:
     tiles = tiles_of(files, "validation")
     scores = score_pictures(tiles, model=options.model, progress=progress)
     column = "Pomona" if options.model is None else Path(options.model).name
@@ -111,7 +97,7 @@ def _levels(scores: DetectionScores, column: str) -> list[Figure]:
 
 
 def _fruits(
-    files: FujiFiles, known: TrueTrees | None, out: Path, options: FujiOptions, progress: Progress
+    files: FujiFiles, known: TrueTrees | None, out: Path, options: BenchmarkOptions, progress: Progress
 ) -> tuple[dict[str, Fruits], tuple[str, ...], str]:
     """Return fruits by method in the frame of the true ones, notes on them, and where there are none, why."""
     out.mkdir(parents=True, exist_ok=True)
@@ -124,7 +110,7 @@ def _fruits(
     return *found_by_methods(given, known, options.fruit_diameter_m, progress), ""
 
 
-def _given(files: FujiFiles, row: FujiRow, out: Path, options: FujiOptions, progress: Progress) -> Given | None:
+def _given(files: FujiFiles, row: FujiRow, out: Path, options: BenchmarkOptions, progress: Progress) -> Given | None:
     """What fruits are made of where cameras are given: masks of the segmenter, and a cloud, where none are given."""
     assert row.cameras is not None
     placed = [side for side in files.sides if side.cameras is not None]
@@ -159,7 +145,7 @@ def _sources(files: FujiFiles) -> list[Path]:
 
 
 def _segmented(
-    files: FujiFiles, photos: Photos, out: Path, options: FujiOptions, progress: Progress
+    files: FujiFiles, photos: Photos, out: Path, options: BenchmarkOptions, progress: Progress
 ) -> tuple[SurveyDetections, float]:
     """The segmenter's detections by our names for the photos; a stopped run goes on where it was."""
     survey = out / "survey"
@@ -178,7 +164,7 @@ def _segmented(
 
 
 def _from_photos(
-    files: FujiFiles, known: TrueTrees | None, out: Path, options: FujiOptions, progress: Progress
+    files: FujiFiles, known: TrueTrees | None, out: Path, options: BenchmarkOptions, progress: Progress
 ) -> tuple[dict[str, Fruits], tuple[str, ...], str]:
     """Fruits from photos alone, laid over the true ones by the pattern in which they hang."""
     if not _sources(files):

@@ -7,6 +7,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from pomona.errors import InputError
+from pomona.fruit_size import DEFAULT_DIAMETER_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkOptions:
+    """Options of benchmarks; `registry.Dataset.options` says which of them count for a dataset.
+
+    `model` is the segmenter (None: the shipped one), `trees` how many the row has where the files of true fruits do not
+    say, `fruit_diameter_m` the typical fruit.
+    """
+
+    model: str | None = None
+    trees: int = 11
+    fruit_diameter_m: float = DEFAULT_DIAMETER_M
+
+    def __post_init__(self) -> None:
+        if self.trees < 1:
+            raise InputError(f"trees: expected at least 1, found {self.trees}")
+
 
 @dataclass(frozen=True)
 class Figure:

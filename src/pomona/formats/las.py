@@ -69,13 +69,6 @@ def read_las(path: Path) -> FruitCloud:
     return FruitCloud(points, rgb, fruit_id)
 
 
-def read_crs(path: Path) -> CRS | None:
-    """Return the CRS that a LAS or LAZ file states, or None."""
-    with laspy.open(str(path)) as reader:
-        found: CRS | None = reader.header.parse_crs()
-    return found
-
-
 def _header(path: Path, points: FloatArray, frame: WorldFrame | None) -> laspy.LasHeader:
     header = laspy.LasHeader(version="1.4", point_format=7)
     header.add_extra_dim(
