@@ -96,7 +96,7 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(
             if self.done == 10:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr("pomona.train.run._SAVE_EVERY_S", -1.0)
+    monkeypatch.setattr("pomona.train.training_state._SAVE_EVERY_S", -1.0)
     with pytest.raises(KeyboardInterrupt):
         fit(learner, *halves, tmp_path / "twice", options=options, progress=Stops())
     assert torch.load(tmp_path / "twice" / "last.pt", weights_only=True)["step"] == 9

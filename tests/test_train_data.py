@@ -19,9 +19,8 @@ from pomona.formats.detections.shapes import ellipse_mask
 from pomona.progress import Silent
 from pomona.train.augment import AugmentOptions, draw_crop
 from pomona.train.gather import gather
-from pomona.train.groups import group_of
 from pomona.train.label_images import paint, samples_of
-from pomona.train.samples import IGNORED, Sample, boxes_of, split, write_split
+from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, split, write_split
 
 
 def write_photo(path: Path, width: int, height: int, discs: Sequence[tuple[float, float, float]] = ()) -> None:

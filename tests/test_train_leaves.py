@@ -7,7 +7,7 @@ import pytest
 
 from pomona.errors import InputError
 from pomona.train.augment import AugmentOptions, recolour
-from pomona.train.leaves import behind_leaves
+from pomona.train.occlusion import behind_leaves
 
 SIZE = 160
 

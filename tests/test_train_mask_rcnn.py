@@ -21,12 +21,11 @@ from pomona.segment import load_segmenter  # noqa: E402
 from pomona.segment import torchvision as detectors  # noqa: E402
 from pomona.train import FitOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.batches import Batches  # noqa: E402
 from pomona.train.crop import Crop  # noqa: E402
-from pomona.train.fit import fit  # noqa: E402
+from pomona.train.fit import Batches, fit  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
-from pomona.train.run import Run  # noqa: E402
 from pomona.train.samples import IGNORED, Sample  # noqa: E402
+from pomona.train.training_state import TrainingState  # noqa: E402
 from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = FitOptions(
@@ -113,7 +112,7 @@ def test_doubtful_fruits_are_neither_wanted_nor_punished() -> None:
 @pytest.mark.usefixtures("few")
 def test_the_loss_of_a_batch_seen_again_and_again_falls(samples: list[Sample], tmp_path: Path) -> None:
     one = learner()
-    run = Run(one, tmp_path, SMALL, photos="", progress=Silent())
+    run = TrainingState(one, tmp_path, SMALL, photos="", progress=Silent())
     batch = Batches(samples, one, steps=1, batch=1, seed=4, augment=SMALL.augment)[0]
 
     def loss() -> float:

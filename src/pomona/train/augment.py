@@ -9,9 +9,8 @@ import numpy as np
 
 from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.errors import InputError
-from pomona.train.copy_paste import paste_fruits
 from pomona.train.crop import FEWEST_SEEN, Crop, too_small, with_doubts
-from pomona.train.leaves import behind_leaves
+from pomona.train.occlusion import behind_leaves, paste_fruits
 from pomona.train.samples import Labels, Sample, boxes_of
 
 _PADDING = 114

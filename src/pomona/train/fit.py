@@ -1,20 +1,25 @@
-"""Training: crops, steps, checks; stopped and started again at will."""
+"""The loop of a training, which can be stopped and started again at will, and the batches that it learns from."""
 
 from __future__ import annotations
 
 import zlib
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from torch import nn
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
+from pomona.arrays import FloatArray
 from pomona.progress import Progress, Silent
-from pomona.train.batches import Batches
+from pomona.train.augment import AugmentOptions, draw_crop
 from pomona.train.learner import Learner
 from pomona.train.options import FitOptions
-from pomona.train.run import Run
 from pomona.train.samples import Sample
-from pomona.train.validate import ValidationScores, validate
+from pomona.train.training_state import TrainingState
+from pomona.train.validate import check
+
+_POOL = 4  # samples that a crop is drawn from: a mosaic needs so many
 
 
 def fit(
@@ -34,7 +39,7 @@ def fit(
     """
     options, progress = options or FitOptions(), progress or Silent()
     folder.mkdir(parents=True, exist_ok=True)
-    run = Run(learner, folder, options, photos=_names(training), progress=progress)
+    run = TrainingState(learner, folder, options, photos=_names(training), progress=progress)
     stream = Batches(
         training,
         learner,
@@ -58,13 +63,51 @@ def fit(
     return run.best_network()
 
 
-def check(learner: Learner, network: nn.Module, samples: list[Sample]) -> ValidationScores:
-    """Score the network on samples whole, at their own size."""
-    network.eval()
-    return validate(samples, lambda pixels: learner.segment(network, pixels))
-
-
 def _names(samples: list[Sample]) -> str:
     """How many samples, and a digest of which: short enough to be shown."""
     names = "\n".join(f"{sample.source}/{sample.image.name}" for sample in samples)
     return f"{len(samples)} ({zlib.crc32(names.encode()):08x})"
+
+
+class Batches(Dataset[Any]):
+    """The batches of steps `first` … `steps` − 1, as the learner wants them.
+
+    A source is drawn from in proportion to the square root of its fruits, of whose photos each is as likely.
+    """
+
+    def __init__(
+        self,
+        samples: list[Sample],
+        learner: Learner,
+        *,
+        steps: int,
+        batch: int,
+        seed: int,
+        augment: AugmentOptions,
+        first: int = 0,
+    ) -> None:
+        self._samples, self._learner, self._augment = samples, learner, augment
+        self._weights = _evenly(samples)
+        self._first, self._steps, self._batch, self._seed = first, steps, batch, seed
+
+    def __len__(self) -> int:
+        return max(self._steps - self._first, 0)
+
+    def __getitem__(self, idx: int) -> Any:
+        rng = np.random.default_rng([self._seed, self._first + idx])
+        picked = rng.choice(len(self._samples), size=_POOL * self._batch, p=self._weights)
+        pool = [self._samples[k] for k in picked]
+        return self._learner.batch_of(
+            [draw_crop(pool[_POOL * k : _POOL * (k + 1)], rng, self._augment) for k in range(self._batch)]
+        )
+
+
+def _evenly(samples: list[Sample]) -> FloatArray:
+    """Probabilities by which every source is drawn in proportion to the square root of its fruits.
+
+    Fruits, not photos: a photo of a row shows several times what a tile does.
+    """
+    _, inverse, photos = np.unique([s.source for s in samples], return_inverse=True, return_counts=True)
+    fruits = np.bincount(inverse, weights=[max(len(s.boxes_px), 1) for s in samples])
+    weights = np.sqrt(fruits)[inverse] / photos[inverse]
+    return np.asarray(weights / weights.sum())

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from torch import nn
 
 from pomona.arrays import ByteArray
 from pomona.detections import Detections
 from pomona.evaluate.detections import PhotoMatch, PhotoTruth, match_photo, score
 from pomona.segment.protocol import TileDetections
+from pomona.train.learner import Learner
 from pomona.train.samples import Sample
 
 Segment = Callable[[ByteArray], TileDetections]
@@ -36,6 +38,12 @@ def validate(samples: Iterable[Sample], segment: Segment) -> ValidationScores:
         unknown = float("nan")
         return ValidationScores(scores.ap50, unknown, unknown, unknown, unknown, scores.true_fruits)
     return ValidationScores(scores.ap50, best.f1, best.precision, best.recall, best.confidence, scores.true_fruits)
+
+
+def check(learner: Learner, network: nn.Module, samples: list[Sample]) -> ValidationScores:
+    """Score the network on samples whole, at their own size."""
+    network.eval()
+    return validate(samples, lambda pixels: learner.segment(network, pixels))
 
 
 def _match(sample: Sample, segment: Segment) -> PhotoMatch:

@@ -4,52 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pomona.errors import InputError
 from pomona.progress import Progress, Silent
-from pomona.segment.torchvision import ARCHITECTURES as MASK_RCNNS
 from pomona.train.center import CENTER_LITE0, CenterLearner
-from pomona.train.fit import check, fit
+from pomona.train.fit import fit
 from pomona.train.gather import gather
 from pomona.train.learner import Learner
 from pomona.train.mask_rcnn import MaskRcnnLearner
-from pomona.train.options import FitOptions
+from pomona.train.options import FitOptions, TrainOptions
 from pomona.train.samples import Sample, write_split
-from pomona.train.validate import ValidationScores
+from pomona.train.validate import ValidationScores, check
 
-ARCHITECTURES = (CENTER_LITE0, *MASK_RCNNS)
 _UNMEASURED_THRESHOLD = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainOptions:
-    """What is trained, from what, and how; `options_for` gives those that suit an architecture.
-
-    `weights`: `coco`, `imagenet`, `none` or a file; None: the best that can be had. `epochs` are passes over as many
-    crops as there are photos to train on, with a check after each; they take the place of `fit.steps`. `held_out` is
-    the share of photos that the network is measured on and never learns from; `classes` and `split_by` are those of
-    `gather`.
-    """
-
-    arch: str = CENTER_LITE0
-    weights: str | None = None
-    fit: FitOptions = field(default_factory=FitOptions)
-    epochs: int | None = None
-    held_out: float = 0.15
-    classes: tuple[str, ...] | None = None
-    split_by: str = "folders"
-
-    def __post_init__(self) -> None:
-        if self.arch not in ARCHITECTURES:
-            raise InputError(f"--arch: expected {', '.join(ARCHITECTURES)}, found '{self.arch}'")
-        if not 0 < self.held_out < 1:
-            raise InputError(f"held_out: expected a share above 0 and below 1, found {self.held_out}")
-        if self.epochs is not None and self.epochs < 1:
-            raise InputError(f"epochs: expected at least 1, found {self.epochs}")
 
 
 def train(

@@ -17,9 +17,9 @@ from torch import nn
 from pomona.errors import FormatError, InputError
 from pomona.progress import Progress
 from pomona.segment.torchvision import read_checkpoint
-from pomona.train.curves import write_curves, write_log
 from pomona.train.learner import Learner
 from pomona.train.options import FitOptions
+from pomona.train.training_log import write_curves, write_log
 from pomona.train.validate import ValidationScores
 
 _SAVE_EVERY_S = 300.0
@@ -27,7 +27,7 @@ _LONGEST_GRADIENT = 5.0
 _FREE_TO_CHANGE = ("steps", "check_every", "checked_photos", "patience", "workers")
 
 
-class Run:
+class TrainingState:
     """The weights, their running mean, the optimiser and the step; goes on from `last.pt` in `folder` where it is.
 
     Raises `InputError` when training there was begun with another architecture, other options or other photos.
