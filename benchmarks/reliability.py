@@ -29,6 +29,7 @@ from pomona.pipeline import RunOptions
 
 EDGES = np.linspace(0, 1, 11)
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
+_KEEP_ALL = filters.FilterOptions(threshold=0.0)
 
 
 def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +40,7 @@ def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarr
         names = sorted(cameras.photos)[first::step]
         some = SurveyDetections({name: detections[name] for name in names if name in detections})
         seen_by = part_of(cameras, set(names))
-        fused = filters.apply_to_views(object.fuse(some, seen_by), some, seen_by, svm, threshold=0.0)
+        fused = filters.apply_to_views(object.fuse(some, seen_by), some, seen_by, svm, options=_KEEP_ALL)
         fruits = measure(fused, some, seen_by, options=RunOptions().measure)
         pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
         scores.append(fruits.scores)

@@ -30,7 +30,7 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.evaluate.fruits.matching import EvaluateOptions, candidates_by_center
 from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features, view_probability
-from pomona.filter.features import CODE_FEATURE_NAMES, FEATURE_NAMES
+from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.formats.detections.read import read_detections
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object, paper

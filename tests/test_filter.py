@@ -16,6 +16,7 @@ from pomona.evaluate.fruits import Truth
 from pomona.filter import (
     FEATURE_NAMES,
     VIEW_FEATURE_NAMES,
+    FilterOptions,
     LinearSvm,
     apply,
     apply_to_views,
@@ -26,8 +27,8 @@ from pomona.filter import (
     view_features,
     view_probability,
 )
-from pomona.filter.features import hull_volume_m3, psi
-from pomona.filter.views import place_probability
+from pomona.filter.point_features import hull_volume_m3, psi
+from pomona.filter.view_features import place_probability
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.fuse.object import fuse
@@ -197,9 +198,9 @@ def test_apply_drops_false_positives_everywhere() -> None:
     assert kept.observations.detection_id.tolist() == [0, 1, 4, 5]
     assert np.unique(kept.cloud.fruit_id).tolist() == [0, 1, 3]
     assert (kept.cloud.fruit_id[200:220] == 0).all()
-    assert len(apply(fused, by_points(100), threshold=0).fruits) == 3
+    assert len(apply(fused, by_points(100), options=FilterOptions(threshold=0)).fruits) == 3
     with pytest.raises(InputError, match="threshold"):
-        apply(fused, by_points(100), threshold=2)
+        apply(fused, by_points(100), options=FilterOptions(threshold=2))
 
 
 def test_apply_leaves_fruits_without_points_alone() -> None:
@@ -262,9 +263,13 @@ def test_views_tell_how_often_a_fruit_was_seen_where_it_should_be() -> None:
     np.testing.assert_allclose(mean_score, [0.9, 0.6])
     assert (largest_share > 0.85).all()
     assert 0.01 < np.exp(log_place_sd[0]) < np.exp(log_place_sd[1]) < 0.1
-    kept = apply_to_views(fused, worse, cameras, LinearSvm.load(shipped("object")), threshold=0.0)
+    kept = apply_to_views(
+        fused, worse, cameras, LinearSvm.load(shipped("object")), options=FilterOptions(threshold=0.0)
+    )
     assert kept.fruits.scores[0] > kept.fruits.scores[1]
-    none = apply_to_views(fused, worse, cameras, LinearSvm.load(shipped("object")), threshold=1.0)
+    none = apply_to_views(
+        fused, worse, cameras, LinearSvm.load(shipped("object")), options=FilterOptions(threshold=1.0)
+    )
     assert (len(none.fruits), len(none.observations)) == (0, 0)
 
 

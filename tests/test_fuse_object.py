@@ -14,10 +14,10 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import Fruits
 from pomona.fuse.object import ObjectOptions, fuse
-from pomona.fuse.object.fit import fit_spheres
-from pomona.fuse.object.gate import Gate
-from pomona.fuse.object.masks import masks_of
-from pomona.fuse.object.spheres import Spheres
+from pomona.fuse.object.gating import Gate
+from pomona.fuse.object.refinement import fit_spheres
+from pomona.mask_rays import mask_rays
+from pomona.spheres import Spheres
 
 DIAMETER_M = 0.075
 
@@ -216,13 +216,14 @@ def test_spheres_fitted_together_end_where_each_ends_alone() -> None:
     rng = np.random.default_rng(3)
     cameras = cameras_in_a_row(7)
     centers = bunch(12, 5, apart=1.4)
-    masks = masks_of(detections_of(cameras, centers, diameters(12)), cameras, rays=16)
+    masks = mask_rays(detections_of(cameras, centers, diameters(12)), cameras, rays_per_mask=16)
     guesses = Spheres.alike(np.repeat(centers, 50, axis=0) + rng.normal(0, 0.012, (600, 3)), 0.0375)
-    claims = Gate(masks, 0.0375).best_claims(guesses)
-    together = fit_spheres(guesses, claims, masks, 0.0375)
+    options = ObjectOptions()
+    matches = Gate(masks, 0.0375, options).best_matches(guesses)
+    together = fit_spheres(guesses, matches, masks, 0.0375, options)
     for k in rng.choice(600, 12, replace=False):
         alone = np.arange(600) == k
-        fitted = fit_spheres(guesses[alone], claims.kept(alone), masks, 0.0375)
+        fitted = fit_spheres(guesses[alone], matches.of_spheres(alone), masks, 0.0375, options)
         np.testing.assert_allclose(together.centers_in_world[k], fitted.centers_in_world[0], atol=1e-9)
         np.testing.assert_allclose(together.radii_m[k], fitted.radii_m[0], atol=1e-9)
     assert np.abs(together.centers_in_world - guesses.centers_in_world).max() > 0.005

@@ -14,7 +14,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
 from pomona.measure import MeasureOptions, measure
-from pomona.measure.sphere import Evidence, fit_sphere
+from pomona.measure.sphere_fit import FruitEvidence, fit_sphere
 from pomona.outlines import outline_px
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
@@ -225,7 +225,7 @@ def test_exact_spheres_are_found_at_any_size_and_place(radius: float, seed: int,
     normals = rng.normal(size=(100, 3))
     points = center + radius * normals / np.linalg.norm(normals, axis=1, keepdims=True)
     start = center + wrong * radius * np.array([0.6, 0.8, 0])
-    seen = Evidence(points, np.concatenate(origins), np.concatenate(rays), 3)
+    seen = FruitEvidence(points, np.concatenate(origins), np.concatenate(rays), 3)
     sphere = fit_sphere(seen, center=start, radius=1.1 * radius)
     assert sphere is not None
     # The centre is tied to its start a little.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,6 +40,14 @@ class FruitCloud:
 
     def __len__(self) -> int:
         return len(self.points_in_world)
+
+    def by_fruit(self) -> Iterator[tuple[int, IntArray]]:
+        """Yield each fruit's id and the indices of its points, in order of id; points of no fruit are left out."""
+        order = np.argsort(self.fruit_id, kind="stable")
+        order = order[self.fruit_id[order] > 0]
+        for part in np.split(order, np.flatnonzero(np.diff(self.fruit_id[order])) + 1):
+            if len(part):
+                yield int(self.fruit_id[part[0]]), part
 
     @classmethod
     def empty(cls) -> FruitCloud:

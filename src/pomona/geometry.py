@@ -117,3 +117,13 @@ def _residuals_of(source: FloatArray, target: FloatArray, triple: list[int]) -> 
         return None
     similarity = estimate_similarity(source[triple], target[triple])
     return np.asarray(np.linalg.norm(similarity.apply(source) - target, axis=1))
+
+
+def offsets_from_rays(points: FloatArray, origins: FloatArray, rays: FloatArray) -> FloatArray:
+    """Return the vectors (..., 3) from the nearest points on rays to points.
+
+    `points`, `origins` and the unit directions `rays`, all (..., 3), are broadcast against each other.
+    """
+    from_origins = points - origins
+    offsets: FloatArray = from_origins - (from_origins * rays).sum(-1, keepdims=True) * rays
+    return offsets

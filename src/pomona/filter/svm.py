@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from pomona.arrays import BoolArray, FloatArray, set_checked
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.filter.features import FEATURE_NAMES
+from pomona.filter.point_features import FEATURE_NAMES
 
 _FORMAT = "pomona linear svm 1"
 _FOLDS = 5

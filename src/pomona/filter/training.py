@@ -7,7 +7,7 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray
 from pomona.evaluate.fruits import EvaluateOptions, Truth
 from pomona.evaluate.fruits.matching import candidates_of
-from pomona.filter.features import FEATURE_NAMES, features
+from pomona.filter.point_features import FEATURE_NAMES, features
 from pomona.fuse import Fused
 
 

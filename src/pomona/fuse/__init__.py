@@ -5,6 +5,6 @@
 
 from __future__ import annotations
 
-from pomona.fuse.values import Fused
+from pomona.fuse.fused import Fused
 
 __all__ = ["Fused"]

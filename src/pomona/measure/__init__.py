@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from pomona.measure.stage import MeasureOptions, measure, sides_of
+from pomona.measure.measurement import measure, sides_of
+from pomona.measure.options import MeasureOptions
 
 __all__ = ["MeasureOptions", "measure", "sides_of"]

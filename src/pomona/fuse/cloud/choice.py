@@ -13,7 +13,7 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.fuse.cloud.neighbours import Near, neighbours
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface
-from pomona.fuse.object.spheres import Spheres
+from pomona.spheres import Spheres
 
 # Of two fruits the centres are never nearer than this share of their radii together.
 _NEVER, _FORBIDDEN = 0.4, 1e3

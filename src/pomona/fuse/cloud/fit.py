@@ -8,7 +8,7 @@ from pomona.arrays import FloatArray
 from pomona.fuse.cloud.neighbours import Near
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface
-from pomona.fuse.object.spheres import Spheres
+from pomona.spheres import Spheres
 
 # Errors of neighbouring points are not independent: those of a whole surface count as so many.
 _INDEPENDENT = 40.0

@@ -11,7 +11,7 @@ from pomona.fuse.cloud.fit import fit_spheres
 from pomona.fuse.cloud.neighbours import neighbours
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface
-from pomona.fuse.object.spheres import Spheres
+from pomona.spheres import Spheres
 
 # In radii: centres are guessed so far behind the surface and before it, and counted in cubes of this side.
 _DEPTHS, _VOTE_CELL, _CLUMP_CELL = (-1.15, -1.0, -0.85, 0.85, 1.0, 1.15), 0.25, 0.8

@@ -12,7 +12,7 @@ from pomona.fuse.cloud.fit import fit_spheres
 from pomona.fuse.cloud.neighbours import Near
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface
-from pomona.fuse.object.spheres import Spheres
+from pomona.spheres import Spheres
 
 _LINK = 0.3  # radii: points nearer than this hang together
 _WIDEST = 2.6  # radii: what is wider than a fruit is none

@@ -16,9 +16,9 @@ from pomona.fuse.cloud.leftovers import left_over
 from pomona.fuse.cloud.neighbours import Near
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface, surface_of, thinned
-from pomona.fuse.object.spheres import Spheres
-from pomona.fuse.values import Fused
+from pomona.fuse.fused import Fused
 from pomona.progress import Progress, Silent
+from pomona.spheres import Spheres
 
 _TURNS, _SAME_SIZE = 3, 0.03  # the search begins anew, so often at most, where the usual size was off by more
 _CLEAR_SD, _FEWEST_CLEAR = 0.05, 8  # fruits that tell the usual size: their own points say their radius, and so many

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from pomona.fuse.object.fusion import fuse
 from pomona.fuse.object.options import ObjectOptions
-from pomona.fuse.object.stage import fuse
 
 __all__ = ["ObjectOptions", "fuse"]

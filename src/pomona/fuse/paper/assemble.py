@@ -11,9 +11,9 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse.fused import Fused
 from pomona.fuse.paper.first_estimate import first_estimates
 from pomona.fuse.paper.unify import Sighting
-from pomona.fuse.values import Fused
 
 # One fruit: the indices of its points in the cloud, and who saw it.
 Member = tuple[IntArray, list[Sighting]]

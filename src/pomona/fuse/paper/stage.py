@@ -10,12 +10,12 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import FruitCloud
+from pomona.fuse.fused import Fused
 from pomona.fuse.paper.assemble import Member, assemble
 from pomona.fuse.paper.groups import nearest_group, nearest_reach, split_in_two
 from pomona.fuse.paper.options import PaperOptions
 from pomona.fuse.paper.projection import MIN_DLT_POINTS, Projector
 from pomona.fuse.paper.unify import Sighting, Unifier
-from pomona.fuse.values import Fused
 from pomona.progress import Progress, Silent, track
 
 # Side of the cubes that the cloud is sorted into, in DBSCAN distances: about a tree's branch.

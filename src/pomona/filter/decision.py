@@ -9,40 +9,43 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError
-from pomona.filter.features import features, resized
+from pomona.filter.options import FilterOptions
+from pomona.filter.point_features import features, resized
 from pomona.filter.svm import LinearSvm
-from pomona.filter.views import place_probability, view_features
+from pomona.filter.view_features import place_probability, view_features
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
 
-def apply(fused: Fused, svm: LinearSvm, *, threshold: float = 0.5) -> Fused:
-    """Return the fruits of the paper's method whose probability is at least `threshold`, with that as their score.
+def apply(fused: Fused, svm: LinearSvm, *, options: FilterOptions | None = None) -> Fused:
+    """Return the fruits of the paper's method whose probability is high enough, with that as their score.
 
     Fruits without points in the cloud cannot be judged: they stay as they are. Features are taken at the size of the
     fruits that the machine was trained on, so that it also serves smaller and larger fruit, and scales that are only
     approximate.
-
-    Raises `InputError` for a threshold outside 0 to 1.
     """
+    options = options or FilterOptions()
     found = features(fused.cloud, svm.names)
     probability = svm.probability(resized(found.values, _size_factor(fused, svm), svm.names))
     judged = dict(zip(found.ids.tolist(), probability.tolist(), strict=True))
-    return _kept(fused, np.array([judged.get(i, np.nan) for i in fused.fruits.ids.tolist()]), threshold)
+    return _kept(fused, np.array([judged.get(i, np.nan) for i in fused.fruits.ids.tolist()]), options)
 
 
 def apply_to_views(
-    fused: Fused, detections: SurveyDetections, cameras: Cameras, svm: LinearSvm, *, threshold: float = 0.5
+    fused: Fused,
+    detections: SurveyDetections,
+    cameras: Cameras,
+    svm: LinearSvm,
+    *,
+    options: FilterOptions | None = None,
 ) -> Fused:
     """Return the fruits that the photos speak for (`view_features`), with a probability as their score.
 
     That is, that there is a fruit within half a diameter of that place: that it is fruit, times that the place is
     right.
-
-    Raises `InputError` for a threshold outside 0 to 1.
     """
-    return _kept(fused, view_probability(view_features(fused, detections, cameras), svm), threshold)
+    options = options or FilterOptions()
+    return _kept(fused, view_probability(view_features(fused, detections, cameras, options), svm), options)
 
 
 def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
@@ -50,15 +53,13 @@ def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
     return svm.probability(values) * place_probability(values)
 
 
-def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:
+def _kept(fused: Fused, probability: FloatArray, options: FilterOptions) -> Fused:
     """Keep the fruits whose probability (n,) is high enough, or NaN, which is not known.
 
     They keep their ids; of the others the observations go, and their points belong to none (0).
     """
-    if not 0 <= threshold <= 1:
-        raise InputError(f"threshold: expected 0 to 1, found {threshold}")
     scores = np.where(np.isnan(probability), fused.fruits.scores, probability)
-    fruits = replace(fused.fruits, scores=scores)[np.isnan(probability) | (probability >= threshold)]
+    fruits = replace(fused.fruits, scores=scores)[np.isnan(probability) | (probability >= options.threshold)]
     fruit_id = np.where(np.isin(fused.cloud.fruit_id, fruits.ids), fused.cloud.fruit_id, 0)
     return Fused(
         fruits,

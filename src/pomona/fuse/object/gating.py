@@ -1,4 +1,4 @@
-"""Which masks a sphere may explain: those that lie in its image."""
+"""Gating: which masks a sphere may explain, which are those that lie in its image."""
 
 from __future__ import annotations
 
@@ -8,45 +8,48 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
-from pomona.fuse.object.masks import Masks
-from pomona.fuse.object.spheres import Claims, Spheres, depths_of, outside_radii, shares_of
+from pomona.fuse.object.matches import Matches, outside_radii, shares_of
+from pomona.fuse.object.options import ObjectOptions
+from pomona.mask_rays import MaskRays
+from pomona.spheres import Spheres
 
 _REACH_RADII = 1.3  # a mask's centre of mass lies in the sphere's image, or hardly beside it
-# An outline's point so far outside, in radii, is a perfect misfit; more than twice that says no more.
-_OUTSIDE_RADII, _MOST = 0.25, 4.0
-# How much a mask that fills the image but lies beside its centre misfits.
-_OFF_CENTRE = 0.5
+_MOST = 4.0  # the misfit of an outline's point that lies outside by twice what is no fit, or by more
+# Fruits are at most so many times as far away as the narrow masks, of this percentile, would be, were they whole.
 _FARTHEST_PERCENTILE, _FARTHEST_FACTOR = 10.0, 1.2
 _CHUNK = 200_000  # pairs looked at together: bounds memory
 
 
 class Gate:
-    """Finds masks for spheres; `usual_m` is the radius by which masks tell how far away fruits are at most."""
+    """Finds masks for spheres; `radius_m` is that of fruit, by which masks tell how far away it is at most."""
 
-    def __init__(self, masks: Masks, usual_m: float) -> None:
-        self._masks = masks
+    def __init__(self, masks: MaskRays, radius_m: float, options: ObjectOptions) -> None:
+        self._masks, self._options = masks, options
         self._trees = [self._tree_of(i) for i in range(len(masks.eyes_in_world))]
         narrow = np.percentile(masks.widths, _FARTHEST_PERCENTILE)
-        self._farthest_m = _FARTHEST_FACTOR * 2 * usual_m / narrow
+        self._farthest_m = _FARTHEST_FACTOR * 2 * radius_m / narrow
 
-    def claims(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Claims:
+    def matches(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Matches:
         """Return all pairs whose misfit is below 1; of masks that are `free` (n,) only, where that is given.
 
         A mask must not reach out of the sphere's image; it may fill it only in part, as leaves hide fruits. `quick`
-        takes masks for discs, and is for many spheres that are guesses.
+        takes masks for discs, and is for many spheres at once.
         """
         sphere_idx, mask_idx = self._near(spheres)
         if free is not None:
             mine = free[mask_idx]
             sphere_idx, mask_idx = sphere_idx[mine], mask_idx[mine]
         chunks = [slice(k, k + _CHUNK) for k in range(0, len(sphere_idx), _CHUNK)]
-        return Claims.joined(
-            [possible_claims(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, quick=quick) for chunk in chunks]
+        return Matches.joined(
+            [
+                possible_matches(spheres, sphere_idx[chunk], mask_idx[chunk], self._masks, self._options, quick=quick)
+                for chunk in chunks
+            ]
         )
 
-    def best_claims(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Claims:
-        """Return the best claim of each sphere in each photo."""
-        return best_in_photo(self.claims(spheres, free=free, quick=quick), self._masks)
+    def best_matches(self, spheres: Spheres, *, free: BoolArray | None = None, quick: bool = False) -> Matches:
+        """Return the best match of each sphere in each photo."""
+        return best_in_photo(self.matches(spheres, free=free, quick=quick), self._masks)
 
     def _tree_of(self, photo_idx: int) -> cKDTree | None:
         rays = self._masks.rays[self._masks.of_photo(photo_idx)] @ self._masks.cam_from_world[photo_idx, :, :3].T
@@ -79,47 +82,53 @@ class Gate:
         return np.concatenate(sphere_idx), np.concatenate(mask_idx)
 
 
-def best_in_photo(claims: Claims, masks: Masks, costs: FloatArray | None = None) -> Claims:
-    """Return the claim of each sphere in each photo that costs (k,) least; by default, that with the least misfit."""
-    costs = claims.misfits if costs is None else costs
-    keys = masks.photo_idx[claims.mask_idx] * (1 + claims.sphere_idx.max(initial=0)) + claims.sphere_idx
-    if (np.diff(keys) < 0).any():  # a gate's claims are in this order
+def best_in_photo(matches: Matches, masks: MaskRays, costs: FloatArray | None = None) -> Matches:
+    """Return the match of each sphere in each photo that costs (k,) least; by default, that with the least misfit."""
+    costs = matches.misfits if costs is None else costs
+    keys = masks.photo_idx[matches.mask_idx] * (1 + matches.sphere_idx.max(initial=0)) + matches.sphere_idx
+    if (np.diff(keys) < 0).any():  # a gate's matches are in this order
         order = np.argsort(keys, kind="stable")
-        claims, keys, costs = claims[order], keys[order], costs[order]
+        matches, keys, costs = matches[order], keys[order], costs[order]
     first = np.ones(len(keys), dtype=bool)
     first[1:] = np.diff(keys) > 0
     starts = np.flatnonzero(first)
     if len(starts) == 0:
-        return claims
+        return matches
     least = np.minimum.reduceat(costs, starts)
     group = np.cumsum(first) - 1
     best = np.flatnonzero(costs == least[group])
     only = np.ones(len(best), dtype=bool)
     only[1:] = np.diff(group[best]) > 0
-    return claims[best[only]]
+    return matches[best[only]]
 
 
-def possible_claims(
-    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks, *, quick: bool = False
-) -> Claims:
+def possible_matches(
+    spheres: Spheres,
+    sphere_idx: IntArray,
+    mask_idx: IntArray,
+    masks: MaskRays,
+    options: ObjectOptions,
+    *,
+    quick: bool = False,
+) -> Matches:
     """Return the pairs whose misfit is below 1.
 
     A mask must not reach out; of those that fill the image, the middle must be the image's.
     """
     off, shares = _off_centre(spheres, sphere_idx, mask_idx, masks), shares_of(spheres, sphere_idx, mask_idx, masks)
     if quick:
-        half = masks.widths[mask_idx] * depths_of(spheres, sphere_idx, mask_idx, masks) / 2
+        half = masks.widths[mask_idx] * masks.depths(spheres.centers_in_world[sphere_idx], mask_idx) / 2
         outside = np.maximum(off + half / spheres.radii_m[sphere_idx] - 1, 0)
         # Of a disc that reaches out, about a third of the edge is outside.
-        reaching = np.minimum((outside / _OUTSIDE_RADII) ** 2, _MOST) / 3
+        reaching = np.minimum((outside / options.outside_radii) ** 2, _MOST) / 3
     else:
         outside = np.maximum(outside_radii(spheres, sphere_idx, mask_idx, masks), 0)
-        reaching = np.minimum((outside / _OUTSIDE_RADII) ** 2, _MOST).mean(1)
-    misfits = reaching + _OFF_CENTRE * shares * off**2
-    return Claims(sphere_idx, mask_idx, misfits, shares)[misfits < 1]
+        reaching = np.minimum((outside / options.outside_radii) ** 2, _MOST).mean(1)
+    misfits = reaching + options.off_centre * shares * off**2
+    return Matches(sphere_idx, mask_idx, misfits, shares)[misfits < 1]
 
 
-def _off_centre(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: Masks) -> FloatArray:
+def _off_centre(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays) -> FloatArray:
     """Return how far from the centre masks' middles are (k,), in radii."""
     from_eyes = spheres.centers_in_world[sphere_idx] - masks.eyes_in_world[masks.photo_idx[mask_idx]]
     beside2 = (from_eyes**2).sum(1) - (from_eyes * masks.rays[mask_idx]).sum(1) ** 2

@@ -6,48 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError
-from pomona.filter.features import fruit_points
 from pomona.fruit_size import FruitSize, size_of_fruits
-from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
+from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits
 from pomona.fuse import Fused
-from pomona.measure.outlines import Sight, sight_of
-from pomona.measure.sphere import Evidence, Prior, Sphere, fit_sphere
+from pomona.mask_rays import MaskRays, mask_rays
+from pomona.measure.options import MeasureOptions
+from pomona.measure.sphere_fit import FittedSphere, FruitEvidence, Prior, fit_sphere
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeasureOptions:
-    """Options of `measure`.
-
-    `rays_per_photo`, `points_per_fruit`: how much of each mask's outline and of the cloud is used. A diameter outside
-    `smallest` to `largest` median diameters of the survey is no measurement. `relative_sd` is what a sphere leaves
-    unsaid of a fruit that is none, as a share of its diameter. Fruits of which a photo shows at least
-    `clear_visibility`, if there are `fewest_clear`, say how flat fruits are (at most `most_flattening`) and, as if by
-    `prior_rays` rays more, how large: that steadies fruits of which little is seen. Centres are tied to where the
-    fusion has them as by `center_tie` rays.
-    """
-
-    rays_per_photo: int = 24
-    points_per_fruit: int = 300
-    smallest: float = 0.4
-    largest: float = 2.0
-    relative_sd: float = 0.03
-    clear_visibility: float = 0.7
-    fewest_clear: int = 10
-    prior_rays: float = 6.0
-    most_flattening: float = 0.3
-    center_tie: float = 0.03
-
-    def __post_init__(self) -> None:
-        if self.rays_per_photo < 4 or self.points_per_fruit < 4:
-            raise InputError("rays_per_photo and points_per_fruit: expected at least 4")
-        if not 0 <= self.smallest < 1 < self.largest:
-            raise InputError(f"smallest < 1 < largest: expected, found {self.smallest} and {self.largest}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +28,16 @@ class _Measured:
     sd_m: float
     visibility: float
     reason: str
-    sphere: Sphere | None = None
+    sphere: FittedSphere | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """One fruit as the fusion has it: its centre (3,), and what is seen of it: masks (k,), points and rays."""
+
+    center: FloatArray
+    mask_idx: IntArray
+    evidence: FruitEvidence
 
 
 def measure(
@@ -80,16 +58,12 @@ def measure(
     options, progress = options or MeasureOptions(), progress or Silent()
     if len(fused.fruits) == 0:
         return fused.fruits
-    sights = _sights(fused.observations, detections, cameras, options)
-    points = _points(fused.cloud, options)
-    each = [
-        (fused.fruits.centers_in_world[i], points.get(fruit_id, np.zeros((0, 3))), sights.get(fruit_id, []))
-        for i, fruit_id in enumerate(fused.fruits.ids.tolist())
-    ]
+    masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_photo, only=fused.observations)
+    each = _all_seen(fused, masks, options)
     progress.start("measure", 2 * len(each))
-    alone = [_advanced(progress, _measure_one(*one, None, options.center_tie)) for one in each]
+    alone = [_advanced(progress, _measure_one(one, masks, None, options)) for one in each]
     prior = _prior(alone, cameras.frame.up_is_known, options)
-    measured = [_advanced(progress, _measure_one(*one, prior, options.center_tie)) for one in each]
+    measured = [_advanced(progress, _measure_one(one, masks, prior, options)) for one in each]
     return _fruits(fused, _plausible(measured, options), photos, options)
 
 
@@ -117,63 +91,47 @@ def _prior(measured: list[_Measured], up_is_known: bool, options: MeasureOptions
     return Prior(flattening, radius * float(level), options.prior_rays)
 
 
-def _sights(
-    observations: Observations, detections: SurveyDetections, cameras: Cameras, options: MeasureOptions
-) -> dict[int, list[Sight]]:
-    """Return the detections of each fruit, by id; those in photos without a camera are of no use."""
-    photo_idx = {name: i for i, name in enumerate(cameras.photos)}
-    place = {
-        (photo, detection_id): k
-        for photo, found in detections.items()
-        for k, detection_id in enumerate(found.ids.tolist())
-    }
-    eyes = cameras.centers_in_world
-    result: dict[int, list[Sight]] = {}
-    for fruit_id, photo, detection_id in zip(
-        observations.fruit_id.tolist(), observations.photo, observations.detection_id.tolist(), strict=True
-    ):
-        i, k = photo_idx.get(photo), place.get((photo, detection_id))
-        if i is None or k is None:
-            continue
-        sight = sight_of(detections[photo].masks[k], i, cameras, eyes[i], rays=options.rays_per_photo)
-        result.setdefault(fruit_id, []).append(sight)
+def _all_seen(fused: Fused, masks: MaskRays, options: MeasureOptions) -> list[_Seen]:
+    """Return what is seen of each fruit; detections in photos without a camera are of no use."""
+    fruit_idx, mask_idx = masks.seen(fused.observations, fused.fruits.ids)
+    points = _points(fused.cloud, options)
+    result = []
+    for i, fruit_id in enumerate(fused.fruits.ids.tolist()):
+        mine = mask_idx[fruit_idx == i]
+        outlines = [np.zeros((0, 3)), *(masks.outline_of(k) for k in mine.tolist())]
+        eyes = np.repeat(masks.eyes_in_world[masks.photo_idx[mine]], [len(rays) for rays in outlines[1:]], axis=0)
+        views = len(np.unique(masks.photo_idx[mine]))
+        evidence = FruitEvidence(points.get(fruit_id, np.zeros((0, 3))), eyes, np.concatenate(outlines), views)
+        result.append(_Seen(fused.fruits.centers_in_world[i], mine, evidence))
     return result
 
 
 def _points(cloud: FruitCloud, options: MeasureOptions) -> dict[int, FloatArray]:
     """Return at most `points_per_fruit` points (m, 3) of each fruit, evenly from all of them, by id."""
     result = {}
-    for fruit_id, points in fruit_points(cloud):
-        step = max(1, len(points) // options.points_per_fruit)
-        result[fruit_id] = points[::step]
+    for fruit_id, idx in cloud.by_fruit():
+        step = max(1, len(idx) // options.points_per_fruit)
+        result[fruit_id] = cloud.points_in_world[idx[::step]]
     return result
 
 
-def _measure_one(
-    center: FloatArray, points: FloatArray, sights: list[Sight], prior: Prior | None, center_tie: float
-) -> _Measured:
+def _measure_one(seen: _Seen, masks: MaskRays, prior: Prior | None, options: MeasureOptions) -> _Measured:
+    center, evidence = seen.center, seen.evidence
     nothing = _Measured(center, np.nan, np.nan, np.nan, "")
-    views = len({sight.photo_idx for sight in sights})
-    if views == 0:
+    if evidence.views == 0:
         return replace(nothing, reason="no mask of it in a photo with a camera")
-    if len(points) < 4 and views < 2:
+    if len(evidence.points) < 4 and evidence.views < 2:
         return replace(nothing, reason="seen in one photo only, and without points: its distance is not known")
-    widths_m = [sight.extent * sight.depth_m(center) for sight in sights]
+    widths_m = masks.extents[seen.mask_idx] * masks.depths(center, seen.mask_idx)
     # Most masks are partly hidden, and a few hold two fruits.
     radius = float(np.percentile(widths_m, 75)) / 2
     if not radius > 0:
         return replace(nothing, reason="its points lie behind the cameras that saw it")
-    seen = Evidence(
-        points,
-        np.concatenate([np.broadcast_to(s.eye_in_world, s.rays_in_world.shape) for s in sights]),
-        np.concatenate([s.rays_in_world for s in sights]),
-        views,
-    )
-    sphere = fit_sphere(seen, center=center, radius=radius, prior=prior, center_tie=center_tie)
+    sphere = fit_sphere(evidence, center=center, radius=radius, prior=prior, options=options)
     if sphere is None:
         return replace(nothing, reason="no sphere fits its points and outlines")
     disc_m2 = np.pi * sphere.radius**2 * (1 - (prior.flattening if prior else 0.0))
-    shown = max(sight.area * sight.depth_m(sphere.center) ** 2 / disc_m2 for sight in sights)
+    shown = (masks.areas[seen.mask_idx] * masks.depths(sphere.center, seen.mask_idx) ** 2 / disc_m2).max()
     return _Measured(sphere.center, 2 * sphere.radius, 2 * sphere.radius_sd, min(1.0, float(shown)), "", sphere)
 
 

@@ -1,4 +1,4 @@
-"""Where a fruit's visible part is: what tells how far away a fruit is of which leaves leave little."""
+"""Where a fruit's visible part is: that says how far away a fruit is of which leaves leave little."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.fuse.object.masks import Masks
-from pomona.fuse.object.spheres import Claims, Spheres, beside_rays
+from pomona.fuse.object.crossings import crossings_along_sights
+from pomona.fuse.object.matches import Matches
+from pomona.mask_rays import MaskRays
+from pomona.spheres import Spheres
 
 # Photos whose rays differ by less tell no distance; by more, they see other parts of the fruit.
 _LEAST_ANGLE_DEG, _MOST_ANGLE_DEG = 0.2, 30.0
@@ -23,7 +25,7 @@ _STEPS = (1, 2, 3, 4, 5, 6, 7, 9, 11, 14, 18, 23, 30, 40, 55, 75)
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class VisibleParts:
     """Crossings of rays to the middles of one sphere's masks in m pairs of photos, sorted by `sphere_idx` (m,).
 
     `points_in_world` (m, 3); `sights` (m, 3) unit directions in which they are seen; the sphere's centre is expected
@@ -38,12 +40,12 @@ class Patches:
     weights: FloatArray
 
     def add_to(
-        self, normal: FloatArray, gradient: FloatArray, centers: FloatArray, radii: FloatArray, usual_m: float
+        self, normal: FloatArray, gradient: FloatArray, centers: FloatArray, radii: FloatArray, radius_m: float
     ) -> None:
         """Add what they say to the normal equations (n, 4, 4), (n, 4) of all spheres' centres and radii."""
         idx = self.sphere_idx
         behind = ((centers[idx] - self.points_in_world) * self.sights).sum(1)
-        residuals = (behind - self.depths * radii[idx]) / usual_m
+        residuals = (behind - self.depths * radii[idx]) / radius_m
         weights = self.weights / self.sds**2 / (1 + (residuals / (2 * self.sds)) ** 2)
         slopes = np.concatenate([self.sights, -self.depths[:, None]], axis=1)
         weighted = weights[:, None] * slopes
@@ -53,34 +55,28 @@ class Patches:
             gradient[spheres] += np.add.reduceat(weighted * residuals[:, None], firsts, axis=0)
 
 
-def seen_patches(spheres: Spheres, claims: Claims, masks: Masks) -> Patches:
+def visible_parts(spheres: Spheres, matches: Matches, masks: MaskRays) -> VisibleParts:
     """Return where rays to the middles of spheres' masks cross.
 
     Leaves hide nearly the same part of a fruit from photos taken near to each other, so that the middles of its masks
     are nearly the same place on it: the centre of a whole fruit, a place on the surface of one of which little is seen.
     """
-    order = np.lexsort((claims.mask_idx, claims.sphere_idx))
-    sphere_idx, mask_idx, shares = claims.sphere_idx[order], claims.mask_idx[order], claims.shares[order]
+    order = np.lexsort((matches.mask_idx, matches.sphere_idx))
+    sphere_idx, mask_idx, shares = matches.sphere_idx[order], matches.mask_idx[order], matches.shares[order]
     one, other = _pairs_within(sphere_idx)
     eyes, rays = masks.eyes_in_world[masks.photo_idx[mask_idx]], masks.rays[mask_idx]
     cosines = (rays[one] * rays[other]).sum(1)
     fit = np.cos(np.radians(_MOST_ANGLE_DEG)) < cosines
     fit &= cosines < np.cos(np.radians(_LEAST_ANGLE_DEG))
-    one, other, cosines = one[fit], other[fit], cosines[fit]
-    sights = rays[one] + rays[other]
-    sights /= np.linalg.norm(sights, axis=1, keepdims=True)
-    centers = spheres.centers_in_world[sphere_idx]
-    beside = beside_rays(centers, eyes, rays[:, None])[:, 0]
-    # Seen along both rays' middle, a place that is farther by 1 is farther off one ray than off the other by `apart`.
-    apart = rays[other] - rays[one]
-    sines2 = (apart**2).sum(1)
-    farther = ((beside[one] - beside[other]) * apart).sum(1) / sines2
+    one, other = one[fit], other[fit]
+    points, sights = crossings_along_sights(spheres.centers_in_world[sphere_idx], eyes, rays, one, other)
+    sines2 = ((rays[other] - rays[one]) ** 2).sum(1)
     change = np.abs(np.sqrt(shares[one]) - np.sqrt(shares[other]))
     idx = sphere_idx[one]
-    photos, pairs = claims.counts(len(spheres)), np.bincount(idx, minlength=len(spheres))
-    return Patches(
+    photos, pairs = matches.counts(len(spheres)), np.bincount(idx, minlength=len(spheres))
+    return VisibleParts(
         idx,
-        centers[one] - farther[:, None] * sights,
+        points,
         sights,
         np.sqrt(1 - (shares[one] + shares[other]) / 2),
         np.hypot((_MIDDLE_SD + _CHANGE_SD * change) / np.sqrt(sines2), _DEPTH_SD),

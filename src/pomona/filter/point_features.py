@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +40,7 @@ def features(cloud: FruitCloud, names: tuple[str, ...] = FEATURE_NAMES) -> Fruit
     largest of their `scores` and the mean of their `detections` (`FruitCloud`).
     """
     ids, rows = [], []
-    for fruit_id, idx in _members(cloud):
+    for fruit_id, idx in cloud.by_fruit():
         points = cloud.points_in_world[idx]
         volume = hull_volume_m3(points)
         known = {
@@ -55,22 +54,6 @@ def features(cloud: FruitCloud, names: tuple[str, ...] = FEATURE_NAMES) -> Fruit
         ids.append(fruit_id)
         rows.append([known[name] for name in names])
     return FruitFeatures(np.array(ids, np.int64), np.array(rows, float).reshape(-1, len(names)), names)
-
-
-def fruit_points(cloud: FruitCloud) -> Iterator[tuple[int, FloatArray]]:
-    """Yield each fruit's id and points (m, 3), in order of id."""
-    for fruit_id, idx in _members(cloud):
-        yield fruit_id, cloud.points_in_world[idx]
-
-
-def _members(cloud: FruitCloud) -> Iterator[tuple[int, IntArray]]:
-    """Yield each fruit's id and the indices of its points, in order of id."""
-    order = np.argsort(cloud.fruit_id, kind="stable")
-    order = order[cloud.fruit_id[order] > 0]
-    sorted_ids = cloud.fruit_id[order]
-    for part in np.split(order, np.flatnonzero(np.diff(sorted_ids)) + 1):
-        if len(part):
-            yield int(cloud.fruit_id[part[0]]), part
 
 
 def hull_volume_m3(points: FloatArray) -> float:

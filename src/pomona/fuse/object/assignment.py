@@ -1,0 +1,43 @@
+"""Assignment: which mask is whose, one to one in each photo."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.options import ObjectOptions
+from pomona.mask_rays import MaskRays
+
+# What a mask costs that does not fit: as many masks as can be are assigned.
+_NEVER = 1e3
+# Support below this counts as this: one mask that fits badly.
+_LEAST_SUPPORT = 0.3
+
+
+def assign(matches: Matches, masks: MaskRays, support: FloatArray, options: ObjectOptions) -> Matches:
+    """Return one-to-one matches in each photo, of the least total cost; fruits with much `support` (n,) go first.
+
+    The cost is the misfit, less `options.support_weight` times the logarithm of the support.
+    """
+    costs = matches.misfits - options.support_weight * np.log(np.maximum(support[matches.sphere_idx], _LEAST_SUPPORT))
+    photo_idx = masks.photo_idx[matches.mask_idx]
+    order = np.argsort(photo_idx, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(photo_idx[order])) + 1)
+    chosen = [_in_photo(matches, costs, part) for part in parts if len(part)]
+    return matches[np.concatenate([*chosen, np.zeros(0, np.int64)]).astype(np.int64)]
+
+
+def _in_photo(matches: Matches, costs: FloatArray, part: IntArray) -> IntArray:
+    spheres, row = np.unique(matches.sphere_idx[part], return_inverse=True)
+    masks, column = np.unique(matches.mask_idx[part], return_inverse=True)
+    matrix = np.full((len(spheres), len(masks)), _NEVER)
+    matrix[row, column] = costs[part]
+    match = np.full(matrix.shape, -1)
+    match[row, column] = part
+    # As many as can be are assigned; a mask that may be a fruit's at all is better than none.
+    rows, columns = linear_sum_assignment(matrix)
+    found = match[rows, columns]
+    result: IntArray = found[found >= 0]
+    return result

@@ -1,0 +1,200 @@
+"""Fruits as landmarks: spheres that explain the masks of all photos together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pomona.arrays import BoolArray, FloatArray
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
+from pomona.errors import InputError
+from pomona.fruit_ranges import fruit_ranges
+from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse.fused import Fused
+from pomona.fuse.object.assignment import assign
+from pomona.fuse.object.crossings import Crossings, find_crossings
+from pomona.fuse.object.gating import Gate
+from pomona.fuse.object.hypotheses import sphere_hypotheses
+from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.options import ObjectOptions
+from pomona.fuse.object.refinement import fit_spheres
+from pomona.fuse.object.split_fruits import merge_split_fruits
+from pomona.fuse.object.suppression import away_from, suppress_overlapping
+from pomona.fuse.object.voting import vote
+from pomona.mask_rays import MaskRays, mask_rays
+from pomona.progress import Progress, Silent
+from pomona.spheres import Spheres
+
+_ANY_SIZE = 1.0  # the spread of radii, as a share, of a fit that is to say what the size is
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The fruits so far, and the masks that are theirs."""
+
+    spheres: Spheres
+    matches: Matches
+
+    @property
+    def support(self) -> FloatArray:
+        return self.matches.support(len(self.spheres))
+
+    def kept(self, stays: BoolArray) -> _Found:
+        return _Found(self.spheres[stays], self.matches.of_spheres(stays))
+
+
+_NOTHING_FOUND = _Found(Spheres.none(), Matches.none())
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What is looked through for fruits of one size: masks, the crossings of their rays, and the gate."""
+
+    masks: MaskRays
+    size: FruitSize
+    options: ObjectOptions
+    gate: Gate
+    crossings: Crossings
+
+    @classmethod
+    def of(cls, masks: MaskRays, size: FruitSize, options: ObjectOptions) -> _Search:
+        gate = Gate(masks, size.radius_m, options)
+        return cls(masks, size, options, gate, find_crossings(masks, size.radius_m, options))
+
+
+def fuse(
+    detections: SurveyDetections,
+    cameras: Cameras,
+    *,
+    options: ObjectOptions | None = None,
+    progress: Progress | None = None,
+) -> Fused:
+    """Return the fruits that explain the detections of all photos best, without any cloud.
+
+    Where rays to masks of two photos nearly cross are hypotheses, for which the masks of all photos vote. Then masks
+    are assigned to spheres, one to one in each photo, and spheres fitted to the outlines of their masks, in turns;
+    masks that are left over may be further fruits. The result does not depend on the order of photos or detections,
+    and fruits are numbered by where they are.
+
+    Centres and diameters are first estimates. No detections give no fruits. Raises `InputError` where the cameras'
+    frame is not metric: the size of fruit is in metres.
+    """
+    options, progress = options or ObjectOptions(), progress or Silent()
+    if not cameras.frame.metric:
+        raise InputError(
+            "Fruits can be joined only where cameras are in metres (as fruits have a size), found cameras without a "
+            "scale: give --markers, --scale-bar or --fruit-diameter"
+        )
+    size = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m)).size
+    ordered = _in_order(cameras)
+    masks = mask_rays(detections, ordered, rays_per_mask=options.rays_per_mask)
+    if len(masks) == 0:
+        return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
+    found = _find(masks, size, options, progress)
+    found = _Found(*merge_split_fruits(found.spheres, found.matches, masks, options))
+    shown = found.matches.largest_shares(len(found.spheres)) >= options.min_share
+    return _fused(found.kept(shown), masks)
+
+
+def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Progress) -> _Found:
+    """Look for fruits in rounds, each in what the earlier ones left; begun anew where fruits turn out of other size."""
+    progress.start("fuse", 1 + options.rounds)
+    search, found = _Search.of(masks, size, options), _NOTHING_FOUND
+    progress.advance()
+    for number in range(options.rounds):
+        before = len(found.spheres)
+        found = _find_more(found, search)
+        if number == 0:
+            refined = _refined_size(found, search)
+            if abs(refined.diameter_m / size.diameter_m - 1) > options.same_size:
+                search = _Search.of(masks, refined, options)
+                found = _find_more(_NOTHING_FOUND, search)
+            search = replace(search, size=refined)
+        progress.advance()
+        if len(found.spheres) <= before:
+            break
+    return found
+
+
+def _find_more(found: _Found, search: _Search) -> _Found:
+    """Add the fruits that masks speak for which are no fruit's yet, and assign all masks anew."""
+    masks, options, radius_m = search.masks, search.options, search.size.radius_m
+    free = np.ones(len(masks), dtype=bool)
+    free[found.matches.mask_idx] = False
+    new = sphere_hypotheses(search.crossings, search.gate, masks, radius_m, options, free)
+    new = new[vote(new, search.gate, masks, free, options)]
+    new = new[away_from(found.spheres, new, options.overlap_radii * radius_m)]
+    support = np.concatenate([found.support, np.ones(len(new))])
+    spheres = Spheres.joined([found.spheres, new])
+    for _ in range(options.repeats):
+        found = _assign_and_refine(spheres, support, search)
+        spheres, support = found.spheres, found.support
+    return found
+
+
+def _refined_size(found: _Found, search: _Search) -> FruitSize:
+    """Return the size of fruits that are well seen, fitted without a prior on it; the search's where they are few."""
+    n, options = len(found.spheres), search.options
+    clear = np.zeros(n, dtype=bool)
+    clear[found.matches.sphere_idx[found.matches.shares >= options.clear_share]] = True
+    clear &= found.matches.counts(n) >= options.clear_views
+    if clear.sum() < options.fewest_clear:
+        return search.size
+    some = found.kept(clear)
+    fitted = fit_spheres(
+        some.spheres, some.matches, search.masks, search.size.radius_m, options, radius_spread=_ANY_SIZE
+    )
+    return size_of_fruits(2 * fitted.radii_m, search.size)
+
+
+def _assign_and_refine(spheres: Spheres, support: FloatArray, search: _Search) -> _Found:
+    """Assign masks to spheres and fit these again; who is seen too seldom, or inside another, is no fruit."""
+    masks, options, radius_m = search.masks, search.options, search.size.radius_m
+    matches = assign(search.gate.matches(spheres), masks, support, options)
+    found = _Found(spheres, matches)
+    found = found.kept(matches.counts(len(spheres)) >= options.min_views)
+    found = _Found(fit_spheres(found.spheres, found.matches, masks, radius_m, options), found.matches)
+    return found.kept(suppress_overlapping(found.spheres, found.support, options.overlap_radii * radius_m))
+
+
+def _in_order(cameras: Cameras) -> Cameras:
+    """Return the cameras, without points, sorted by where the photos were taken from."""
+    order = np.lexsort(cameras.centers_in_world.T)
+    return Cameras(
+        photos=tuple(cameras.photos[i] for i in order),
+        intrinsics=cameras.intrinsics,
+        intrinsics_idx=cameras.intrinsics_idx[order],
+        cam_from_world=cameras.cam_from_world[order],
+        frame=cameras.frame,
+    )
+
+
+def _fused(found: _Found, masks: MaskRays) -> Fused:
+    """Return the values that a fusion gives, fruits numbered from 1 by where they are."""
+    order = np.lexsort(found.spheres.centers_in_world.T[::-1])
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(1, len(order) + 1)
+    spheres, n = found.spheres[order], len(order)
+    if n == 0:
+        return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
+    fruit_id, mask_idx = number[found.matches.sphere_idx], found.matches.mask_idx
+    sorting = np.lexsort((masks.photo_idx[mask_idx], fruit_id))
+    fruit_id, mask_idx = fruit_id[sorting], mask_idx[sorting]
+    views = np.bincount(fruit_id, minlength=n + 1)[1:]
+    fruits = Fruits(
+        np.arange(1, n + 1),
+        spheres.centers_in_world,
+        2 * spheres.radii_m,
+        np.bincount(fruit_id, masks.scores[mask_idx], n + 1)[1:] / views,
+        views,
+    )
+    observations = Observations(
+        fruit_id,
+        tuple(masks.photos[i] for i in masks.photo_idx[mask_idx]),
+        masks.ids[mask_idx],
+        masks.centers_px[mask_idx],
+    )
+    return Fused(fruits, observations, FruitCloud.empty())

@@ -1,0 +1,135 @@
+"""Refinement: the fit of spheres to the outlines of their masks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.options import ObjectOptions
+from pomona.fuse.object.visible_parts import visible_parts
+from pomona.geometry import offsets_from_rays
+from pomona.mask_rays import MaskRays
+from pomona.spheres import Spheres
+
+# Neighbouring rays of an outline err together: all of one mask count as so many.
+_INDEPENDENT = 3.0
+_START_SD = 1.4  # radii: how far a fit may run from its start
+_LONGEST_STEP, _STILL = 0.5, 1e-3  # radii: of one step of a fit, and below which a sphere is left where it is
+_TOGETHER = 256  # spheres fitted at once: as many as fit in a processor's cache
+_UNKNOWN = 100.0  # radii: the standard deviation of the place of a fruit of which nothing is seen
+
+
+def fit_spheres(
+    spheres: Spheres,
+    matches: Matches,
+    masks: MaskRays,
+    radius_m: float,
+    options: ObjectOptions,
+    *,
+    rounds: int = 12,
+    radius_spread: float | None = None,
+) -> Spheres:
+    """Return the spheres that touch the outlines of the masks matched to them, as far as leaves leave these.
+
+    Gauss–Newton, each sphere by itself: a residual is the distance of an outline's ray from the centre, less the
+    radius; rays that pass inside are likely leaves' edges and count less (Cauchy weights), and the prior on radii is
+    `radius_m` with a standard deviation, as a share, of `radius_spread` (by default that of the options).
+    """
+    spread = options.radius_spread if radius_spread is None else radius_spread
+    order = np.argsort(matches.sphere_idx, kind="stable")
+    edges = np.arange(0, len(spheres) + _TOGETHER, _TOGETHER)
+    bounds = np.searchsorted(matches.sphere_idx[order], edges)
+    fitted = [spheres[:0]]
+    for first, low, high in zip(edges[:-1], bounds[:-1], bounds[1:], strict=True):
+        mine = matches[order[low:high]]
+        block = spheres[first : first + _TOGETHER]
+        equations = _Equations(
+            block, replace(mine, sphere_idx=mine.sphere_idx - first), masks, radius_m, options, spread
+        )
+        fitted.append(_fitted(block, equations, radius_m, options.radius_range, rounds))
+    return Spheres.joined(fitted)
+
+
+def _fitted(
+    start: Spheres, equations: _Equations, radius_m: float, radius_range: tuple[float, float], rounds: int
+) -> Spheres:
+    spheres = start
+    smallest, largest = radius_range
+    moving = np.ones(len(start), dtype=bool)
+    for _ in range(rounds):
+        normal, gradient = equations.at(spheres)
+        normal[:, [0, 1, 2], [0, 1, 2]] += 1 / _START_SD**2
+        gradient[:, :3] += (spheres.centers_in_world - start.centers_in_world) / radius_m / _START_SD**2
+        step = -np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
+        step *= np.minimum(1, _LONGEST_STEP / np.maximum(np.abs(step).max(1, initial=0), 1e-12))[:, None]
+        step[~moving] = 0  # a sphere ends where it would end alone
+        radii = np.clip(spheres.radii_m + radius_m * step[:, 3], smallest * radius_m, largest * radius_m)
+        spheres = Spheres(spheres.centers_in_world + radius_m * step[:, :3], radii)
+        moving &= np.abs(step).max(1, initial=0) >= _STILL
+        if not moving.any():
+            break
+    return spheres
+
+
+def place_sds_m(
+    spheres: Spheres, matches: Matches, masks: MaskRays, radius_m: float, options: ObjectOptions
+) -> FloatArray:
+    """Return the standard deviation (n,) of each sphere's centre in the direction in which it is least known.
+
+    That is nearly always along the sight: of a fruit that is seen from one place alone nobody knows how far away it is.
+    """
+    normal, _ = _Equations(spheres, matches, masks, radius_m, options, options.radius_spread).at(spheres)
+    normal[:, [0, 1, 2], [0, 1, 2]] += 1 / _UNKNOWN**2
+    largest = np.linalg.eigvalsh(np.linalg.inv(normal)[:, :3, :3])[:, -1]
+    result: FloatArray = radius_m * np.sqrt(largest)
+    return result
+
+
+class _Equations:
+    """The normal equations of all spheres, in radii of the fruit: of the masks and of the prior on the size."""
+
+    def __init__(
+        self,
+        spheres: Spheres,
+        matches: Matches,
+        masks: MaskRays,
+        radius_m: float,
+        options: ObjectOptions,
+        radius_spread: float,
+    ) -> None:
+        self._idx = matches.sphere_idx
+        self._eyes = masks.eyes_in_world[masks.photo_idx[matches.mask_idx]]
+        self._rays = masks.outlines[matches.mask_idx]
+        self._radius_m, self._options, self._radius_spread = radius_m, options, radius_spread
+        self._order = np.argsort(self._idx, kind="stable")
+        self._firsts = np.searchsorted(self._idx[self._order], np.arange(len(spheres)))
+        self._known = matches.counts(len(spheres)) > 0
+        self._parts = visible_parts(spheres, matches, masks)
+
+    def at(self, spheres: Spheres) -> tuple[FloatArray, FloatArray]:
+        """Return the matrices (n, 4, 4) and gradients (n, 4) by centre and radius."""
+        idx, radii, radius_m = self._idx, spheres.radii_m, self._radius_m
+        inside_scale = self._options.inside_scale
+        beside = offsets_from_rays(spheres.centers_in_world[idx][:, None], self._eyes[:, None], self._rays)
+        off = np.maximum(np.linalg.norm(beside, axis=2), 1e-12)
+        residuals = (off - radii[idx, None]) / radius_m
+        scales = np.where(residuals < 0, inside_scale, self._options.outside_scale)
+        weights = _INDEPENDENT / (self._rays.shape[1] * inside_scale**2) / (1 + (residuals / scales) ** 2)
+        slopes = np.concatenate([beside / off[:, :, None], np.full((*off.shape, 1), -1.0)], axis=2)
+        weighted = slopes * weights[:, :, None]
+        normal = self._summed(np.swapaxes(weighted, 1, 2) @ slopes)
+        gradient = self._summed((weighted * residuals[:, :, None]).sum(1))
+        self._parts.add_to(normal, gradient, spheres.centers_in_world, radii, radius_m)
+        normal[:, 3, 3] += 1 / self._radius_spread**2
+        gradient[:, 3] += (radii / radius_m - 1) / self._radius_spread**2
+        return normal, gradient
+
+    def _summed(self, values: FloatArray) -> FloatArray:
+        """Sum values (k, ...) of each sphere; spheres without any get 0."""
+        result = np.zeros((len(self._known), *values.shape[1:]))
+        if len(values):
+            result[self._known] = np.add.reduceat(values[self._order], self._firsts[self._known], axis=0)
+        return result
