@@ -138,7 +138,7 @@ def test_trees_by_column_by_position_and_training_by_name(tmp_path: Path) -> Non
     counts = np.bincount(known.truth.tree_ids)[1:]
     assert counts.tolist() == [10] * 11
     assert known.training in ({1, 2, 3}, {9, 10, 11})
-    assert "cutting the row into 11" in known.told
+    assert "cutting the row into 11" in known.source
     (tmp_path / "boxes.txt").unlink()
     write_boxes(tmp_path / "boxes_training.txt", boxes[:30])
     write_boxes(tmp_path / "boxes_test.txt", boxes[30:])

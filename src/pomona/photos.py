@@ -9,6 +9,9 @@ from pathlib import Path
 
 from pomona.errors import InputError
 
+PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".heic", ".heif", ".webp", ".bmp"})
+"""Suffixes, in lower case, of the files that are taken for photos."""
+
 
 @dataclass(frozen=True)
 class Gnss:

@@ -11,7 +11,7 @@ from pathlib import Path
 from pomona.photos import Photo, Skipped
 from pomona.progress import Progress
 
-_ADVISED_PHOTOS = 3
+_ADVISED_PHOTOS = 3  # of a side: two rays place a fruit, a third checks it
 
 
 def too_few(paths: Sequence[Path], photos: Sequence[Photo], skipped: Sequence[Skipped], min_photos: int) -> str:

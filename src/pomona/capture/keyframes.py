@@ -10,8 +10,7 @@ import numpy as np
 
 from pomona.arrays import Array, ByteArray
 
-_LEAST_POINTS = 8
-_MOST_LOST = 3
+_LEAST_POINTS = 8  # corners, of 300 that are looked for: a quartile of fewer says nothing
 _UNRANKED = (False, -1.0)
 
 
@@ -22,7 +21,8 @@ class KeyFrameOptions:
     `step` is the wanted move of the picture between key frames, as a share of its width or height. Foliage looks
     different from every step, so that it is small: 2 % is 7 cm where the picture is 3.5 m wide. The sharpest frame
     is taken whose move lies between `earliest` and `latest` times the step, or sooner where fewer than `least_found`
-    of the picture's corners can be found again. `most_per_s` bounds the frames looked at, `work_side_px` the size at
+    of the picture's corners can be found again; after `most_lost` frames in which they cannot, a key frame is taken
+    (a cut, a jump). `most_per_s` bounds the frames looked at, `work_side_px` the size at
     which they are.
     """
 
@@ -30,6 +30,7 @@ class KeyFrameOptions:
     earliest: float = 0.7
     latest: float = 1.3
     least_found: float = 0.75
+    most_lost: int = 3
     most_per_s: float = 30.0
     work_side_px: int = 640
     jpeg_quality: int = 95
@@ -56,7 +57,7 @@ def choose(frames: Iterable[Frame], options: KeyFrameOptions) -> Iterator[Frame]
 
     Moves are measured against the last key frame, not summed from frame to frame, so that a trembling hand at rest
     adds up to nothing. A frame in which the picture cannot be found again (a blur) may be passed over, but a cut or a
-    jump is not: after `_MOST_LOST` such frames a key frame is taken, from before them where there is one.
+    jump is not: after `options.most_lost` such frames a key frame is taken, from before them where there is one.
     """
     key: Frame | None = None
     best: Frame | None = None
@@ -75,7 +76,7 @@ def choose(frames: Iterable[Frame], options: KeyFrameOptions) -> Iterator[Frame]
             rank = not lost, frame.sharpness
             if (lost or move >= earliest) and rank > best_rank:
                 best, best_rank = frame, rank
-            if best is None or not (lost >= _MOST_LOST or move >= latest):
+            if best is None or not (lost >= options.most_lost or move >= latest):
                 break
             yield best
             key, points = best, corners(best.grey)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from pomona.capture.checks import too_few, warn_of
 from pomona.capture.exif import Exif, focal_px
-from pomona.capture.files import PHOTO_SUFFIXES, VIDEO_SUFFIXES, list_photos, natural_key
+from pomona.capture.files import VIDEO_SUFFIXES, list_photos, natural_key
 from pomona.capture.images import read_header
 from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
 from pomona.errors import InputError, MissingFileError
-from pomona.photos import Photo, Photos, Skipped
+from pomona.photos import PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
 
 
@@ -67,7 +67,7 @@ def load_photos(
 
 
 def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, progress: Progress) -> list[_Found]:
-    """Return the photo files of all sources; with two folders or videos, names and groups tell them apart."""
+    """Return the photo files of all sources; with two folders or videos, names and groups distinguish them."""
     for path in paths:
         if not path.exists():
             raise MissingFileError(f"{path} does not exist: expected a folder of photos or a video")

@@ -1,4 +1,4 @@
-"""The two sides of a row: told from folders, from file names, or by patterns that a person gives."""
+"""The two sides of a row: known from folders, from file names, or by patterns that a person gives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from pomona.errors import InputError
 
 ONE_SIDE = "row"
-_LEAST_PHOTOS = 3
+_LEAST_PHOTOS = 3  # of a side: a word that fewer names have is a slip, or a photo of something else
 
 # Words that name a side wherever they stand in a file name, in pairs.
 _SIDE_WORDS = tuple(
@@ -30,9 +30,9 @@ _CAMERA_WORDS = frozenset([
 
 
 def sides_by_names(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the side of each photo from its name (n,), or None where the names do not tell of two sides.
+    """Return the side of each photo from its name (n,), or None where the names show no two sides.
 
-    Two sides are told where a word of every name takes exactly two values, each in at least three photos: known pairs
+    There are two sides where a word of every name takes exactly two values, each in at least three photos: known pairs
     such as east and west anywhere in the name, any other pair at its beginning (except words that cameras begin with).
     """
     tokens = [re.findall(r"[^\W\d_]+|\d+", PurePosixPath(name).stem.casefold()) for name in names]

@@ -19,7 +19,7 @@ from pomona.errors import InputError
 from pomona.progress import Progress
 
 _MANIFEST = "frames.json"
-_VERSION = 1
+_VERSION = 1  # of `frames.json` and of how frames are chosen: another one takes them anew
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def extract_key_frames(
     """Choose key frames of a video and write them as `frames_dir/frame_000123.jpg` (the number is the frame's index).
 
     Frames already written from the same video with the same options are used again. The video's rotation is applied.
-    `frames.json` beside the frames tells of the video, the options and the frames' times.
+    `frames.json` beside the frames holds what the video was, the options and the frames' times.
 
     Raises `InputError` when the video cannot be decoded.
     """

@@ -34,9 +34,9 @@ from pomona.survey import Survey
 
 NAME = "FruitNeRF"
 _FRAME = WorldFrame("given", approximate=True, up_is_known=False)
-# Blender writes objects with y up where it was not told otherwise; cameras have z up.
+# Blender writes objects with y up unless asked otherwise; cameras have z up.
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-_LEAST_SHOWN = 0.25
+_LEAST_SHOWN = 0.25  # of the true middles in masks: leaves hide some, and in a wrong frame next to none lie there
 
 
 def benchmark_fruitnerf(
@@ -60,7 +60,7 @@ def benchmark_fruitnerf(
                 tables.append(_real(scene, out, model, fruit_diameter_m, progress))
             except (ReconstructionError, InputError) as error:  # the other trees may do better
                 missing[scene.name] = str(error)
-    return BenchmarkResult(NAME, tuple(scene.told for scene in scenes), tuple(tables), missing)
+    return BenchmarkResult(NAME, tuple(scene.described for scene in scenes), tuple(tables), missing)
 
 
 def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progress) -> Comparison:
@@ -69,7 +69,7 @@ def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progre
     photos = load_scene_photos(scene, progress)
     detections = read_scene_masks(scene, photos, progress)
     cameras = _cameras(scene, photos)
-    truth, told = _in_frame_of(cameras, read_objects(scene.objects), detections)
+    truth, placed = _in_frame_of(cameras, read_objects(scene.objects), detections)
     metres = Similarity(fruit_diameter_m / float(np.median(truth.diameters_m)), np.eye(3), np.zeros(3))
     cameras, truth = cameras.transformed(metres, _FRAME), _moved(truth, metres)
     found, _ = found_by_methods(Given(cameras, detections, None), None, fruit_diameter_m, progress)
@@ -82,12 +82,15 @@ def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progre
         Figure("R", {"Pomona": tally.recall}),
         Figure("F1", {"Pomona": tally.f1}, FRUITNERF_RENDERED.figures["F1"]),
     )
-    notes = (told, "right is a centre at most half a diameter off; the metres are those of the assumed fruit diameter")
+    notes = (
+        placed,
+        "right is a centre at most half a diameter off; the metres are those of the assumed fruit diameter",
+    )
     return Comparison(f"{scene.name}, given cameras and masks", figures, FRUITNERF_RENDERED.source, notes)
 
 
 def _real(scene: Scene, out: Path, model: str | None, fruit_diameter_m: float, progress: Progress) -> Comparison:
-    """The count of a tree by Pomona's own cameras: those given have no metres, which its fruits tell."""
+    """The count of a tree by Pomona's own cameras: those given have no metres, which its fruits give."""
     survey = out / f"survey-{scene.name}"
     options = RunOptions(model=model, fruit_diameter_m=fruit_diameter_m, sides="none")
     run_pipeline(list(scene.photos), survey, options, progress)
@@ -109,11 +112,11 @@ def _in_frame_of(cameras: Cameras, truth: Truth, detections: SurveyDetections) -
     Nothing written says which; most of them have to lie in masks. Raises `InputError` where nothing fits.
     """
     best: tuple[float, Truth, str] | None = None
-    for told, cameras_from_truth in _frames(cameras):
+    for how, cameras_from_truth in _frames(cameras):
         moved = _moved(truth, cameras_from_truth)
         share = _shown(cameras, moved, detections)
         if best is None or share > best[0]:
-            best = share, moved, f"true fruits {told}: {share:.0%} of their middles that photos show lie in masks"
+            best = share, moved, f"true fruits {how}: {share:.0%} of their middles that photos show lie in masks"
     assert best is not None
     if best[0] < _LEAST_SHOWN:
         raise InputError(

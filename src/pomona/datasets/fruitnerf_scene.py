@@ -28,7 +28,7 @@ from pomona.progress import Progress, track
 
 _TRANSFORMS = "nerfstudio's transforms.json with frames"
 _OBJECTS = "a Wavefront file with an object (o) of vertices (v) for each fruit"
-_WHITE = 255
+_WHITE = 255  # masks of fruit or not, without ids, are 0 and 1 or 0 and 255
 _LEAST_PX = 12  # smaller specks are no fruits
 
 
@@ -48,7 +48,7 @@ class Scene:
         return self.folder.name
 
     @property
-    def told(self) -> str:
+    def described(self) -> str:
         """What there is of it."""
         masks = f"{len(self.masks)} masks" if self.masks else "no masks"
         return (

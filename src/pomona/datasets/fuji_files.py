@@ -10,7 +10,7 @@ The published layout (doi 10.1016/j.dib.2020.105591, zenodo.org/records/3712808)
     data/pt_clouds/{east,west}_side_pc.txt                     the apples' clouds, x y z r g b
     data/masks/{east,west}_side_masks/*.mat                    a label image and scores, a file a photo
 
-Boxes are text files of numbers; which are boxes and which clouds is told from their first lines.
+Boxes are text files of numbers; which are boxes and which clouds, their first lines show.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from pathlib import Path
 from pomona.capture.files import natural_key
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.label_sets import part_of
-from pomona.formats.detections.photo_source import PHOTO_SUFFIXES
 from pomona.formats.detections.via import is_via
 from pomona.formats.detections.via_csv import is_via_csv
 from pomona.formats.json_file import load_json
 from pomona.formats.xyz import first_lines, head_numbers, looks_like_xyz
+from pomona.photos import PHOTO_SUFFIXES
 
 # In the order in which the authors' program goes through them.
 _SIDES = ("west", "east")
 _SIDE = re.compile(r"(?:^|[^a-z])(east|west)(?:[^a-z]|$)")
 _NUMBERS = frozenset({".txt", ".csv", ".xyz", ".asc", ".pts"})
-# What files of boxes and of clouds are called: one that holds something else has to be told of, not passed over.
+# What files of boxes and of clouds are called: one that holds something else is an error, not passed over.
 _BOXES_NAME = re.compile(r"box|annot|label|truth|location|(?:^|[^a-z])gt(?:[^a-z]|$)")
 _CLOUD_NAME = re.compile(r"cloud|(?:^|[^a-z])pc(?:[^a-z]|$)")
 # Numbers on a line of a file of boxes: lowest and highest corner, eight corners, or one corner.
@@ -64,7 +64,7 @@ class FujiFiles:
     boxes: tuple[Path, ...] = ()
     unused: tuple[Path, ...] = ()
 
-    def told(self) -> tuple[str, ...]:
+    def described(self) -> tuple[str, ...]:
         """Return what was found, a line each."""
         lines = [f"{part} tiles: labels in {self._named(files)}" for part, files in self.tiles.items()]
         for side in self.sides:
@@ -125,7 +125,7 @@ def _is_labels(file: Path) -> bool:
 
 
 def _is_cameras(file: Path) -> bool:
-    """Say whether a file is to be Bundler's: by its name, as a broken one has to be told of, or by its first line."""
+    """Say whether a file is to be Bundler's: by its name, so that a broken one is an error, or by its first line."""
     if file.suffix.lower() != ".out":
         return False
     with file.open(encoding="utf-8-sig", errors="replace") as opened:

@@ -27,7 +27,7 @@ _Value = TypeVar("_Value")
 
 # The authors scaled their clouds, and the cameras with them, by plates 0.85 m apart.
 _FRAME = WorldFrame("given", approximate=False, up_is_known=False)
-_MOST_TREE_FILES = 40
+_MOST_TREE_FILES = 40  # more files than that are not one a tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,11 @@ class FujiRow:
 
 @dataclass(frozen=True, eq=False)
 class TrueTrees:
-    """The true fruits, each with its tree (from 1); the trees that are for training; how both are known."""
+    """The true fruits, each with its tree (from 1); the trees that are for training; the `source` of both, in words."""
 
     truth: Truth
     training: frozenset[int]
-    told: str
+    source: str
 
     @property
     def trees(self) -> tuple[int, ...]:
@@ -92,7 +92,7 @@ def photo_names(side: SideFiles) -> tuple[str, ...]:
 
 
 def read_true_trees(files: FujiFiles, n_trees: int) -> TrueTrees:
-    """Read the boxes, and tell fruits of `n_trees` trees apart.
+    """Read the boxes, and find which of `n_trees` trees each fruit is of.
 
     By a file for each tree, by the column `tree` of a table, else by where they are along the row, which is cut into
     parts of one length. Trees are for training where a file's name says so, else the three (of eleven) at that end of
@@ -104,19 +104,21 @@ def read_true_trees(files: FujiFiles, n_trees: int) -> TrueTrees:
     truth = _together(parts)
     by_file = np.repeat(np.arange(1, len(parts) + 1), [len(part) for part in parts])
     if truth.tree_ids.all() and len(truth):
-        told = "trees as the column tree says"
+        source = "trees as the column tree says"
     elif 3 <= len(parts) <= _MOST_TREE_FILES:
-        truth, told = replace(truth, tree_ids=by_file), "trees by file"
+        truth, source = replace(truth, tree_ids=by_file), "trees by file"
     else:
         cut = _along_row(truth.centers_in_world, n_trees)
-        truth, told = replace(truth, tree_ids=cut), f"trees by cutting the row into {n_trees} parts of one length"
+        truth, source = replace(truth, tree_ids=cut), f"trees by cutting the row into {n_trees} parts of one length"
     roles = np.repeat([part_of(file.stem) for file in files.boxes], [len(part) for part in parts])
     if (roles == "training").any():
         training = frozenset(np.unique(truth.tree_ids[roles == "training"]).tolist())
-        return TrueTrees(truth, training, f"{told}; training trees by the files' names")
+        return TrueTrees(truth, training, f"{source}; training trees by the files' names")
     training = _training_end(truth.tree_ids)
     named = ", ".join(str(tree) for tree in sorted(training))
-    return TrueTrees(truth, training, f"{told}; training trees {named}: the end whose share of fruits fits the paper's")
+    return TrueTrees(
+        truth, training, f"{source}; training trees {named}: the end whose share of fruits fits the paper's"
+    )
 
 
 def _read_masks(side: SideFiles, progress: Progress) -> list[MatMasks]:

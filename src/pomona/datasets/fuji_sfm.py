@@ -64,7 +64,7 @@ def benchmark_fuji_sfm(root: Path, out: Path, options: BenchmarkOptions, progres
     if not found or known is None:
         reason = why_not or "no boxes of true fruits were found (text: 6, 24 or 8 × 3 numbers a fruit)"
         missing |= {_TABLE_3: reason, _FIGURE_8: reason}
-    return BenchmarkResult(NAME, files.told(), tuple(tables), missing)
+    return BenchmarkResult(NAME, files.described(), tuple(tables), missing)
 
 
 def tiles_of(files: FujiFiles, part: str) -> list[LabelledPhoto]:
@@ -185,7 +185,7 @@ def _from_photos(
             (),
             (
                 f"{len(fruits)} fruits were found in the photos, but no cameras in the boxes' frame are given "
-                "(*_cameras.out), and the fruits' pattern does not tell how they lie over the boxes"
+                "(*_cameras.out), and the fruits' pattern does not show how they lie over the boxes"
             ),
         )
     return (

@@ -56,8 +56,8 @@ def found_by_methods(
         options = RunOptions(
             method="paper", variant=variant, fruit_diameter_m=fruit_diameter_m, score_threshold=threshold
         )
-        found[name], told = _by_paper(given, options, known, progress)
-        notes.append(f"{name}: {told}")
+        found[name], note = _by_paper(given, options, known, progress)
+        notes.append(f"{name}: {note}")
     return found, tuple(notes)
 
 
@@ -79,9 +79,9 @@ def _by_paper(given: Given, options: RunOptions, known: TrueTrees | None, progre
     if len(fused.fruits) == 0:
         least = f" of a score of {options.paper.min_score:g} or more" if options.paper.min_score else ""
         return fused.fruits, f"no fruit: no detection{least} has points of the cloud"
-    svm, told = _machine(fused, options, known)
+    svm, note = _machine(fused, options, known)
     fused = filters.apply(fused, svm)
-    return measure(fused, detections, given.cameras, options=options.measure, progress=progress), told
+    return measure(fused, detections, given.cameras, options=options.measure, progress=progress), note
 
 
 def _machine(fused: Fused, options: RunOptions, known: TrueTrees | None) -> tuple[LinearSvm, str]:

@@ -24,7 +24,7 @@ from pomona.progress import Progress, track
 NAME = "PFuji-Size"
 _TABLE = "a table of apples: the cloud's file and the diameter in mm, parted by a comma"
 _CLOUD = "an apple's cloud as text: x y z r g b, perhaps more"
-_SURE_COLUMNS, _SURE_COLUMN = 8, 7
+_SURE_COLUMNS, _SURE_COLUMN = 8, 7  # tables wider than this have how sure a point is, in this column from 0
 
 
 @dataclass(frozen=True)

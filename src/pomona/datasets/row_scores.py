@@ -80,7 +80,7 @@ def figure_8(found: Mapping[str, Fruits], known: TrueTrees) -> Comparison:
         of_tree = {name: int(count.detections[k]) for name, count in counts.items()}
         true = int((known.truth.tree_ids == tree).sum())
         figures.append(Figure(f"D of tree {tree} (T = {true})", of_tree))
-    notes = ("RMSE is of D − T, in percent of the mean T; R² the squared correlation", known.told)
+    notes = ("RMSE is of D − T, in percent of the mean T; R² the squared correlation", known.source)
     return Comparison("Figure 8, detections D and fruits T by tree", tuple(figures), FUJI_FIGURE_8.source, notes)
 
 

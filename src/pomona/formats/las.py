@@ -19,7 +19,7 @@ from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.fruits import FruitCloud
 
 FRUIT_ID = "fruit_id"
-_STEP_M = 1e-4
+_STEP_M = 1e-4  # a tenth of a millimetre: finer than any cloud is, and room for 200 km
 # LAS keeps coordinates as 32-bit integers of steps: what is further from the offset than this cannot be written.
 _REACH_M = _STEP_M * (2**31 - 1)
 

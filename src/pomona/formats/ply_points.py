@@ -21,7 +21,7 @@ _KINDS = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _COLOURS = ("red", "green", "blue")
-_LONGEST_HEADER = 65536
+_LONGEST_HEADER = 65536  # bytes: programs write some hundreds
 
 
 def read_ply_points(path: Path) -> tuple[FloatArray, ByteArray]:

@@ -17,8 +17,8 @@ from pomona.errors import FormatError, MissingFileError
 from pomona.fruits import FruitCloud
 
 EXPECTED = "a cloud as text, a point a line: x y z r g b (metres, colours 0 to 255), and perhaps a fruit's id"
-_HEAD_LINES = 20
-_SHOWN_LINES, _SHOWN_CHARACTERS = 3, 80
+_HEAD_LINES = 20  # enough to pass over a header and see a few lines of numbers
+_SHOWN_LINES, _SHOWN_CHARACTERS = 3, 80  # of a file that is not understood, in the message
 
 
 def read_xyz(path: Path) -> FruitCloud:

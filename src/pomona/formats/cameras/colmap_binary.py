@@ -18,7 +18,7 @@ from pomona.formats.cameras.colmap_model import ColmapImage, ColmapPoint, image_
 from pomona.formats.cameras.colmap_models import MODELS, colmap_lens
 from pomona.formats.cameras.lenses import FittedLens
 
-_LONGEST_NAME = 4096
+_LONGEST_NAME = 4096  # bytes, as of paths in most systems: without an end by then the file is damaged
 
 
 def read_binary(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], list[ColmapPoint]]:

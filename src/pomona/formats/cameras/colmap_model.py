@@ -15,7 +15,7 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import FormatError
 from pomona.formats.cameras.lenses import FittedLens
 
-_GREATEST_ID = 2**63 - 1
+_GREATEST_ID = 2**63 - 1  # what our arrays hold; COLMAP's own are shorter
 # Of a quaternion, which COLMAP writes of length 1.
 _SHORTEST = 1e-3
 

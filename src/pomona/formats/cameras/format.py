@@ -56,7 +56,7 @@ class CameraFile:
 class CameraFormat:
     """One format of cameras: a record in its module, listed in `registry.CAMERA_FORMATS`.
 
-    `kind` is its short name, `title` what a person is told; `recognise` says whether a file, or a folder, is of it, by
+    `kind` is its short name, `title` what messages call it; `recognise` says whether a file, or a folder, is of it, by
     its content; `read` returns its cameras and raises `MissingFileError`, and `FormatError` naming file and place.
 
     In the folder of a project it lies at one of `places`, or is a file of one of `patterns` that is recognised.

@@ -3,7 +3,7 @@
 Programs differ in what they bend: polynomials of four coefficients and more, skewed pixels, fisheyes, whose polynomial
 takes the angle to the axis in place of its tangent. Pomona's lenses are COLMAP's perspective models, of which the
 widest is a ratio of two polynomials. Where a lens is one of these it is taken over as it is; any other is fitted, and
-the difference over the photo is told. What cannot be fitted to a tenth of a pixel is an error.
+the difference over the photo is reported. What cannot be fitted to a tenth of a pixel is an error.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from pomona.intrinsics import Intrinsics
 # How the tangent of the angle to the axis becomes the radius that the polynomials see.
 Curve = Literal["perspective", "equidistant", "equisolid"]
 
-_MOST_OFF_PX = 0.1
-_EXACT_PX = 1e-3
-_WIDEST_DEG = 85.0
+MOST_OFF_PX = 0.1  # root mean square over the photo: well below what structure from motion leaves
+_EXACT_PX = 1e-3  # what is nearer is the same lens: differences are of rounding in the file
+_WIDEST_DEG = 85.0  # from the axis: a perspective lens comes to an end at 90
+# Directions from the middle, places on each, and steps by which the widest place is looked for: finer changes no fit.
 _SPOKES, _RINGS, _STEPS = 32, 24, 400
-_MOST_TRIES = 100
+_MOST_TRIES = 100  # evaluations of the refinement, which begins near its end
 # Of sizes, focal lengths and coefficients: beyond all lenses, and far from where numbers overflow.
 _MOST_PX = 1e7
 
@@ -107,10 +108,10 @@ def fit_lens(lens: Lens, where: str) -> FittedLens:
         # Spokes are dense at the axis: weighted by their distance from it, pixels count alike over the whole photo.
         weight = np.linalg.norm(px - [lens.cx, lens.cy], axis=1)
         result = FittedLens(fitted, float(np.sqrt(np.average(off**2, weights=weight))), float(off.max()))
-    if not result.rms_px < _MOST_OFF_PX:
+    if not result.rms_px < MOST_OFF_PX:
         raise FormatError(
             f"{where}: no perspective lens comes nearer to this one than {result.rms_px:.2f} px over the photo, "
-            f"expected {_MOST_OFF_PX}{_advice(lens)}"
+            f"expected {MOST_OFF_PX}{_advice(lens)}"
         )
     return result
 

@@ -70,7 +70,7 @@ def read_nerfstudio(path: Path, photos: Photos) -> GivenCameras:
     notes = [lens.note(path.name) for lens in fitted.values()]
     if len(kept) < len(names):
         notes.append(
-            f"{len(names) - len(kept)} of {len(names)} frames have no size in {path.name} and no photo to tell it"
+            f"{len(names) - len(kept)} of {len(names)} frames have no size in {path.name} and no photo that has one"
         )
     cameras = cameras.transformed(_nerfstudio_from_world(root).inverse())
     return GivenCameras(cameras, "nerfstudio", tuple(filter(None, notes)))
@@ -78,14 +78,14 @@ def read_nerfstudio(path: Path, photos: Photos) -> GivenCameras:
 
 def _sizes(root: Field, frames: Sequence[Field], names: Sequence[str], photos: Photos) -> list[_Size | None]:
     """Each frame's size: by the file, or else by the photo; None where neither is there."""
-    told = [(_either(frame, root, "w"), _either(frame, root, "h")) for frame in frames]
-    known = all(width is not None and height is not None for width, height in told)
+    stated = [(_either(frame, root, "w"), _either(frame, root, "h")) for frame in frames]
+    known = all(width is not None and height is not None for width, height in stated)
     of_photo = {} if known else {name: stored_size(photo) for name, photo in match_names(names, photos).items()}
     return [
         (width.whole(least=1), height.whole(least=1))
         if width is not None and height is not None
         else of_photo.get(name)
-        for name, (width, height) in zip(names, told, strict=True)
+        for name, (width, height) in zip(names, stated, strict=True)
     ]
 
 

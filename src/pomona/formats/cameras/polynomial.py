@@ -6,11 +6,10 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.errors import InputError
-from pomona.formats.cameras.lenses import Lens
+from pomona.formats.cameras.lenses import MOST_OFF_PX, Lens
 from pomona.intrinsics import Intrinsics
 
-_MOST_OFF_PX = 0.1
-_STEPS = 40
+_STEPS = 40  # places a side of the photo at which lenses are compared
 
 
 def polynomial_lens(intrinsics: Intrinsics, name: str) -> Lens:
@@ -28,10 +27,10 @@ def polynomial_lens(intrinsics: Intrinsics, name: str) -> Lens:
         rays = intrinsics.cam_from_px(_grid(intrinsics))
         off = lens.px_from_cam(rays) - intrinsics.px_from_cam(rays)
         rms_px = float(np.sqrt((off**2).sum(1).mean()))
-        if not rms_px < _MOST_OFF_PX:
+        if not rms_px < MOST_OFF_PX:
             raise InputError(
                 f"The lens of {name} is too wide for a polynomial: the nearest is {rms_px:.2f} px away over the photo, "
-                f"expected {_MOST_OFF_PX}. Export COLMAP's format instead"
+                f"expected {MOST_OFF_PX}. Export COLMAP's format instead"
             )
     return lens
 

@@ -112,7 +112,9 @@ def is_results(content: Any) -> bool:
 
 def with_images(results: Sequence[Mapping[str, Any]], images: Sequence[CocoImage]) -> dict[str, Any]:
     """Return a list of results as the content of a file of its own, with the images that its `image_id`s name."""
-    known = [entry for entry in results if isinstance(entry["category_id"], int)]  # others are told of as annotations
+    known = [
+        entry for entry in results if isinstance(entry["category_id"], int)
+    ]  # others are an error of their annotation
     names = {e["category_id"]: e.get("category_name") or f"category {e['category_id']}" for e in known}
     return {
         "images": [

@@ -17,7 +17,7 @@ from pomona.formats.detections.rle import decode_counts, mask_from_counts
 from pomona.formats.json_file import is_number
 
 # Polygons are drawn by hand and exported with rounding: what lies no further outside the photo is no mistake.
-_TOLERANCE_PX = 1.0
+TOLERANCE_PX = 1.0
 
 
 def mask_of(segmentation: Any, width_px: int, height_px: int, *, traced: bool = False) -> Mask | None:
@@ -125,7 +125,7 @@ def _mask_of_rims(points: Sequence[FloatArray], width_px: int, height_px: int) -
 
 def _check_inside(field: str, x0: float, y0: float, x1: float, y1: float, width_px: int, height_px: int) -> None:
     least, slack = min(x0, y0), max(x1 - width_px, y1 - height_px)
-    if least < -_TOLERANCE_PX or slack > _TOLERANCE_PX:
+    if least < -TOLERANCE_PX or slack > TOLERANCE_PX:
         raise InputError(
             f"{field}: expected a place inside the photo of {width_px} × {height_px}, "
             f"found x {x0:g} to {x1:g}, y {y0:g} to {y1:g}"

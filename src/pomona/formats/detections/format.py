@@ -48,7 +48,7 @@ class LabelFolder:
 class Format:
     """One format of annotations: a record in its module, listed in `registry.FORMATS`.
 
-    `kind` is its short name, `title` what a person is told; `labels` says what is looked for among labelled photos
+    `kind` is its short name, `title` what messages call it; `labels` says what is looked for among labelled photos
     ("" where it is for detections alone). `recognise` says whether a file is of it, by its content; `read` returns the
     photos of such files and raises `MissingFileError`, and `FormatError` naming file, place and what was expected.
 

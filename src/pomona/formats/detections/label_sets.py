@@ -16,7 +16,7 @@ from pomona.formats.detections.png_masks import is_rendered_row
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
 
 _SUFFIXES = (".json", ".csv", ".xml")
-_DEPTH = 4  # how far below a folder its sets may lie
+_DEPTH = 4  # how far below a folder its sets may lie: deeper folders are of something else, and may be many
 _PARTS = {"train": "training", "val": "validation", "test": "test"}
 _PART = re.compile(r"(?:^|[^a-z])(train|val|test)(?:ing|id|idation)?\d*(?:[^a-z]|$)")
 

@@ -9,12 +9,10 @@ from typing import Protocol
 
 from pomona.errors import FormatError, MissingFileError, few
 from pomona.photo_names import PhotoNames
-from pomona.photos import Photo, Photos
+from pomona.photos import PHOTO_SUFFIXES, Photo, Photos
 
 SizeOf = Callable[[Path], tuple[int, int]]
 """Gives the width and height of a photo file, upright; raises an error that names the file where it cannot."""
-
-PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif"})
 
 
 @dataclass(frozen=True)

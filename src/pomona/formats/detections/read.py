@@ -33,7 +33,7 @@ def read_detections(
     suffix. Scores are 1 where the file has none, ids are the file's where it has some. A box alone becomes the ellipse
     in it. Photos without an entry are not in the result: nobody says that they were looked at; but of YOLO, which has
     no file for a photo without fruit. `classes` names those that are fruit; it must be given where there are several.
-    `progress` is told of all that was assumed or left out.
+    `progress` is warned of all that was assumed or left out.
 
     Raises `MissingFileError`, `InputError` where there is nothing to read, and `FormatError` naming file, place and
     what was expected.

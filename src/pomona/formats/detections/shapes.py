@@ -13,12 +13,9 @@ import numpy as np
 
 from pomona.detections import Mask
 from pomona.errors import InputError
-from pomona.formats.detections.coco_masks import mask_of
+from pomona.formats.detections.coco_masks import TOLERANCE_PX, mask_of
 from pomona.formats.detections.labelled import Box
 from pomona.formats.json_file import is_number
-
-# Shapes are drawn by hand and written with rounding: what reaches no further over the photo's edge is no mistake.
-TOLERANCE_PX = 1.0
 
 
 def polygon_mask(
