@@ -6,13 +6,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 import detection_scenes as scenes
 from detection_scenes import written
+from pomona.capture.images import size_of
 from pomona.errors import FormatError
+from pomona.evaluate.detections import read_detection_truth
 from pomona.formats.detections.content import FileContent
+from pomona.formats.detections.format import Format, file_by_file
+from pomona.formats.detections.label_sets import find_label_sets, read_label_set
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.read import read_detections
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
+from pomona.formats.detections.shapes import ellipse_mask
 
 DOCS = Path(__file__).parent.parent / "docs" / "reference"
 
@@ -98,3 +106,39 @@ def test_what_is_refused_says_why(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "\n \n", "hello\n", '{"name": "something else"}', "<html></html>", "a,b\n1,2\n"])
 def test_what_is_of_no_format_is_none(tmp_path: Path, text: str) -> None:
     assert recognised(FileContent(written(tmp_path / "a.dat", text))) is None
+
+
+def _read_circles(file: Path, sources: Sources) -> list[LabelledPhoto]:
+    """A format that nobody knows yet: the photo's name in the first line, then a circle a line."""
+    name, *lines = file.read_text().removeprefix("circles of ").splitlines()
+    photo = sources(file).find(name, "its first line")
+    if photo is None:
+        return []
+    circles = [tuple(float(cell) for cell in line.split()) for line in lines]
+    masks = [ellipse_mask((x, y), (r, r), 0, photo.width_px, photo.height_px) for x, y, r in circles]
+    return [LabelledPhoto.of(photo, [LabelledFruit.from_mask(mask) for mask in masks if mask is not None])]
+
+
+CIRCLES = Format(
+    kind="circles",
+    title="circles",
+    recognise=lambda content: content.lines.startswith("circles of "),
+    read=file_by_file(_read_circles),
+    labels="circles (*.csv)",
+)
+
+
+def test_a_new_format_is_a_record_for_detections_labels_and_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("registry", "read", "label_sets"):
+        monkeypatch.setattr(f"pomona.formats.detections.{module}.FORMATS", (*FORMATS, CIRCLES))
+    monkeypatch.setitem(FORMAT_OF, "circles", CIRCLES)  # type: ignore[misc]
+    Image.new("RGB", (scenes.WIDTH, scenes.HEIGHT)).save(tmp_path / "IMG_1.JPG")
+    path = written(tmp_path / "a.csv", "circles of IMG_1.JPG\n60 70 20\n200 150 30\n")
+    detections = read_detections(path, scenes.scene_photos())["east/IMG_1.JPG"]
+    (labelled,) = read_label_set(find_label_sets(tmp_path)[0], size_of)
+    truth = read_detection_truth(tmp_path)["IMG_1.JPG"]
+    assert truth.masks is not None
+    for masks in (detections.masks, [fruit.mask for fruit in labelled.fruits], truth.masks):
+        assert [mask.box_px for mask in masks if mask] == [(40, 50, 80, 90), (170, 120, 230, 180)]
