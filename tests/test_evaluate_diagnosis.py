@@ -16,6 +16,7 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from diagnosis_scenes import HEIGHT, KINDS_AND_STAGES, WIDTH, Scene, make_scene, write_survey
+from pomona import drawing
 from pomona.cli.app import app
 from pomona.detections import Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
@@ -28,7 +29,7 @@ from pomona.evaluate.diagnosis import (
     masks_beside,
     write_mistakes,
 )
-from pomona.evaluate.diagnosis import draw as drawing
+from pomona.evaluate.diagnosis.crops import brightened, window_around
 from pomona.evaluate.diagnosis.find import choose_views
 from pomona.evaluate.diagnosis.mistakes import KINDS, STAGES
 from pomona.evaluate.diagnosis.spheres import Spheres
@@ -273,7 +274,7 @@ def test_colours_of_circles(scene: Scene) -> None:
     circles = {(c.true, c.fruit_id): c for c in Spheres(scene.survey, scene.truth, tally).circles(0)}
     wanted = {101: drawing.RIGHT, 107: drawing.FALSE, 106: drawing.DOUBLE, 108: drawing.DROPPED}
     assert {i: circles[False, i].colour for i in wanted} == wanted
-    assert circles[True, 2].colour == drawing.TRUE
+    assert circles[True, 2].colour == drawing.MISSED
     assert (circles[True, 2].seen, circles[True, 1].seen) == (True, False)  # a fruit that was found needs no second one
     assert (circles[False, 101].seen, circles[False, 106].seen) == (True, False)  # 106 is seen from the west
     about = circles[False, 106].about(None, (106,))
@@ -283,13 +284,13 @@ def test_colours_of_circles(scene: Scene) -> None:
 def test_window_and_cut() -> None:
     pixels = np.arange(60 * 80 * 3, dtype=np.uint32).reshape(60, 80, 3).astype(np.uint8)
     box = np.array([[10.0, 20], [20, 28]])
-    window = drawing.window_around(box, 2.0, 8, (80, 60), 100)
+    window = window_around(box, 2.0, 8, (80, 60), 100)
     assert (window.left, window.top, window.side) == (5, 14, 20)
-    assert np.allclose(window.at(np.array([[15.0, 24.0]])), [[49.5, 49.5]])  # the middle
+    assert np.allclose(window.placement.at(np.array([[15.0, 24.0]])), [[49.5, 49.5]])  # the middle
     assert np.array_equal(drawing.cut(pixels, window), pixels[14:34, 5:25])
-    corner = drawing.window_around(np.array([[0.0, 0], [4, 4]]), 2.0, 30, (80, 60), 100)
+    corner = window_around(np.array([[0.0, 0], [4, 4]]), 2.0, 30, (80, 60), 100)
     assert (corner.left, corner.top, corner.side) == (0, 0, 30)
-    wide = drawing.window_around(np.array([[0.0, 0], [80, 60]]), 2.0, 30, (80, 60), 40)
+    wide = window_around(np.array([[0.0, 0], [80, 60]]), 2.0, 30, (80, 60), 40)
     cut = drawing.cut(pixels, wide)
     assert (wide.side, cut.shape) == (80, (40, 40, 3))
     assert (cut[0] == cut[0, 0]).all()  # above the photo
@@ -297,11 +298,11 @@ def test_window_and_cut() -> None:
 
 def test_only_dark_crops_are_brightened() -> None:
     dark, light = np.full((9, 9, 3), 20, np.uint8), np.full((9, 9, 3), 120, np.uint8)
-    assert drawing.brightened(light)[1] is False
-    brighter, changed = drawing.brightened(dark)
+    assert brightened(light)[1] is False
+    brighter, changed = brightened(dark)
     assert (changed, 60 < brighter.mean() < 150) == (True, True)
     black = np.zeros((9, 9, 3), np.uint8)
-    assert drawing.brightened(black)[1] is False
+    assert brightened(black)[1] is False
 
 
 def test_each_photo_is_read_once(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pomona.cameras import Cameras
+from pomona.drawing import OTHER, SEEN
 from pomona.errors import InputError
 from pomona.fruits import Fruits, Observations
 from pomona.intrinsics import Intrinsics
@@ -17,7 +18,6 @@ from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.report import ContactSheetOptions, write_contact_sheet
 from pomona.report.choose import choose_photos
-from pomona.report.contact_sheet import SEEN, UNSEEN
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 from report_scenes import LENS, looking, observe, row_cameras, row_fruits, row_photos
 
@@ -81,7 +81,7 @@ def test_circles_lie_at_the_right_pixels(tmp_path: Path) -> None:
     write_contact_sheet(photos, cameras, fruits, seen, tmp_path / "sheet.jpg", options=options)
     sheet = cv2.imread(str(tmp_path / "sheet.jpg"))[:, :, ::-1].astype(int)
     outlines = sphere_outlines_px(cameras, 0, fruits.centers_in_world, fruits.diameters_m)
-    for i, colour in enumerate((SEEN, UNSEEN)):
+    for i, colour in enumerate((SEEN, OTHER)):
         close = np.abs(sheet[:312, :412] - colour).max(axis=2) < 60
         drawn = np.argwhere(close)[:, ::-1] + 0.5 - 12  # the gap around photos
         expected = outlines[i] / 2  # 800 px shown on 400

@@ -5,31 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
+from pomona.drawing import (
+    OTHER,
+    OWN,
+    PAPER,
+    SEEN,
+    Placement,
+    draw_dot,
+    draw_sphere,
+    jpeg,
+    key,
+    label_sphere,
+    write,
+)
 from pomona.errors import InputError, MissingFileError
 from pomona.fruits import Fruits, Observations
-from pomona.intrinsics import opencv_from_colmap_px
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 from pomona.report.choose import choose_photos
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
-Rgb = tuple[int, int, int]
-
-SEEN: Rgb = (255, 214, 64)
-UNSEEN: Rgb = (120, 200, 255)
-_DOT: Rgb = (255, 255, 255)
-_PAPER: Rgb = (24, 28, 26)
-_INK: Rgb = (232, 238, 234)
 _GAP_PX = 12
 _CAPTION_PX = 34
-# Drawing at sixteenths of a pixel.
-_SHIFT = 4
+_LEAST_WIDTH_PX = 900
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,11 +92,7 @@ def write_contact_sheet(
         except (InputError, MissingFileError) as error:
             progress.warn(f"The contact sheet lacks a photo: {error}")
     sheet = _sheet(cells, options)
-    done, encoded = cv2.imencode(
-        ".jpg", np.ascontiguousarray(sheet[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, options.jpeg_quality]
-    )
-    assert done
-    path.write_bytes(encoded.tobytes())
+    path.write_bytes(jpeg(sheet, quality=options.jpeg_quality))
 
 
 def _fruits_in(photo: str, cameras: Cameras, fruits: Fruits, observations: Observations) -> _Drawn:
@@ -117,11 +116,11 @@ def _cell(photo: Photo, drawn: _Drawn, options: ContactSheetOptions) -> ByteArra
     left, top = _window(pixels.shape[:2], drawn, scale, options.photo_side_px)
     side = options.photo_side_px
     picture = pixels[top : top + side, left : left + side].copy()  # what is read may be read-only
-    _draw(picture, drawn, scale, np.array([left, top]))
-    caption = np.full((_CAPTION_PX, picture.shape[1], 3), _PAPER, np.uint8)
+    _draw(picture, drawn, Placement(left / scale, top / scale, scale))
+    caption = np.full((_CAPTION_PX, picture.shape[1], 3), PAPER, np.uint8)
     inside = np.isfinite(drawn.centers_px).all(axis=1) & _within(drawn.centers_px, photo)
     text = f"{photo.name}: {len(drawn.seen)} fruits seen, {int(inside.sum())} in view"
-    _write(caption, text, (8.0, 22.0), 0.55)
+    write(caption, text, (8.0, 22.0), size=0.55)
     return np.concatenate([picture, caption])
 
 
@@ -147,48 +146,28 @@ def _window(shape: tuple[int, ...], drawn: _Drawn, scale: float, side: int) -> t
     return left, top
 
 
-def _draw(picture: ByteArray, drawn: _Drawn, scale: float, corner_px: IntArray) -> None:
-    """Draw into `picture`, whose top-left pixel is `corner_px` of the photo resized by `scale`."""
-
-    def at(xy_px: FloatArray) -> IntArray:
-        fixed: IntArray = np.round((opencv_from_colmap_px(xy_px * scale) - corner_px) * 2**_SHIFT).astype(np.int64)
-        return fixed
-
+def _draw(picture: ByteArray, drawn: _Drawn, placement: Placement) -> None:
+    """Draw into `picture`: fruits known from other photos, those seen here, dots where they were seen, and ids."""
     seen = np.array([int(i) in drawn.seen for i in drawn.ids], bool)
-    for i in sorted(range(len(drawn.ids)), key=lambda i: bool(seen[i])):
-        center, colour = drawn.centers_px[i], SEEN if seen[i] else UNSEEN
-        if not np.isfinite(center).all():
-            continue
-        outline = drawn.outlines_px[i]
-        if np.isfinite(outline).all():
-            corners = at(outline).astype(np.int32)
-            cv2.polylines(picture, [corners], True, colour, 2 if seen[i] else 1, cv2.LINE_AA, _SHIFT)
-        else:
-            place = tuple(int(v) for v in at(center[None])[0] >> _SHIFT)
-            cv2.drawMarker(picture, place, colour, cv2.MARKER_TILTED_CROSS, 12, 1, cv2.LINE_AA)
-    for xy in at(drawn.sightings_px):
-        cv2.circle(picture, (int(xy[0]), int(xy[1])), 2 << _SHIFT, _DOT, -1, cv2.LINE_AA, _SHIFT)
-    for i in np.flatnonzero(seen & np.isfinite(drawn.centers_px).all(axis=1)):
-        half = np.nan_to_num(np.ptp(drawn.outlines_px[i], axis=0) / 2 * scale, nan=6.0)
-        x, y = (drawn.centers_px[i] * scale - corner_px) + [0.75 * half[0] + 1, -0.75 * half[1] - 1]
-        _write(picture, str(drawn.ids[i]), (float(x), float(y)), 0.38)
-
-
-def _write(picture: ByteArray, text: str, place: tuple[float, float], size: float) -> None:
-    """Light letters with a dark rim; OpenCV's letters are ASCII only."""
-    text = text.encode("ascii", "replace").decode("ascii")
-    at = (round(place[0]), round(place[1]))
-    for colour, thickness in ((_PAPER, 3), (_INK, 1)):
-        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thickness, cv2.LINE_AA)
+    visible = np.isfinite(drawn.centers_px).all(axis=1)
+    for i in (*np.flatnonzero(visible & ~seen), *np.flatnonzero(visible & seen)):
+        outline, center = placement.at(drawn.outlines_px[i]), placement.at(drawn.centers_px[i])
+        draw_sphere(picture, outline, center, SEEN if seen[i] else OTHER, width=2 if seen[i] else 1)
+    for place in placement.at(drawn.sightings_px):
+        draw_dot(picture, place, OWN)
+    for i in np.flatnonzero(seen & visible):
+        outline, center = placement.at(drawn.outlines_px[i]), placement.at(drawn.centers_px[i])
+        label_sphere(picture, str(drawn.ids[i]), outline, center, size=0.38)
 
 
 def _sheet(cells: list[ByteArray], options: ContactSheetOptions) -> ByteArray:
     """Lay the cells out in rows, each as high as its highest cell, with the key to the colours below."""
     columns = max(1, min(options.columns, len(cells)))
     rows = [cells[i : i + columns] for i in range(0, len(cells), columns)]
-    width = max([sum(c.shape[1] + _GAP_PX for c in row) + _GAP_PX for row in rows], default=900)
-    height = sum(max(c.shape[0] for c in row) + _GAP_PX for row in rows) + _GAP_PX + _CAPTION_PX
-    sheet = np.full((height, max(width, 900), 3), _PAPER, np.uint8)
+    width = max([sum(c.shape[1] + _GAP_PX for c in row) + _GAP_PX for row in rows], default=0)
+    height = sum(max(c.shape[0] for c in row) + _GAP_PX for row in rows) + _GAP_PX
+    strip = _key(max(width, _LEAST_WIDTH_PX), bool(cells))
+    sheet = np.full((height + len(strip), strip.shape[1], 3), PAPER, np.uint8)
     top = _GAP_PX
     for row in rows:
         left = _GAP_PX
@@ -196,17 +175,12 @@ def _sheet(cells: list[ByteArray], options: ContactSheetOptions) -> ByteArray:
             sheet[top : top + cell.shape[0], left : left + cell.shape[1]] = cell
             left += cell.shape[1] + _GAP_PX
         top += max(c.shape[0] for c in row) + _GAP_PX
-    _key(sheet[top:], bool(cells))
+    sheet[height:] = strip
     return sheet
 
 
-def _key(strip: ByteArray, any_photo: bool) -> None:
+def _key(width: int, any_photo: bool) -> ByteArray:
     if not any_photo:
-        _write(strip, "No photo has a place, so that no fruit can be drawn.", (_GAP_PX + 8.0, 20.0), 0.55)
-        return
-    for x, colour, thickness, text in (
-        (24, SEEN, 2, "seen in this photo; the dot is the detection's centre"),
-        (524, UNSEEN, 1, "known from other photos"),
-    ):
-        cv2.circle(strip, (x, 15), 8, colour, thickness, cv2.LINE_AA)
-        _write(strip, text, (x + 16.0, 20.0), 0.5)
+        return key(width, (), "No photo has a place, so that no fruit can be drawn.")
+    seen, other = "thick: seen in this photo; the dot is the detection's centre", "thin: known from other photos"
+    return key(width, ((SEEN, seen), (OTHER, other)))

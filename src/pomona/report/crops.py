@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 
-import cv2
-import numpy as np
-
 from pomona.arrays import ByteArray
+from pomona.drawing import Square, cut, jpeg
 from pomona.errors import PomonaError
 from pomona.photos import Photo
 from pomona.report.choose import choose_photos
@@ -19,30 +17,15 @@ CROP_SIDE_PX = 128
 _JPEG_QUALITY = 80
 # Of a crop, as the page's text.
 _USUAL_BYTES = 5000
-_OUTSIDE = (128, 128, 128)
 
 
 def crop_jpeg(pixels: ByteArray, scale: float, crop_px: Box, *, side_px: int = CROP_SIDE_PX) -> bytes:
     """Return a square crop (x, y, width, height in the photo's pixels) as a JPEG of at most `side_px`.
 
-    `pixels` are the photo's, RGB, resized by `scale`. What lies outside the photo is grey.
+    `pixels` are the photo's, RGB, resized by `scale`. What lies outside the photo is dark.
     """
     x, y, width, _ = (round(value * scale) for value in crop_px)
-    width = max(1, width)
-    crop = np.full((width, width, 3), _OUTSIDE, np.uint8)
-    inner = pixels[max(0, y) : max(0, y + width), max(0, x) : max(0, x + width)]
-    top, left = max(0, -y), max(0, -x)
-    crop[top : top + inner.shape[0], left : left + inner.shape[1]] = inner
-    if width > side_px:
-        crop = np.asarray(cv2.resize(crop, (side_px, side_px), interpolation=cv2.INTER_AREA), np.uint8)
-    return jpeg(crop, quality=_JPEG_QUALITY)
-
-
-def jpeg(pixels: ByteArray, *, quality: int) -> bytes:
-    """Return RGB pixels as a JPEG."""
-    done, encoded = cv2.imencode(".jpg", pixels[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    assert done
-    return bytes(encoded.tobytes())
+    return jpeg(cut(pixels, Square(x, y, max(1, width), side_px)), quality=_JPEG_QUALITY)
 
 
 def embedded_crops(

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pomona.drawing import jpeg
 from pomona.errors import PomonaError, SurveyError
 from pomona.progress import Progress, Silent, track
 from pomona.report.contract import TruthData
-from pomona.report.crops import jpeg
 from pomona.report.data import ReportData
 from pomona.report.page import note_of, page_html
 from pomona.report.scene import SceneOptions, survey_data

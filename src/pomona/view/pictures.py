@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray
+from pomona.drawing import jpeg
 from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo
-from pomona.report.crops import crop_jpeg, jpeg
+from pomona.report.crops import crop_jpeg
 from pomona.report.data import ReportData
 from pomona.report.seen import Box, crop_box
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, ByteArray
 from pomona.capture import read_pixels
-from pomona.detections import Detections, Mask
+from pomona.detections import Detections
+from pomona.drawing import DOUBLE, FALSE, MISSED, PAPER, RIGHT, UNUSED, Placement, draw_box, draw_mask, jpeg, key
 from pomona.errors import InputError, MissingFileError
 from pomona.evaluate.detections.matching import PhotoMatch
 from pomona.evaluate.detections.scores import DetectionScores, kinds
@@ -20,18 +21,10 @@ from pomona.photo_names import photos_named
 from pomona.photos import Photo
 from pomona.progress import Progress, Silent, track
 
-Rgb = tuple[int, int, int]
-
-RIGHT: Rgb = (64, 220, 120)
-FALSE: Rgb = (255, 64, 64)
-DOUBLE: Rgb = (80, 150, 255)
-MISSED: Rgb = (255, 214, 64)
-NEITHER: Rgb = (190, 190, 190)
-_PAPER: Rgb = (24, 28, 26)
-_INK: Rgb = (232, 238, 234)
-_COLOURS = {"right": RIGHT, "false": FALSE, "double": DOUBLE, "neither": NEITHER}
-_LEGEND_PX = 30
-_LEGEND_WIDTH_PX = 900
+_COLOURS = {"right": RIGHT, "false": FALSE, "double": DOUBLE, "neither": UNUSED}
+# How much of its colour a mask takes on.
+_TINT = 0.35
+_KEY_WIDTH_PX = 900
 _MOST_ENLARGED = 2.0
 
 
@@ -90,11 +83,7 @@ def write_pictures(
             continue
         picture = draw(pixels, scale, found[match.photo], truth[match.photo], match, scores.by_masks, confidence)
         path = folder / f"{rank:03}_{Path(match.photo).with_suffix('').as_posix().replace('/', '_')}.jpg"
-        done, encoded = cv2.imencode(
-            ".jpg", np.ascontiguousarray(picture[:, :, ::-1]), [cv2.IMWRITE_JPEG_QUALITY, options.jpeg_quality]
-        )
-        assert done
-        path.write_bytes(encoded.tobytes())
+        path.write_bytes(jpeg(picture, quality=options.jpeg_quality))
         written.append(path)
     return tuple(written)
 
@@ -108,23 +97,24 @@ def draw(
     by_masks: bool,
     confidence: float,
 ) -> ByteArray:
-    """Return a picture (h + legend, w, 3) of a photo whose `pixels` (h, w, 3) RGB are at `scale` of its full size."""
+    """Return a picture (h + key, w, 3) of a photo whose `pixels` (h, w, 3) RGB are at `scale` of its full size."""
     picture = pixels.copy()
     sure = found.scores >= confidence
     kind_of = kinds(match)
     assert found.boxes_px is not None
     if by_masks:
         for k in np.flatnonzero(sure & match.right):
-            _fill(picture, found.masks[k], scale, RIGHT)
+            draw_mask(picture, found.masks[k], Placement(scale=scale), RIGHT, width=1, tint=_TINT)
     for name in ("neither", "right", "double", "false"):
         for k in np.flatnonzero(sure & np.array([kind == name for kind in kind_of], bool)):
             if not (by_masks and name == "right"):
-                _rectangle(picture, found.boxes_px[k] * scale, _COLOURS[name], 1 if name == "neither" else 2)
+                width = 1 if name == "neither" else 2
+                draw_box(picture, found.boxes_px[k] * scale, _COLOURS[name], width=width)
     missed = missed_fruits(match, confidence)
     for box in truth.boxes_px[missed]:
-        _rectangle(picture, box * scale, MISSED, 2)
+        draw_box(picture, box * scale, MISSED, width=2)
     counts = {name: int((sure & np.array([kind == name for kind in kind_of], bool)).sum()) for name in _COLOURS}
-    return _with_legend(picture, counts, int(missed.sum()), confidence)
+    return _with_key(picture, counts, int(missed.sum()), confidence)
 
 
 def missed_fruits(match: PhotoMatch, confidence: float) -> BoolArray:
@@ -150,49 +140,22 @@ def _pixels(photo: Photo, options: PictureOptions) -> tuple[ByteArray, float]:
     return pixels, pixels.shape[1] / photo.width_px
 
 
-def _fill(picture: ByteArray, mask: Mask, scale: float, colour: Rgb) -> None:
-    """Tint the pixels of a mask and draw its outline."""
-    x0, y0, x1, y1 = (round(edge * scale) for edge in mask.box_px)
-    size = (max(1, x1 - x0), max(1, y1 - y0))
-    inside = cv2.resize(mask.pixels.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    part = picture[y0 : y0 + size[1], x0 : x0 + size[0]]
-    inside = inside[: part.shape[0], : part.shape[1]]
-    part[inside > 0] = (0.65 * part[inside > 0] + 0.35 * np.array(colour)).astype(np.uint8)
-    outlines, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(picture, outlines, -1, colour, 1, cv2.LINE_AA, offset=(x0, y0))
-
-
-def _rectangle(picture: ByteArray, box: FloatArray, colour: Rgb, thickness: int) -> None:
-    """Draw the edges x0, y0, x1, y1 of a box, dark beside the colour, so that it shows on any ground."""
-    x0, y0, x1, y1 = _rounded(box)
-    cv2.rectangle(picture, (x0, y0), (x1 - 1, y1 - 1), _PAPER, thickness + 2, cv2.LINE_AA)
-    cv2.rectangle(picture, (x0, y0), (x1 - 1, y1 - 1), colour, thickness, cv2.LINE_AA)
-
-
-def _rounded(box: FloatArray) -> list[int]:
-    edges: IntArray = np.round(box).astype(np.int64)
-    return [int(edge) for edge in edges]
-
-
-def _with_legend(picture: ByteArray, counts: Mapping[str, int], missed: int, confidence: float) -> ByteArray:
-    """The picture, at least as wide as the legend, and the legend below it with the number of each."""
-    width = max(picture.shape[1], _LEGEND_WIDTH_PX)
-    sheet = np.full((picture.shape[0] + _LEGEND_PX, width, 3), _PAPER, np.uint8)
-    sheet[: picture.shape[0], : picture.shape[1]] = picture
-    entries: Sequence[tuple[Rgb, str]] = (
-        (RIGHT, f"{counts['right']} right"),
-        (FALSE, f"{counts['false']} false"),
-        (DOUBLE, f"{counts['double']} double"),
-        (MISSED, f"{missed} missed"),
-        (NEITHER, f"{counts['neither']} not scored"),
+def _with_key(picture: ByteArray, counts: Mapping[str, int], missed: int, confidence: float) -> ByteArray:
+    """The picture, at least as wide as the key, and below it the key with the number of each."""
+    strip = key(
+        max(picture.shape[1], _KEY_WIDTH_PX),
+        (
+            (RIGHT, f"{counts['right']} right"),
+            (FALSE, f"{counts['false']} false"),
+            (DOUBLE, f"{counts['double']} double"),
+            (MISSED, f"{missed} missed"),
+            (UNUSED, f"{counts['neither']} not scored"),
+        ),
+        f"confidence {confidence:.2f} and more",
     )
-    strip, left = sheet[picture.shape[0] :], 10
-    for colour, text in entries:
-        cv2.rectangle(strip, (left, 8), (left + 14, 22), colour, -1)
-        cv2.putText(strip, text, (left + 22, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _INK, 1, cv2.LINE_AA)
-        left += 140
-    text = f"confidence {confidence:.2f} and more"
-    cv2.putText(strip, text, (left + 10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _INK, 1, cv2.LINE_AA)
+    sheet = np.full((picture.shape[0] + len(strip), strip.shape[1], 3), PAPER, np.uint8)
+    sheet[: picture.shape[0], : picture.shape[1]] = picture
+    sheet[picture.shape[0] :] = strip
     return sheet
 
 

@@ -7,15 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray, IntArray
 from pomona.capture import read_pixels
 from pomona.capture.images import write_jpeg
 from pomona.detections import Mask
+from pomona.drawing import MISSED, OTHER, OWN, UNUSED, Rgb, Square, cut, draw_mask, draw_sphere, label_sphere
 from pomona.errors import InputError, MissingFileError, few
-from pomona.evaluate.diagnosis import draw
-from pomona.evaluate.diagnosis.draw import Drawing, Outline, Window
 from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, SurveyResult, View
 from pomona.evaluate.diagnosis.spheres import Circle, Spheres
 from pomona.formats.detections.png_masks import read_ids
@@ -26,16 +26,27 @@ from pomona.sphere_outlines import centers_px
 # In radii: so near is what a crop shows whole of the fruits that this one was mistaken for; and so far beside the photo
 # that shows it a fruit may project.
 _NEAR_RADII, _BESIDE_RADII = 2.5, 4.0
+# A crop is dark where nine tenths of it are darker than this share of white; its gamma is then at least the other.
+_DARK_LEVEL, _LEAST_GAMMA = 0.3, 0.45
 
 
 @dataclass(frozen=True)
-class Crop:
+class CropFiles:
     """Two files beside the page, a crop and the same with what is drawn into it, and what the photo shows."""
 
     photo: str
     note: str
     plain: str
     drawn: str
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A mask whose edge is drawn, thick where the crop is about it."""
+
+    mask: Mask
+    colour: Rgb
+    thick: bool
 
 
 class CropCutter:
@@ -52,7 +63,7 @@ class CropCutter:
         self._survey, self._spheres, self._true_ids = survey, spheres, true_ids
         self._folder, self._options = folder, options
 
-    def cut(self, mistakes: Sequence[Mistake], progress: Progress) -> dict[str, tuple[Crop, ...]]:
+    def cut(self, mistakes: Sequence[Mistake], progress: Progress) -> dict[str, tuple[CropFiles, ...]]:
         """Write the crops of `mistakes` and return them by the mistakes' keys.
 
         Photos that cannot be read, or have not the size that their camera has, are left out with a warning.
@@ -61,7 +72,7 @@ class CropCutter:
         for mistake in mistakes:
             for number, view in enumerate(mistake.views):
                 by_photo[view.photo].append((mistake, number))
-        crops: dict[str, dict[int, Crop]] = {mistake.key: {} for mistake in mistakes}
+        crops: dict[str, dict[int, CropFiles]] = {mistake.key: {} for mistake in mistakes}
         astray: list[str] = []
         for photo in track(sorted(by_photo), progress, "cutting crops out of photos"):
             try:
@@ -78,7 +89,7 @@ class CropCutter:
 
     def _of_photo(
         self, name: str, wanted: Sequence[tuple[Mistake, int]], astray: list[str]
-    ) -> Iterator[tuple[Mistake, int, Crop]]:
+    ) -> Iterator[tuple[Mistake, int, CropFiles]]:
         photo, photo_idx = self._survey.photos[name], self._survey.cameras.index_of(name)
         assert photo_idx is not None
         self._check_size(photo, photo_idx)
@@ -91,8 +102,9 @@ class CropCutter:
             if window is None:
                 astray.append(f"{mistake.name} in {name}")
                 continue
-            drawing = Drawing((*self._masks(view), *_visible(ids, mistake, window)), here)
-            yield mistake, number, self._write(f"{mistake.key}-{number + 1}", view, pixels, window, drawing)
+            plain, brighter = brightened(cut(pixels, window))
+            drawn = _drawn(plain, window, (*self._masks(view), *_visible(ids, mistake, window)), here)
+            yield mistake, number, self._write(f"{mistake.key}-{number + 1}", view, plain, drawn, brighter)
 
     def _check_size(self, photo: Photo, photo_idx: int) -> None:
         lens = self._survey.cameras.intrinsics_of(photo_idx)
@@ -102,14 +114,13 @@ class CropCutter:
                 f"{photo.height_px} in {photo.path}"
             )
 
-    def _write(self, name: str, view: View, pixels: ByteArray, window: Window, drawing: Drawing) -> Crop:
-        plain, brightened = draw.brightened(draw.cut(pixels, window))
-        drawn = draw.draw(draw.enlarged(plain, window), window, drawing)
-        quality = self._options.jpeg_quality
-        write_jpeg(self._folder / f"{name}.jpg", plain, quality=quality)
-        write_jpeg(self._folder / f"{name}-drawn.jpg", drawn, quality=quality)
-        note = view.note + (" (brightened)" if brightened else "")
-        return Crop(view.photo, note, f"{name}.jpg", f"{name}-drawn.jpg")
+    def _write(self, name: str, view: View, plain: ByteArray, drawn: ByteArray, brighter: bool) -> CropFiles:
+        files = CropFiles(
+            view.photo, view.note + (" (brightened)" if brighter else ""), f"{name}.jpg", f"{name}-drawn.jpg"
+        )
+        write_jpeg(self._folder / files.plain, plain, quality=self._options.jpeg_quality)
+        write_jpeg(self._folder / files.drawn, drawn, quality=self._options.jpeg_quality)
+        return files
 
     def _masks(self, view: View) -> Iterator[Outline]:
         """The outlines of all detections, those of this fruit last."""
@@ -119,12 +130,12 @@ class CropCutter:
         own = np.isin(found.ids, view.detection_ids)
         for k in np.argsort(own, kind="stable"):
             weak = found.scores[k] < self._survey.least_score
-            colour = draw.WEAK if weak else draw.OWN if own[k] else draw.OTHER
+            colour = UNUSED if weak else OWN if own[k] else OTHER
             yield Outline(found.masks[k], colour, bool(own[k]))
 
     def _window(
         self, mistake: Mistake, view: View, circles: Sequence[Circle], photo: Photo, photo_idx: int
-    ) -> Window | None:
+    ) -> Square | None:
         """The part of the photo around the fruit, the detections of it, and what near it was mistaken for it.
 
         None where the fruit does not project into the photo.
@@ -141,17 +152,54 @@ class CropCutter:
         points: list[FloatArray] = [center + radius_px * np.array([[-1.0, -1], [1, 1]])]
         points += [c.outline_px for c in circles if c.thick and np.linalg.norm(c.center_px - center) < near_px]
         points += [np.array(outline.mask.box_px, float).reshape(2, 2) for outline in self._masks(view) if outline.thick]
-        return draw.window_around(
+        return window_around(
             np.concatenate(points), options.around, options.least_window_px, (photo.width_px, photo.height_px),
             options.crop_px,
         )  # fmt: skip
 
 
-def _visible(ids: IntArray | None, mistake: Mistake, window: Window) -> Iterator[Outline]:
+def _visible(ids: IntArray | None, mistake: Mistake, window: Square) -> Iterator[Outline]:
     """The outline of what the photo shows of the true fruit, inside the window."""
     if ids is None or not mistake.truth_id:
         return
     left, top = max(window.left, 0), max(window.top, 0)
     pixels = ids[top : window.top + window.side, left : window.left + window.side] == mistake.truth_id
     if pixels.any():
-        yield Outline(Mask.from_pixels(pixels, left, top), draw.TRUE, False)
+        yield Outline(Mask.from_pixels(pixels, left, top), MISSED, False)
+
+
+def window_around(
+    points_px: FloatArray, around: float, least_px: int, photo_size: tuple[int, int], size: int
+) -> Square:
+    """Return the square `around` times as large as the box of `points_px` (n, 2), moved into the photo (w, h)."""
+    low, high = np.nanmin(points_px, axis=0), np.nanmax(points_px, axis=0)
+    side = min(max(least_px, round(around * float((high - low).max()))), max(photo_size))
+    left, top = (
+        int(np.clip(round(float(middle) - side / 2), min(0, length - side), max(0, length - side)))
+        for middle, length in zip((low + high) / 2, photo_size, strict=True)
+    )
+    return Square(left, top, side, size)
+
+
+def brightened(crop: ByteArray) -> tuple[ByteArray, bool]:
+    """Return a crop in deep shade brighter, so that a person sees what is in it, and whether it was."""
+    level = float(np.percentile(crop.max(axis=2), 90)) / 255
+    if not 0 < level < _DARK_LEVEL:
+        return crop, False
+    gamma = max(_LEAST_GAMMA, np.log(0.5) / np.log(level))
+    curve = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
+    return curve[crop], True
+
+
+def _drawn(crop: ByteArray, window: Square, outlines: Sequence[Outline], circles: Sequence[Circle]) -> ByteArray:
+    """The crop enlarged to its size, with outlines of masks, then thin circles, then thick ones."""
+    placement = window.placement
+    picture = np.asarray(cv2.resize(crop, (window.size, window.size), interpolation=cv2.INTER_CUBIC), np.uint8)
+    for outline in outlines:
+        draw_mask(picture, outline.mask, placement, outline.colour, width=2 if outline.thick else 1)
+    for circle in sorted(circles, key=lambda circle: circle.thick):
+        if (circle.thick or circle.seen) and np.isfinite(circle.center_px).all():
+            edge, center = placement.at(circle.outline_px), placement.at(circle.center_px)
+            draw_sphere(picture, edge, center, circle.colour, width=3 if circle.thick else 1)
+            label_sphere(picture, circle.label, edge, center, colour=circle.colour)
+    return picture

@@ -12,9 +12,9 @@ from pathlib import Path
 from string import Template
 
 from pomona import __version__
+from pomona.drawing import DOUBLE, DROPPED, FALSE, MISSED, OTHER, OWN, RIGHT, UNUSED, Rgb
 from pomona.errors import few
-from pomona.evaluate.diagnosis.crops import Crop, CropCutter
-from pomona.evaluate.diagnosis.draw import Rgb, legend
+from pomona.evaluate.diagnosis.crops import CropCutter, CropFiles
 from pomona.evaluate.diagnosis.mistakes import (
     KINDS,
     STAGES,
@@ -30,6 +30,16 @@ from pomona.evaluate.fruits.scores import Scores, Tally
 from pomona.evaluate.fruits.truth import Truth
 from pomona.progress import Progress, Silent
 
+_LEGEND: dict[str, tuple[Rgb, str]] = {
+    "true": (MISSED, "true fruit (thin: what shows of it; others not found)"),
+    "right": (RIGHT, "found, right"),
+    "false": (FALSE, "found, false"),
+    "double": (DOUBLE, "found, double"),
+    "dropped": (DROPPED, "found, dropped by the filter"),
+    "own": (OWN, "detection of this fruit"),
+    "other": (OTHER, "other detection"),
+    "weak": (UNUSED, "detection too weak to be used"),
+}
 _CROPS = "crops"
 _PAGE = files("pomona.evaluate.diagnosis") / "page.html"
 # The crops of an earlier page, which are deleted; other files in that folder are kept.
@@ -74,7 +84,9 @@ def _worst(mistakes: Mistakes, count: int | None) -> list[Mistake]:
     return [mistake for kind in KINDS for mistake in sorted(mistakes.of_kind(kind), key=lambda m: -m.weight)[:count]]
 
 
-def page_html(title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, Sequence[Crop]], *, folder: str) -> str:
+def page_html(
+    title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, Sequence[CropFiles]], *, folder: str
+) -> str:
     """Return the page. Of `mistakes` those are shown that `crops` (in `folder` beside the page) has, by key.
 
     It needs no script: what hides a kind, or the drawings, is style alone.
@@ -87,7 +99,7 @@ def page_html(title: str, tally: Tally, mistakes: Mistakes, crops: Mapping[str, 
         scores=_scores(tally),
         summary=_summary(counts, {(m.kind, m.stage) for m in mistakes.items if m.key in crops}),
         chips="".join(_chip(kind, sum(counts[kind].values())) for kind in KINDS),
-        legend="".join(_swatch(name, colour, words) for name, (colour, words) in legend().items()),
+        legend="".join(_swatch(name, colour, words) for name, (colour, words) in _LEGEND.items()),
         sections="\n".join(_section(kind, mistakes.of_kind(kind), crops, folder) for kind in KINDS if counts[kind]),
         folder=escape(folder),
     )
@@ -156,7 +168,7 @@ def _swatch(name: str, colour: Rgb, words: str) -> str:
     return f"<li>{drawn}{words}</li>"
 
 
-def _section(kind: Kind, mistakes: Sequence[Mistake], crops: Mapping[str, Sequence[Crop]], folder: str) -> str:
+def _section(kind: Kind, mistakes: Sequence[Mistake], crops: Mapping[str, Sequence[CropFiles]], folder: str) -> str:
     shown = sum(mistake.key in crops for mistake in mistakes)
     number = f"{len(mistakes)}" if shown == len(mistakes) else f"the worst {shown} of {len(mistakes)}"
     parts = [
@@ -175,7 +187,7 @@ def _section(kind: Kind, mistakes: Sequence[Mistake], crops: Mapping[str, Sequen
     return "\n".join([*parts, "</section>"])
 
 
-def _article(mistake: Mistake, crops: Sequence[Crop], folder: str) -> str:
+def _article(mistake: Mistake, crops: Sequence[CropFiles], folder: str) -> str:
     x, y, z = mistake.center_in_world
     name = mistake.name[0].upper() + mistake.name[1:]
     facts = [mistake.facts, f"diameter {_mm(mistake.diameter_m)}", f"at x {x:.3f}, y {y:.3f}, z {z:.3f} m"]
@@ -188,7 +200,7 @@ def _article(mistake: Mistake, crops: Sequence[Crop], folder: str) -> str:
     )
 
 
-def _figure(mistake: Mistake, crop: Crop, folder: str) -> str:
+def _figure(mistake: Mistake, crop: CropFiles, folder: str) -> str:
     plain, drawn = (escape(f"{folder}/{name}") for name in (crop.plain, crop.drawn))
     alt = escape(f"{mistake.name}, {mistake.kind}, in {crop.photo}: {crop.note}")
     return (

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.evaluate.diagnosis import draw
+from pomona.drawing import DOUBLE, DROPPED, FALSE, MISSED, RIGHT, Rgb
 from pomona.evaluate.diagnosis.associations import seen_px_by_photo
-from pomona.evaluate.diagnosis.draw import Rgb
 from pomona.evaluate.diagnosis.mistakes import SurveyResult
 from pomona.evaluate.fruits.scores import Tally
 from pomona.evaluate.fruits.truth import Truth
@@ -19,10 +18,10 @@ from pomona.fruits import Fruits
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 _FOUND_COLOURS: dict[str, Rgb] = {
-    "matched": draw.RIGHT,
-    "hidden": draw.RIGHT,
-    "false": draw.FALSE,
-    "double": draw.DOUBLE,
+    "matched": RIGHT,
+    "hidden": RIGHT,
+    "false": FALSE,
+    "double": DOUBLE,
 }
 
 
@@ -73,7 +72,7 @@ class Spheres:
         kinds = {outcome.fruit_id: outcome.kind for outcome in tally.outcomes}
         self._matched = np.isin(truth.ids, [o.truth_id or 0 for o in tally.outcomes if o.kind == "matched"])
         found = [_FOUND_COLOURS[kinds.get(i, "matched")] for i in survey.fruits.ids.tolist()]
-        self._colours = [*[draw.TRUE] * len(truth), *found, *[draw.DROPPED] * len(dropped)]
+        self._colours = [*[MISSED] * len(truth), *found, *[DROPPED] * len(dropped)]
 
     def circles(self, photo_idx: int) -> list[Circle]:
         """Return the circles of all spheres that are in front of a camera and not far beside its photo, thin."""
