@@ -57,9 +57,9 @@ def level_frame(seed: int) -> Similarity:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("share", [0.75, 0.6])
-def test_two_sides_are_laid_over_each_other_by_what_both_see(seed: int, share: float) -> None:
-    row = fruits_on_a_row(seed=seed)
+@pytest.mark.parametrize(("count", "share"), [(90, 0.75), (130, 0.6)])
+def test_two_sides_are_registered_by_what_both_see(seed: int, count: int, share: float) -> None:
+    row = fruits_on_a_row(count, count / 43, seed)
     west, east = as_seen(row, 1, share, 10 + seed), as_seen(row, -1, share, 20 + seed)
     frame = level_frame(seed)
     found = register(frame.apply(west), east, DIAMETER_M)
@@ -73,13 +73,13 @@ def test_two_sides_are_laid_over_each_other_by_what_both_see(seed: int, share: f
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_rows_that_have_nothing_in_common_are_not_laid_over_each_other(seed: int) -> None:
-    one, other = fruits_on_a_row(seed=seed), fruits_on_a_row(seed=100 + seed)
+def test_rows_that_have_nothing_in_common_are_not_registered(seed: int) -> None:
+    one, other = fruits_on_a_row(90, 2.1, seed), fruits_on_a_row(90, 2.1, 100 + seed)
     assert register(as_seen(one, 1, 0.75, 1), as_seen(other, -1, 0.75, 2), DIAMETER_M) is None
 
 
 def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
-    row = fruits_on_a_row()
+    row = fruits_on_a_row(70, 1.6)
     west, east = as_seen(row, 1, 0.6, 1), as_seen(row, -1, 0.6, 2)
     random = np.random.default_rng(3)
     order, other_order = random.permutation(len(west)), random.permutation(len(east))
@@ -174,7 +174,7 @@ def relative_error_m(east: Cameras, west: Cameras) -> float:
 
 def test_sides_without_anything_are_tied_by_their_fruits() -> None:
     placement = both_in_metres()
-    fruits = fruits_on_a_row(length_m=2.0)
+    fruits = fruits_on_a_row(90, 2.0)
     align_sides(placement, None, finder(fruits, {"east": 0.6, "west": 0.6}))
     assert set(placement.in_world) == {0, 1}
     assert relative_error_m(placement.in_world[0], placement.in_world[1]) < 0.06
@@ -189,7 +189,7 @@ def test_sides_without_anything_are_tied_by_their_fruits() -> None:
 
 def test_sides_that_share_no_fruit_stay_apart() -> None:
     placement = both_in_metres()
-    rows = {"east": fruits_on_a_row(seed=1), "west": fruits_on_a_row(seed=2)}
+    rows = {"east": fruits_on_a_row(90, 2.1, seed=1), "west": fruits_on_a_row(90, 2.1, seed=2)}
 
     def find(cameras: Cameras) -> Fruits:
         return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
@@ -205,7 +205,7 @@ def test_gnss_is_a_start_which_fruits_make_exact() -> None:
     placement.in_world = {0: EAST, 1: WEST.transformed(off)}
     placement.metres_per_unit = {0: 1.0, 1: 1.0}
     frame = WorldFrame("gnss", approximate=False, crs="EPSG:32631", origin=(41.0, 0.5, 200.0))
-    align_sides(placement, frame, finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6}))
+    align_sides(placement, frame, finder(fruits_on_a_row(90, 2.0), {"east": 0.6, "west": 0.6}))
     assert relative_error_m(placement.in_world[0], placement.in_world[1]) < 0.06
     np.testing.assert_array_equal(placement.in_world[0].cam_from_world, EAST.cam_from_world)
     assert placement.ties[0].tied_by == "gnss"
@@ -219,9 +219,9 @@ def test_markers_leave_little_which_fruits_make_less() -> None:
     placement.metres_per_unit = {0: 1.0, 1: 1.0}
     for idx in (0, 1):
         placement.set_scale(idx, "markers", 1.0, rms_mm=5.0)
-    align_sides(placement, WorldFrame("markers", False, True), finder(fruits_on_a_row(length_m=2.0), {
+    align_sides(placement, WorldFrame("markers", False, True), finder(fruits_on_a_row(90, 2.0), {
         "east": 0.6, "west": 0.6}))  # fmt: skip
-    row = fruits_on_a_row(length_m=2.0)
+    row = fruits_on_a_row(90, 2.0)
     east, west = (_between(side, placement.in_world[i]).apply(row) for i, side in enumerate((EAST, WEST)))
     apart_m = np.median(np.linalg.norm(west - east, axis=1))
     assert apart_m < 0.5 * np.linalg.norm(off.translation)
@@ -238,7 +238,7 @@ def test_the_stage_tells_of_ties_and_no_longer_of_sides_apart(monkeypatch: pytes
     progress = Silent()
     options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"), scale_bar=(7, 8, 1.0))
     pieces = Reconstruction((as_piece(EAST, "east", 1), as_piece(WEST, "west", 2)))
-    fruits = finder(fruits_on_a_row(length_m=2.0), {"east": 0.6, "west": 0.6})
+    fruits = finder(fruits_on_a_row(90, 2.0), {"east": 0.6, "west": 0.6})
     placed = place_in_world(pieces, photos_of(EAST, WEST), options=options, find_fruits=fruits, progress=progress)
     assert not any("no common frame" in w for w in progress.warnings)
     assert placed.report.sides_are_tied

@@ -9,14 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pycolmap
 
 from pomona.arrays import ByteArray, FloatArray, IntArray
-from pomona.sfm.features import Features
 from pomona.sfm.options import SfmOptions
+
+if TYPE_CHECKING:
+    from pomona.sfm.features import Features
 
 CAMERA_MODEL = "SIMPLE_RADIAL"
 # Global mapping begins with so many tracks a photo, and triangulates the others when all photos have their places.
