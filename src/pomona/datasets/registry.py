@@ -5,7 +5,7 @@ Each `run` imports its module only when it is called, so that the list can be sh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,6 +84,3 @@ DATASETS: tuple[Dataset, ...] = (
         ("model",),
     ),
 )
-
-DATASET_OF: Mapping[str, Dataset] = {each.name: each for each in DATASETS}
-"""The datasets by their names."""

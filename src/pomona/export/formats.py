@@ -40,7 +40,8 @@ class ExportFormat:
 def export_format(kind: str) -> ExportFormat:
     """Return the format of a kind; raises `InputError` where there is none."""
     if kind not in EXPORT_FORMATS:
-        raise InputError(f"kind: expected one of {', '.join(EXPORT_FORMATS)}, found '{kind}'")
+        known = ", ".join(f"{each.kind} ({each.title})" for each in EXPORT_FORMATS.values())
+        raise InputError(f"kind: expected one of {known}, found '{kind}'")
     return EXPORT_FORMATS[kind]
 
 

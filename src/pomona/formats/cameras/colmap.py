@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import InputError, few
-from pomona.formats.cameras.colmap_binary import read_binary
+from pomona.formats.cameras.colmap_binary import read_binary_model
 from pomona.formats.cameras.colmap_model import assemble
-from pomona.formats.cameras.colmap_text import read_text, read_text_poses
+from pomona.formats.cameras.colmap_text import read_text_model, read_text_poses
 from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
 from pomona.formats.cameras.given import GivenCameras
@@ -93,7 +93,7 @@ def read_model(folder: Path) -> GivenCameras:
     Raises `MissingFileError` when a file of the model is not there, and `FormatError` when one cannot be understood.
     """
     binary = (folder / "cameras.bin").is_file() and not (folder / "cameras.txt").is_file()
-    lenses, images, points = (read_binary if binary else read_text)(folder)
+    lenses, images, points = (read_binary_model if binary else read_text_model)(folder)
     frame, upright = _frame_of(folder)
     notes = tuple(filter(None, (lens.note(f"camera {camera_id}") for camera_id, lens in lenses.items())))
     return GivenCameras(assemble(folder, lenses, images, points, frame), "COLMAP", notes, upright=upright)

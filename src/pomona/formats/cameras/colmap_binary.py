@@ -21,7 +21,7 @@ from pomona.formats.cameras.lenses import FittedLens
 _LONGEST_NAME = 4096  # bytes, as of paths in most systems: without an end by then the file is damaged
 
 
-def read_binary(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], list[ColmapPoint]]:
+def read_binary_model(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], list[ColmapPoint]]:
     """Read the lenses by their id, the images and the points of a binary model.
 
     Raises `MissingFileError` when a file is not there, `FormatError` (file and place) when it cannot be understood.

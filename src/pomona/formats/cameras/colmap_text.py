@@ -19,7 +19,7 @@ from pomona.formats.cameras.lenses import FittedLens
 _T = TypeVar("_T")
 
 
-def read_text(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], list[ColmapPoint]]:
+def read_text_model(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], list[ColmapPoint]]:
     """Read the lenses by their id, the images and the points of a text model.
 
     Raises `MissingFileError` when a file is not there, `FormatError` (with file and line) when it cannot be understood.
@@ -31,7 +31,7 @@ def read_text(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], l
 def read_text_poses(folder: Path, *, points: bool = False) -> tuple[dict[int, FittedLens], list[ColmapImage]]:
     """Read the lenses and images of a text model alone, by default without what images see of points.
 
-    Raises as `read_text` does.
+    Raises as `read_text_model` does.
     """
     return dict(_parsed(folder / "cameras.txt", _camera)), list(_images(folder / "images.txt", points=points))
 
