@@ -7,7 +7,7 @@ import pytest
 
 from pomona import drawing
 from pomona.detections import Mask
-from pomona.drawing import Placement, Square
+from pomona.drawing import PictureFromPhoto, Square
 
 GREY = 90
 
@@ -25,7 +25,7 @@ def drawn(pixels: np.ndarray) -> np.ndarray:
 def test_edges_of_masks_lie_around_their_pixels(scale: float) -> None:
     pixels = picture()
     mask = Mask.from_pixels(np.ones((10, 12), bool), 24, 14)
-    drawing.draw_mask(pixels, mask, Placement(20, 10, scale), drawing.FALSE, width=1)
+    drawing.draw_mask(pixels, mask, PictureFromPhoto(20, 10, scale), drawing.FALSE, width=1)
     rows, columns = np.nonzero(pixels[:, :, 0] > 200)
     assert (columns.min(), columns.max()) == pytest.approx((4 * scale, 16 * scale - 1), abs=1)
     assert (rows.min(), rows.max()) == pytest.approx((4 * scale, 14 * scale - 1), abs=1)
@@ -35,17 +35,17 @@ def test_masks_are_tinted_where_asked_for() -> None:
     mask = Mask.from_pixels(np.ones((10, 12), bool), 24, 14)
     for tint, inside in ((0.0, (GREY, GREY, GREY)), (0.5, (172, 81, 81))):
         pixels = picture()
-        drawing.draw_mask(pixels, mask, Placement(20, 10, 2.0), drawing.FALSE, width=1, tint=tint)
+        drawing.draw_mask(pixels, mask, PictureFromPhoto(20, 10, 2.0), drawing.FALSE, width=1, tint=tint)
         assert pixels[18, 20].tolist() == list(inside)
 
 
 def test_what_is_outside_the_picture_is_not_drawn() -> None:
     pixels = picture()
     mask = Mask.from_pixels(np.ones((10, 12), bool), 24, 14)
-    drawing.draw_mask(pixels, mask, Placement(200, 10, 2.0), drawing.FALSE, width=2)
+    drawing.draw_mask(pixels, mask, PictureFromPhoto(200, 10, 2.0), drawing.FALSE, width=2)
     drawing.write(pixels, "far away", (500.0, 20.0))
     assert not drawn(pixels).any()
-    drawing.draw_mask(pixels, mask, Placement(30, 18, 4.0), drawing.FALSE, width=2)  # its lower right corner
+    drawing.draw_mask(pixels, mask, PictureFromPhoto(30, 18, 4.0), drawing.FALSE, width=2)  # its lower right corner
     assert drawn(pixels)[:30, :30].any()
     assert not drawn(pixels)[40:, 40:].any()
 

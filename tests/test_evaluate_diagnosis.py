@@ -24,7 +24,7 @@ from pomona.evaluate.diagnosis import (
     Mistake,
     MistakeOptions,
     Mistakes,
-    View,
+    MistakeView,
     find_mistakes,
     masks_beside,
     write_mistakes,
@@ -220,8 +220,16 @@ def test_found_fruits_are_shown_in_the_photos_that_saw_them(scene: Scene) -> Non
 
 
 def test_choice_of_photos() -> None:
-    views = [View("a", "", 100, group="east"), View("b", "", 90, group="east"), View("c", "", 9, group="west")]
-    views += [View("d", "", 5, group="west"), View("a", "", 8, group="west"), View("gone", "", 500, group="west")]
+    views = [
+        MistakeView("a", "", 100, group="east"),
+        MistakeView("b", "", 90, group="east"),
+        MistakeView("c", "", 9, group="west"),
+    ]
+    views += [
+        MistakeView("d", "", 5, group="west"),
+        MistakeView("a", "", 8, group="west"),
+        MistakeView("gone", "", 500, group="west"),
+    ]
     names = [view.photo for view in choose_views(views, 9, {"a", "b", "c", "d"})]
     assert names == ["a", "c", "b", "d"]
     assert [view.photo for view in choose_views(views, 2, {"b", "c", "d"})] == ["b", "c"]
@@ -286,7 +294,7 @@ def test_window_and_cut() -> None:
     box = np.array([[10.0, 20], [20, 28]])
     window = window_around(box, 2.0, 8, (80, 60), 100)
     assert (window.left, window.top, window.side) == (5, 14, 20)
-    assert np.allclose(window.placement.at(np.array([[15.0, 24.0]])), [[49.5, 49.5]])  # the middle
+    assert np.allclose(window.picture_from_photo.at(np.array([[15.0, 24.0]])), [[49.5, 49.5]])  # the middle
     assert np.array_equal(drawing.cut(pixels, window), pixels[14:34, 5:25])
     corner = window_around(np.array([[0.0, 0], [4, 4]]), 2.0, 30, (80, 60), 100)
     assert (corner.left, corner.top, corner.side) == (0, 0, 30)

@@ -52,8 +52,8 @@ _SWATCH_PX, _SWATCH_GAP_PX, _ENTRY_GAP_PX = 14, 8, 30
 
 
 @dataclass(frozen=True)
-class Placement:
-    """Where a picture lies in its photo: its top-left corner there, and pixels of it per pixel of the photo."""
+class PictureFromPhoto:
+    """How a photo becomes a picture: the top-left corner in the photo, and pixels of the picture per pixel of it."""
 
     left: float = 0.0
     top: float = 0.0
@@ -74,9 +74,9 @@ class Square:
     size: int
 
     @property
-    def placement(self) -> Placement:
-        """Where the square lies, shown at its size."""
-        return Placement(self.left, self.top, self.size / self.side)
+    def picture_from_photo(self) -> PictureFromPhoto:
+        """How pixels of the photo become those of the square, shown at its size."""
+        return PictureFromPhoto(self.left, self.top, self.size / self.side)
 
 
 def cut(pixels: ByteArray, square: Square) -> ByteArray:
@@ -128,18 +128,18 @@ def label_sphere(
 
 
 def draw_mask(
-    picture: ByteArray, mask: Mask, placement: Placement, colour: Rgb, *, width: int, tint: float = 0.0
+    picture: ByteArray, mask: Mask, picture_from_photo: PictureFromPhoto, colour: Rgb, *, width: int, tint: float = 0.0
 ) -> None:
     """Draw the edge of a mask, smooth where it is enlarged; `tint` is how much of the colour its pixels take on."""
     x0, y0, x1, y1 = mask.box_px
-    corners = placement.at(np.array([[x0, y0], [x1, y1]], float))
+    corners = picture_from_photo.at(np.array([[x0, y0], [x1, y1]], float))
     # A pixel more on every side, or the edge of a mask that fills its box is not drawn whole.
     low = np.maximum(np.floor(corners[0]).astype(int) - 1, 0)
     high = np.minimum(np.ceil(corners[1]).astype(int) + 2, picture.shape[1::-1])
     if (low >= high).any():
         return
-    first = placement.at(np.array([[x0 + 0.5, y0 + 0.5]]))[0] - low
-    moved = np.array([[placement.scale, 0, first[0]], [0, placement.scale, first[1]]])
+    first = picture_from_photo.at(np.array([[x0 + 0.5, y0 + 0.5]]))[0] - low
+    moved = np.array([[picture_from_photo.scale, 0, first[0]], [0, picture_from_photo.scale, first[1]]])
     size = int(high[0] - low[0]), int(high[1] - low[1])
     inside = cv2.warpAffine(mask.pixels.astype(np.float32), moved, size, flags=cv2.INTER_LINEAR) > 0.5
     part = picture[low[1] : high[1], low[0] : high[0]]

@@ -15,7 +15,7 @@ from pomona.drawing import (
     OWN,
     PAPER,
     SEEN,
-    Placement,
+    PictureFromPhoto,
     draw_dot,
     draw_sphere,
     jpeg,
@@ -116,7 +116,7 @@ def _cell(photo: Photo, drawn: _Drawn, options: ContactSheetOptions) -> ByteArra
     left, top = _window(pixels.shape[:2], drawn, scale, options.photo_side_px)
     side = options.photo_side_px
     picture = pixels[top : top + side, left : left + side].copy()  # what is read may be read-only
-    _draw(picture, drawn, Placement(left / scale, top / scale, scale))
+    _draw(picture, drawn, PictureFromPhoto(left / scale, top / scale, scale))
     caption = np.full((_CAPTION_PX, picture.shape[1], 3), PAPER, np.uint8)
     inside = np.isfinite(drawn.centers_px).all(axis=1) & _within(drawn.centers_px, photo)
     text = f"{photo.name}: {len(drawn.seen)} fruits seen, {int(inside.sum())} in view"
@@ -146,17 +146,17 @@ def _window(shape: tuple[int, ...], drawn: _Drawn, scale: float, side: int) -> t
     return left, top
 
 
-def _draw(picture: ByteArray, drawn: _Drawn, placement: Placement) -> None:
+def _draw(picture: ByteArray, drawn: _Drawn, picture_from_photo: PictureFromPhoto) -> None:
     """Draw into `picture`: fruits known from other photos, those seen here, dots where they were seen, and ids."""
     seen = np.array([int(i) in drawn.seen for i in drawn.ids], bool)
     visible = np.isfinite(drawn.centers_px).all(axis=1)
     for i in (*np.flatnonzero(visible & ~seen), *np.flatnonzero(visible & seen)):
-        outline, center = placement.at(drawn.outlines_px[i]), placement.at(drawn.centers_px[i])
+        outline, center = picture_from_photo.at(drawn.outlines_px[i]), picture_from_photo.at(drawn.centers_px[i])
         draw_sphere(picture, outline, center, SEEN if seen[i] else OTHER, width=2 if seen[i] else 1)
-    for place in placement.at(drawn.sightings_px):
+    for place in picture_from_photo.at(drawn.sightings_px):
         draw_dot(picture, place, OWN)
     for i in np.flatnonzero(seen & visible):
-        outline, center = placement.at(drawn.outlines_px[i]), placement.at(drawn.centers_px[i])
+        outline, center = picture_from_photo.at(drawn.outlines_px[i]), picture_from_photo.at(drawn.centers_px[i])
         label_sphere(picture, str(drawn.ids[i]), outline, center, size=0.38)
 
 

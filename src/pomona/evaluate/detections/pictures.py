@@ -12,7 +12,7 @@ import numpy as np
 from pomona.arrays import BoolArray, ByteArray
 from pomona.capture import read_pixels
 from pomona.detections import Detections
-from pomona.drawing import DOUBLE, FALSE, MISSED, PAPER, RIGHT, UNUSED, Placement, draw_box, draw_mask, jpeg, key
+from pomona.drawing import DOUBLE, FALSE, MISSED, PAPER, RIGHT, UNUSED, PictureFromPhoto, draw_box, draw_mask, jpeg, key
 from pomona.errors import InputError, MissingFileError
 from pomona.evaluate.detections.matching import PhotoMatch
 from pomona.evaluate.detections.scores import DetectionScores, kinds
@@ -104,7 +104,7 @@ def draw(
     assert found.boxes_px is not None
     if by_masks:
         for k in np.flatnonzero(sure & match.right):
-            draw_mask(picture, found.masks[k], Placement(scale=scale), RIGHT, width=1, tint=_TINT)
+            draw_mask(picture, found.masks[k], PictureFromPhoto(scale=scale), RIGHT, width=1, tint=_TINT)
     for name in ("neither", "right", "double", "false"):
         for k in np.flatnonzero(sure & np.array([kind == name for kind in kind_of], bool)):
             if not (by_masks and name == "right"):

@@ -26,7 +26,7 @@ _MOST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ComparedPhotos:
     """Detections and true fruits of all placed photos: d detections, and s sightings, a true fruit in a photo each.
 
     Of each detection: `detection_ids`, `photo_idx` into the cameras' photos, `scores`, and `true_idx`, the true fruit
@@ -44,10 +44,12 @@ class Comparison:
     covering: IntArray
 
 
-_COLUMNS = {field.name: float if field.name in ("scores", "sight_px") else np.int64 for field in fields(Comparison)}
+_COLUMNS = {field.name: float if field.name in ("scores", "sight_px") else np.int64 for field in fields(ComparedPhotos)}
 
 
-def compare_photos(survey: SurveyResult, truth: Truth, masks: Mapping[str, Path], *, progress: Progress) -> Comparison:
+def compare_photos(
+    survey: SurveyResult, truth: Truth, masks: Mapping[str, Path], *, progress: Progress
+) -> ComparedPhotos:
     """Compare detections and true fruits in every placed photo.
 
     By pixels where `masks` has an image of ids of the photo; else by the discs to which the true fruits project, and
@@ -71,7 +73,7 @@ def compare_photos(survey: SurveyResult, truth: Truth, masks: Mapping[str, Path]
         owner = overlaps.owners(len(scores))
         covering = _covering(overlaps, owner, scores >= survey.least_score, len(truth))[sights]
         parts.append(
-            Comparison(
+            ComparedPhotos(
                 detection_ids=ids,
                 photo_idx=np.full(len(ids), photo_idx),
                 scores=scores,
@@ -119,14 +121,14 @@ def _covering(overlaps: Overlaps, owner: IntArray, usable: BoolArray, n_true: in
     return result
 
 
-def _concatenated(parts: Sequence[Comparison]) -> Comparison:
+def _concatenated(parts: Sequence[ComparedPhotos]) -> ComparedPhotos:
     """Put photos together; indices of detections within a photo become indices among all."""
     start = np.cumsum([0] + [len(part.scores) for part in parts])
     parts = [
         replace(part, covering=np.where(part.covering < 0, -1, part.covering + first))
         for part, first in zip(parts, start.tolist(), strict=False)
     ]
-    return Comparison(
+    return ComparedPhotos(
         **{
             name: np.concatenate([np.zeros(0, kind), *(getattr(part, name) for part in parts)])
             for name, kind in _COLUMNS.items()
@@ -141,7 +143,7 @@ class Associations:
     found fruits before the filter, `kept` the ids of those that it left.
     """
 
-    def __init__(self, survey: SurveyResult, truth: Truth, compared: Comparison, options: EvaluateOptions) -> None:
+    def __init__(self, survey: SurveyResult, truth: Truth, compared: ComparedPhotos, options: EvaluateOptions) -> None:
         self.survey, self.truth, self.compared, self.options = survey, truth, compared, options
         fruits, observations = survey.before_filter
         self.unfiltered = fruits

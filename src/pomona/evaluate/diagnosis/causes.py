@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.evaluate.diagnosis.associations import Associations
-from pomona.evaluate.diagnosis.mistakes import Kind, Mistake, Stage, View
+from pomona.evaluate.diagnosis.mistakes import Kind, Mistake, MistakeView, Stage
 
 # What happens in one photo alone is no cause: it takes two to place a fruit.
 _FEWEST = 2
@@ -176,12 +176,12 @@ def _facts(seen: _Sightings) -> str:
     return f"shown by {_photos(len(seen.px_of))}, at best {seen.best_px:.0f} pixels"
 
 
-def _view(photo_idx: int, seen: _Sightings, links: Associations) -> View:
+def _view(photo_idx: int, seen: _Sightings, links: Associations) -> MistakeView:
     cameras, pixels = links.survey.cameras, seen.px_of[photo_idx]
     rows = [row for row in seen.rows if links.photo(row) == photo_idx]
     away = cameras.centers_in_world[photo_idx] - links.truth.centers_in_world[seen.true_idx]
     note = _note(rows, seen.covering.get(photo_idx), links)
-    return View(
+    return MistakeView(
         cameras.photos[photo_idx],
         f"{pixels:.0f} pixels: {note}" if math.isfinite(pixels) else note,
         pixels if math.isfinite(pixels) else -float(np.linalg.norm(away)),
@@ -267,7 +267,7 @@ def _twice(fruit_id: int, links: Associations, doubled: tuple[int, int]) -> tupl
     return "twice", f"{start}, and photos of {sides} saw both.", true_idx
 
 
-def _views(fruit_id: int, links: Associations, *, several: bool) -> list[View]:
+def _views(fruit_id: int, links: Associations, *, several: bool) -> list[MistakeView]:
     """Return the photos that saw a fruit, with what its detection there shows."""
     compared, cameras = links.compared, links.survey.cameras
     views = []
@@ -280,7 +280,7 @@ def _views(fruit_id: int, links: Associations, *, several: bool) -> list[View]:
         side = links.side(links.photo(row))
         group = f"{fruit_id} {side}" if several else side
         detection_id = int(compared.detection_ids[row])
-        views.append(View(photo, note, _area_px(photo, detection_id, links), (detection_id,), group))
+        views.append(MistakeView(photo, note, _area_px(photo, detection_id, links), (detection_id,), group))
     return views
 
 

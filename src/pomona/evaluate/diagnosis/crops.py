@@ -16,7 +16,7 @@ from pomona.capture.images import write_jpeg
 from pomona.detections import Mask
 from pomona.drawing import MISSED, OTHER, OWN, UNUSED, Rgb, Square, cut, draw_mask, draw_sphere, label_sphere
 from pomona.errors import InputError, MissingFileError, few
-from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, SurveyResult, View
+from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, MistakeView, SurveyResult
 from pomona.evaluate.diagnosis.spheres import Circle, Spheres
 from pomona.formats.detections.png_masks import read_ids
 from pomona.photos import Photo
@@ -114,7 +114,7 @@ class CropCutter:
                 f"{photo.height_px} in {photo.path}"
             )
 
-    def _write(self, name: str, view: View, plain: ByteArray, drawn: ByteArray, brighter: bool) -> CropFiles:
+    def _write(self, name: str, view: MistakeView, plain: ByteArray, drawn: ByteArray, brighter: bool) -> CropFiles:
         files = CropFiles(
             view.photo, view.note + (" (brightened)" if brighter else ""), f"{name}.jpg", f"{name}-drawn.jpg"
         )
@@ -122,7 +122,7 @@ class CropCutter:
         write_jpeg(self._folder / files.drawn, drawn, quality=self._options.jpeg_quality)
         return files
 
-    def _masks(self, view: View) -> Iterator[Outline]:
+    def _masks(self, view: MistakeView) -> Iterator[Outline]:
         """The outlines of all detections, those of this fruit last."""
         found = self._survey.detections.get(view.photo)
         if found is None:
@@ -134,7 +134,7 @@ class CropCutter:
             yield Outline(found.masks[k], colour, bool(own[k]))
 
     def _window(
-        self, mistake: Mistake, view: View, circles: Sequence[Circle], photo: Photo, photo_idx: int
+        self, mistake: Mistake, view: MistakeView, circles: Sequence[Circle], photo: Photo, photo_idx: int
     ) -> Square | None:
         """The part of the photo around the fruit, the detections of it, and what near it was mistaken for it.
 
@@ -193,13 +193,13 @@ def brightened(crop: ByteArray) -> tuple[ByteArray, bool]:
 
 def _drawn(crop: ByteArray, window: Square, outlines: Sequence[Outline], circles: Sequence[Circle]) -> ByteArray:
     """The crop enlarged to its size, with outlines of masks, then thin circles, then thick ones."""
-    placement = window.placement
+    picture_from_photo = window.picture_from_photo
     picture = np.asarray(cv2.resize(crop, (window.size, window.size), interpolation=cv2.INTER_CUBIC), np.uint8)
     for outline in outlines:
-        draw_mask(picture, outline.mask, placement, outline.colour, width=2 if outline.thick else 1)
+        draw_mask(picture, outline.mask, picture_from_photo, outline.colour, width=2 if outline.thick else 1)
     for circle in sorted(circles, key=lambda circle: circle.thick):
         if (circle.thick or circle.seen) and np.isfinite(circle.center_px).all():
-            edge, center = placement.at(circle.outline_px), placement.at(circle.center_px)
+            edge, center = picture_from_photo.at(circle.outline_px), picture_from_photo.at(circle.center_px)
             draw_sphere(picture, edge, center, circle.colour, width=3 if circle.thick else 1)
             label_sphere(picture, circle.label, edge, center, colour=circle.colour)
     return picture

@@ -17,8 +17,8 @@ from pomona.evaluate.diagnosis.mistakes import (
     Mistake,
     MistakeOptions,
     Mistakes,
+    MistakeView,
     SurveyResult,
-    View,
     worst_first,
 )
 from pomona.evaluate.fruits.matching import EvaluateOptions, assign, candidates_by_center, candidates_of
@@ -100,12 +100,12 @@ def _doubled(matched: dict[int, int | None], links: Associations) -> dict[int, t
     return result
 
 
-def choose_views(views: Sequence[View], count: int, known: Set[str]) -> tuple[View, ...]:
+def choose_views(views: Sequence[MistakeView], count: int, known: Set[str]) -> tuple[MistakeView, ...]:
     """Return up to `count` views of `known` photos, a photo once: from each group in turn, best first in each.
 
     After the first of each group, photos that show less than a tenth as much as the best come last.
     """
-    groups: dict[str, list[View]] = defaultdict(list)
+    groups: dict[str, list[MistakeView]] = defaultdict(list)
     for view in sorted(views, key=lambda view: (-view.weight, view.photo)):
         if view.photo in known:
             groups[view.group].append(view)
@@ -115,7 +115,7 @@ def choose_views(views: Sequence[View], count: int, known: Set[str]) -> tuple[Vi
         for group in groups.values()
         for turn, view in enumerate(group)
     ]
-    result: dict[str, View] = {}
+    result: dict[str, MistakeView] = {}
     for *_, view in sorted(turns, key=lambda entry: entry[:-1]):
         if view.photo not in result and len(result) < count:
             result[view.photo] = view

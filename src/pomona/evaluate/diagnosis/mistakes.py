@@ -99,7 +99,7 @@ class SurveyResult:
 
 
 @dataclass(frozen=True)
-class View:
+class MistakeView:
     """A photo that shows a mistake, and what it shows in words. `weight` is the larger the more the photo shows."""
 
     photo: str
@@ -127,7 +127,7 @@ class Mistake:
     facts: str = ""
     fruit_ids: tuple[int, ...] = ()
     weight: float = 0.0
-    views: tuple[View, ...] = ()
+    views: tuple[MistakeView, ...] = ()
 
     @property
     def name(self) -> str:
