@@ -24,7 +24,7 @@ lint: .venv-dev/installed
 
 docs: .venv-dev/installed
 	.venv-dev/bin/python docs/assemble.py build/docs
-	.venv-dev/bin/mkdocs build --strict --quiet
+	.venv-dev/bin/zensical build --strict --clean
 
 slow: .venv-dev/installed
 	.venv-dev/bin/python -m pytest -m slow

@@ -7,6 +7,7 @@ The command reference is made from the command line's own help, so that it canno
 
 from __future__ import annotations
 
+import html
 import os
 import re
 import shutil
@@ -80,13 +81,13 @@ def _term(parameter: Any, context: Any) -> str:
 
 
 def _table(parameters: list[Any], context: Any) -> str:
-    rows = [f"| `{_term(p, context)}` | {p.help or ''} | {_default(p)} |" for p in parameters]
-    return "\n".join(["| option | | default |", "|---|---|---|", *(_escaped(row) for row in rows)]) if rows else ""
+    rows = [f"| <code>{_html(_term(p, context))}</code> | {_html(p.help or '')} | {_default(p)} |" for p in parameters]
+    return "\n".join(["| option | | default |", "|---|---|---|", *rows]) if rows else ""
 
 
-def _escaped(row: str) -> str:
-    cells = row[2:-2].split(" | ")
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def _html(text: str) -> str:
+    """Escape text for a cell of a table: a bar would end it, also within code."""
+    return html.escape(text, quote=False).replace("|", "&#124;")
 
 
 def _default(parameter: Any) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +24,8 @@ TEXTS = sorted(
     for path in (REPOSITORY / folder).rglob("*")
     if path.suffix in {".py", ".md", ".ts", ".html"}
 )
+ROOMS = {path.name for path in (REPOSITORY / "src/pomona").iterdir() if path.is_dir()}
+OTHER_MODULES = {"red_things.py"}  # of the example of a detector
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)(?: \"[^\"]*\")?\)")
 SHELL = re.compile(
     r"^(?P<indent> *)```(?:bash|sh|console|shell)\n(?P<code>.*?)^(?P=indent)```", re.MULTILINE | re.DOTALL
@@ -87,6 +91,41 @@ def test_scripts_named_in_pages_exist() -> None:
         if not (REPOSITORY / script).is_file()
     ]
     assert not missing
+
+
+def test_modules_named_in_pages_exist() -> None:
+    """`fuse/object/voting.py` and `fuse/object/` are paths in src/pomona; a bare `voting.py` is any module's name."""
+    modules = {path.name for path in (REPOSITORY / "src").rglob("*.py")}
+    missing = []
+    for page in PAGES:
+        for named in re.findall(r"`((?:[a-z_]+/)+(?:[a-z_]+\.py)?|[a-z_]+\.py)`", page.read_text(encoding="utf-8")):
+            known = (REPOSITORY / "src/pomona" / named).exists() if "/" in named else named in modules | OTHER_MODULES
+            if not known and named.split("/")[0] in ROOMS | {named}:
+                missing.append(f"{name(page)}: {named}")
+    assert not missing
+
+
+def resolve(named: str) -> object:
+    """Return a module, or what a module has under that name; raises `AttributeError` or `ModuleNotFoundError`."""
+    parent, _, last = named.rpartition(".")
+    try:
+        return getattr(importlib.import_module(parent), last)
+    except AttributeError:
+        return importlib.import_module(named)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_imports_in_pages_resolve(page: Path) -> None:
+    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pomona"):
+                for alias in node.names:
+                    resolve(f"{node.module}.{alias.name}")
+
+
+@pytest.mark.parametrize("named", re.findall(r"^::: ([\w.]+)", (DOCS / "reference/api.md").read_text(), re.MULTILINE))
+def test_names_of_the_api_page_exist(named: str) -> None:
+    resolve(named)
 
 
 def calls(text: str) -> Iterator[str]:
