@@ -34,7 +34,7 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.fruits import FruitCloud
 from pomona.fuse.cloud import CloudOptions, fruits_of_cloud
 from pomona.fuse.paper import PaperOptions
-from pomona.fuse.paper.groups import connected_groups, split_in_two
+from pomona.fuse.paper.clustering import connected_groups, split_in_two
 
 FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "pfuji-apples"
 BEST_EPS_M = (0.003, 0.005, 0.006, 0.007, 0.008, 0.01, 0.012, 0.015, 0.02)

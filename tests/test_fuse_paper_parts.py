@@ -9,9 +9,9 @@ from sklearn.cluster import DBSCAN
 from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
 from pomona.fruit_size import FruitSize
-from pomona.fuse.paper.first_estimate import first_estimates
-from pomona.fuse.paper.groups import connected_groups, nearest_group, nearest_reach
+from pomona.fuse.paper.clustering import connected_groups, nearest_group, nearest_reach
 from pomona.fuse.paper.projection import CellGrid, dlt_camera
+from pomona.fuse.paper.sphere_fit import first_estimates
 from pomona.fuse.paper.unify import Sighting, Unifier
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from pomona.fuse.cloud.fusion import fruits_of_cloud
 from pomona.fuse.cloud.options import CloudOptions
-from pomona.fuse.cloud.stage import fruits_of_cloud
 
 __all__ = ["CloudOptions", "fruits_of_cloud"]

@@ -20,7 +20,7 @@ _SAMPLE = 2000
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """n points, in radii of the usual fruit.
+    """n points, in radii of the fruit.
 
     `points` (n, 3); `normals` (n, 3), of either sign; `flatness` (n,) from 0, no surface, to 1, a plane; `whole`: how
     many points a fruit has that is seen from all around; `tree` of the points.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from pomona.fuse.paper.fusion import fuse
 from pomona.fuse.paper.options import PaperOptions
-from pomona.fuse.paper.stage import fuse
 
 __all__ = ["PaperOptions", "fuse"]

@@ -12,14 +12,17 @@ from pomona.detections import SurveyDetections
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.fused import Fused
-from pomona.fuse.paper.first_estimate import first_estimates
+from pomona.fuse.paper.options import PaperOptions
+from pomona.fuse.paper.sphere_fit import first_estimates
 from pomona.fuse.paper.unify import Sighting
 
 # One fruit: the indices of its points in the cloud, and who saw it.
 Member = tuple[IntArray, list[Sighting]]
 
 
-def assemble(members: list[Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud) -> Fused:
+def assemble(
+    members: list[Member], detections: SurveyDetections, cameras: Cameras, cloud: FruitCloud, options: PaperOptions
+) -> Fused:
     """Return the fruits numbered from 1 in the order given, their observations, and the cloud with their ids."""
     fruit_id = np.zeros(len(cloud), np.int64)
     for new_id, (points_idx, _) in enumerate(members, start=1):
@@ -32,6 +35,7 @@ def assemble(members: list[Member], detections: SurveyDetections, cameras: Camer
         [cloud.points_in_world[points_idx] for points_idx, _ in members],
         [eyes[[s.photo_idx for s in sightings]] for _, sightings in members],
         size_by_widths(members, detections, cameras, cloud),
+        options,
     )
     ids = np.arange(1, len(members) + 1)
     views = np.array([len({s.photo_idx for s in sightings}) for _, sightings in members])

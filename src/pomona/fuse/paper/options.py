@@ -25,6 +25,8 @@ class PaperOptions:
     `min_points`, `min_views`: fruits with fewer points of the cloud, or seen in fewer photos, are dropped.
     `split_above_points`: fruits with more points are split in two by k-means. `projection`: "dlt" replaces every camera
     by a pinhole without lens distortion, fitted to its sparse points; photos with fewer than 10 of them are left out.
+    Of the first estimate of centres and diameters, in radii: `scatter_radii`, how far points lie off a fruit's sphere,
+    and `size_spread`, how much fruits of a row differ.
     """
 
     min_score: float = 0.5
@@ -38,6 +40,8 @@ class PaperOptions:
     min_views: int = 1
     split_above_points: int | None = None
     projection: Projection = "lens"
+    scatter_radii: float = 0.12
+    size_spread: float = 0.12
 
     def __post_init__(self) -> None:
         choices = {"overlap": Overlap, "projection": Projection, "grouping": Grouping, "unify": Unify}
@@ -46,6 +50,9 @@ class PaperOptions:
                 raise InputError(f"{name}: expected one of {', '.join(get_args(known))}, found {getattr(self, name)!r}")
         if not self.eps_m > 0:
             raise InputError(f"eps_m: expected a positive distance in metres, found {self.eps_m}")
+        for name in ("scatter_radii", "size_spread"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
         for name in ("min_score", "min_overlap"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name}: expected 0 to 1, found {getattr(self, name)}")

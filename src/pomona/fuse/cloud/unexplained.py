@@ -7,10 +7,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
-from pomona.fuse.cloud.choice import claimed, explained
-from pomona.fuse.cloud.fit import fit_spheres
 from pomona.fuse.cloud.neighbours import Near
 from pomona.fuse.cloud.options import CloudOptions
+from pomona.fuse.cloud.refinement import fit_spheres
+from pomona.fuse.cloud.selection import explained, fruit_of_points
 from pomona.fuse.cloud.surface import Surface
 from pomona.spheres import Spheres
 
@@ -19,9 +19,9 @@ _WIDEST = 2.6  # radii: what is wider than a fruit is none
 _FEWEST = 8  # points
 
 
-def left_over(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
+def spheres_of_patches(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
     """Return a sphere for each group of points that hang together and touch nothing that is a fruit's."""
-    held = claimed(fruits, surface, options) >= 0
+    held = fruit_of_points(fruits, surface, options) >= 0
     if options.least_patch == 0 or held.all():
         return Spheres.alike(np.zeros((0, 3)), 1.0)
     group = _groups(surface, held)

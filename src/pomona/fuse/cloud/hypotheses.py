@@ -1,4 +1,4 @@
-"""Where fruits may be: surfaces vote for the centres of the spheres that they may be part of."""
+"""Sphere hypotheses: surfaces vote for the centres of the spheres that they may be part of."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.fuse.cloud.cells import in_cells
-from pomona.fuse.cloud.fit import fit_spheres
 from pomona.fuse.cloud.neighbours import neighbours
 from pomona.fuse.cloud.options import CloudOptions
+from pomona.fuse.cloud.refinement import fit_spheres
 from pomona.fuse.cloud.surface import Surface
 from pomona.spheres import Spheres
 
-# In radii: centres are guessed so far behind the surface and before it, and counted in cubes of this side.
+# In radii: centres may lie so far behind the surface and before it, and counted in cubes of this side.
 _DEPTHS, _VOTE_CELL, _CLUMP_CELL = (-1.15, -1.0, -0.85, 0.85, 1.0, 1.15), 0.25, 0.8
 _SOFT = 1.2  # votes count so far around (standard deviation in cubes)
 _LEAST_FLATNESS, _LEAST_WANTING, _LEAST_VOTES = 0.15, 0.05, 0.02
 _FITS, _FIT_REACH, _FIT_ROUNDS, _FIT_TIE = 3, 1.5, 4, 0.5
-_FIT_POINTS = 250  # of a whole surface, so many are enough to fit a guess
-_SAME = 0.1  # guesses nearer than this (radii) are one
+_FIT_POINTS = 250  # of a whole surface, so many are enough to fit a hypothesis
+_SAME = 0.1  # hypotheses nearer than this (radii) are one
 
 
-def guessed_spheres(surface: Surface, wanting: FloatArray, options: CloudOptions) -> Spheres:
-    """Return guesses, fitted to the points around them, of each of which `wanting` (n,), 0 to 1, is not explained yet.
+def sphere_hypotheses(surface: Surface, wanting: FloatArray, options: CloudOptions) -> Spheres:
+    """Return hypotheses, fitted to the points around them, of each of which `wanting` (n,), 0 to 1, is unexplained.
 
     Besides centres that surfaces vote for, each clump of points is one: what is seen badly has no clear surface.
     """

@@ -8,17 +8,16 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.fruit_size import FruitSize
+from pomona.fuse.paper.options import PaperOptions
 
-_ROUNDS = 25
-_MAX_POINTS = 400
-# In shares of the usual radius: how far points scatter about a fruit's surface, and how much fruits of a row differ.
-_SCATTER, _SPREAD = 0.12, 0.12
+_ROUNDS = 25  # far more than nearly all fits need
+_MAX_POINTS = 400  # more points, which err together, say no more
 # Errors of neighbouring points are not independent: all together count as this many.
 _INDEPENDENT = 40.0
 
 
 def first_estimates(
-    parts: Sequence[FloatArray], eyes: Sequence[FloatArray], size: FruitSize
+    parts: Sequence[FloatArray], eyes: Sequence[FloatArray], size: FruitSize, options: PaperOptions | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return the centres (n, 3) and diameters (n,) in metres of n fruits.
 
@@ -28,11 +27,12 @@ def first_estimates(
     """
     if not parts:
         return np.zeros((0, 3)), np.zeros(0)
-    fits = [fit_sphere(points, eye, size.radius_m) for points, eye in zip(parts, eyes, strict=True)]
+    options = options or PaperOptions()
+    fits = [fit_sphere(points, eye, size.radius_m, options) for points, eye in zip(parts, eyes, strict=True)]
     return np.array([center for center, _ in fits]), np.array([2 * radius for _, radius in fits])
 
 
-def fit_sphere(points: FloatArray, eyes: FloatArray, usual_radius_m: float) -> tuple[FloatArray, float]:
+def fit_sphere(points: FloatArray, eyes: FloatArray, prior_m: float, options: PaperOptions) -> tuple[FloatArray, float]:
     """Return the centre (3,) and radius (m) of the likeliest sphere for points (n, 3) seen from `eyes` (k, 3).
 
     Gauss-Newton on the points' distances from the sphere, with Cauchy weights against strays, and a normal prior on
@@ -43,8 +43,8 @@ def fit_sphere(points: FloatArray, eyes: FloatArray, usual_radius_m: float) -> t
     middle = points.mean(0)
     sight = middle - eyes
     sight = (sight / np.linalg.norm(sight, axis=1, keepdims=True)).mean(0)
-    scatter, spread = _SCATTER * usual_radius_m, _SPREAD * usual_radius_m
-    center, radius = middle + sight * usual_radius_m / 2, usual_radius_m
+    scatter, spread = options.scatter_radii * prior_m, options.size_spread * prior_m
+    center, radius = middle + sight * prior_m / 2, prior_m
     share = min(1.0, _INDEPENDENT / len(points))
     for _ in range(_ROUNDS):
         outward = points - center
@@ -55,12 +55,12 @@ def fit_sphere(points: FloatArray, eyes: FloatArray, usual_radius_m: float) -> t
         normal = (slopes * weight[:, None]).T @ slopes
         target = -(slopes * weight[:, None]).T @ off
         normal[3, 3] += 1 / spread**2
-        target[3] += (usual_radius_m - radius) / spread**2
+        target[3] += (prior_m - radius) / spread**2
         # A patch says nothing of where the centre is sideways to it: a weak pull to where it began keeps it.
-        normal[:3, :3] += np.eye(3) / usual_radius_m**2
-        target[:3] += (middle + sight * usual_radius_m / 2 - center) / usual_radius_m**2
+        normal[:3, :3] += np.eye(3) / prior_m**2
+        target[:3] += (middle + sight * prior_m / 2 - center) / prior_m**2
         step = np.linalg.solve(normal, target)
-        center, radius = center + step[:3], max(radius + float(step[3]), 0.3 * usual_radius_m)
+        center, radius = center + step[:3], max(radius + float(step[3]), 0.3 * prior_m)
         if np.abs(step).max() < 1e-6:
             break
     return center, radius

@@ -12,7 +12,7 @@ from pomona.errors import InputError
 from pomona.fruits import FruitCloud
 from pomona.fuse.fused import Fused
 from pomona.fuse.paper.assemble import Member, assemble
-from pomona.fuse.paper.groups import nearest_group, nearest_reach, split_in_two
+from pomona.fuse.paper.clustering import nearest_group, nearest_reach, split_in_two
 from pomona.fuse.paper.options import PaperOptions
 from pomona.fuse.paper.projection import MIN_DLT_POINTS, Projector
 from pomona.fuse.paper.unify import Sighting, Unifier
@@ -56,9 +56,8 @@ def fuse(
             if len(group):
                 unifier.add(points_idx[group], Sighting(photo_idx, k), float(found.scores[k]))
     members = _split([m for m in unifier.fruits() if _kept(m, options)], cloud, options.split_above_points)
-    return assemble(
-        members, detections, cameras, replace(cloud, detections=unifier.detections, scores=unifier.mean_scores)
-    )
+    labelled = replace(cloud, detections=unifier.detections, scores=unifier.mean_scores)
+    return assemble(members, detections, cameras, labelled, options)
 
 
 def _check(cameras: Cameras, options: PaperOptions) -> None:

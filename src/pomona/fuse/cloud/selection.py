@@ -1,4 +1,4 @@
-"""Which spheres are fruits: those that together explain the points best, each at a price."""
+"""Selection: which hypotheses are fruits, those that together explain the points best, each at a price."""
 
 from __future__ import annotations
 
@@ -47,41 +47,44 @@ def best_gains(spheres: Spheres, surface: Surface, options: CloudOptions) -> Flo
     return result
 
 
-def elected(guesses: Spheres, fruits: Spheres, gains: FloatArray, surface: Surface, options: CloudOptions) -> IntArray:
-    """Return the guesses that are fruits besides those there are, which explain the points as `gains` (n,) says.
+def select(
+    hypotheses: Spheres, fruits: Spheres, gains: FloatArray, surface: Surface, options: CloudOptions
+) -> IntArray:
+    """Return the hypotheses that are fruits besides those there are, which explain the points as `gains` (n,) says.
 
     The one that explains most more than others do, less its price and its overlaps, is next, until none is worth it.
-    Worths only fall as others are elected, so that only the first of the queue needs to be looked at again.
+    Worths only fall as others are selected, so that only the first of the queue needs to be looked at again.
     """
-    found, gains = explained(guesses, surface, options), gains.copy()
-    costs = np.full(len(guesses), options.price)
-    if len(fruits) and len(guesses):
-        for guess, fruit in _close(guesses, fruits):
-            costs[guess] += float(_overlaps(guesses, np.array([guess]), fruits, fruit, options)[0])
-    near_to = cKDTree(guesses.centers_in_world).query_ball_point(guesses.centers_in_world, _widest(guesses, guesses))
+    found, gains = explained(hypotheses, surface, options), gains.copy()
+    costs = np.full(len(hypotheses), options.price)
+    if len(fruits) and len(hypotheses):
+        for one, fruit in _close(hypotheses, fruits):
+            costs[one] += float(_overlaps(hypotheses, np.array([one]), fruits, fruit, options)[0])
+    centers = hypotheses.centers_in_world
+    near_to = cKDTree(centers).query_ball_point(centers, _widest(hypotheses, hypotheses))
 
-    def worth(guess: int) -> float:
-        mine = found.near.of(guess)
+    def worth(one: int) -> float:
+        mine = found.near.of(one)
         more = np.maximum(found.gains[mine] - gains[found.near.point_idx[mine]], 0)
-        return float(more.sum()) / surface.whole - float(costs[guess])
+        return float(more.sum()) / surface.whole - float(costs[one])
 
-    queue = [(-worth(guess), guess) for guess in range(len(guesses))]
+    queue = [(-worth(one), one) for one in range(len(hypotheses))]
     heapq.heapify(queue)
     result: list[int] = []
     while queue:
-        _, guess = heapq.heappop(queue)
-        now = worth(guess)
+        _, one = heapq.heappop(queue)
+        now = worth(one)
         if now <= 0:
             continue
         if queue and -now > queue[0][0]:
-            heapq.heappush(queue, (-now, guess))
+            heapq.heappush(queue, (-now, one))
             continue
-        result.append(guess)
-        mine = found.near.of(guess)
+        result.append(one)
+        mine = found.near.of(one)
         points = found.near.point_idx[mine]
         gains[points] = np.maximum(gains[points], found.gains[mine])
-        others = np.array(near_to[guess], np.int64)
-        costs[others] += _overlaps(guesses, others, guesses, guess, options)
+        others = np.array(near_to[one], np.int64)
+        costs[others] += _overlaps(hypotheses, others, hypotheses, one, options)
     return np.array(result, np.int64)
 
 
@@ -102,7 +105,7 @@ def worths(fruits: Spheres, surface: Surface, options: CloudOptions) -> FloatArr
     return result
 
 
-def pruned(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
+def prune(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
     """Return the fruits that are worth their price; of several beside each other that are not, the worst goes first."""
     while len(fruits):
         worth = worths(fruits, surface, options)
@@ -116,7 +119,9 @@ def pruned(fruits: Spheres, surface: Surface, options: CloudOptions) -> Spheres:
     return fruits
 
 
-def claimed(fruits: Spheres, surface: Surface, options: CloudOptions, *, reach: float | None = None) -> IntArray:
+def fruit_of_points(
+    fruits: Spheres, surface: Surface, options: CloudOptions, *, reach: float | None = None
+) -> IntArray:
     """Return the fruit (n,) that each point is nearest to, −1 where none is within `reach` radii outside of it."""
     reach = _WITHIN * options.scatter_radii if reach is None else reach
     near = neighbours(surface.tree, fruits.centers_in_world, fruits.radii_m * (1 + reach))

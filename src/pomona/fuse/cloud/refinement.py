@@ -1,4 +1,4 @@
-"""The fit of many spheres at once, each to its own points."""
+"""Refinement: the fit of many spheres at once, each to its own points."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from pomona.spheres import Spheres
 
 # Errors of neighbouring points are not independent: those of a whole surface count as so many.
 _INDEPENDENT = 40.0
-_SMALLEST, _LARGEST = 0.55, 1.5
-_LONGEST_STEP, _ENOUGH = 0.3, 2e-3
+_LONGEST_STEP, _ENOUGH = 0.3, 2e-3  # radii: of one step of a fit, and below which all are left where they are
 
 
 def fit_spheres(
@@ -28,7 +27,7 @@ def fit_spheres(
 ) -> tuple[Spheres, FloatArray]:
     """Return the spheres that fit their points best, and the standard deviations (n,) of their radii.
 
-    All is in radii of the usual fruit. Gauss–Newton on the points' distances from the spheres with Welsch weights
+    All is in radii of the fruit. Gauss–Newton on the points' distances from the spheres with Welsch weights
     against strays; radii are tied to 1 by `options.size_spread`, centres to where they were by `tie`.
     """
     points = surface.points[near.point_idx]
@@ -51,7 +50,7 @@ def fit_spheres(
         step = -np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
         step *= np.minimum(1, _LONGEST_STEP / np.maximum(np.abs(step).max(1, initial=0), 1e-12))[:, None]
         centers = centers + step[:, :3]
-        radii = np.clip(radii + step[:, 3], _SMALLEST, _LARGEST)
+        radii = np.clip(radii + step[:, 3], *options.radius_range)
         if np.abs(step).max(initial=0) < _ENOUGH:
             break
     sds = np.sqrt(np.linalg.inv(normal)[:, 3, 3]) if len(spheres) else np.zeros(0)
