@@ -12,9 +12,9 @@ import pytest
 
 from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWIN_DIAMETER_M, TWINS, disc, found_fruits
 from pomona.corrections import Applier, Corrected, Corrections, Found, apply, read_corrections, write_corrections
-from pomona.corrections.places import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
+from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
+from pomona.corrections.log import Added, Correction, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.corrections.training import write_training
-from pomona.corrections.values import Added, Correction, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import parse_coco

@@ -15,9 +15,10 @@ from pomona.dense.atlas import pack
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
 from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.scene import Scene
-from pomona.dense.views import make_view, paint_labels
+from pomona.dense.views import make_view
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError
+from pomona.label_image import paint_labels
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 
@@ -87,7 +88,7 @@ def test_thinning_leaves_one_point_in_a_cell() -> None:
 def test_neighbours_are_of_the_same_side_and_not_too_far() -> None:
     cameras = cameras_in_a_row(9, step_m=0.1)
     sides = ("west",) * 8 + ("east",)
-    chosen = choose_neighbours(cameras, sides, np.full(9, 1.5), 4)
+    chosen = choose_neighbours(cameras, sides, np.full(9, 1.5), DenseOptions(neighbours=4))
     assert len(chosen[8]) == 0
     assert 4 not in chosen[4]
     assert set(chosen[4].tolist()) == {1, 2, 6, 7}  # the photos at 7.6 and 11 degrees, on both sides

@@ -1,9 +1,9 @@
 """What a person corrects in a survey: the log, and what it makes of the fruits that were found."""
 
 from pomona.corrections.apply import Applier, apply
-from pomona.corrections.json import read_corrections, write_corrections
-from pomona.corrections.outcome import Corrected, Found, Outcome
-from pomona.corrections.values import Correction, Corrections
+from pomona.corrections.corrected import Corrected, Found, Outcome
+from pomona.corrections.log import Correction, Corrections
+from pomona.corrections.log_file import read_corrections, write_corrections
 
 __all__ = [
     "Applier",

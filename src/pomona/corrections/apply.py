@@ -9,10 +9,10 @@ from itertools import groupby
 import numpy as np
 
 from pomona.arrays import FloatArray
+from pomona.corrections.corrected import Corrected, Found, MadeMask, Outcome
+from pomona.corrections.edited_survey import EditedSurvey, joined_observations
+from pomona.corrections.log import Added, Correction, Deleted, Merged, Moved, Place, Split
 from pomona.corrections.masks import divided, joined, radius_px
-from pomona.corrections.outcome import Corrected, Found, MadeMask, Outcome
-from pomona.corrections.state import State, joined_observations
-from pomona.corrections.values import Added, Correction, Deleted, Merged, Moved, Place, Split
 from pomona.detections import Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import Fruits, Observations
@@ -26,7 +26,7 @@ class Applier:
 
     def __init__(self, found: Found) -> None:
         self.found = found
-        self._state = State(found)
+        self._survey = EditedSurvey(found)
         self._outcomes: tuple[Outcome, ...] = ()
 
     def to(self, corrections: Sequence[Correction]) -> Corrected:
@@ -37,18 +37,18 @@ class Applier:
         """
         done = tuple(outcome.correction for outcome in self._outcomes)
         if done != tuple(corrections[: len(done)]):
-            self._state, self._outcomes = State(self.found), ()
+            self._survey, self._outcomes = EditedSurvey(self.found), ()
         for correction in corrections[len(self._outcomes) :]:
-            self._outcomes = (*self._outcomes, _apply_one(self._state, correction))
-        state = self._state
+            self._outcomes = (*self._outcomes, _apply_one(self._survey, correction))
+        survey = self._survey
         return Corrected(
-            fruits=state.fruits,
-            observations=state.observations,
-            detections=SurveyDetections(dict(state.detections)),
-            made=dict(state.made),
-            false_ids=frozenset(state.false_ids),
-            how=dict(state.how),
-            became=dict(state.became),
+            fruits=survey.fruits,
+            observations=survey.observations,
+            detections=SurveyDetections(dict(survey.detections)),
+            made=dict(survey.made),
+            false_ids=frozenset(survey.false_ids),
+            how=dict(survey.how),
+            became=dict(survey.became),
             outcomes=self._outcomes,
         )
 
@@ -58,79 +58,79 @@ def apply(corrections: Sequence[Correction], found: Found) -> Corrected:
     return Applier(found).to(corrections)
 
 
-def _apply_one(state: State, correction: Correction) -> Outcome:
+def _apply_one(survey: EditedSurvey, correction: Correction) -> Outcome:
     try:
         match correction:
             case Deleted():
-                fruits = _delete(state, correction)
+                fruits = _delete(survey, correction)
             case Added():
-                fruits = _add(state, correction)
+                fruits = _add(survey, correction)
             case Split():
-                fruits = _split(state, correction)
+                fruits = _split(survey, correction)
             case Merged():
-                fruits = _merge(state, correction)
+                fruits = _merge(survey, correction)
             case Moved():
-                fruits = _move(state, correction)
+                fruits = _move(survey, correction)
     except InputError as error:
         return Outcome(correction, problem=str(error))
     return Outcome(correction, fruits)
 
 
-def _matched(state: State, place: Place) -> int:
-    idx = state.match(place)
+def _matched(survey: EditedSurvey, place: Place) -> int:
+    idx = survey.match(place)
     if idx is None:
         raise InputError(_NOTHING_THERE)
     return idx
 
 
-def _delete(state: State, correction: Deleted) -> tuple[int, ...]:
-    idx = _matched(state, correction.at)
-    id_ = int(state.fruits.ids[idx])
-    seen = state.drop(idx)
-    state.changed(id_, ())
-    state.false_ids |= {
-        original for made in seen.detection_id.tolist() for original in (made, *_originals(state, made))
+def _delete(survey: EditedSurvey, correction: Deleted) -> tuple[int, ...]:
+    idx = _matched(survey, correction.at)
+    id_ = int(survey.fruits.ids[idx])
+    seen = survey.drop(idx)
+    survey.changed(id_, ())
+    survey.false_ids |= {
+        original for made in seen.detection_id.tolist() for original in (made, *_originals(survey, made))
     }
     return ()
 
 
-def _originals(state: State, detection_id: int) -> tuple[int, ...]:
-    made = state.made.get(detection_id)
+def _originals(survey: EditedSurvey, detection_id: int) -> tuple[int, ...]:
+    made = survey.made.get(detection_id)
     # What a neighbour's mask was divided from is not false as a whole.
     return made.of if made is not None and made.how == "joined" else ()
 
 
-def _add(state: State, correction: Added) -> tuple[int, ...]:
-    there = state.match(correction.at)
+def _add(survey: EditedSurvey, correction: Added) -> tuple[int, ...]:
+    there = survey.match(correction.at)
     if there is not None:
-        return (int(state.fruits.ids[there]),)
+        return (int(survey.fruits.ids[there]),)
     place = np.array(correction.at)
-    fruit = _new(state, place, correction.diameter_m, correction.diameter_sd_m)
+    fruit = _new(survey, place, correction.diameter_m, correction.diameter_sd_m)
     id_, diameter = int(fruit.ids[0]), float(fruit.diameters_m[0])
-    seen = state.look_for(id_, place, diameter, correction.marks, Observations.empty())
-    fruit = state.seen_from(fruit, [*seen.photo, *(mark.photo for mark in correction.marks)])
-    state.put(fruit, seen, "added")
+    seen = survey.look_for(id_, place, diameter, correction.marks, Observations.empty())
+    fruit = survey.seen_from(fruit, [*seen.photo, *(mark.photo for mark in correction.marks)])
+    survey.put(fruit, seen, "added")
     return (id_,)
 
 
-def _new(state: State, place: FloatArray, diameter: float | None, sd: float | None) -> Fruits:
+def _new(survey: EditedSurvey, place: FloatArray, diameter: float | None, sd: float | None) -> Fruits:
     if diameter is None:
-        return state.of_usual_size(state.new_id(), place)
-    one = Fruits(np.array([state.new_id()]), place[None], np.array([diameter]), np.ones(1), np.zeros(1, np.int64))
-    return replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd]), tree_ids=state.tree_near(place))
+        return survey.of_usual_size(survey.new_id(), place)
+    one = Fruits(np.array([survey.new_id()]), place[None], np.array([diameter]), np.ones(1), np.zeros(1, np.int64))
+    return replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd]), tree_ids=survey.tree_near(place))
 
 
-def _merge(state: State, correction: Merged) -> tuple[int, ...]:
-    one, other = (_matched(state, place) for place in correction.at)
+def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:
+    one, other = (_matched(survey, place) for place in correction.at)
     if one == other:  # the run joined them by itself
-        return (int(state.fruits.ids[one]),)
+        return (int(survey.fruits.ids[one]),)
     # The one that more photos saw says more; on a tie the first.
-    kept, gone = sorted((one, other), key=lambda i: -int(state.fruits.views[i]))
-    first, second = (state.fruits[np.array([i])] for i in (kept, gone))
+    kept, gone = sorted((one, other), key=lambda i: -int(survey.fruits.views[i]))
+    first, second = (survey.fruits[np.array([i])] for i in (kept, gone))
     id_, gone_id = int(first.ids[0]), int(second.ids[0])
     at = kept - (gone < kept)
-    seen_second = state.drop(gone)
-    seen = _one_a_photo(state, id_, joined_observations([state.drop(at), seen_second]))
+    seen_second = survey.drop(gone)
+    seen = _one_a_photo(survey, id_, joined_observations([survey.drop(at), seen_second]))
     views = np.maximum([first.views[0], second.views[0]], 1)
     middle = np.average([first.centers_in_world[0], second.centers_in_world[0]], axis=0, weights=views)
     size = first if np.isfinite(first.diameters_m[0]) else second
@@ -142,61 +142,61 @@ def _merge(state: State, correction: Merged) -> tuple[int, ...]:
         tree_ids=first.tree_ids if first.tree_ids[0] else second.tree_ids,
         weights_g=np.full(1, np.nan),
     )
-    fruit = state.seen_from(state.measured(fruit, seen), seen.photo)
-    state.put(fruit, seen, "merged", at=at)
-    state.changed(id_, (id_,))
-    state.changed(gone_id, (id_,))
+    fruit = survey.seen_from(survey.measured(fruit, seen), seen.photo)
+    survey.put(fruit, seen, "merged", at=at)
+    survey.changed(id_, (id_,))
+    survey.changed(gone_id, (id_,))
     return (id_,)
 
 
-def _one_a_photo(state: State, fruit_id: int, seen: Observations) -> Observations:
+def _one_a_photo(survey: EditedSurvey, fruit_id: int, seen: Observations) -> Observations:
     """The detections of a fruit with two of one photo joined to one mask."""
     rows = sorted(zip(seen.photo, seen.detection_id.tolist(), strict=True))
     kept: list[tuple[str, int]] = []
     for photo, of_photo in groupby(rows, key=lambda row: row[0]):
         ids = list(dict.fromkeys(id_ for _, id_ in of_photo))
-        masks = [mask for id_ in ids if (mask := state.mask(photo, id_)) is not None]
+        masks = [mask for id_ in ids if (mask := survey.mask(photo, id_)) is not None]
         if len(masks) > 1:
-            originals = tuple(o for id_ in ids for o in (state.made[id_].of if id_ in state.made else (id_,)))
-            ids = state.replace_masks(photo, ids, [joined(masks)], MadeMask("joined", tuple(dict.fromkeys(originals))))
+            originals = tuple(o for id_ in ids for o in (survey.made[id_].of if id_ in survey.made else (id_,)))
+            ids = survey.replace_masks(photo, ids, [joined(masks)], MadeMask("joined", tuple(dict.fromkeys(originals))))
         kept += [(photo, id_) for id_ in ids]
-    return state.sightings(fruit_id, kept)
+    return survey.sightings(fruit_id, kept)
 
 
-def _split(state: State, correction: Split) -> tuple[int, ...]:
-    there = [state.match(part) for part in correction.parts]
+def _split(survey: EditedSurvey, correction: Split) -> tuple[int, ...]:
+    there = [survey.match(part) for part in correction.parts]
     if None not in there and there[0] != there[1]:  # the run tells them apart by itself
-        return tuple(int(state.fruits.ids[i]) for i in there if i is not None)
-    at = _matched(state, correction.at)
-    fruit = state.fruits[np.array([at])]
+        return tuple(int(survey.fruits.ids[i]) for i in there if i is not None)
+    at = _matched(survey, correction.at)
+    fruit = survey.fruits[np.array([at])]
     old_id, places = int(fruit.ids[0]), np.array(correction.parts)
-    ids = old_id, state.new_id()
-    parts = [state.of_usual_size(id_, place, fruit) for id_, place in zip(ids, places, strict=True)]
+    ids = old_id, survey.new_id()
+    parts = [survey.of_usual_size(id_, place, fruit) for id_, place in zip(ids, places, strict=True)]
     diameters = np.array([float(part.diameters_m[0]) for part in parts])
-    rows = _divide(state, state.drop(at), places, diameters)
+    rows = _divide(survey, survey.drop(at), places, diameters)
     for k, (part, mine) in enumerate(zip(parts, rows, strict=True)):
-        seen = state.sightings(ids[k], mine)
-        more = state.look_for(ids[k], places[k], diameters[k], correction.marks, seen)
+        seen = survey.sightings(ids[k], mine)
+        more = survey.look_for(ids[k], places[k], diameters[k], correction.marks, seen)
         seen = joined_observations([seen, more])
-        part = state.seen_from(state.measured(part, seen), seen.photo)
-        state.put(part, seen, "split", at=at if k == 0 else None)
-    state.changed(old_id, ids)
+        part = survey.seen_from(survey.measured(part, seen), seen.photo)
+        survey.put(part, seen, "split", at=at if k == 0 else None)
+    survey.changed(old_id, ids)
     return ids
 
 
 def _divide(
-    state: State, seen: Observations, places: FloatArray, diameters: FloatArray
+    survey: EditedSurvey, seen: Observations, places: FloatArray, diameters: FloatArray
 ) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
     """Give each detection of a fruit that is two to one of them, or a part of its mask to each."""
     rows: tuple[list[tuple[str, int]], list[tuple[str, int]]] = [], []
     for photo, id_ in zip(seen.photo, seen.detection_id.tolist(), strict=True):
-        mask = state.mask(photo, id_)
+        mask = survey.mask(photo, id_)
         if mask is None:
             continue
-        one, other = _parts_in(state, photo, mask, places, diameters)
+        one, other = _parts_in(survey, photo, mask, places, diameters)
         if one is not None and other is not None:
-            originals = state.made[id_].of if id_ in state.made else (id_,)
-            new = state.replace_masks(photo, [id_], [one, other], MadeMask("divided", originals))
+            originals = survey.made[id_].of if id_ in survey.made else (id_,)
+            new = survey.replace_masks(photo, [id_], [one, other], MadeMask("divided", originals))
             rows[0].append((photo, new[0]))
             rows[1].append((photo, new[1]))
         else:
@@ -205,9 +205,9 @@ def _divide(
 
 
 def _parts_in(
-    state: State, photo: str, mask: Mask, places: FloatArray, diameters: FloatArray
+    survey: EditedSurvey, photo: str, mask: Mask, places: FloatArray, diameters: FloatArray
 ) -> tuple[Mask | None, Mask | None]:
-    cameras = state.found.cameras
+    cameras = survey.found.cameras
     i = cameras.index_of(photo)
     if i is None:
         return mask, None
@@ -221,11 +221,11 @@ def _parts_in(
     return divided(mask, at_px, radii)
 
 
-def _move(state: State, correction: Moved) -> tuple[int, ...]:
-    idx = _matched(state, correction.at)
-    trees = state.fruits.tree_ids.copy()
+def _move(survey: EditedSurvey, correction: Moved) -> tuple[int, ...]:
+    idx = _matched(survey, correction.at)
+    trees = survey.fruits.tree_ids.copy()
     trees[idx] = correction.tree_id
-    state.fruits = replace(state.fruits, tree_ids=trees)
-    id_ = int(state.fruits.ids[idx])
-    state.how.setdefault(id_, "moved")
+    survey.fruits = replace(survey.fruits, tree_ids=trees)
+    id_ = int(survey.fruits.ids[idx])
+    survey.how.setdefault(id_, "moved")
     return (id_,)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pomona.corrections.outcome import Corrected, Found
+from pomona.corrections.corrected import Corrected, Found
 from pomona.detections import Detections, SurveyDetections
 from pomona.formats.detections.coco import write_coco
 from pomona.photos import Photo, Photos

@@ -8,16 +8,16 @@ import numpy as np
 
 from pomona.cameras import Cameras
 from pomona.dense import patchmatch
-from pomona.dense.options import DenseOptions
-from pomona.dense.planesweep import plane_sweep_map
+from pomona.dense.options import DenseOptions, SphereCloudOptions
+from pomona.dense.plane_sweep import plane_sweep_map
 from pomona.dense.scene import Scene, cloud_of_maps
-from pomona.dense.spheres import sphere_cloud
+from pomona.dense.sphere_points import sphere_cloud
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 
-__all__ = ["DenseOptions", "fruit_cloud", "sphere_cloud"]
+__all__ = ["DenseOptions", "SphereCloudOptions", "fruit_cloud", "sphere_cloud"]
 
 
 def fruit_cloud(

@@ -12,7 +12,7 @@ from pomona.dense.views import View
 
 
 @dataclass(frozen=True, eq=False)
-class Crop:
+class AtlasCrop:
     """One detection in the atlas: its place there, its place in the view, its size (px) and its label."""
 
     label: int
@@ -38,7 +38,7 @@ class Crop:
 class Atlas:
     """The packed crops: `x_px`, `y_px` (h, w) float32, places in the view; `mask` (h, w): a crop's own mask only."""
 
-    crops: tuple[Crop, ...]
+    crops: tuple[AtlasCrop, ...]
     x_px: Array
     y_px: Array
     mask: BoolArray
@@ -51,14 +51,14 @@ def pack(view: View, gap_px: int, min_area_px: int = 6) -> Atlas:
     widest = max((b[2] for b in boxes), default=1)
     total = sum((b[2] + gap_px) * (b[3] + gap_px) for b in boxes)
     shelf_width = max(widest + gap_px, int(np.sqrt(total)) + 1)
-    crops: list[Crop] = []
+    crops: list[AtlasCrop] = []
     x = y = shelf_height = 0
     for label, (view_x, view_y, width, height) in sorted(
         zip(_labels(boxes), (b[:4] for b in boxes), strict=True), key=lambda item: (-item[1][3], item[0])
     ):
         if x + width > shelf_width:
             x, y, shelf_height = 0, y + shelf_height + gap_px, 0
-        crops.append(Crop(label, x, y, view_x, view_y, width, height))
+        crops.append(AtlasCrop(label, x, y, view_x, view_y, width, height))
         x, shelf_height = x + width + gap_px, max(shelf_height, height)
     return _fill(view, tuple(crops), (max(y + shelf_height, 1), shelf_width))
 
@@ -81,7 +81,7 @@ def _labels(boxes: list[tuple[int, int, int, int, int]]) -> list[int]:
     return [box[4] for box in boxes]
 
 
-def _fill(view: View, crops: tuple[Crop, ...], shape: tuple[int, int]) -> Atlas:
+def _fill(view: View, crops: tuple[AtlasCrop, ...], shape: tuple[int, int]) -> Atlas:
     x_px, y_px = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     mask, gray = np.zeros(shape, bool), np.zeros(shape, np.uint8)
     view_gray = cv2.cvtColor(view.rgb, cv2.COLOR_RGB2GRAY)

@@ -6,15 +6,13 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
-
-# Triangulation angles (degrees): below the first, depth is lost in noise; above the last, leaves cover other fruit and
-# windows look different. In between the photos nearest to the ideal are taken.
-_MIN_ANGLE_DEG, _IDEAL_ANGLE_DEG, _MAX_ANGLE_DEG = 1.0, 7.0, 25.0
-_MIN_OVERLAP = 0.3
+from pomona.dense.options import DenseOptions
 
 
-def choose_neighbours(cameras: Cameras, sides: tuple[str, ...], depths_m: FloatArray, count: int) -> list[IntArray]:
-    """Return for every photo the indices of up to `count` neighbours, nearest to the ideal angle first.
+def choose_neighbours(
+    cameras: Cameras, sides: tuple[str, ...], depths_m: FloatArray, options: DenseOptions
+) -> list[IntArray]:
+    """Return for every photo the indices of up to `options.neighbours` neighbours, nearest to the ideal angle first.
 
     `depths_m` (n,) is each photo's typical depth of fruit; `sides` (n,) its side. Neighbours are spread over
     directions: one that lies in a direction already taken twice as often as the opposite one waits.
@@ -22,18 +20,19 @@ def choose_neighbours(cameras: Cameras, sides: tuple[str, ...], depths_m: FloatA
     centers = cameras.centers_in_world
     chosen = []
     for i in range(len(cameras)):
-        angles, overlaps = _angles_and_overlaps(cameras, i, float(depths_m[i]), centers)
-        fit = np.abs(np.log(np.maximum(angles, 1e-6) / _IDEAL_ANGLE_DEG))
-        usable = (angles >= _MIN_ANGLE_DEG) & (angles <= _MAX_ANGLE_DEG) & (overlaps >= _MIN_OVERLAP)
+        angles, overlaps = _angles_and_overlaps(cameras, i, float(depths_m[i]), centers, options)
+        fit = np.abs(np.log(np.maximum(angles, 1e-6) / options.ideal_angle_deg))
+        usable = (angles >= options.min_angle_deg) & (angles <= options.max_angle_deg)
+        usable &= overlaps >= options.min_overlap
         usable &= np.array([side == sides[i] for side in sides])
         usable[i] = False
         order = np.flatnonzero(usable)[np.argsort(fit[usable], kind="stable")]
-        chosen.append(_spread(centers[order] - centers[i], order, count))
+        chosen.append(_spread(centers[order] - centers[i], order, options.neighbours))
     return chosen
 
 
 def _angles_and_overlaps(
-    cameras: Cameras, i: int, depth_m: float, centers: FloatArray
+    cameras: Cameras, i: int, depth_m: float, centers: FloatArray, options: DenseOptions
 ) -> tuple[FloatArray, FloatArray]:
     """Return to every photo the angle at what photo i looks at, and the share of photo i's sight it sees too."""
     intrinsics = cameras.intrinsics_of(i)
@@ -46,7 +45,7 @@ def _angles_and_overlaps(
     to_middle /= np.linalg.norm(to_middle, axis=1, keepdims=True)
     angles = np.degrees(np.arccos(np.clip(to_middle @ to_middle[i], -1, 1)))
     overlaps = np.zeros(len(cameras))
-    for j in np.flatnonzero(angles <= _MAX_ANGLE_DEG):
+    for j in np.flatnonzero(angles <= options.max_angle_deg):
         xy, depth = cameras.project(int(j), points)
         size = [cameras.intrinsics_of(int(j)).width_px, cameras.intrinsics_of(int(j)).height_px]
         # Nearly the same distance, or fruit would be much larger in one photo than in the other.

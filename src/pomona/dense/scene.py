@@ -31,7 +31,7 @@ class Scene:
         self.ranges = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m))
         self._scale = min(1.0, options.work_fruit_px / self.ranges.width_px)
         sides = tuple(photo.side for photo in self._photos)
-        self.neighbours = choose_neighbours(cameras, sides, self.ranges.typical_m, options.neighbours)
+        self.neighbours = choose_neighbours(cameras, sides, self.ranges.typical_m, options)
         self.view = ViewCache(self._load, capacity=2 * options.neighbours + 3)
 
     def _load(self, i: int) -> View:

@@ -13,8 +13,8 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.corrections import Applier, Corrected, Correction, Corrections, read_corrections, write_corrections
-from pomona.corrections.places import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
-from pomona.corrections.values import Added, Deleted, Mark, Merged, Moved, Split, in_words, place_of
+from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
+from pomona.corrections.log import Added, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.errors import InputError, SurveyError
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.pipeline.correcting import Correcting

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pomona.corrections import Corrected, Found
-from pomona.corrections.outcome import LOST
+from pomona.corrections.corrected import LOST
 from pomona.fruits import FruitCloud
 from pomona.pipeline.results import scene_cloud
 from pomona.report import ReportData

@@ -8,10 +8,10 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
-from pomona.dense.views import paint_labels
 from pomona.detections import Detections
 from pomona.fuse.paper.options import Projection
 from pomona.intrinsics import Intrinsics
+from pomona.label_image import paint_labels
 
 # As in the authors' code, which leaves photos with fewer out.
 MIN_DLT_POINTS = 10

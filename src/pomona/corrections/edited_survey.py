@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.corrections.corrected import Found, How, MadeMask
+from pomona.corrections.log import Mark, Place
 from pomona.corrections.masks import drawn_mask, free_detection
-from pomona.corrections.outcome import Found, How, MadeMask
-from pomona.corrections.values import Mark, Place
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure import measure
 
 
-class State:
+class EditedSurvey:
     """What corrections have made of the survey so far. Ids of new fruits and masks go on from the highest there are."""
 
     def __init__(self, found: Found) -> None:

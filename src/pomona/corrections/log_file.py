@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pomona.corrections.values import (
+from pomona.corrections.log import (
     KINDS,
     Added,
     Correction,

@@ -9,14 +9,12 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
+from pomona.dense.options import SphereCloudOptions
 from pomona.detections import Mask, SurveyDetections
 from pomona.fruit_ranges import fruit_width_px
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent, track
-
-_WORK_FRUIT_PX = 24.0  # photos are read at the scale at which a fruit is this wide: points are so dense
-_VIEWS = 4  # photos, those that show most of it, that give each fruit its points
 
 
 def sphere_cloud(
@@ -26,6 +24,7 @@ def sphere_cloud(
     cameras: Cameras,
     photos: Photos,
     *,
+    options: SphereCloudOptions | None = None,
     progress: Progress | None = None,
 ) -> FruitCloud:
     """Return points (m, 3) where rays through fruits' masks meet their spheres, coloured by the photos.
@@ -33,11 +32,11 @@ def sphere_cloud(
     Only what photos show has points; places are those of the spheres, not measured one by one. Fruits without a
     diameter have none.
     """
-    progress = progress or Silent()
-    shown = _most_shown(fruits, observations, detections)
+    options, progress = options or SphereCloudOptions(), progress or Silent()
+    shown = _most_shown(fruits, observations, detections, options.views)
     if not shown:
         return FruitCloud.empty()
-    scale = min(1.0, _WORK_FRUIT_PX / fruit_width_px(detections, cameras))
+    scale = min(1.0, options.work_fruit_px / fruit_width_px(detections, cameras))
     by_name, index = photos.by_name(), {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
     parts = []
     for name in track(sorted(shown), progress, "cloud", len(shown)):
@@ -55,7 +54,7 @@ def sphere_cloud(
 
 
 def _most_shown(
-    fruits: Fruits, observations: Observations, detections: SurveyDetections
+    fruits: Fruits, observations: Observations, detections: SurveyDetections, most_views: int
 ) -> dict[str, list[tuple[int, Mask]]]:
     """Return by photo the fruits that it shows better than most photos do, with their masks."""
     place = {name: {i: k for k, i in enumerate(found.ids.tolist())} for name, found in detections.items()}
@@ -69,7 +68,7 @@ def _most_shown(
             seen[fruit_id].append((mask.area_px, name, mask))
     shown: defaultdict[str, list[tuple[int, Mask]]] = defaultdict(list)
     for fruit_id, views in seen.items():
-        for _, name, mask in sorted(views, key=lambda view: (-view[0], view[1]))[:_VIEWS]:
+        for _, name, mask in sorted(views, key=lambda view: (-view[0], view[1]))[:most_views]:
             shown[name].append((fruit_id, mask))
     return shown
 

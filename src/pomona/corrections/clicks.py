@@ -8,14 +8,16 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
-from pomona.corrections.values import Mark
+from pomona.corrections.log import Mark
 from pomona.errors import InputError
 
 # A person clicks the middle of a fruit to so many pixels, or to so large a share of its width.
 _CLICK_PX = 2.0
 _CLICK_SHARE = 0.05
-_LINE_POINTS = 24
-_MOST_LINES = 300
+_LINE_POINTS = 24  # of a line, which lens distortion bends
+_MOST_LINES = 300  # photos that a person is shown at most
+# From there two lines cross well, and a photo still shows what the first did.
+_BEST_ANGLE_DEG = 15.0
 
 
 def place_from_marks(cameras: Cameras, marks: Sequence[Mark], usual_diameter: float) -> FloatArray:
@@ -106,10 +108,6 @@ def lines_in_photos(cameras: Cameras, mark: Mark, depths: tuple[float, float]) -
         if len(found) == _MOST_LINES:
             break
     return found
-
-
-# From there two lines cross well, and a photo still shows what the first did.
-_BEST_ANGLE_DEG = 15.0
 
 
 def eye_and_ray(cameras: Cameras, mark: Mark) -> tuple[FloatArray, FloatArray]:

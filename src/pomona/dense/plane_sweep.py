@@ -9,17 +9,15 @@ import numpy as np
 
 from pomona.arrays import Array, IntArray
 from pomona.dense.atlas import Atlas, pack
+from pomona.dense.correlation import MatchOptions, best_inverse_depth, sweep
 from pomona.dense.depth_maps import DepthMap, empty_map
+from pomona.dense.options import DenseOptions
 from pomona.dense.scene import Scene
-from pomona.dense.sweep import MatchOptions, best_inverse_depth, sweep
 from pomona.dense.views import View
 from pomona.fruit_ranges import FruitRanges
 
-# Windows as a share of a fruit's width, coarse and fine, and the fine pass's reach in fruit diameters.
-_COARSE_WINDOW, _FINE_WINDOW, _FINE_REACH = 0.7, 0.35, 0.6
 # Steps in pixels of the median neighbour's parallax, at the pass's own scale.
 _COARSE_STEP_PX, _FINE_STEP_PX = 1.0, 0.7
-_MIN_SCORE = 0.1
 # Coarse: a fruit hidden in most photos is still found where this many show it. Fine: the nearest photos do.
 _COARSE_BEST, _FINE_NEIGHBOURS, _FINE_BEST = 4, 6, 4
 
@@ -30,15 +28,15 @@ def plane_sweep_map(scene: Scene, photo_idx: int) -> DepthMap:
     if len(scene.neighbours[photo_idx]) == 0 or not view.label.any():
         return empty_map(view)
     neighbours = [scene.view(int(j)) for j in scene.neighbours[photo_idx]]
-    coarse_atlas, coarse = _coarse(view, neighbours, scene.ranges)
-    return _fine(view, neighbours[:_FINE_NEIGHBOURS], scene.ranges, coarse_atlas, coarse)
+    coarse_atlas, coarse = _coarse(view, neighbours, scene.ranges, scene.options)
+    return _fine(view, neighbours[:_FINE_NEIGHBOURS], scene, coarse_atlas, coarse)
 
 
-def _coarse(view: View, neighbours: Sequence[View], ranges: FruitRanges) -> tuple[Atlas, Array]:
+def _coarse(view: View, neighbours: Sequence[View], ranges: FruitRanges, options: DenseOptions) -> tuple[Atlas, Array]:
     """Return, at half scale, an atlas and its pixels' inverse depths (h, w)."""
     near, far, typical = (float(m[view.photo_idx]) for m in (ranges.near_m, ranges.far_m, ranges.typical_m))
     fruit_px = ranges.size.diameter_m * view.matrix[0, 0] / typical / 2
-    window = _odd(_COARSE_WINDOW * fruit_px)
+    window = _odd(options.coarse_window * fruit_px)
     atlas = pack(view.halved(), window // 2)
     steps = int((1 / near - 1 / far) * _parallax_px_m(view, neighbours) / 2 / _COARSE_STEP_PX) + 2
     inverse_depths = np.linspace(1 / far, 1 / near, steps).astype(np.float32)
@@ -48,18 +46,19 @@ def _coarse(view: View, neighbours: Sequence[View], ranges: FruitRanges) -> tupl
     return atlas, best_inverse_depth(scores, 0.0, inverse_depths)[0]
 
 
-def _fine(view: View, neighbours: Sequence[View], ranges: FruitRanges, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
+def _fine(view: View, neighbours: Sequence[View], scene: Scene, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
     """Search again at full working scale near the coarse depths, with smaller windows."""
+    ranges, options = scene.ranges, scene.options
     typical = float(ranges.typical_m[view.photo_idx])
-    window = _odd(_FINE_WINDOW * ranges.size.diameter_m * view.matrix[0, 0] / typical)
+    window = _odd(options.fine_window * ranges.size.diameter_m * view.matrix[0, 0] / typical)
     atlas = pack(view, window // 2)
     base = _smoothed(coarse_atlas, coarse, atlas, window)
-    reach = _FINE_REACH * ranges.size.diameter_m / typical**2
+    reach = options.fine_reach_diameters * ranges.size.diameter_m / typical**2
     steps = 2 * int(reach * _parallax_px_m(view, neighbours) / _FINE_STEP_PX) + 3
     offsets = np.linspace(-reach, reach, steps).astype(np.float32)
     scores = sweep(atlas, view, neighbours, base, offsets, MatchOptions(window_px=window, best=_FINE_BEST))
     inverse_depth, score = best_inverse_depth(scores, base, offsets)
-    kept = atlas.mask & (score > _MIN_SCORE) & (inverse_depth > 0)
+    kept = atlas.mask & (score > options.min_score) & (inverse_depth > 0)
     return _to_map(view, atlas, inverse_depth, kept)
 
 
