@@ -70,20 +70,20 @@ class Fakes:
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> Fakes:
         monkeypatch.setattr("pomona.segment.load_segmenter", lambda model=None: RedSegmenter(self))
-        monkeypatch.setattr("pomona.pipeline.seeing._model_key", lambda context: ["red", context.options.segment])
         monkeypatch.setattr("pomona.sfm.reconstruct", self._reconstruct)
         monkeypatch.setattr("pomona.scale.place_in_world", self._place)
         monkeypatch.setattr("pomona.dense.fruit_cloud", self._cloud)
         monkeypatch.setattr("pomona.dense.sphere_cloud", self._sphere_cloud)
         monkeypatch.setattr("pomona.fuse.object.fuse", self._fuse)
         monkeypatch.setattr("pomona.fuse.paper.fuse", self._fuse)
-        monkeypatch.setattr("pomona.pipeline.fruits.filtered", self._filter)
-        monkeypatch.setattr("pomona.pipeline.fruits.measured", self._measure)
+        monkeypatch.setattr("pomona.filter.apply", self._filter)
+        monkeypatch.setattr("pomona.filter.apply_to_views", self._filter)
+        monkeypatch.setattr("pomona.measure.measure", self._measure)
         monkeypatch.setattr("pomona.report.write_report", self._report)
         monkeypatch.setattr("pomona.report.write_contact_sheet", self._sheet)
         return self
 
-    def _reconstruct(self, photos, *, options, work_dir, progress):
+    def _reconstruct(self, photos, *, options, work_dir, code_key, progress):
         self.count("sfm")
         return Reconstruction(
             tuple(Piece(side, cameras_of(photos.of_side(side).names), 0.4) for side in photos.sides), ()
@@ -117,11 +117,11 @@ class Fakes:
         fruits = Fruits([1], [[0, 0, 2]], [0.07], [np.nan], [len(sightings)], sides=("row",), reasons=("not tried",))
         return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64)))
 
-    def _filter(self, fused, detections, cameras, options, progress):
+    def _filter(self, fused, *given, options):
         self.count("filter")
         return fused
 
-    def _measure(self, fused, detections, cameras, photos, options, progress):
+    def _measure(self, fused, detections, cameras, photos, *, options, progress):
         self.count("measure")
         return fused.fruits
 

@@ -15,7 +15,7 @@ from pipeline_fakes import Fakes, make_photos
 from pomona.errors import InputError, MissingFileError, ReconstructionError, SurveyError
 from pomona.formats.tables import read_fruits
 from pomona.pipeline import RunOptions, run
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_one_photo(fakes: Fakes, tmp_path: Path) -> None:
 
 
 def test_one_photo_is_enough_for_its_masks(fakes: Fakes, tmp_path: Path) -> None:
-    assert run([make_photos(tmp_path / "photos", 1)], tmp_path / "out", until="segment").detections == 1
+    assert run([make_photos(tmp_path / "photos", 1)], tmp_path / "out", until="select").detections == 1
 
 
 def test_photos_without_overlap(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,10 +51,9 @@ def test_photos_without_overlap(fakes: Fakes, tmp_path: Path, monkeypatch: pytes
         fakes.install(patch)
         patch.undo()
         patch.setattr("pomona.segment.load_segmenter", lambda model=None: _red(fakes))
-        patch.setattr("pomona.pipeline.seeing._model_key", lambda context: "red")
         with pytest.raises(ReconstructionError, match="None of the 3 photos could be placed"):
             run([photos], tmp_path / "out")
-    record = Survey.open(tmp_path / "out").record_of("segment")
+    record = SurveyFolder.open(tmp_path / "out").record_of("segment")
     assert record is not None
     assert record.finished  # what was found before is kept
 
@@ -135,7 +134,7 @@ def test_markers_that_are_never_seen(fakes: Fakes, tmp_path: Path, monkeypatch: 
 
 
 def test_a_markers_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(MissingFileError, match=r"--markers: .*nowhere\.csv does not exist"):
+    with pytest.raises(MissingFileError, match=r"`markers`: .*nowhere\.csv does not exist"):
         RunOptions(markers=tmp_path / "nowhere.csv")
 
 
@@ -149,7 +148,7 @@ def test_a_full_disk_loses_nothing(fakes: Fakes, tmp_path: Path, stage: str, kep
     with pytest.raises(SurveyError, match="disk is full") as error:
         run([photos], tmp_path / "out")
     assert str(tmp_path / "out") in str(error.value)
-    survey = Survey.open(tmp_path / "out")
+    survey = SurveyFolder.open(tmp_path / "out")
     assert all((record := survey.record_of(name)) and record.finished for name in kept)
     assert not list((tmp_path / "out").rglob(".*.part*"))
     calls = dict(fakes.calls)
@@ -186,7 +185,7 @@ def test_a_manifest_that_cannot_be_written_stays_what_it_was(
 ) -> None:
     photos = make_photos(tmp_path / "photos")
     run([photos], tmp_path / "out")
-    before = Survey.open(tmp_path / "out").records
+    before = SurveyFolder.open(tmp_path / "out").records
 
     def full(self: Path, *args: object, **kwargs: object) -> int:
         raise OSError(errno.ENOSPC, "No space left on device", str(self))
@@ -195,7 +194,7 @@ def test_a_manifest_that_cannot_be_written_stays_what_it_was(
         patch.setattr(Path, "write_text", full)
         with pytest.raises(SurveyError, match="disk is full"):
             run([photos], tmp_path / "out", RunOptions(fruit_diameter_m=0.06))
-    assert Survey.open(tmp_path / "out").records == before
+    assert SurveyFolder.open(tmp_path / "out").records == before
 
 
 def test_an_output_folder_that_holds_something_else(fakes: Fakes, tmp_path: Path) -> None:
@@ -212,8 +211,8 @@ def test_an_output_folder_that_holds_something_else(fakes: Fakes, tmp_path: Path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "--method: expected one of object, paper, found 'magic'"),
-        ({"engine": "magic"}, "--engine: expected one of auto, opencv, patchmatch, found 'magic'"),
+        ({"method": "magic"}, "`method`: expected one of object, paper, found 'magic'"),
+        ({"engine": "magic"}, "`engine`: expected one of auto, opencv, patchmatch, found 'magic'"),
         ({"fruit_diameter_m": -1.0}, "--fruit-diameter: expected metres"),
         ({"fruit_diameter_m": float("nan")}, "--fruit-diameter: expected metres"),
         ({"score_threshold": 1.5}, "score_threshold: expected 0 to 1, found 1.5"),
@@ -253,7 +252,7 @@ def test_unknown_option_values_that_stages_know(
 
 
 def test_an_unknown_stage(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="Stage 'everything': expected one of segment, sfm"):
+    with pytest.raises(InputError, match="Stage 'everything': expected one of segment, select, sfm"):
         run([tmp_path], tmp_path / "out", until="everything")
     assert not (tmp_path / "out").exists()
 

@@ -17,7 +17,7 @@ from pomona.cli.app import app
 from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import seconds
 from pomona.errors import InputError
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 TRUTH = "id,x,y,z,diameter\n1,0,0,2,0.07\n2,1,0,2,0.07\n"
 
@@ -54,14 +54,15 @@ def test_run_prints_json_alone_on_stdout(fakes: Fakes, photos: Path, tmp_path: P
 def test_a_second_run_says_what_was_kept(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     pomona("run", photos, "--out", tmp_path / "out")
     assert (
-        "kept from before: fruits in photos, cameras, metres" in pomona("run", photos, "--out", tmp_path / "out").stdout
+        "kept from before: fruits in photos, fruits that count, cameras, metres"
+        in pomona("run", photos, "--out", tmp_path / "out").stdout
     )
 
 
 def test_options_reach_the_run(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     options = ["--scale-bar", "0,1,0.85", "--fruit-diameter", "0.08", "--sides", "none", "--no-gnss", "--no-filter"]
     assert pomona("run", photos, "--out", tmp_path / "out", *options).exit_code == 0
-    kept = Survey.open(tmp_path / "out").get("options")
+    kept = SurveyFolder.open(tmp_path / "out").get("options")
     assert kept["scale_bar"] == [0, 1, 0.85]
     assert (kept["fruit_diameter_m"], kept["sides"], kept["use_gnss"]) == (0.08, "none", False)
     assert "filter" not in fakes.calls
@@ -133,7 +134,7 @@ def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert (out / "fruits.csv").exists()
     assert str(out / "report.html") in pomona("report", out).stdout
     assert fakes.calls["sfm"] == fakes.calls["fuse"] == 1
-    assert Survey.open(out).get("options")["fruit_diameter_m"] == 0.08
+    assert SurveyFolder.open(out).get("options")["fruit_diameter_m"] == 0.08
 
 
 def test_stages_need_a_survey(tmp_path: Path) -> None:
@@ -247,7 +248,7 @@ def test_progress_in_a_file_is_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = text.getvalue().splitlines()
     assert any("Matching: 2 of 10" in line for line in lines)
     assert "Warning: IMG_1 is dark" in lines
-    assert lines[-1].startswith(" 3/10 Cameras")
+    assert lines[-1].startswith(" 4/11 Cameras")
     assert lines[-1].endswith("s")
 
 
@@ -259,7 +260,7 @@ def test_progress_in_a_terminal_shows_stage_bar_and_remaining_time() -> None:
         progress.start("segmenting", 4)
         progress.advance(2)
         progress._bar.refresh()
-    assert "2/10 Fruits in photos: segmenting" in text.getvalue()
+    assert "2/11 Fruits in photos: segmenting" in text.getvalue()
     assert "2/4" in text.getvalue()
     assert "left" in text.getvalue()
 

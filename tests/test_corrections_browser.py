@@ -19,7 +19,7 @@ from pomona.cli.app import app
 from pomona.corrections import read_corrections
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, export_folder, read_survey
 from report_scenes import row_photos
 from test_report_browser import Opened, _open, browser  # noqa: F401 (a fixture)
@@ -39,7 +39,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def _serve(scene: Scene) -> ViewServer:
-    corrector = Corrector(Survey.open(scene.survey), read_survey(scene.survey))
+    corrector = Corrector(SurveyFolder.open(scene.survey), read_survey(scene.survey))
     server = ViewServer(corrector.data, corrector=corrector)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return server

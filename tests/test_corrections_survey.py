@@ -22,9 +22,9 @@ from pomona.errors import FormatError
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.pipeline import go_on
-from pomona.pipeline.kept import kept_correcting, settle
+from pomona.pipeline.reopen import bring_up_to_date, last_found
 from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, read_survey
 from pomona.view.corrected import with_corrections
 from report_scenes import row_photos
@@ -50,7 +50,7 @@ class Desk:
 
     @classmethod
     def of(cls, scene: Scene) -> Desk:
-        return cls(scene, Corrector(Survey.open(scene.survey), read_survey(scene.survey)))
+        return cls(scene, Corrector(SurveyFolder.open(scene.survey), read_survey(scene.survey)))
 
     @property
     def count(self) -> int:
@@ -103,7 +103,7 @@ def test_each_kind_is_done_and_kept_at_once(scene: Scene) -> None:
 def test_the_scene_stays_when_fruits_are_corrected(scene: Scene) -> None:
     # The page's cameras come without points, as the cloud that it reads has them.
     data = read_survey(scene.survey)
-    found = kept_correcting(Survey.open(scene.survey)).found
+    found = last_found(SurveyFolder.open(scene.survey)).found
     assert len(data.cameras.points_in_world) == 0
     points = np.random.default_rng(0).uniform(-1, 1, (40, 3))
     cameras = replace(
@@ -201,12 +201,12 @@ def test_only_results_and_report_are_done_again_for_them(scene: Scene) -> None:
     assert "5 corrections by hand" in (scene.survey / "report.html").read_text()
     assert read_survey(scene.survey).corrections == 5
     heard.clear()
-    settle(Survey.open(scene.survey))
+    bring_up_to_date(SurveyFolder.open(scene.survey))
     go_on(scene.survey, on_stage=heard.append)
     assert heard == ["photos"]
     # What `settle` writes is what a run writes.
     Desk.of(scene).ask("undo")
-    settle(Survey.open(scene.survey))
+    bring_up_to_date(SurveyFolder.open(scene.survey))
     go_on(scene.survey, on_stage=heard.append)
     assert heard == ["photos", "photos", "report"]
     assert not list(scene.survey.glob("*.edited*"))
@@ -225,7 +225,7 @@ def test_a_run_with_other_masks_has_them_and_tells_of_what_no_longer_matches(sce
     for place in (GRID[FALSE_ONE], GRID[12]):
         assert not table_has(scene.survey, place)
     assert all(table_has(scene.survey, place, 0.01) for place in (MISSED, *TWINS))
-    survey = Survey.open(scene.survey)
+    survey = SurveyFolder.open(scene.survey)
     warnings = [w for w in survey.get("warnings") if "matches no fruit" in w]
     assert len(warnings) == 2
     assert "merge the fruits at" in warnings[0]
@@ -241,7 +241,7 @@ def test_a_run_with_other_masks_has_them_and_tells_of_what_no_longer_matches(sce
 
 def test_beginning_anew_keeps_the_log(scene: Scene) -> None:
     Desk.of(scene).correct_all()
-    Survey.open(scene.survey).clear()
+    SurveyFolder.open(scene.survey).clear()
     assert len(read_corrections(scene.survey / "corrections.json").done) == 5
 
 
@@ -259,7 +259,7 @@ def test_without_what_runs_keep_nothing_can_be_corrected(scene: Scene) -> None:
     corrector = Desk.of(scene).corrector
     assert "pomona run" in corrector.note
     with pytest.raises(RuntimeError, match="pomona run"):
-        settle(Survey.open(scene.survey))
+        bring_up_to_date(SurveyFolder.open(scene.survey))
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from pomona.cli.options import parse_names
 from pomona.errors import InputError
 from pomona.formats.detections.coco import read_coco
 from pomona.pipeline import RunOptions, run
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 SIDES = "east/*,west/*"
 
@@ -33,7 +33,7 @@ def test_detections_given_are_the_surveys(tmp_path: Path, photos: Path) -> None:
     out = tmp_path / "survey"
     options = RunOptions(detections=scenes.mats(tmp_path / "masks"), sides=SIDES)
     assert run([photos], out, options, until="segment").detections == len(FRUITS)
-    read = read_coco(Survey.open(out).detections, scenes.scene_photos(photos))
+    read = read_coco(SurveyFolder.open(out).detections, scenes.scene_photos(photos))
     for name, fruits in SCENE.items():
         assert [fruit.score for fruit in fruits] == read[name].scores.tolist()
         assert all(np.array_equal(whole(m), f.pixels) for m, f in zip(read[name].masks, fruits, strict=True))

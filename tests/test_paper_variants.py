@@ -13,7 +13,7 @@ from pomona.cli.app import app
 from pomona.errors import InputError
 from pomona.fuse.paper import PaperOptions
 from pomona.pipeline import RunOptions
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 
 def test_variants_are_the_readings_of_the_paper() -> None:
@@ -45,8 +45,8 @@ def test_a_method_without_a_variant_forgets_the_one_before(tmp_path: Path, monke
     photos, out = make_photos(tmp_path / "photos"), tmp_path / "out"
     arguments = ["run", str(photos), "--out", str(out), "--method", "paper", "--variant", "published-code"]
     assert CliRunner().invoke(app, arguments).exit_code == 0
-    assert Survey.open(out).get("options")["variant"] == "published-code"
+    assert SurveyFolder.open(out).get("options")["variant"] == "published-code"
     assert CliRunner().invoke(app, ["fuse", str(out)]).exit_code == 0
-    assert Survey.open(out).get("options")["variant"] == "published-code"
+    assert SurveyFolder.open(out).get("options")["variant"] == "published-code"
     assert CliRunner().invoke(app, ["fuse", str(out), "--method", "object"]).exit_code == 0
-    assert Survey.open(out).get("options")["variant"] is None
+    assert SurveyFolder.open(out).get("options")["variant"] is None

@@ -12,7 +12,7 @@ import pytest
 
 from pomona.errors import FormatError, MissingFileError, SurveyError
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.survey import StageRecord, Survey
+from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import disk_errors, write_file
 from pomona.survey.record import Meter
@@ -23,40 +23,40 @@ from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arr
 def test_a_folder_that_holds_something_else_is_refused_untouched(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("mine")
     with pytest.raises(SurveyError, match=f"holds something else than a survey .*{name}"):
-        Survey.create(tmp_path)
+        SurveyFolder.create(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == "mine"
 
 
 def test_an_empty_folder_a_new_one_and_a_survey_are_taken(tmp_path: Path) -> None:
     (tmp_path / ".DS_Store").write_text("")
-    Survey.create(tmp_path).note(answer=42)
-    assert Survey.create(tmp_path).get("answer") == 42
-    assert Survey.create(tmp_path / "new" / "deep").manifest_path.is_file()
+    SurveyFolder.create(tmp_path).note(answer=42)
+    assert SurveyFolder.create(tmp_path).get("answer") == 42
+    assert SurveyFolder.create(tmp_path / "new" / "deep").manifest_path.is_file()
 
 
 def test_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SurveyError, match="is a file"):
-        Survey.create(tmp_path / "file")
+        SurveyFolder.create(tmp_path / "file")
 
 
 @pytest.mark.parametrize("text", ['{"format": "other"}', "[]", "{}"])
 def test_a_foreign_survey_json_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "survey.json").write_text(text)
     with pytest.raises(SurveyError, match="not written by Pomona"):
-        Survey.create(tmp_path)
+        SurveyFolder.create(tmp_path)
 
 
 def test_a_damaged_survey_json_is_told_of(tmp_path: Path) -> None:
     (tmp_path / "survey.json").write_text("{")
     with pytest.raises(FormatError, match=r"survey\.json: expected JSON"):
-        Survey.create(tmp_path)
+        SurveyFolder.create(tmp_path)
 
 
 def test_open_needs_a_survey(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="is not a survey"):
-        Survey.open(tmp_path)
+        SurveyFolder.open(tmp_path)
 
 
 def test_a_folder_that_may_not_be_written_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,16 +65,16 @@ def test_a_folder_that_may_not_be_written_is_told_of(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(Path, "write_text", refuse)
     with pytest.raises(SurveyError, match="cannot be written to"):
-        Survey.create(tmp_path / "out")
+        SurveyFolder.create(tmp_path / "out")
 
 
 def test_records_survive(tmp_path: Path) -> None:
-    survey = Survey.create(tmp_path)
+    survey = SurveyFolder.create(tmp_path)
     record = StageRecord(fingerprint="f", wall_s=1.5, warnings=("w",), outputs={"a": "b"}, info={"n": 3, "x": [1.5]})
     survey.set_record("sfm", record)
-    assert Survey.open(tmp_path).record_of("sfm") == record
-    assert Survey.open(tmp_path).record_of("scale") is None
-    assert list(Survey.open(tmp_path).records) == ["sfm"]
+    assert SurveyFolder.open(tmp_path).record_of("sfm") == record
+    assert SurveyFolder.open(tmp_path).record_of("scale") is None
+    assert list(SurveyFolder.open(tmp_path).records) == ["sfm"]
 
 
 def test_a_record_of_a_newer_version_is_understood() -> None:
@@ -153,12 +153,12 @@ def test_the_meter_measures() -> None:
 
 
 def test_the_manifest_is_json_with_a_format(tmp_path: Path) -> None:
-    manifest = json.loads(Survey.create(tmp_path).manifest_path.read_text())
+    manifest = json.loads(SurveyFolder.create(tmp_path).manifest_path.read_text())
     assert manifest["format"] == "pomona-survey"
 
 
 def test_files_that_are_not_there_are_named_with_what_writes_them(tmp_path: Path) -> None:
-    survey = Survey.create(tmp_path / "s")
+    survey = SurveyFolder.create(tmp_path / "s")
     survey.fruits.touch()
     survey.need(survey.fruits)
     with pytest.raises(MissingFileError, match=r"cameras does not exist: `pomona reconstruct .*s` writes it"):

@@ -23,7 +23,7 @@ from pomona.formats.detections.coco import read_coco
 from pomona.formats.xyz import write_xyz
 from pomona.fruits import FruitCloud
 from pomona.photos import Photos
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 from pomona.survey.values import columns_from, read_arrays
 
 SIDES = ("west", "east")
@@ -70,7 +70,7 @@ def label_image(found: Detections) -> tuple[np.ndarray, np.ndarray]:
     return labels, found.scores.astype(np.float32)
 
 
-def write(survey: Survey, out: Path) -> None:
+def write(survey: SurveyFolder, out: Path) -> None:
     cloud_file = survey.work("dense.npz")
     if not cloud_file.is_file():
         raise MissingFileError(
@@ -104,7 +104,7 @@ def write(survey: Survey, out: Path) -> None:
         write_xyz(out / "data" / "pt_clouds" / f"{side}_side_pc.txt", part)
 
 
-def photos_of(survey: Survey) -> Photos:
+def photos_of(survey: SurveyFolder) -> Photos:
     from pomona.capture import load_photos
 
     sources = [Path(source) for source in survey.get("sources")]
@@ -116,7 +116,7 @@ def main() -> None:
     parser.add_argument("survey", type=Path)
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()
-    write(Survey.open(arguments.survey), arguments.out)
+    write(SurveyFolder.open(arguments.survey), arguments.out)
 
 
 if __name__ == "__main__":

@@ -90,6 +90,11 @@ class Cameras:
         if n and not (self.intrinsics_idx.min() >= 0 and self.intrinsics_idx.max() < len(self.intrinsics)):
             raise InputError(f"Cameras.intrinsics_idx: expected 0 to {len(self.intrinsics) - 1}")
 
+    @classmethod
+    def empty(cls) -> Cameras:
+        """Return no cameras."""
+        return cls((), (), np.zeros(0, np.int64), np.zeros((0, 3, 4)))
+
     def __len__(self) -> int:
         return len(self.photos)
 

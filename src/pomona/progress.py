@@ -38,6 +38,28 @@ class Silent:
         self.warnings.append(message)
 
 
+class Recorder:
+    """A `Progress` that passes everything on, each warning once, and remembers the warnings."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self.warnings: list[str] = []
+
+    def start(self, label: str, total: int | None = None) -> None:
+        """Pass the step on."""
+        self._progress.start(label, total)
+
+    def advance(self, units: int = 1) -> None:
+        """Pass the advance on."""
+        self._progress.advance(units)
+
+    def warn(self, message: str) -> None:
+        """Remember the warning and pass it on, the first time."""
+        if message not in self.warnings:
+            self.warnings.append(message)
+            self._progress.warn(message)
+
+
 def track(items: Iterable[T], progress: Progress, label: str, total: int | None = None) -> Iterator[T]:
     """Yield `items`, advancing `progress` after each one has been used."""
     if total is None and isinstance(items, Sized):

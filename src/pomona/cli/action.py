@@ -8,7 +8,7 @@ from pathlib import Path
 from pomona.cli.failures import Stopped
 from pomona.cli.progress import TerminalProgress
 from pomona.pipeline import Summary
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 
 def with_progress(work: Callable[[TerminalProgress], Summary], survey: Path) -> Summary:
@@ -20,9 +20,9 @@ def with_progress(work: Callable[[TerminalProgress], Summary], survey: Path) -> 
         raise Stopped(f"what was finished is kept in {survey}; the same command goes on where it was.") from None
 
 
-def settled(survey: Survey) -> None:
+def bring_tables_up_to_date(survey: SurveyFolder) -> None:
     """Bring the tables of a survey up to date with its corrections, before they are read."""
-    from pomona.pipeline.kept import settle
+    from pomona.pipeline.reopen import bring_up_to_date
 
     with TerminalProgress() as progress:
-        settle(survey, progress)
+        bring_up_to_date(survey, progress)

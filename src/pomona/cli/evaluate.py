@@ -10,11 +10,11 @@ import typer
 from rich.console import Console
 
 from pomona.cli import options as shared
-from pomona.cli.action import settled
+from pomona.cli.action import bring_tables_up_to_date
 from pomona.cli.evaluate_detections import Pictures, evaluate_detections
 from pomona.cli.evaluate_mistakes import evaluate_mistakes
 from pomona.formats.tables import read_fruits
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 if TYPE_CHECKING:
     from pomona.evaluate.fruits import Scores
@@ -69,8 +69,8 @@ def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
     from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, read_truth
 
     options = EvaluateOptions(match=match)  # type: ignore[arg-type]
-    opened = Survey.open(survey)
-    settled(opened)
+    opened = SurveyFolder.open(survey)
+    bring_tables_up_to_date(opened)
     opened.need(opened.fruits)
     return evaluate_fruits(read_fruits(opened.fruits), read_truth(truth), options=options)
 

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 if TYPE_CHECKING:
     from pomona.evaluate.detections import DetectionScores, DetectionTruth, EvaluateDetectionsOptions, FoundDetections
@@ -96,7 +96,7 @@ def _file_of(source: Path) -> Path:
     """The COCO file that was named itself, or that of the survey that was named."""
     if source.is_file():
         return source
-    survey = Survey.open(source)
+    survey = SurveyFolder.open(source)
     survey.need(survey.detections)
     return survey.detections
 
@@ -110,7 +110,7 @@ def find_photos(source: Path, truth: Path, names: Sequence[str], folder: Path | 
     from pomona.survey.photos import photos_of
 
     if folder is None and source.is_dir():
-        survey = Survey.open(source)
+        survey = SurveyFolder.open(source)
         places = [Path(place) for place in survey.get("sources") or ()]
         if places and all(place.exists() for place in places) and (found := photos_of(survey, names)):
             return found.by_name()

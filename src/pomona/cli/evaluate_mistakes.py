@@ -11,15 +11,12 @@ from rich.console import Console
 
 from pomona.cli.evaluate_detections import Pictures, find_photos
 from pomona.cli.progress import TerminalProgress
-from pomona.formats.tables import read_fruits, read_observations
-from pomona.pipeline.seeing import least_score_in
-from pomona.survey import Survey
-from pomona.survey.values import columns_from, read_arrays
+from pomona.survey import SurveyFolder
+from pomona.survey.reader import SurveyReader
 
 if TYPE_CHECKING:
     from pomona.evaluate.diagnosis import SurveyResult
     from pomona.evaluate.fruits import EvaluateOptions
-    from pomona.fruits import Fruits, Observations
     from pomona.progress import Progress
 
 
@@ -65,35 +62,22 @@ def read_result(source: Path, truth: Path, photos: Path | None, progress: Progre
     """
     from pomona.evaluate.detections import read_found
     from pomona.evaluate.diagnosis import SurveyResult
-    from pomona.formats.cameras.colmap import read_colmap
-    from pomona.pipeline.kept import settle
+    from pomona.pipeline.reopen import bring_up_to_date
 
-    survey = Survey.open(source)
-    settle(survey, progress)
-    survey.need(survey.cameras, survey.detections, survey.fruits, survey.observations)
-    cameras, fruits = read_colmap(survey.cameras), read_fruits(survey.fruits)
+    files = SurveyFolder.open(source)
+    bring_up_to_date(files, progress)
+    files.need(files.cameras, files.detections, files.fruits, files.observations)
+    survey = SurveyReader(files, progress=progress)
+    if survey.before_filter is None:
+        progress.warn("What the filter dropped is not known: the survey has not kept it, or of other fruits")
     return SurveyResult(
-        photos=find_photos(source, truth, cameras.photos, photos),
-        sides={entry["name"]: entry.get("side", "") for entry in survey.get("photos", ())},
-        cameras=cameras,
-        detections=read_found(survey.detections, progress=progress).by_photo,
-        fruits=fruits,
-        observations=read_observations(survey.observations),
-        unfiltered=_unfiltered(survey, fruits, progress),
-        least_score=least_score_in(survey),
+        photos=find_photos(source, truth, survey.cameras.photos, photos),
+        sides=survey.sides,
+        cameras=survey.cameras,
+        detections=read_found(files.detections, progress=progress).by_photo,
+        fruits=survey.fruits,
+        observations=survey.observations,
+        unfiltered=survey.before_filter,
+        least_score=survey.least_score,
         title=survey.folder.name,
     )
-
-
-def _unfiltered(survey: Survey, fruits: Fruits, progress: Progress) -> tuple[Fruits, Observations] | None:
-    """Return the fruits before the filter, where the survey still has those of which `fruits` are left."""
-    from pomona.fruits import Fruits, Observations
-
-    path = survey.work("fuse.npz")
-    if path.is_file():
-        arrays = read_arrays(path)
-        before = columns_from(Fruits, arrays, "fruits/"), columns_from(Observations, arrays, "observations/")
-        if set(fruits.ids.tolist()) <= set(before[0].ids.tolist()):
-            return before
-    progress.warn(f"What the filter dropped is not known: {path} is not there, or of other fruits than {survey.fruits}")
-    return None

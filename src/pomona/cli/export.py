@@ -11,11 +11,11 @@ from pomona.cli import options as shared
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, SurveyError
 from pomona.export import EXPORT_FORMATS
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 
 def export(
-    survey: shared.SurveyFolder,
+    survey: shared.SurveyArgument,
     to: Annotated[str, typer.Option(metavar="|".join(EXPORT_FORMATS), help="The format that is wanted.")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="PATH", help="Where to. Default: SURVEY/export/.")
@@ -33,9 +33,9 @@ def export(
 
     if to not in EXPORT_FORMATS:
         raise InputError(f"--to: expected one of {', '.join(EXPORT_FORMATS)}, found '{to}'")
-    opened = Survey.open(survey)
+    opened = SurveyFolder.open(survey)
     if out is not None and out.exists():
         raise SurveyError(f"{out} exists already: name another file with --out")
     with TerminalProgress() as progress:
-        path = export_survey(to, SurveySource(opened, photos, progress), out)
+        path = export_survey(to, SurveySource(opened, photos_folder=photos, progress=progress), out)
     typer.echo(str(path))

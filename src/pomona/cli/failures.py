@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from pomona.cli.wording import with_options
 from pomona.errors import PomonaError
 
 P = ParamSpec("P")
@@ -34,7 +35,7 @@ def told(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except PomonaError as error:
-            say("Error", "bold red", str(error))
+            say("Error", "bold red", with_options(str(error)))
             raise typer.Exit(WRONG_INPUT) from None
         except KeyboardInterrupt as error:
             say("Stopped", "bold yellow", str(error) or "nothing was lost.")

@@ -14,7 +14,7 @@ Photos = Annotated[
     typer.Argument(metavar="PHOTOS...", help="A folder of photos, two folders (the sides of the row), or a video."),
 ]
 Out = Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="The folder to write: new, or a survey.")]
-SurveyFolder = Annotated[Path, typer.Argument(metavar="SURVEY", help="A folder that `pomona run` wrote.")]
+SurveyArgument = Annotated[Path, typer.Argument(metavar="SURVEY", help="A folder that `pomona run` wrote.")]
 Sides = Annotated[str, typer.Option(metavar="auto|none|GLOB,GLOB", help="Which photos are of which side of the row.")]
 Model = Annotated[
     str | None,

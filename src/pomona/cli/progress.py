@@ -19,11 +19,13 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from pomona.cli.wording import with_options
 from pomona.pipeline import STAGES
 
 LABELS = {
     "photos": "Photos",
     "segment": "Fruits in photos",
+    "select": "Fruits that count",
     "sfm": "Cameras",
     "scale": "Metres",
     "dense": "Cloud of the fruits",
@@ -94,7 +96,7 @@ class TerminalProgress:
 
     def warn(self, message: str) -> None:
         """Print a warning at once."""
-        self._print(Text.assemble(("Warning: ", "yellow"), message))
+        self._print(Text.assemble(("Warning: ", "yellow"), with_options(message)))
 
     def _title(self) -> str:
         names = ("photos", *STAGES)

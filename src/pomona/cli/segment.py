@@ -26,7 +26,7 @@ def segment(
     chosen = RunOptions(sides=sides, model=model, score_threshold=score_threshold)
     summary = with_progress(
         lambda progress: run_pipeline(
-            photos, out, chosen, progress, until="segment", overwrite=overwrite, on_stage=progress.stage
+            photos, out, chosen, progress, until="select", overwrite=overwrite, on_stage=progress.stage
         ),
         out,
     )

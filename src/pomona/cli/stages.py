@@ -18,7 +18,7 @@ _METHOD = Annotated[str | None, typer.Option(metavar="paper", help="How masks be
 
 
 def reconstruct(
-    survey: shared.SurveyFolder,
+    survey: shared.SurveyArgument,
     markers: shared.Markers = None,
     scale_bar: shared.ScaleBar = None,
     marker_dictionary: _DICTIONARY = None,
@@ -41,7 +41,7 @@ def reconstruct(
 
 
 def fuse(
-    survey: shared.SurveyFolder,
+    survey: shared.SurveyArgument,
     method: _METHOD = None,
     variant: shared.Variant = None,
     as_json: shared.Json = False,
@@ -53,12 +53,12 @@ def fuse(
     _go_on(survey, "filter", changed, as_json)
 
 
-def measure(survey: shared.SurveyFolder, as_json: shared.Json = False) -> None:
+def measure(survey: shared.SurveyArgument, as_json: shared.Json = False) -> None:
     """Measure the fruits of a survey and write its tables, map and cloud."""
     _go_on(survey, "results", {}, as_json)
 
 
-def report(survey: shared.SurveyFolder, as_json: shared.Json = False) -> None:
+def report(survey: shared.SurveyArgument, as_json: shared.Json = False) -> None:
     """Write the report of a survey again, doing first what is missing."""
     _go_on(survey, "report", {}, as_json)
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pomona.cli import options as shared
-from pomona.cli.action import settled
+from pomona.cli.action import bring_tables_up_to_date
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 if TYPE_CHECKING:
     from pomona.report import ReportData
@@ -31,7 +31,7 @@ _EXPORT = Annotated[
 
 
 def view(
-    survey: shared.SurveyFolder,
+    survey: shared.SurveyArgument,
     port: _PORT = 0,
     no_browser: _NO_BROWSER = False,
     photos: _PHOTOS = None,
@@ -44,7 +44,7 @@ def view(
     """
     from pomona.view import Corrector, ViewServer, export_folder, read_survey
 
-    opened = Survey.open(survey)
+    opened = SurveyFolder.open(survey)
     with TerminalProgress() as progress:
         data = read_survey(survey, photos=photos, progress=progress)
         corrector = Corrector(opened, data, compare=_comparing(truth) if truth else None)
@@ -67,7 +67,7 @@ def view(
         except KeyboardInterrupt:
             typer.echo("", err=True)
     if corrector.changed:
-        settled(opened)
+        bring_tables_up_to_date(opened)
         typer.echo(f"The tables are corrected; `pomona report {survey}` writes the report again.", err=True)
 
 

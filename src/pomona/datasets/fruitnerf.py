@@ -30,7 +30,7 @@ from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 NAME = "FruitNeRF"
 _FRAME = WorldFrame("given", approximate=True, up_is_known=False)
@@ -94,7 +94,7 @@ def _real(scene: Scene, out: Path, model: str | None, fruit_diameter_m: float, p
     survey = out / f"survey-{scene.name}"
     options = RunOptions(model=model, fruit_diameter_m=fruit_diameter_m, sides="none")
     run_pipeline(list(scene.photos), survey, options, progress)
-    fruits = read_fruits(Survey.open(survey).fruits)
+    fruits = read_fruits(SurveyFolder.open(survey).fruits)
     known = [count for name, count in FRUITNERF_COUNTS.items() if name in scene.name.lower()]
     true = {"counted by hand": known[0]} if known else {}
     figure = Figure("fruits", {"Pomona": len(fruits), **true})

@@ -27,7 +27,7 @@ from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
 from pomona.scale.registration import register
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 
 NAME = "Fuji-SfM"
 _TABLE_2, _TABLE_3, _FIGURE_8 = "Table 2", "Table 3", "Figure 8"
@@ -149,16 +149,16 @@ def _segmented(
 ) -> tuple[SurveyDetections, float]:
     """The segmenter's detections by our names for the photos; a stopped run goes on where it was."""
     survey = out / "survey"
-    run_pipeline(_sources(files), survey, RunOptions(model=options.model), progress, until="segment")
+    run_pipeline(_sources(files), survey, RunOptions(model=options.model), progress, until="select")
     theirs = load_photos(_sources(files), min_photos=1)
     names = {photo.path.resolve(): photo.name for photo in photos}
-    found = read_coco(Survey.open(survey).detections, theirs)
+    found = read_coco(SurveyFolder.open(survey).detections, theirs)
     renamed = {
         names[photo.path.resolve()]: replace(found[photo.name], photo=names[photo.path.resolve()])
         for photo in theirs
         if photo.name in found and photo.path.resolve() in names
     }
-    record = Survey.open(survey).record_of("segment")
+    record = SurveyFolder.open(survey).record_of("select")
     assert record is not None
     return SurveyDetections(renamed), float(record.info["score_threshold"])
 
@@ -175,7 +175,7 @@ def _from_photos(
         run_pipeline(_sources(files), survey, chosen, progress)
     except ReconstructionError as error:
         return {}, (), str(error)
-    fruits = read_fruits(Survey.open(survey).fruits)
+    fruits = read_fruits(SurveyFolder.open(survey).fruits)
     if known is None:
         return {OBJECT: fruits}, (), ""
     laid = _laid_over(fruits, known.truth, options.fruit_diameter_m)

@@ -20,6 +20,7 @@ from pomona.fuse import Fused, object, paper
 from pomona.fuse.paper.projection import MIN_DLT_POINTS
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
+from pomona.pipeline.select import SelectOptions
 from pomona.progress import Progress
 
 OBJECT = "object"
@@ -62,8 +63,10 @@ def found_by_methods(
 
 
 def _by_object(given: Given, fruit_diameter_m: float, progress: Progress) -> Fruits:
-    options = RunOptions(fruit_diameter_m=fruit_diameter_m)
-    detections = given.detections.at_least(options.least_score(given.least_score))
+    run = RunOptions(fruit_diameter_m=fruit_diameter_m)
+    options = run.of_stages
+    _, least_score = SelectOptions.of(run).thresholds(given.least_score)
+    detections = given.detections.at_least(least_score)
     fused = object.fuse(detections, given.cameras, options=options.object, progress=progress)
     if len(fused.fruits) == 0:
         return fused.fruits
@@ -72,14 +75,15 @@ def _by_object(given: Given, fruit_diameter_m: float, progress: Progress) -> Fru
     return measure(fused, detections, given.cameras, options=options.measure, progress=progress)
 
 
-def _by_paper(given: Given, options: RunOptions, known: TrueTrees | None, progress: Progress) -> tuple[Fruits, str]:
+def _by_paper(given: Given, run: RunOptions, known: TrueTrees | None, progress: Progress) -> tuple[Fruits, str]:
     assert given.cloud is not None
+    options = run.of_stages
     detections = given.detections.at_least(given.least_score)
     fused = paper.fuse(detections, given.cameras, given.cloud, options=options.paper, progress=progress)
     if len(fused.fruits) == 0:
         least = f" of a score of {options.paper.min_score:g} or more" if options.paper.min_score else ""
         return fused.fruits, f"no fruit: no detection{least} has points of the cloud"
-    svm, note = _machine(fused, options, known)
+    svm, note = _machine(fused, run, known)
     fused = filters.apply(fused, svm)
     return measure(fused, detections, given.cameras, options=options.measure, progress=progress), note
 

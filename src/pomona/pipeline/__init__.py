@@ -1,7 +1,8 @@
 """The stages in order, redoing only what changed: `run` is the whole job of `pomona run`."""
 
+from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import METHODS, RunOptions
-from pomona.pipeline.run import STAGES, go_on, run
+from pomona.pipeline.run import go_on, run
 from pomona.pipeline.summary import StageTime, Summary
 
 __all__ = ["METHODS", "STAGES", "RunOptions", "StageTime", "Summary", "go_on", "run"]

@@ -1,24 +1,27 @@
-"""What a person can choose about a run. The options of each stage are made from these."""
+"""What a person can choose about a run, and the options of each stage made from that."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
-    from pomona.dense import DenseOptions
-    from pomona.fuse.object import ObjectOptions
-    from pomona.fuse.paper import PaperOptions
-    from pomona.measure import MeasureOptions
-    from pomona.scale import ScaleOptions
-    from pomona.segment import SegmentOptions
-    from pomona.sfm import SfmOptions
+    from pomona.dense.options import DenseOptions
+    from pomona.filter.options import FilterOptions
+    from pomona.fuse.object.options import ObjectOptions
+    from pomona.fuse.paper.options import PaperOptions
+    from pomona.measure.options import MeasureOptions
+    from pomona.scale.options import ScaleOptions
+    from pomona.segment.stage import SegmentOptions
+    from pomona.sfm.options import SfmOptions
+
+T = TypeVar("T")
 
 Method = Literal["object", "paper"]
 Variant = Literal["text", "published-code"]
@@ -27,21 +30,25 @@ METHODS: tuple[str, ...] = get_args(Method)
 VARIANTS: tuple[str, ...] = get_args(Variant)
 ENGINES: tuple[str, ...] = get_args(Engine)
 
+# The paper's 3 cm were chosen for apples of 75 mm; other fruits have their own size.
+_EPS_DIAMETERS = 0.4
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Options of a run; the defaults need no tuning.
 
     `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
-    installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks
-    (docs/reference/detection-formats.md), in place of a segmenter, and `classes`, those of it that are fruit (None: it
-    has one).
-    `cameras`: a folder with a COLMAP text model, used in place of structure from motion. `markers`,
-    `scale_bar` (two ids, metres), `use_gnss`, `fruit_diameter_m`: where metres come from, in this order.
-    `variant` of the method "paper": to the letter of its "text", or as its authors' "published-code" does it; None:
-    what is best of both (docs/reference/methods/paper.md). `engine` makes the dense cloud.
-    `filter_false_positives`: whether the support vector machine has its say, with `filter_model` (None: the shipped
-    one).
+    installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks, in place of a
+    segmenter, and `classes`, those of it that are fruit (None: it has one). `cameras`: a reconstruction of another
+    program, used in place of structure from motion. `markers`, `scale_bar` (two ids, metres), `use_gnss`,
+    `fruit_diameter_m`: where metres come from, in this order. `variant` of the method "paper": to the letter of its
+    "text", or as its authors' "published-code" does it; None: what is best of both. `engine` makes the dense cloud.
+    `filter_false_positives`: whether the support vector machine decides which fruits are dropped, with `filter_model`
+    (None: the shipped one).
+
+    `segment`, `sfm`, `scale`, `object`, `paper`, `dense`, `filter`, `measure` are options of single stages, for those
+    who know them; what the options above say goes before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -62,101 +69,86 @@ class RunOptions:
     engine: str = "auto"
     filter_false_positives: bool = True
     filter_model: Path | None = None
+    segment: SegmentOptions | None = None
+    sfm: SfmOptions | None = None
+    scale: ScaleOptions | None = None
+    object: ObjectOptions | None = None
+    paper: PaperOptions | None = None
+    dense: DenseOptions | None = None
+    filter: FilterOptions | None = None
+    measure: MeasureOptions | None = None
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"--method: expected one of {', '.join(METHODS)}, found '{self.method}'")
-        if self.variant is not None and self.variant not in VARIANTS:
-            raise InputError(f"--variant: expected one of {', '.join(VARIANTS)}, found '{self.variant}'")
+        for name, known in (("method", METHODS), ("variant", VARIANTS), ("engine", ENGINES)):
+            value = getattr(self, name)
+            if value is not None and value not in known:
+                raise InputError(f"`{name}`: expected one of {', '.join(known)}, found '{value}'")
         if self.variant is not None and self.method != "paper":
-            raise InputError(f"--variant {self.variant} is of --method paper, found --method {self.method}")
+            raise InputError(f"`variant` {self.variant} is of `method` paper, found `method` {self.method}")
         if self.classes is not None and self.detections is None:
-            raise InputError(f"--classes {','.join(self.classes)} are those of --detections, which is not given")
-        if self.engine not in ENGINES:
-            raise InputError(f"--engine: expected one of {', '.join(ENGINES)}, found '{self.engine}'")
+            raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
         for name in ("detections", "cameras", "markers", "filter_model"):
             path = getattr(self, name)
             if path is None:
                 continue
             object.__setattr__(self, name, Path(path).expanduser().resolve())
             if not getattr(self, name).exists():
-                raise MissingFileError(f"--{name.replace('_', '-')}: {path} does not exist")
-        # Made once here, so that wrong values are told of before any work is done.
-        _ = self.scale, self.segment, self.dense
+                raise MissingFileError(f"`{name}`: {path} does not exist")
+        _ = self.of_stages  # wrong values are said before any work is done
 
     @property
-    def scale(self) -> ScaleOptions:
-        """Options of the scale stage."""
+    def of_stages(self) -> StageOptions:
+        """The options of each stage."""
+        from pomona.dense.options import DenseOptions
+        from pomona.filter.options import FilterOptions
+        from pomona.fuse.object.options import ObjectOptions
+        from pomona.measure.options import MeasureOptions
         from pomona.scale.options import ScaleOptions
-
-        return ScaleOptions(
-            markers=self.markers,
-            scale_bar=self.scale_bar,
-            marker_dictionary=self.marker_dictionary,
-            fruit_diameter_m=self.fruit_diameter_m,
-            use_gnss=self.use_gnss,
-        )
-
-    @property
-    def segment(self) -> SegmentOptions:
-        """Options of the segment stage."""
         from pomona.segment.protocol import KEPT_SHARE
         from pomona.segment.stage import SegmentOptions
-
-        # Detections below the threshold are kept in the file with their scores; they do not count as fruit.
-        return SegmentOptions(score_threshold=self.score_threshold, kept_share=KEPT_SHARE)
-
-    def least_score(self, model_threshold: float) -> float:
-        """Return the score from which detections become fruit, where a single photo's are best from `model_threshold`.
-
-        Who sees all photos may trust less in each: 0.8 of it finds more fruits (docs/lab/object-method.md).
-        """
-        if self.score_threshold is not None:
-            return self.score_threshold
-        return model_threshold if self.method == "paper" else 0.8 * model_threshold
-
-    @property
-    def sfm(self) -> SfmOptions:
-        """Options of structure from motion."""
         from pomona.sfm.options import SfmOptions
 
-        return SfmOptions()
+        # Weak detections are kept in the file with their scores; they do not count as fruit.
+        segment, scale = self.segment or SegmentOptions(kept_share=KEPT_SHARE), self.scale or ScaleOptions()
+        association, dense = self.object or ObjectOptions(), self.dense or DenseOptions()
+        # Fruits that were found by their outlines stay near where they were found.
+        measure = self.measure or (MeasureOptions(center_tie=1.0) if self.method == "object" else MeasureOptions())
+        return StageOptions(
+            run=self,
+            segment=replace(segment, score_threshold=self.score_threshold),
+            sfm=self.sfm or SfmOptions(),
+            scale=replace(
+                scale,
+                markers=self.markers,
+                scale_bar=self.scale_bar,
+                marker_dictionary=self.marker_dictionary,
+                fruit_diameter_m=self.fruit_diameter_m,
+                use_gnss=self.use_gnss,
+            ),
+            object=replace(association, fruit_diameter_m=self.fruit_diameter_m),
+            paper=self._paper(),
+            dense=replace(dense, engine=self.engine, fruit_diameter_m=self.fruit_diameter_m),  # type: ignore[arg-type]
+            filter=self.filter or FilterOptions(),
+            measure=measure,
+        )
 
-    @property
-    def dense(self) -> DenseOptions:
-        """Options of the dense stage."""
-        from pomona.dense.options import DenseOptions
+    def _paper(self) -> PaperOptions:
+        from pomona.fuse.paper.options import PaperOptions
 
-        return DenseOptions(engine=self.engine, fruit_diameter_m=self.fruit_diameter_m)  # type: ignore[arg-type]
-
-    @property
-    def paper(self) -> PaperOptions:
-        """Options of the paper's fusion."""
-        from pomona.fuse.paper import PaperOptions
-
+        if self.paper is not None:
+            return self.paper
         made = {"text": PaperOptions.as_printed, "published-code": PaperOptions.as_published_code}
         options = made[self.variant]() if self.variant else PaperOptions()
-        # Scores were looked at when segmenting; but the published code has its own threshold.
+        # Scores were compared with the threshold already; but the published code has its own.
         as_code = self.variant == "published-code" and self.score_threshold is None
-        # 3 cm were chosen for apples of 75 mm; other fruits have their own size.
-        return replace(options, eps_m=0.4 * self.fruit_diameter_m, min_score=options.min_score if as_code else 0.0)
-
-    @property
-    def object(self) -> ObjectOptions:
-        """Options of the association."""
-        from pomona.fuse.object import ObjectOptions
-
-        return ObjectOptions(fruit_diameter_m=self.fruit_diameter_m)
-
-    @property
-    def measure(self) -> MeasureOptions:
-        """Options of the measures: fruits that were found by their outlines stay near where they were found."""
-        from pomona.measure import MeasureOptions
-
-        return MeasureOptions(center_tie=1.0) if self.method == "object" else MeasureOptions()
+        return replace(
+            options,
+            eps_m=_EPS_DIAMETERS * self.fruit_diameter_m,
+            min_score=options.min_score if as_code else 0.0,
+        )
 
     def check_files(self) -> None:
-        """Read the small files named, and look up names, so that a mistake is told of before hours of work.
+        """Read the small files named, and look up names, so that a mistake is said before hours of work.
 
         Raises `InputError`, `FormatError` or `MissingFileError`.
         """
@@ -166,7 +158,7 @@ class RunOptions:
             if self.marker_dictionary not in dictionary_names():
                 known = ", ".join(name for name in dictionary_names() if name.startswith("DICT_4X4"))
                 raise InputError(
-                    f"--marker-dictionary: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
+                    f"`marker_dictionary`: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
                 )
         if self.markers is not None:
             from pomona.scale.marker_table import read_markers
@@ -180,7 +172,7 @@ class RunOptions:
             found = LinearSvm.load(self.filter_model).names
             if found != expected:
                 raise InputError(
-                    f"--filter-model {self.filter_model}: --method {self.method} expects a machine trained on "
+                    f"`filter_model` {self.filter_model}: `method` {self.method} expects a machine trained on "
                     f"{', '.join(expected)}; found one of {', '.join(found)}"
                 )
 
@@ -191,11 +183,62 @@ class RunOptions:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> RunOptions:
-        """Return the options that `to_json` gave; entries of other versions are ignored."""
-        known = {field.name: values[field.name] for field in fields(cls) if field.name in values}
-        if known.get("scale_bar"):
-            one, other, length_m = known["scale_bar"]
-            known["scale_bar"] = int(one), int(other), float(length_m)
-        if known.get("classes") is not None:
-            known["classes"] = tuple(known["classes"])
-        return cls(**known)
+        """Return the options that `to_json` gave; entries of other versions are ignored.
+
+        Raises `FormatError` for values that no option can have.
+        """
+        return _from_plain(cls, values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageOptions:
+    """The options of all stages of one run, made from `run`, what a person chose."""
+
+    run: RunOptions
+    segment: SegmentOptions
+    sfm: SfmOptions
+    scale: ScaleOptions
+    object: ObjectOptions
+    paper: PaperOptions
+    dense: DenseOptions
+    filter: FilterOptions
+    measure: MeasureOptions
+
+
+def _from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
+    """Return the options of which `plain` gave the entries."""
+    assert is_dataclass(cls)
+    known = {field.name: values[field.name] for field in fields(cls) if field.name in values}
+    kinds = get_type_hints(cls, localns=_option_classes())
+    try:
+        return cls(**{name: _value(kinds[name], value) for name, value in known.items()})
+    except (TypeError, ValueError, AttributeError) as error:
+        raise FormatError(f"Options of {cls.__name__}: expected those of a run, but {error}") from None
+
+
+def _value(kind: Any, value: Any) -> Any:
+    if value is None or not isinstance(value, dict | list | str):
+        return value
+    kinds = [kind, *get_args(kind)]
+    if isinstance(value, dict):
+        return _from_plain(next(k for k in kinds if is_dataclass(k)), value)  # type: ignore[arg-type]
+    if isinstance(value, list):
+        return tuple(value)
+    return Path(value) if Path in kinds else value
+
+
+def _option_classes() -> dict[str, Any]:
+    from pomona.dense.options import DenseOptions
+    from pomona.filter.options import FilterOptions
+    from pomona.fuse.object.options import ObjectOptions
+    from pomona.fuse.paper.options import PaperOptions
+    from pomona.measure.options import MeasureOptions
+    from pomona.scale.options import ScaleOptions
+    from pomona.segment.stage import SegmentOptions
+    from pomona.sfm.options import SfmOptions
+
+    classes = (
+        SegmentOptions, SfmOptions, ScaleOptions, ObjectOptions, PaperOptions, DenseOptions, FilterOptions,
+        MeasureOptions,
+    )  # fmt: skip
+    return {cls.__name__: cls for cls in classes}

@@ -1,4 +1,4 @@
-"""What is handed over: tables, map and cloud; then the report and the contact sheet."""
+"""Stage `results`: the tables, the map and the cloud that are handed over."""
 
 from __future__ import annotations
 
@@ -8,77 +8,53 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pomona import __version__
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
-from pomona.formats.geojson import write_geojson
-from pomona.formats.tables import read_fruits, read_observations, write_fruits, write_observations
+from pomona.cameras import WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.pipeline.context import Context
-from pomona.pipeline.correcting import Correcting
-from pomona.pipeline.placing import unregistered_from
-from pomona.pipeline.seeing import trusted
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.stage import Folder, Stage, Store
 from pomona.progress import Progress
-from pomona.scale.report import Placed
-from pomona.sfm.pieces import Reconstruction
-from pomona.survey import Stage
 from pomona.survey.files import write_file
-from pomona.survey.stage import StageWork
 
 if TYPE_CHECKING:
-    from pomona.fuse import Fused
-    from pomona.report import ReportData
+    from pomona.cameras import Cameras
+    from pomona.corrections import Corrected
+    from pomona.fuse.fused import Fused
+    from pomona.scale.report import Placed
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What the tables and the cloud of a survey hold; `scene` is the cloud with the sparse points of everything."""
+    """What the tables and the cloud of a survey hold; `scene` is the cloud with the sparse points of everything.
+
+    `corrections` counts "all" corrections and those that are "lost", as they match no fruit; None where there are none.
+    """
 
     fruits: Fruits
     observations: Observations
     scene: FruitCloud
+    frame: WorldFrame
+    corrections: Mapping[str, int] | None = None
 
 
-def results_stage(
-    context: Context, scale: Stage[Placed], measured: Stage[Fused], correcting: Correcting
-) -> Stage[Results]:
-    """Return the stage that writes `fruits.csv`, `fruits.geojson`, `observations.csv` and `cloud.laz`, as corrected."""
-    survey = context.survey
+def _as_found(placed: Placed, measured: Fused, *, progress: Progress) -> Results:
+    progress.start("writing tables, map and cloud")
+    scene = scene_cloud(placed.cameras, measured.cloud)
+    return Results(measured.fruits, measured.observations, scene, placed.cameras.frame)
 
-    def compute(progress: Progress) -> Results:
-        progress.start("writing tables, map and cloud")
-        fused, corrected = measured.value, correcting.value
-        if corrected is None:
-            return Results(fused.fruits, fused.observations, scene_cloud(scale.value.cameras, fused.cloud))
-        for outcome in corrected.outcomes:
-            if outcome.problem:
-                progress.warn(outcome.warning())
-        scene = scene_cloud(scale.value.cameras, corrected.relabelled(fused.cloud))
-        return Results(corrected.fruits, corrected.detected, scene)
 
-    def save(results: Results) -> Mapping[str, Any]:
-        from pomona.formats.las import write_las
-
-        frame = scale.value.cameras.frame
-        write_file(survey.fruits, lambda path: write_fruits(path, results.fruits))
-        write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
-        write_file(survey.observations, lambda path: write_observations(path, results.observations))
-        write_file(survey.cloud, lambda path: write_las(path, results.scene, frame=frame))
-        numbers = {"fruits": len(results.fruits), "observations": len(results.observations)}
-        return numbers | ({"corrections": correcting.numbers} if correcting.log else {})
-
-    def load(info: Mapping[str, Any]) -> Results:
-        from pomona.formats.las import read_las
-
-        return Results(read_fruits(survey.fruits), read_observations(survey.observations), read_las(survey.cloud))
-
-    outputs = (survey.fruits, survey.geojson, survey.observations, survey.cloud)
-    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(scale, measured))
-
-    def key() -> Any:
-        return [scale.token, measured.token, *correcting.key]
-
-    return context.stage("results", key, work, rooms=("formats", "corrections"))
+def _as_corrected(placed: Placed, measured: Fused, corrected: Corrected, *, progress: Progress) -> Results:
+    progress.start("writing tables, map and cloud")
+    for outcome in corrected.outcomes:
+        if outcome.problem:
+            progress.warn(outcome.warning())
+    count = len(corrected.outcomes)
+    return Results(
+        corrected.fruits,
+        corrected.detected,
+        scene_cloud(placed.cameras, corrected.relabelled(measured.cloud)),
+        placed.cameras.frame,
+        {"all": count, "lost": count - corrected.applied},
+    )
 
 
 def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
@@ -90,71 +66,44 @@ def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
     )
 
 
-def report_stage(
-    context: Context,
-    segment: Stage[SurveyDetections],
-    sfm: Stage[Reconstruction],
-    scale: Stage[Placed],
-    results: Stage[Results],
-    correcting: Correcting,
-) -> Stage[None]:
-    """Return the stage that writes `report.html` and `contact_sheet.jpg`."""
-    survey = context.survey
-    written: list[ReportData] = []
+def _save(results: Results, folder: Folder) -> Mapping[str, Any]:
+    from pomona.formats.geojson import write_geojson
+    from pomona.formats.las import write_las
+    from pomona.formats.tables import write_fruits, write_observations
 
-    def compute(progress: Progress) -> None:
-        progress.start("gathering")
-        written.append(_report_data(context, segment, sfm, scale, results, correcting))
-
-    def save(_: None) -> Mapping[str, Any]:
-        from pomona.report import write_contact_sheet, write_report
-
-        data = written.pop()
-        write_file(
-            survey.contact_sheet,
-            lambda path: write_contact_sheet(context.photos, data.cameras, data.fruits, data.observations, path),
-        )
-        write_file(survey.report, lambda path: write_report(data, path))
-        return {}
-
-    def load(info: Mapping[str, Any]) -> None:
-        return None
-
-    def key() -> Any:
-        return [segment.token, scale.token, results.token, context.photo_details, context.photos.skipped]
-
-    outputs = (survey.report, survey.contact_sheet)
-    work = StageWork(compute=compute, save=save, load=load, outputs=outputs, needs=(segment, scale, results))
-    return context.stage("report", key, work, rooms=("report",))
+    survey, frame = folder.survey, results.frame
+    write_file(survey.fruits, lambda path: write_fruits(path, results.fruits))
+    write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
+    write_file(survey.observations, lambda path: write_observations(path, results.observations))
+    write_file(survey.cloud, lambda path: write_las(path, results.scene, frame=frame))
+    numbers: dict[str, Any] = {"fruits": len(results.fruits), "observations": len(results.observations)}
+    return numbers | ({} if results.corrections is None else {"corrections": dict(results.corrections)})
 
 
-def _report_data(
-    context: Context,
-    segment: Stage[SurveyDetections],
-    sfm: Stage[Reconstruction],
-    scale: Stage[Placed],
-    results: Stage[Results],
-    correcting: Correcting,
-) -> ReportData:
-    from pomona.report import ReportData, StageTime
+def _load(info: Mapping[str, Any], folder: Folder) -> Results:
+    from pomona.formats.las import read_las
+    from pomona.formats.tables import read_fruits, read_observations
 
-    records = context.survey.records
-    warnings = [*context.warnings, *(warning for record in records.values() for warning in record.warnings)]
-    corrected = correcting.value
-    unregistered = unregistered_from(sfm.ensure().info["unregistered"])
-    return ReportData(
-        title=context.survey.folder.name,
-        photos=context.photos,
-        cameras=scale.value.cameras,
-        fruits=results.value.fruits,
-        observations=corrected.observations if corrected else results.value.observations,
-        cloud=results.value.scene,
-        detections=int(segment.ensure().info["detections"]),
-        masks=correcting.masks if corrected else trusted(segment, context.options),
-        corrections=corrected.applied if corrected else 0,
-        lost=(*unregistered, *scale.value.lost),
-        scale=scale.value.report,
-        stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
-        warnings=tuple(dict.fromkeys(warnings)),
-        version=__version__,
+    survey = folder.survey
+    fruits, observations = read_fruits(survey.fruits), read_observations(survey.observations)
+    return Results(fruits, observations, read_las(survey.cloud), WorldFrame(), info.get("corrections"))
+
+
+def results_stage(measured: Stage[Fused], corrected: Stage[Corrected] | None) -> Stage[Results]:
+    """Return the stage that writes `fruits.csv`, `fruits.geojson`, `observations.csv` and `cloud.laz`.
+
+    They hold the fruits of `measured`, and where a person corrected some, those of `corrected`.
+    """
+    store = Store(
+        save=_save,
+        load=_load,
+        outputs=lambda survey: (survey.fruits, survey.geojson, survey.observations, survey.cloud),
+    )
+    if corrected is None:
+        return Stage(name="results", inputs={"placed": SCALE, "measured": measured}, compute=_as_found, store=store)
+    return Stage(
+        name="results",
+        inputs={"placed": SCALE, "measured": measured, "corrected": corrected},
+        compute=_as_corrected,
+        store=store,
     )

@@ -1,4 +1,4 @@
-"""What a run tells at its end, and what `survey.json` keeps of it."""
+"""The summary at the end of a run, which `survey.json` keeps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.cameras import WorldFrame
-from pomona.survey import StageRecord, Survey
+from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
 
 _SOURCES = {
@@ -59,7 +59,7 @@ class Summary:
 
 
 def summarise(
-    survey: Survey, photos: int, skipped: tuple[tuple[str, str], ...], ran: set[str], warnings: tuple[str, ...]
+    survey: SurveyFolder, photos: int, skipped: tuple[tuple[str, str], ...], ran: set[str], warnings: tuple[str, ...]
 ) -> Summary:
     """Return the summary of what `survey.json` knows; `ran` are the stages that this run did itself."""
     records = {name: record for name, record in survey.records.items() if record.finished}
@@ -70,7 +70,7 @@ def summarise(
     return Summary(
         survey=survey.folder,
         photos=photos,
-        detections=records["segment"].info["detections"] if "segment" in records else None,
+        detections=records["select"].info["detections"] if "select" in records else None,
         photos_used=int(scale.info["photos"]) if scale else None,
         fruits=int(results.info["fruits"]) if results else None,
         corrections=_corrections(results.info) if results else None,

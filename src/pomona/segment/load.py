@@ -74,6 +74,16 @@ def files_of(model: str | Path | None) -> tuple[Path, ...]:
     return tuple(sorted(file for folder in folders if folder.is_dir() for file in folder.rglob("*") if file.is_file()))
 
 
+def engines_of(model: str | Path | None) -> tuple[str, ...]:
+    """Return the packages that the segmenter of `model` runs in, besides ONNX Runtime: those of the extras."""
+    if model is None:
+        return ()
+    path, _ = _file_and_classes(model)
+    if path.suffix in (".pt", ".pth"):
+        return ("torch", "torchvision")
+    return ("torch", "torchvision", "transformers") if str(model).partition(":")[0] == OPEN_VOCABULARY else ()
+
+
 def _file_and_classes(model: str | Path) -> tuple[Path, tuple[str, ...]]:
     """The path, and the classes after a colon behind an ONNX file's name."""
     match = re.fullmatch(r"(.+\.onnx):(.*)", str(model))

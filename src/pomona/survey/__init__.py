@@ -1,7 +1,6 @@
-"""The survey folder: every path in it, its manifest, and stages that are done again only when something changed."""
+"""The survey folder: every path in it, its manifest, and the values in its files."""
 
-from pomona.survey.folder import Survey
+from pomona.survey.folder import SurveyFolder
 from pomona.survey.record import StageRecord
-from pomona.survey.stage import Stage
 
-__all__ = ["Stage", "StageRecord", "Survey"]
+__all__ = ["StageRecord", "SurveyFolder"]

@@ -44,3 +44,22 @@ def file_digest(path: Path) -> str:
         return digest({p.relative_to(path).as_posix(): file_digest(p) for p in files})
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:_LENGTH]
+
+
+def content_key(value: Any) -> Any:
+    """Return `value` as `plain` does, each existing file or folder in it replaced by a digest of what it holds.
+
+    Two options that name equal files by other paths have equal keys. A dataclass that stands for files may say with an
+    attribute `content_key` what it stands for.
+    """
+    if hasattr(value, "content_key"):
+        return content_key(value.content_key)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: content_key(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): content_key(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [content_key(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)]
+    if isinstance(value, Path) and value.exists():
+        return file_digest(value)
+    return plain(value)

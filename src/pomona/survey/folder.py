@@ -32,7 +32,7 @@ _WRITERS = {
 _IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
 
 
-class Survey:
+class SurveyFolder:
     """One run's folder: its files by name, and `survey.json`, which is rewritten whole whenever something is noted.
 
     Make it with `create` (for a run: a new or empty folder, or a survey to go on with) or `open` (an existing one).
@@ -43,7 +43,7 @@ class Survey:
         self._manifest = manifest
 
     @classmethod
-    def create(cls, folder: Path) -> Survey:
+    def create(cls, folder: Path) -> SurveyFolder:
         """Make a survey folder, or open the one that is there.
 
         Raises `SurveyError` when the folder holds something else or cannot be written to; nothing is touched then.
@@ -65,7 +65,7 @@ class Survey:
         return survey
 
     @classmethod
-    def open(cls, folder: Path) -> Survey:
+    def open(cls, folder: Path) -> SurveyFolder:
         """Open an existing survey.
 
         Raises `MissingFileError` when there is none, and `SurveyError` when `survey.json` is not one of Pomona's.

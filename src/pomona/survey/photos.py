@@ -8,10 +8,10 @@ from pathlib import Path
 from pomona.cameras import Cameras
 from pomona.photo_names import photos_named
 from pomona.photos import Photo, Photos
-from pomona.survey.folder import Survey
+from pomona.survey.folder import SurveyFolder
 
 
-def photos_of(survey: Survey, names: Sequence[str], folder: Path | None = None) -> Photos:
+def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = None) -> Photos:
     """Return the photos of `names` that can be found, under these names: in `folder`, or where the survey says.
 
     Raises `MissingFileError` where a folder is no longer there, and `InputError` where it has no photo, or where names

@@ -19,7 +19,8 @@ from pomona.survey.digest import digest, plain
 class StageRecord:
     """A stage that ran: from what (`fingerprint` of options and inputs), what it wrote (path in the folder → digest).
 
-    `token` stands for the result in the fingerprints of later stages. `info` is what the stage tells of itself.
+    `token` stands for the result in the fingerprints of later stages. `info` are the stage's facts, `engines` the
+    versions of the outside packages it ran with.
     A stage that was stopped has `finished` False; its `wall_s` counts when it goes on with the same fingerprint.
     """
 
@@ -28,14 +29,15 @@ class StageRecord:
     wall_s: float = 0.0
     peak_memory_mb: float | None = None
     finished_at: str = ""
+    engines: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     outputs: Mapping[str, str] = field(default_factory=dict)
     info: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def token(self) -> str:
-        """A digest of the result."""
-        return digest([dict(self.outputs), dict(self.info)])
+        """A digest of the result; of what it was made from where it is not stored."""
+        return digest([dict(self.outputs), dict(self.info)] if self.outputs else [self.fingerprint])
 
     def to_json(self) -> dict[str, Any]:
         """Return it as `survey.json` holds it."""

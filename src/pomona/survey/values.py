@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,7 +11,6 @@ from zipfile import BadZipFile
 import numpy as np
 
 from pomona.arrays import Array
-from pomona.cameras import WorldFrame
 from pomona.errors import FormatError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.survey.files import write_file
@@ -45,12 +44,3 @@ def columns_from(kind: type[_Columns], arrays: Arrays, prefix: str = "") -> _Col
     columns: dict[str, Any] = {field.name: arrays[prefix + field.name] for field in fields(kind)}
     columns |= {name: tuple(str(text) for text in columns[name]) for name in texts & columns.keys()}
     return kind(**columns)
-
-
-def frame_from(values: Mapping[str, Any]) -> WorldFrame:
-    """Return the world frame of which `survey.json` holds the entries."""
-    origin: Sequence[float] | None = values.get("origin")
-    place = (float(origin[0]), float(origin[1]), float(origin[2])) if origin else None
-    return WorldFrame(
-        values["scale_source"], bool(values["approximate"]), bool(values["up_is_known"]), values.get("crs"), place
-    )

@@ -17,8 +17,7 @@ from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, plac
 from pomona.corrections.log import Added, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.errors import InputError, SurveyError
 from pomona.fruit_size import FruitSize, size_of_fruits
-from pomona.pipeline.correcting import Correcting
-from pomona.pipeline.kept import kept_correcting
+from pomona.pipeline.reopen import LastFound, last_found
 from pomona.report import ReportData
 from pomona.report.contract import (
     CorrectionAnswer,
@@ -28,7 +27,7 @@ from pomona.report.contract import (
     SightLines,
     TruthData,
 )
-from pomona.survey import Survey
+from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest
 from pomona.survey.files import disk_errors, write_file
 from pomona.view.corrected import with_corrections
@@ -48,7 +47,7 @@ class Corrector:
     """
 
     def __init__(
-        self, survey: Survey, data: ReportData, compare: Callable[[ReportData], TruthData] | None = None
+        self, survey: SurveyFolder, data: ReportData, compare: Callable[[ReportData], TruthData] | None = None
     ) -> None:
         self._survey, self._read, self._compare = survey, data, compare
         self._lock = threading.Lock()
@@ -72,12 +71,12 @@ class Corrector:
         return ""
 
     @cached_property
-    def _kept(self) -> Correcting:
-        return kept_correcting(self._survey)
+    def _last(self) -> LastFound:
+        return last_found(self._survey)
 
     @cached_property
     def _applier(self) -> Applier:
-        return Applier(self._kept.found)
+        return Applier(self._last.found)
 
     @property
     def state(self) -> CorrectionState:
@@ -134,10 +133,10 @@ class Corrector:
 
     def _show(self, log: Corrections) -> None:
         """Make the page's data those of a log."""
-        kept = self._kept
+        cloud = self._last.cloud
         corrected = self._applier.to(log.done)
         self._log, self._corrected = log, corrected
-        self.data = with_corrections(self._read, corrected, self._applier.found, kept.cloud)
+        self.data = with_corrections(self._read, corrected, self._applier.found, cloud)
         self.truth = self._compare(self.data) if self._compare else None
 
     def _next(self, log: Corrections, request: CorrectionRequest) -> tuple[Corrections, Correction | None]:

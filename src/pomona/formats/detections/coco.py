@@ -69,12 +69,16 @@ def _lines(entries: list[dict[str, Any]]) -> str:
     return "[" + ",".join("\n" + json.dumps(entry, separators=(",", ":")) for entry in entries) + "\n]"
 
 
-def read_coco(path: Path, photos: Photos) -> SurveyDetections:
+def read_coco(path: Path, photos: Photos | None = None) -> SurveyDetections:
     """Read a survey's `detections.json`, as `write_coco` wrote it: same masks, scores and ids.
+
+    `photos` are those of the survey; None: whatever photos the file names.
 
     Raises `MissingFileError`, and `FormatError` for what is no such file or names photos that `photos` lacks.
     """
     content = parse_coco(path)
+    if photos is None:
+        return SurveyDetections({image.file_name: found for image, found in detections_by_image(content)})
     by_name = photos.by_name()
     by_photo = {}
     for image, found in detections_by_image(content):

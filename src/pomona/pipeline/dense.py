@@ -1,0 +1,71 @@
+"""Stage `dense`: points on fruit. The paper's method cuts fruits out of them; else they show fruits that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from pomona.fruits import FruitCloud
+from pomona.fuse.fused import Fused
+from pomona.photos import Photos
+from pomona.pipeline.fused_file import fused_store
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.segment import SEGMENT, Segmented
+from pomona.pipeline.select import SELECT, Selected
+from pomona.pipeline.stage import PHOTOS, Folder, Stage, Store
+from pomona.progress import Progress
+from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
+
+if TYPE_CHECKING:
+    from pomona.dense.options import DenseOptions
+    from pomona.scale.report import Placed
+
+
+def _fruit_cloud(
+    photos: Photos, selected: Selected, placed: Placed, *, options: DenseOptions, progress: Progress
+) -> FruitCloud:
+    from pomona.dense import fruit_cloud
+
+    if selected.counted.total == 0 or len(placed.cameras) == 0:
+        return FruitCloud.empty()
+    return fruit_cloud(photos, selected.counted, placed.cameras, options=options, progress=progress)
+
+
+def _sphere_cloud(
+    photos: Photos, segmented: Segmented, placed: Placed, measured: Fused, *, progress: Progress
+) -> Fused:
+    from pomona.dense import sphere_cloud
+
+    cloud = sphere_cloud(
+        measured.fruits, measured.observations, segmented.detections, placed.cameras, photos, progress=progress
+    )
+    return Fused(measured.fruits, measured.observations, cloud)
+
+
+def _save(cloud: FruitCloud, folder: Folder) -> Mapping[str, Any]:
+    write_arrays(folder.survey.work("dense.npz"), arrays_of(cloud))
+    return {"points": len(cloud)}
+
+
+def _load(info: Mapping[str, Any], folder: Folder) -> FruitCloud:
+    return columns_from(FruitCloud, read_arrays(folder.survey.work("dense.npz")))
+
+
+FRUIT_CLOUD = Stage(
+    name="dense",
+    inputs={"photos": PHOTOS, "selected": SELECT, "placed": SCALE},
+    options=lambda options: options.dense,
+    compute=_fruit_cloud,
+    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.work("dense.npz"),)),
+)
+"""The surfaces of all fruit, before any fruit is known: with the paper's method."""
+
+
+def sphere_cloud_stage(measured: Stage[Fused]) -> Stage[Fused]:
+    """Return the stage that adds to fruits found without a cloud the points that photos show of them."""
+    return Stage(
+        name="dense",
+        inputs={"photos": PHOTOS, "segmented": SEGMENT, "placed": SCALE, "measured": measured},
+        compute=_sphere_cloud,
+        store=fused_store("dense"),
+    )

@@ -1,0 +1,59 @@
+"""Stage `filter`: what is probably no fruit is dropped, and the others get their probability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pomona.pipeline.fused_file import fused_store
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.select import SELECT, Selected
+from pomona.pipeline.stage import Stage
+from pomona.progress import Progress
+
+if TYPE_CHECKING:
+    from pomona.filter.options import FilterOptions
+    from pomona.fuse.fused import Fused
+    from pomona.pipeline.options import StageOptions
+    from pomona.scale.report import Placed
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterChoice:
+    """Which machine decides (None: none does), on features of points in the cloud or of what photos show."""
+
+    model: Path | None
+    on_points: bool
+    options: FilterOptions
+
+
+def _choice(options: StageOptions) -> FilterChoice:
+    from pomona.filter.svm import shipped
+
+    run = options.run
+    model = (run.filter_model or shipped(run.method, run.variant)) if run.filter_false_positives else None
+    return FilterChoice(model=model, on_points=run.method == "paper", options=options.filter)
+
+
+def _filter(fused: Fused, selected: Selected, placed: Placed, *, options: FilterChoice, progress: Progress) -> Fused:
+    if options.model is None or len(fused.fruits) == 0:
+        return fused
+    from pomona import filter as filters
+
+    progress.start("filtering false positives")
+    svm = filters.load(options.model)
+    if options.on_points:
+        return filters.apply(fused, svm, options=options.options)
+    return filters.apply_to_views(fused, selected.trusted, placed.cameras, svm, options=options.options)
+
+
+def filter_stage(fused: Stage[Fused]) -> Stage[Fused]:
+    """Return the stage that filters the fruits of `fused`."""
+    return Stage(
+        name="filter",
+        inputs={"fused": fused, "selected": SELECT, "placed": SCALE},
+        options=_choice,
+        compute=_filter,
+        store=fused_store("filter"),
+    )

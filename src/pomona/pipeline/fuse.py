@@ -1,0 +1,58 @@
+"""Stage `fuse`: the detections of all photos become fruits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse.fused import Fused
+from pomona.pipeline.dense import FRUIT_CLOUD
+from pomona.pipeline.fused_file import fused_store
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.select import SELECT, Selected
+from pomona.pipeline.stage import Stage
+from pomona.progress import Progress
+
+if TYPE_CHECKING:
+    from pomona.fuse.object.options import ObjectOptions
+    from pomona.fuse.paper.options import PaperOptions
+    from pomona.scale.report import Placed
+
+_NONE = Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
+
+
+def _associate(selected: Selected, placed: Placed, *, options: ObjectOptions, progress: Progress) -> Fused:
+    from pomona.fuse import object
+
+    if selected.trusted.total == 0 or len(placed.cameras) == 0:
+        return _NONE
+    return object.fuse(selected.trusted, placed.cameras, options=options, progress=progress)
+
+
+def _by_the_paper(
+    selected: Selected, placed: Placed, cloud: FruitCloud, *, options: PaperOptions, progress: Progress
+) -> Fused:
+    from pomona.fuse import paper
+
+    if selected.trusted.total == 0 or len(placed.cameras) == 0:
+        return _NONE
+    return paper.fuse(selected.trusted, placed.cameras, cloud, options=options, progress=progress)
+
+
+FUSE_BY_OBJECT = Stage(
+    name="fuse",
+    inputs={"selected": SELECT, "placed": SCALE},
+    options=lambda options: options.object,
+    compute=_associate,
+    store=fused_store("fuse"),
+)
+"""Association of all photos' masks, without a cloud."""
+
+FUSE_BY_PAPER = Stage(
+    name="fuse",
+    inputs={"selected": SELECT, "placed": SCALE, "cloud": FRUIT_CLOUD},
+    options=lambda options: options.paper,
+    compute=_by_the_paper,
+    store=fused_store("fuse"),
+)
+"""Section 2.2.3 of Gené-Mola et al. 2020, on the cloud of fruit."""

@@ -1,0 +1,39 @@
+"""Stage `measure`: each fruit's diameter, visibility and sides."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pomona.fuse.fused import Fused
+from pomona.photos import Photos
+from pomona.pipeline.fused_file import fused_store
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.segment import SEGMENT, Segmented
+from pomona.pipeline.stage import PHOTOS, Stage
+from pomona.progress import Progress
+
+if TYPE_CHECKING:
+    from pomona.measure.options import MeasureOptions
+    from pomona.scale.report import Placed
+
+
+def _measure(
+    fused: Fused, segmented: Segmented, placed: Placed, photos: Photos, *, options: MeasureOptions, progress: Progress
+) -> Fused:
+    if len(fused.fruits) == 0:
+        return fused
+    from pomona.measure import measure
+
+    fruits = measure(fused, segmented.detections, placed.cameras, photos, options=options, progress=progress)
+    return Fused(fruits, fused.observations, fused.cloud)
+
+
+def measure_stage(filtered: Stage[Fused]) -> Stage[Fused]:
+    """Return the stage that measures the fruits of `filtered`."""
+    return Stage(
+        name="measure",
+        inputs={"fused": filtered, "segmented": SEGMENT, "placed": SCALE, "photos": PHOTOS},
+        options=lambda options: options.measure,
+        compute=_measure,
+        store=fused_store("measure"),
+    )

@@ -1,0 +1,108 @@
+"""Stage `report`: `report.html` and the contact sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from pomona import __version__
+from pomona.photos import Photos, Skipped
+from pomona.pipeline.results import Results
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.select import SELECT, Selected
+from pomona.pipeline.sfm import SFM
+from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Folder, Input, RunLog, Stage, Store
+from pomona.progress import Progress
+from pomona.survey.files import write_file
+
+if TYPE_CHECKING:
+    from pomona.corrections import Corrected
+    from pomona.report import ReportData
+    from pomona.scale.report import Placed
+
+
+def _as_found(
+    photos: Photos,
+    skipped: tuple[Skipped, ...],
+    unregistered: Sequence[Mapping[str, str]],
+    placed: Placed,
+    selected: Selected,
+    results: Results,
+    run_log: RunLog,
+    *,
+    progress: Progress,
+) -> ReportData:
+    from pomona.report import ReportData, StageTime
+    from pomona.survey.facts import unregistered_from
+
+    progress.start("gathering")
+    records = run_log.records
+    warnings = [*run_log.warnings, *(warning for record in records.values() for warning in record.warnings)]
+    return ReportData(
+        title=run_log.title,
+        photos=replace(photos, skipped=skipped),
+        cameras=placed.cameras,
+        fruits=results.fruits,
+        observations=results.observations,
+        cloud=results.scene,
+        detections=selected.counted.total,
+        masks=selected.trusted,
+        lost=(*unregistered_from(unregistered), *placed.lost),
+        scale=placed.report,
+        stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
+        warnings=tuple(dict.fromkeys(warnings)),
+        version=__version__,
+    )
+
+
+def _as_corrected(
+    photos: Photos,
+    skipped: tuple[Skipped, ...],
+    unregistered: Sequence[Mapping[str, str]],
+    placed: Placed,
+    selected: Selected,
+    results: Results,
+    run_log: RunLog,
+    corrected: Corrected,
+    *,
+    progress: Progress,
+) -> ReportData:
+    return replace(
+        _as_found(photos, skipped, unregistered, placed, selected, results, run_log, progress=progress),
+        observations=corrected.observations,
+        masks=corrected.detections.at_least(selected.least_score),
+        corrections=corrected.applied,
+    )
+
+
+def _save(data: ReportData, folder: Folder) -> Mapping[str, Any]:
+    from pomona.report import write_contact_sheet, write_report
+
+    survey = folder.survey
+    write_file(
+        survey.contact_sheet,
+        lambda path: write_contact_sheet(folder.photos, data.cameras, data.fruits, data.observations, path),
+    )
+    write_file(survey.report, lambda path: write_report(data, path))
+    return {}
+
+
+def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) -> Stage[ReportData]:
+    """Return the stage that writes `report.html` and `contact_sheet.jpg` of `results`.
+
+    Times and warnings of the run are shown in it, but a report is not written again for them.
+    """
+    inputs: dict[str, Input] = {
+        "photos": PHOTOS,
+        "skipped": SKIPPED,
+        "unregistered": Fact(SFM, "unregistered"),
+        "placed": SCALE,
+        "selected": SELECT,
+        "results": results,
+        "run_log": RUN_LOG,
+    }
+    store = Store(save=_save, outputs=lambda survey: (survey.report, survey.contact_sheet))
+    if corrected is None:
+        return Stage(name="report", inputs=inputs, compute=_as_found, store=store)
+    return Stage(name="report", inputs={**inputs, "corrected": corrected}, compute=_as_corrected, store=store)

@@ -1,0 +1,77 @@
+"""Stage `select`: which detections count as fruit in their photo, and which may become fruit when all are seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pomona.detections import SurveyDetections
+from pomona.pipeline.segment import SEGMENT, Segmented
+from pomona.pipeline.stage import Folder, Stage, Store
+from pomona.progress import Progress
+
+if TYPE_CHECKING:
+    from pomona.pipeline.options import RunOptions
+
+
+@dataclass(frozen=True, eq=False)
+class Selected:
+    """Detections by how far they are trusted: `counted` are fruits in their photo, from `score_threshold` up;
+    `trusted`, from `least_score` up, may become fruits when all photos are seen together."""
+
+    counted: SurveyDetections
+    trusted: SurveyDetections
+    score_threshold: float
+    least_score: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectOptions:
+    """The threshold that a person chose (None: the model's), and the share of the model's from which detections may
+    become fruits: association that sees all photos can trust less in each."""
+
+    score_threshold: float | None = None
+    trusted_share: float = 0.8
+
+    @classmethod
+    def of(cls, run: RunOptions) -> SelectOptions:
+        """Return those of a run: the paper's method trusts no detection that does not count in its photo."""
+        return cls(score_threshold=run.score_threshold, trusted_share=1.0 if run.method == "paper" else 0.8)
+
+    def thresholds(self, model_threshold: float) -> tuple[float, float]:
+        """Return the scores from which detections count, and from which they may become fruits."""
+        if self.score_threshold is not None:
+            return self.score_threshold, self.score_threshold
+        return model_threshold, self.trusted_share * model_threshold
+
+
+def _select(segmented: Segmented, *, options: SelectOptions, progress: Progress) -> Selected:
+    score_threshold, least_score = options.thresholds(segmented.score_threshold)
+    found = segmented.detections
+    counted = found.at_least(score_threshold)
+    if counted.total == 0:
+        progress.warn(
+            f"No fruit was found in any of {len(found)} photos: the result is empty. If there is fruit in them, try "
+            "another `model`, a lower `score_threshold`, or give `detections`"
+        )
+    return Selected(counted, found.at_least(least_score), score_threshold, least_score)
+
+
+def _save(selected: Selected, folder: Folder) -> Mapping[str, Any]:
+    return {
+        "detections": selected.counted.total,
+        "fruitless": selected.counted.total == 0,
+        "score_threshold": selected.score_threshold,
+        "least_score": selected.least_score,
+    }
+
+
+SELECT = Stage(
+    name="select",
+    inputs={"segmented": SEGMENT},
+    options=lambda options: SelectOptions.of(options.run),
+    compute=_select,
+    store=Store(save=_save),
+)
+"""Writes nothing: what it notes in the manifest is enough."""

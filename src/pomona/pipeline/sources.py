@@ -1,0 +1,73 @@
+"""The photos of a run, digests of their contents, and what they give to the stages."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pomona.corrections import Corrections
+from pomona.errors import InputError
+from pomona.photos import Photos
+from pomona.pipeline.runner import SourceValue
+from pomona.pipeline.stage import CORRECTIONS, PHOTOS, SIDES, SKIPPED, Source
+from pomona.progress import Progress, track
+from pomona.survey import SurveyFolder
+from pomona.survey.digest import digest, file_digest, plain
+from pomona.survey.files import write_file
+
+
+def load_photos(
+    survey: SurveyFolder, paths: Sequence[Path], sides: str, progress: Progress, *, min_photos: int
+) -> tuple[Photos, dict[str, str]]:
+    """Return the photos and the digests of their contents; a photo is read for its digest only when it is new."""
+    from pomona import capture
+
+    for path in paths:
+        if path.is_dir() and path.resolve() == survey.folder:
+            raise InputError(f"{path} is the survey itself: give the folder of the photos")
+    photos = capture.load_photos(
+        paths, sides=sides, frames_dir=survey.work("frames"), min_photos=min_photos, progress=progress
+    )
+    return photos, _digests(survey, photos, progress)
+
+
+def sources_of(photos: Photos, digests: Mapping[str, str], corrections: Corrections) -> dict[Source, SourceValue]:
+    """Return what the photos of a run, and the corrections in its folder, give to the stages.
+
+    All that is known of the photos counts, except where they lie. `digests` are those of their contents, by name; a
+    survey that is opened without its photos has none.
+    """
+    details = [
+        {**{k: v for k, v in plain(photo).items() if k != "path"}, "digest": digests.get(photo.name)}
+        for photo in photos
+    ]
+    sides = {photo.name: photo.side for photo in photos}
+    return {
+        PHOTOS: SourceValue(replace(photos, skipped=()), digest([details, photos.from_video])),
+        SKIPPED: SourceValue(photos.skipped, digest(photos.skipped)),
+        SIDES: SourceValue(sides, digest(sides)),
+        CORRECTIONS: SourceValue(corrections, digest(corrections.done)),
+    }
+
+
+def _digests(survey: SurveyFolder, photos: Photos, progress: Progress) -> dict[str, str]:
+    cache_path = survey.work("digests.json")
+    try:
+        cache = json.loads(cache_path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        cache = {}
+    digests, fresh = {}, {}
+    for photo in track(photos, progress, "looking for changes in photos", len(photos)):
+        stat = photo.path.stat()
+        place = f"{photo.path} {stat.st_size} {stat.st_mtime_ns}"
+        digests[photo.name] = fresh[place] = cache.get(place) or file_digest(photo.path)
+    if fresh != cache:
+        write_file(cache_path, lambda path: _write_json(path, fresh))
+    return digests
+
+
+def _write_json(path: Path, content: Any) -> None:
+    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

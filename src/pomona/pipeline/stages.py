@@ -1,0 +1,55 @@
+"""The stages of a run in order, each knowing those that it takes values from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pomona.corrections import Corrected
+from pomona.fuse.fused import Fused
+from pomona.pipeline.correct import FoundWithCloud, correct_stage, found_stage
+from pomona.pipeline.dense import FRUIT_CLOUD, sphere_cloud_stage
+from pomona.pipeline.filter import filter_stage
+from pomona.pipeline.fuse import FUSE_BY_OBJECT, FUSE_BY_PAPER
+from pomona.pipeline.measure import measure_stage
+from pomona.pipeline.report import report_stage
+from pomona.pipeline.results import Results, results_stage
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.segment import SEGMENT
+from pomona.pipeline.select import SELECT
+from pomona.pipeline.sfm import SFM
+from pomona.pipeline.stage import Stage
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The stages of one run: `in_order`, and those that are asked for by what they give.
+
+    `shown` gives the fruits with their points as they were found; `found` the same with all that correcting them takes,
+    and `corrected` what a person made of them (None where nothing was corrected).
+    """
+
+    in_order: tuple[Stage[Any], ...]
+    shown: Stage[Fused]
+    found: Stage[FoundWithCloud]
+    corrected: Stage[Corrected] | None
+    results: Stage[Results]
+
+
+def stages_of(method: str, *, corrected: bool) -> Stages:
+    """Return the stages of a run by `method`; `corrected` says whether the survey has corrections."""
+    first = (SEGMENT, SELECT, SFM, SCALE)
+    fuse = FUSE_BY_PAPER if method == "paper" else FUSE_BY_OBJECT
+    filtered = filter_stage(fuse)
+    measured = measure_stage(filtered)
+    middle: tuple[Stage[Any], ...]
+    if method == "paper":
+        shown, middle = measured, (FRUIT_CLOUD, fuse, filtered, measured)
+    else:
+        shown = sphere_cloud_stage(measured)
+        middle = (fuse, filtered, measured, shown)
+    found = found_stage(shown)
+    by_person = correct_stage(found) if corrected else None
+    results = results_stage(shown, by_person)
+    report = report_stage(results, by_person)
+    return Stages((*first, *middle, results, report), shown, found, by_person, results)

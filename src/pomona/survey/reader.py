@@ -1,0 +1,207 @@
+"""The results in a survey folder as values, each read when it is first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pomona.cameras import Cameras, WorldFrame
+from pomona.detections import SurveyDetections
+from pomona.errors import PomonaError, few
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.photos import Photos, Skipped
+from pomona.progress import Progress, Silent
+from pomona.survey.folder import SurveyFolder
+from pomona.survey.photos import photos_of, placeholder
+from pomona.survey.values import columns_from, read_arrays
+
+if TYPE_CHECKING:
+    from pomona.scale.report import ScaleReport
+    from pomona.sfm.pieces import Unregistered
+    from pomona.survey.record import StageRecord
+
+
+class SurveyReader:
+    """Reads one survey. `photos_folder` is where its photos are, if they are not where they were.
+
+    Whatever is asked for and not there raises `MissingFileError`, naming the command that writes it; damaged files
+    raise `FormatError`. Photos that are not found are no error: there is a warning through `progress`.
+    """
+
+    def __init__(
+        self, files: SurveyFolder, *, photos_folder: Path | None = None, progress: Progress | None = None
+    ) -> None:
+        self.files = files
+        self._photos_folder = photos_folder
+        self._progress = progress or Silent()
+
+    @property
+    def folder(self) -> Path:
+        """The survey's folder."""
+        return self.files.folder
+
+    @property
+    def progress(self) -> Progress:
+        """Who is warned of what is not found."""
+        return self._progress
+
+    @cached_property
+    def fruits(self) -> Fruits:
+        """The fruits of `fruits.csv`."""
+        from pomona.formats.tables import read_fruits
+
+        self.files.need(self.files.fruits)
+        return read_fruits(self.files.fruits)
+
+    @cached_property
+    def observations(self) -> Observations:
+        """Which photos saw which fruit, of `observations.csv`."""
+        from pomona.formats.tables import read_observations
+
+        self.files.need(self.files.observations)
+        return read_observations(self.files.observations)
+
+    @cached_property
+    def detections(self) -> SurveyDetections:
+        """All detections of `detections.json` by photo, weak ones too: `at_least(survey.score_threshold)` count."""
+        from pomona.formats.detections.coco import read_coco
+
+        self.files.need(self.files.detections)
+        return read_coco(self.files.detections)
+
+    @cached_property
+    def cameras(self) -> Cameras:
+        """The cameras in the world frame, with the sparse points of the scene."""
+        from pomona.formats.cameras.colmap import read_colmap
+
+        self.files.need(self.files.cameras)
+        return replace(read_colmap(self.files.cameras), frame=self.frame)
+
+    @cached_property
+    def poses(self) -> Cameras:
+        """The cameras in the world frame, without points: quicker to read."""
+        from pomona.formats.cameras.colmap import read_poses
+
+        self.files.need(self.files.cameras)
+        return replace(read_poses(self.files.cameras), frame=self.frame)
+
+    @cached_property
+    def cloud(self) -> FruitCloud:
+        """The points of `cloud.laz`: of the scene (`fruit_id` 0) and of the fruits."""
+        from pomona.formats.las import read_las
+
+        self.files.need(self.files.cloud)
+        return read_las(self.files.cloud)
+
+    @cached_property
+    def photos(self) -> Photos:
+        """The photos with all that is known of each.
+
+        Those that cannot be found keep their place where a camera of them is known: their files do not exist.
+        """
+        names = list(self.sides)
+        poses = self.poses if self.files.cameras.is_dir() else Cameras.empty()
+        placed = poses.photos
+        names += [name for name in placed if name not in self.sides]
+        found = self._found_photos(names)
+        by_name = found.by_name()
+        missing = [name for name in placed if name not in by_name]
+        if found and missing:
+            self._warn_of_missing(missing, len(placed))
+        items = [
+            replace(by_name[name], side=self.sides.get(name, ""))
+            if name in by_name
+            else placeholder(name, poses, self.sides.get(name, ""))
+            for name in names
+            if name in by_name or name in placed
+        ]
+        return Photos(tuple(items), self.skipped, from_video=found.from_video)
+
+    def photos_of(self, cameras: Cameras) -> Photos:
+        """Return the photos of `cameras`, in their order; those that are not found have a file that does not exist."""
+        by_name = self._found_photos(cameras.photos).by_name()
+        missing = [name for name in cameras.photos if name not in by_name]
+        if missing and by_name:
+            self._warn_of_missing(missing, len(cameras))
+        return Photos(tuple(by_name.get(name) or placeholder(name, cameras) for name in cameras.photos))
+
+    def _found_photos(self, names: list[str] | tuple[str, ...]) -> Photos:
+        try:
+            return photos_of(self.files, tuple(names), self._photos_folder)
+        except PomonaError as error:
+            self._progress.warn(f"The photos were not found: {error}. Say where they are with `photos`")
+            return Photos(())
+
+    def _warn_of_missing(self, missing: list[str], count: int) -> None:
+        self._progress.warn(
+            f"{len(missing)} of {count} photos were not found: {few(missing)}. Say where they are with `photos`"
+        )
+
+    @property
+    def sides(self) -> Mapping[str, str]:
+        """The side of the row of each photo, by name."""
+        return {entry["name"]: entry.get("side", "") for entry in self.files.get("photos", ())}
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """Files among the photos that could not be used."""
+        return tuple(Skipped(entry["name"], entry["reason"]) for entry in self.files.get("skipped", ()))
+
+    @property
+    def frame(self) -> WorldFrame:
+        """What the survey's coordinates mean."""
+        from pomona.survey.facts import frame_from
+
+        record = self._finished("scale")
+        return frame_from(record.info["frame"]) if record else WorldFrame()
+
+    @property
+    def scale(self) -> ScaleReport | None:
+        """How metres were found; None where no stage, or one of another version, says so."""
+        from pomona.survey.facts import scale_report_from
+
+        record = self._finished("scale")
+        try:
+            return scale_report_from(record.info["report"]) if record else None
+        except KeyError:
+            return None
+
+    @property
+    def unplaced(self) -> tuple[Unregistered, ...]:
+        """Photos without a camera, and why."""
+        from pomona.survey.facts import unregistered_from
+
+        sfm, scale = self._finished("sfm"), self._finished("scale")
+        entries = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]
+        return unregistered_from(entries)
+
+    @property
+    def score_threshold(self) -> float:
+        """The score from which a detection counts as fruit in its photo; 0 where the survey does not say."""
+        return self._score("score_threshold")
+
+    @property
+    def least_score(self) -> float:
+        """The score from which a detection could become a fruit when all photos are seen; 0 if the survey is silent."""
+        return self._score("least_score")
+
+    def _score(self, name: str) -> float:
+        record = self._finished("select")
+        return float(record.info[name]) if record and name in record.info else 0.0
+
+    @cached_property
+    def before_filter(self) -> tuple[Fruits, Observations] | None:
+        """The fruits before the filter, with what saw them; None where the survey has not kept those of its tables."""
+        path = self.files.work("fuse.npz")
+        if not path.is_file():
+            return None
+        arrays = read_arrays(path)
+        before = columns_from(Fruits, arrays, "fruits/"), columns_from(Observations, arrays, "observations/")
+        return before if set(self.fruits.ids.tolist()) <= set(before[0].ids.tolist()) else None
+
+    def _finished(self, stage: str) -> StageRecord | None:
+        record = self.files.record_of(stage)
+        return record if record is not None and record.finished else None

@@ -1,0 +1,232 @@
+"""No result is older than what it was made from: which stages each option, each file and each room of code redoes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline_fakes import Fakes, make_photos
+from pomona.dense.options import DenseOptions
+from pomona.filter.options import FilterOptions
+from pomona.filter.svm import shipped
+from pomona.fuse.object.options import ObjectOptions
+from pomona.fuse.paper.options import PaperOptions
+from pomona.measure import MeasureOptions
+from pomona.pipeline import STAGES, RunOptions, go_on, run
+from pomona.pipeline.code import code_digest, engine_versions
+from pomona.pipeline.stages import stages_of
+from pomona.scale.options import ScaleOptions
+from pomona.segment.stage import SegmentOptions
+from pomona.sfm.options import SfmOptions
+from pomona.survey import SurveyFolder
+
+PACKAGE = Path(__file__).resolve().parents[1] / "src" / "pomona"
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
+    return Fakes().install(monkeypatch)
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    return make_photos(tmp_path / "photos")
+
+
+def redone(photos: Path, out: Path, options: RunOptions) -> list[str]:
+    """The stages that a run does itself, in the order of the default method."""
+    return sorted((stage.name for stage in run([photos], out, options).stages if not stage.kept), key=STAGES.index)
+
+
+def write_markers(folder: Path) -> dict[str, Any]:
+    path = folder / "markers.csv"
+    path.write_text("id,x,y,z\n0,0,0,1\n1,1,0,1\n2,0,0,2\n")
+    return {"markers": path}
+
+
+def copied_weights(folder: Path) -> dict[str, Any]:
+    """A model file of another content."""
+    path = folder / "mine.onnx"
+    path.write_bytes(b"another network")
+    return {"model": str(path)}
+
+
+def copied_machine(folder: Path) -> dict[str, Any]:
+    path = folder / "mine.json"
+    values = json.loads(shipped("object").read_text())
+    path.write_text(json.dumps(values | {"trained_on": "other fruits"}))
+    return {"filter_model": path}
+
+
+def given_detections(folder: Path, label: str = "apple") -> dict[str, Any]:
+    path = folder / "given.json"
+    category = {"id": 1, "name": label}
+    images = [{"id": k + 1, "file_name": f"IMG_{k:04}.jpg", "width": 96, "height": 72} for k in range(4)]
+    box = [20, 28, 16, 16]
+    square = [20, 28, 36, 28, 36, 44, 20, 44]
+    annotations = [
+        {"id": k + 1, "image_id": k + 1, "category_id": 1, "bbox": box, "segmentation": [square], "area": 256}
+        for k in range(4)
+    ]
+    path.write_text(json.dumps({"images": images, "annotations": annotations, "categories": [category]}))
+    return {"detections": path}
+
+
+def given_cameras(folder: Path) -> dict[str, Any]:
+    """The cameras of the survey itself, in another folder, said to be in metres."""
+    shutil.copytree(folder / "out" / "cameras", folder / "cameras")
+    (folder / "cameras" / "frame.json").write_text('{"scale_source": "given"}')
+    return {"cameras": folder / "cameras"}
+
+
+PAPER = {"method": "paper"}
+GIVEN = [name for name in STAGES if name != "sfm"]
+# Each option: what a run before it had (None: the defaults), what is changed, and the stages that see it. The stand-ins
+# of the stages give the same whatever they get, so that what comes after them is kept.
+Change = dict[str, Any] | Callable[[Path], dict[str, Any]]
+TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
+    "sides": ({}, {"sides": "IMG_000[01]*,IMG_000[23]*"}, [name for name in STAGES if name != "select"]),
+    "method": ({}, PAPER, ["select", "scale", "fuse", "filter", "measure", "dense", "results", "report"]),
+    "variant": (PAPER, {**PAPER, "variant": "text"}, ["fuse"]),
+    "model": ({}, copied_weights, ["segment"]),
+    "score_threshold": ({}, {"score_threshold": 0.6}, ["select", "scale", "fuse", "filter", "report"]),
+    "detections": ({}, given_detections, GIVEN),
+    "classes": (
+        {},
+        lambda folder: given_detections(folder) | {"classes": ("apple",)},
+        [n for n in STAGES if n != "sfm"],
+    ),
+    "cameras": ({}, given_cameras, [name for name in STAGES if name not in ("segment", "select")]),
+    "markers": ({}, write_markers, ["scale"]),
+    "scale_bar": ({}, {"scale_bar": (0, 1, 0.85)}, ["scale"]),
+    "marker_dictionary": ({}, {"marker_dictionary": "DICT_5X5_50"}, ["scale"]),
+    "use_gnss": ({}, {"use_gnss": False}, ["scale"]),
+    "fruit_diameter_m": ({}, {"fruit_diameter_m": 0.06}, ["scale", "fuse"]),
+    "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
+    "filter_false_positives": ({}, {"filter_false_positives": False}, ["filter"]),
+    "filter_model": ({}, copied_machine, ["filter"]),
+    "segment": ({}, {"segment": SegmentOptions(sample_photos=5)}, ["segment"]),
+    "sfm": ({}, {"sfm": SfmOptions(window=7)}, ["sfm"]),
+    "scale": ({}, {"scale": ScaleOptions(refine=False)}, ["scale"]),
+    "object": ({}, {"object": ObjectOptions(rounds=2)}, ["scale", "fuse"]),
+    "paper": (PAPER, {**PAPER, "paper": PaperOptions(min_points=20)}, ["fuse"]),
+    "dense": (PAPER, {**PAPER, "dense": DenseOptions(neighbours=5)}, ["dense"]),
+    "filter": ({}, {"filter": FilterOptions(threshold=0.4)}, ["filter"]),
+    "measure": ({}, {"measure": MeasureOptions(rays_per_photo=12)}, ["measure"]),
+}
+
+
+def test_the_table_has_every_option() -> None:
+    assert set(TABLE) == {field.name for field in fields(RunOptions)}
+
+
+@pytest.mark.parametrize("option", sorted(TABLE))
+def test_a_changed_option_redoes_the_stages_that_see_it(
+    fakes: Fakes, photos: Path, tmp_path: Path, option: str
+) -> None:
+    before, change, expected = TABLE[option]
+    out = tmp_path / "out"
+    run([photos], out, RunOptions(**before))
+    changed = RunOptions(**(change(tmp_path) if callable(change) else change))
+    assert redone(photos, out, changed) == expected
+    assert redone(photos, out, changed) == []
+
+
+def test_a_moved_file_is_the_same_file(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    markers = write_markers(tmp_path)["markers"]
+    run([photos], tmp_path / "out", RunOptions(markers=markers))
+    markers = markers.rename(tmp_path / "elsewhere.csv")
+    assert redone(photos, tmp_path / "out", RunOptions(markers=markers)) == []
+    markers.write_text("id,x,y,z\n0,0,0,1\n1,1,0,1\n2,0,0,3\n")
+    assert redone(photos, tmp_path / "out", RunOptions(markers=markers)) == ["scale"]
+
+
+def test_another_class_of_given_detections(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    given = given_detections(tmp_path)
+    run([photos], tmp_path / "out", RunOptions(**given))
+    assert redone(photos, tmp_path / "out", RunOptions(**given, classes=("apple",))) == ["segment"]
+
+
+# The four faults of one cause: a dependency that was said by hand, in one of three places.
+
+
+def test_another_method_ties_the_sides_anew(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out", RunOptions(method="paper"))
+    go_on(tmp_path / "out", until="filter", changed={"method": "object"})
+    assert fakes.calls["scale"] == 2
+    assert fakes.calls["sfm"] == 1
+
+
+def test_another_threshold_segments_nothing_again_and_answers_the_new_question(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    assert run([photos], tmp_path / "out").detections == 4
+    tiles = fakes.calls["tiles"]
+    detections = (tmp_path / "out" / "detections.json").read_bytes()
+    summary = run([photos], tmp_path / "out", RunOptions(score_threshold=0.95))
+    assert (summary.detections, summary.fruits) == (0, 0)
+    assert fakes.calls["tiles"] == tiles
+    assert (tmp_path / "out" / "detections.json").read_bytes() == detections
+    assert "No fruit was found" in " ".join(summary.warnings)
+    back = run([photos], tmp_path / "out")
+    assert (back.detections, back.fruits) == (4, 1)
+    assert fakes.calls["tiles"] == tiles
+
+
+def test_a_threshold_below_what_the_file_keeps_segments_again(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    tiles = fakes.calls["tiles"]
+    run([photos], tmp_path / "out", RunOptions(score_threshold=0.01))
+    assert fakes.calls["tiles"] > tiles
+
+
+def test_other_engines_redo_what_they_made(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run([photos], tmp_path / "out")
+    monkeypatch.setattr(
+        "pomona.pipeline.runner.engine_versions",
+        lambda module: engine_versions(module) | ({"pycolmap": "9.9"} if module.endswith(".sfm") else {}),
+    )
+    assert redone(photos, tmp_path / "out", RunOptions()) == ["sfm"]
+    record = SurveyFolder.open(tmp_path / "out").record_of("sfm")
+    assert record is not None
+    assert record.engines["pycolmap"] == "9.9"
+
+
+def test_the_manifest_says_which_engines_ran(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out")
+    records = SurveyFolder.open(tmp_path / "out").records
+    assert {"onnxruntime", "cv2", "numpy"} <= records["segment"].engines.keys()
+    assert {"pycolmap", "cv2", "numpy"} <= records["sfm"].engines.keys()
+    assert "not installed" not in [version for record in records.values() for version in record.engines.values()]
+
+
+# Which stages run code of which rooms. A room that is not here is reached by none.
+ALL = {"segment", "select", "sfm", "scale", "fuse", "filter", "measure", "dense", "results", "report"}
+ROOMS: dict[str, set[str]] = {}
+
+
+def stage_modules() -> dict[str, set[str]]:
+    """The modules of the functions of each stage, of all methods and with corrections."""
+    modules: dict[str, set[str]] = {}
+    for method in ("object", "paper"):
+        for corrected in (False, True):
+            for stage in stages_of(method, corrected=corrected).in_order:
+                modules.setdefault(stage.name, set()).add(stage.compute.__module__)
+    return modules
+
+
+def reaching(package: Path, before: dict[str, dict[str, str]]) -> set[str]:
+    """The stages whose code in `package` differs from what it was."""
+    return {
+        name
+        for name, modules in stage_modules().items()
+        if any(code_digest(module, package) != before[name][module] for module in modules)
+    }
