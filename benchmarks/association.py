@@ -35,6 +35,7 @@ from pomona.fuse import object, paper
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
+from pomona.pipeline.select import SelectOptions
 from pomona.segment import SegmentOptions, load_segmenter, segment_photos
 from pomona.segment.protocol import KEPT_SHARE
 from pomona.synth.truth import write_masks_as_coco
@@ -147,11 +148,14 @@ def variants(kind: str, row: Path, survey: Path, seeds: int) -> Iterator[tuple[S
 
 def joined(kind: str, method: str, row: Path, detections: SurveyDetections, cameras: Cameras) -> Result:
     photos, truth = load_photos([row / "images"]), read_truth(row)
-    options = RunOptions(method="object" if method == "object" else "paper")
+    run = RunOptions(method="object" if method == "object" else "paper")
+    options = run.of_stages
     if kind == SEGMENTER:
-        detections = detections.at_least(options.least_score(load_segmenter(None).traits.score_threshold))
+        detections = detections.at_least(
+            SelectOptions.of(run).thresholds(load_segmenter(None).traits.score_threshold)[1]
+        )
     begun = time.monotonic()
-    svm = filters.load(filters.shipped(options.method))
+    svm = filters.load(filters.shipped(run.method))
     if method == "object":
         fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
     else:

@@ -49,9 +49,9 @@ class Halves:
 
 def detections_of(survey: Path) -> SurveyDetections:
     """The detections that `--method object` uses: those of a score from the run's own level up."""
-    info = json.loads((survey / "survey.json").read_text())["stages"]["segment"]["info"]
+    info = json.loads((survey / "survey.json").read_text())["stages"]["select"]["info"]
     found = {image.file_name: each for image, each in detections_by_image(parse_coco(survey / "detections.json"))}
-    return SurveyDetections(found).at_least(RunOptions().least_score(info["score_threshold"]))
+    return SurveyDetections(found).at_least(info["least_score"])
 
 
 def part_of(cameras: Cameras, photos: set[str]) -> Cameras:
@@ -71,7 +71,7 @@ def part_of(cameras: Cameras, photos: set[str]) -> Cameras:
 def surveyed(detections: SurveyDetections, cameras: Cameras) -> Fused:
     svm = filters.load(filters.shipped("object"))
     fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
-    fruits = measure(fused, detections, cameras, options=RunOptions().measure)
+    fruits = measure(fused, detections, cameras, options=RunOptions().of_stages.measure)
     return Fused(fruits, fused.observations, fused.cloud)
 
 

@@ -41,7 +41,7 @@ def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarr
         some = SurveyDetections({name: detections[name] for name in names if name in detections})
         seen_by = part_of(cameras, set(names))
         fused = filters.apply_to_views(object.fuse(some, seen_by), some, seen_by, svm, options=_KEEP_ALL)
-        fruits = measure(fused, some, seen_by, options=RunOptions().measure)
+        fruits = measure(fused, some, seen_by, options=RunOptions().of_stages.measure)
         pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
         scores.append(fruits.scores)
         true.append(np.isin(np.arange(len(fruits)), pairs[:, 0]))

@@ -23,6 +23,7 @@ from pomona.fuse import object
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
+from pomona.pipeline.select import SelectOptions
 from pomona.scale import Placed, ScaleOptions, place_in_world
 from pomona.segment import load_segmenter
 from pomona.sfm.store import read_reconstruction
@@ -60,7 +61,7 @@ def line(row: Path, kind: str, by: str, placed: Placed, detections: SurveyDetect
     svm = filters.load(filters.shipped("object"))
     fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
     photos = load_photos([row / "images"])
-    fruits = measure(fused, detections, cameras, photos, options=RunOptions().measure)
+    fruits = measure(fused, detections, cameras, photos, options=RunOptions().of_stages.measure)
     scores = evaluate_fruits(fruits, truth).visible
     assert scores is not None
     ties = placed.report.ties
@@ -89,7 +90,9 @@ def main() -> None:
         for kind in (TRUE, SEGMENTER):
             ((detections, _),) = variants(kind, row, survey, 0)
             if kind == SEGMENTER:
-                detections = detections.at_least(RunOptions().least_score(load_segmenter(None).traits.score_threshold))
+                detections = detections.at_least(
+                    SelectOptions().thresholds(load_segmenter(None).traits.score_threshold)[1]
+                )
             for by in ("markers", "markers, then fruits", "fruits alone"):
                 markers = None if by == "fruits alone" else row / "truth" / "markers.csv"
                 placed = place_in_world(

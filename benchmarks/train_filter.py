@@ -177,7 +177,7 @@ def examples(folder: Path, method: str, variant: str | None, repeats: int) -> It
 def paper_example(
     label: str, photos: Photos, detections: SurveyDetections, cameras: Cameras, truth: Truth, variant: str | None
 ) -> Example:
-    options = RunOptions(method="paper", variant=variant)
+    options = RunOptions(method="paper", variant=variant).of_stages
     chosen = replace(options.paper, min_score=0.0, projection="lens")
     fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=chosen)
     # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
@@ -190,7 +190,7 @@ def paper_example(
 
 def object_example(label: str, detections: SurveyDetections, cameras: Cameras, truth: Truth) -> Example:
     fused = object.fuse(detections, cameras)
-    measured = measure(fused, detections, cameras, options=RunOptions().measure)
+    measured = measure(fused, detections, cameras, options=RunOptions().of_stages.measure)
     near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
     return Example(
         label, view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near), measured, truth

@@ -183,7 +183,7 @@ def write_survey(scene: Scene, folder: Path) -> Path:
         "sources": [str(scene.folder / "images")],
         "options": {"sides": "auto", "method": "object"},
         "photos": [{"name": name, "side": side} for name, side in survey.sides.items()],
-        "stages": {"segment": {"fingerprint": "x", "info": {"score_threshold": 0.5}}},
+        "stages": {"select": {"fingerprint": "x", "info": {"score_threshold": 0.5, "least_score": 0.4}}},
     }
     (folder / "survey.json").write_text(json.dumps(manifest))
     write_colmap(folder / "cameras", survey.cameras, scene.photos)

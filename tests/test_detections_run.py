@@ -32,26 +32,26 @@ def photos(tmp_path: Path) -> Path:
 def test_detections_given_are_the_surveys(tmp_path: Path, photos: Path) -> None:
     out = tmp_path / "survey"
     options = RunOptions(detections=scenes.mats(tmp_path / "masks"), sides=SIDES)
-    assert run([photos], out, options, until="segment").detections == len(FRUITS)
+    assert run([photos], out, options, until="select").detections == len(FRUITS)
     read = read_coco(SurveyFolder.open(out).detections, scenes.scene_photos(photos))
     for name, fruits in SCENE.items():
         assert [fruit.score for fruit in fruits] == read[name].scores.tolist()
         assert all(np.array_equal(whole(m), f.pixels) for m, f in zip(read[name].masks, fruits, strict=True))
     first = next((tmp_path / "masks").rglob("*.mat"))
     first.unlink()
-    assert run([photos], out, options, until="segment").detections == len(FRUITS) - len(SCENE["east/IMG_1.JPG"])
+    assert run([photos], out, options, until="select").detections == len(FRUITS) - len(SCENE["east/IMG_1.JPG"])
 
 
 def test_another_choice_of_classes_reads_again(tmp_path: Path, photos: Path) -> None:
     path = scenes.cvat(tmp_path)
     path.write_text(path.read_text().replace('ellipse label="apple"', 'ellipse label="pear"'))
     options = RunOptions(detections=path, classes=("apple", "pear"), sides=SIDES)
-    assert run([photos], tmp_path / "survey", options, until="segment").detections == len(FRUITS)
+    assert run([photos], tmp_path / "survey", options, until="select").detections == len(FRUITS)
     options = replace(options, classes=parse_names("pear"))
-    assert run([photos], tmp_path / "survey", options, until="segment").detections == 2
+    assert run([photos], tmp_path / "survey", options, until="select").detections == 2
     assert RunOptions.from_json(options.to_json()) == options
 
 
 def test_classes_are_those_of_detections_given() -> None:
-    with pytest.raises(InputError, match="--classes apple,pear are those of --detections, which is not given"):
+    with pytest.raises(InputError, match="`classes` apple,pear are those of `detections`, which is not given"):
         RunOptions(classes=("apple", "pear"))

@@ -17,16 +17,16 @@ from pomona.survey import SurveyFolder
 
 
 def test_variants_are_the_readings_of_the_paper() -> None:
-    assert RunOptions(method="paper").paper.unify == "all"
-    text = RunOptions(method="paper", variant="text").paper
+    assert RunOptions(method="paper").of_stages.paper.unify == "all"
+    text = RunOptions(method="paper", variant="text").of_stages.paper
     assert (text.overlap, text.unify, text.min_score) == ("iou", "best", 0.0)
-    code = RunOptions(method="paper", variant="published-code").paper
+    code = RunOptions(method="paper", variant="published-code").of_stages.paper
     assert code == PaperOptions.as_published_code()
     smaller = RunOptions(method="paper", variant="published-code", score_threshold=0.4, fruit_diameter_m=0.05)
-    assert (smaller.paper.min_score, smaller.paper.eps_m) == (0.0, pytest.approx(0.02))
+    assert (smaller.of_stages.paper.min_score, smaller.of_stages.paper.eps_m) == (0.0, pytest.approx(0.02))
 
 
-@pytest.mark.parametrize(("method", "variant", "says"), [("object", "text", "--method paper"), ("paper", "x", "text")])
+@pytest.mark.parametrize(("method", "variant", "says"), [("object", "text", "`method` paper"), ("paper", "x", "text")])
 def test_variants_of_other_methods_and_unknown_ones_are_refused(method: str, variant: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         RunOptions(method=method, variant=variant)

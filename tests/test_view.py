@@ -183,7 +183,7 @@ def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
 
     (tmp_path / "other").mkdir()
     lost = read_survey(survey, photos=tmp_path / "other", progress=Told())
-    assert any("--photos FOLDER" in said for said in Told.said)
+    assert any("`photos`" in said for said in Told.said)
     assert len(lost.photos) == 8
     with ViewServer(lost) as started:
         threading.Thread(target=started.serve_forever, daemon=True).start()

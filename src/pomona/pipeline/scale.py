@@ -20,8 +20,8 @@ from pomona.survey.digest import plain
 if TYPE_CHECKING:
     from pomona.fuse.object.options import ObjectOptions
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.side_alignment import FindFruits
     from pomona.scale.options import ScaleOptions
+    from pomona.scale.side_alignment import FindFruits
 
 
 @dataclass(frozen=True, kw_only=True)
