@@ -151,9 +151,8 @@ def joined(kind: str, method: str, row: Path, detections: SurveyDetections, came
     run = RunOptions(method="object" if method == "object" else "paper")
     options = run.of_stages
     if kind == SEGMENTER:
-        detections = detections.at_least(
-            SelectOptions.of(run).thresholds(load_segmenter(None).traits.score_threshold)[1]
-        )
+        _, least_score = SelectOptions.of(run).thresholds(load_segmenter(None).traits.score_threshold)
+        detections = detections.at_least(least_score)
     begun = time.monotonic()
     svm = filters.load(filters.shipped(run.method))
     if method == "object":

@@ -90,9 +90,8 @@ def main() -> None:
         for kind in (TRUE, SEGMENTER):
             ((detections, _),) = variants(kind, row, survey, 0)
             if kind == SEGMENTER:
-                detections = detections.at_least(
-                    SelectOptions().thresholds(load_segmenter(None).traits.score_threshold)[1]
-                )
+                _, least_score = SelectOptions().thresholds(load_segmenter(None).traits.score_threshold)
+                detections = detections.at_least(least_score)
             for by in ("markers", "markers, then fruits", "fruits alone"):
                 markers = None if by == "fruits alone" else row / "truth" / "markers.csv"
                 placed = place_in_world(
