@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -10,14 +11,14 @@ import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.cameras import Cameras
-from pomona.dense import DenseOptions, fruit_cloud, patchmatch
+from pomona.dense import DenseOptions, SphereCloudOptions, fruit_cloud, patchmatch
 from pomona.dense.atlas import pack
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
 from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.scene import Scene
 from pomona.dense.views import make_view
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.errors import FormatError
+from pomona.errors import FormatError, InputError
 from pomona.label_image import paint_labels
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
@@ -146,3 +147,19 @@ def test_patchmatch_without_a_gpu_falls_back_and_says_so(tmp_path: Path) -> None
     quiet = Silent()
     fruit_cloud(photos, detections, cameras, progress=quiet)
     assert quiet.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"engine": "gpu"}, "engine"), ({"coarse_window": 0.0}, "coarse_window"), ({"min_overlap": 1.5}, "min_overlap"),
+     ({"ideal_angle_deg": 30.0}, "ideal_angle_deg"), ({"neighbours": 0}, "neighbours")],
+)  # fmt: skip
+def test_dense_options_out_of_range_are_named(change: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        DenseOptions(**change)
+
+
+@pytest.mark.parametrize(("change", "named"), [({"work_fruit_px": 0.0}, "work_fruit_px"), ({"views": 0}, "views")])
+def test_options_of_sphere_clouds_out_of_range_are_named(change: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        SphereCloudOptions(**change)

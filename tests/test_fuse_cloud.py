@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,9 +187,11 @@ def test_what_is_not_fruit_is_told_or_not_found(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("fruit_diameter_m", 0.0), ("price", float("inf")), ("inside", 1.0), ("rounds", 0)]
-)
-def test_options_that_mean_nothing_are_refused(name: str, value: float) -> None:
+    ("name", "value"),
+    [("fruit_diameter_m", 0.0), ("price", float("inf")), ("inside", 1.0), ("rounds", 0), ("unexplained", 0.0),
+     ("fewest_clear", 0), ("radius_range", (0.5, 0.9))],
+)  # fmt: skip
+def test_options_that_mean_nothing_are_refused(name: str, value: Any) -> None:
     with pytest.raises(InputError, match=name):
         CloudOptions(**{name: value})
 

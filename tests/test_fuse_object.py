@@ -159,7 +159,9 @@ def test_cameras_without_metres_are_refused() -> None:
 @pytest.mark.parametrize(
     ("change", "named"),
     [({"min_views": 1}, "min_views"), ({"rays_per_mask": 2}, "rays_per_mask"), ({"baselines": (0.5, 0.1)}, "baselines"),
-     ({"fruit_diameter_m": 0.0}, "fruit_diameter_m"), ({"rounds": 0}, "rounds")],
+     ({"fruit_diameter_m": 0.0}, "fruit_diameter_m"), ({"rounds": 0}, "rounds"),
+     ({"won_share": 1.5}, "won_share"), ({"radius_range": (1.1, 1.5)}, "radius_range"),
+     ({"hypothesis_radii": (0.5, 0.0)}, "hypothesis_radii"), ({"split_radii": -1.0}, "split_radii")],
 )  # fmt: skip
 def test_options_out_of_range_are_named(change: dict[str, object], named: str) -> None:
     with pytest.raises(InputError, match=named):

@@ -115,7 +115,7 @@ def _add(survey: EditedSurvey, correction: Added) -> tuple[int, ...]:
 
 def _new(survey: EditedSurvey, place: FloatArray, diameter: float | None, sd: float | None) -> Fruits:
     if diameter is None:
-        return survey.of_usual_size(survey.new_id(), place)
+        return survey.of_typical_size(survey.new_id(), place)
     one = Fruits(np.array([survey.new_id()]), place[None], np.array([diameter]), np.ones(1), np.zeros(1, np.int64))
     return replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd]), tree_ids=survey.tree_near(place))
 
@@ -165,13 +165,13 @@ def _one_a_photo(survey: EditedSurvey, fruit_id: int, seen: Observations) -> Obs
 
 def _split(survey: EditedSurvey, correction: Split) -> tuple[int, ...]:
     there = [survey.match(part) for part in correction.parts]
-    if None not in there and there[0] != there[1]:  # the run tells them apart by itself
+    if None not in there and there[0] != there[1]:  # the run separates them by itself
         return tuple(int(survey.fruits.ids[i]) for i in there if i is not None)
     at = _matched(survey, correction.at)
     fruit = survey.fruits[np.array([at])]
     old_id, places = int(fruit.ids[0]), np.array(correction.parts)
     ids = old_id, survey.new_id()
-    parts = [survey.of_usual_size(id_, place, fruit) for id_, place in zip(ids, places, strict=True)]
+    parts = [survey.of_typical_size(id_, place, fruit) for id_, place in zip(ids, places, strict=True)]
     diameters = np.array([float(part.diameters_m[0]) for part in parts])
     rows = _divide(survey, survey.drop(at), places, diameters)
     for k, (part, mine) in enumerate(zip(parts, rows, strict=True)):

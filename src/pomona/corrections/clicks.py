@@ -20,11 +20,11 @@ _MOST_LINES = 300  # photos that a person is shown at most
 _BEST_ANGLE_DEG = 15.0
 
 
-def place_from_marks(cameras: Cameras, marks: Sequence[Mark], usual_diameter: float) -> FloatArray:
+def place_from_marks(cameras: Cameras, marks: Sequence[Mark], typical_diameter: float) -> FloatArray:
     """Return the place (3,) nearest to the rays of all marks, which are in two or more photos.
 
     Raises `InputError` where that says nothing of the place: one photo only, photos taken from nearly the same place,
-    rays that pass each other by more than half a usual fruit, or meet behind a camera.
+    rays that pass each other by more than half a typical fruit, or meet behind a camera.
     """
     if len({mark.photo for mark in marks}) < 2:
         raise InputError("Click the fruit in two photos at least")
@@ -39,15 +39,15 @@ def place_from_marks(cameras: Cameras, marks: Sequence[Mark], usual_diameter: fl
     if (along <= 0).any():
         raise InputError("The clicks meet behind a camera: they are not of the same fruit")
     off = np.linalg.norm(place - eyes - along[:, None] * rays, axis=1)
-    if off.max() > usual_diameter / 2:
+    if off.max() > typical_diameter / 2:
         raise InputError(
             f"The clicks are not of the same fruit: their lines pass each other by {2 * off.max():.3f}, and a fruit is "
-            f"{usual_diameter:.3f} wide. Click it again where the line runs through it"
+            f"{typical_diameter:.3f} wide. Click it again where the line runs through it"
         )
     focals = np.array([cameras.intrinsics_of(_index(cameras, mark)).focal_px for mark in marks])
-    sds = np.maximum(_CLICK_PX * along / focals, _CLICK_SHARE * usual_diameter)
+    sds = np.maximum(_CLICK_PX * along / focals, _CLICK_SHARE * typical_diameter)
     spread = np.linalg.inv((across / sds[:, None, None] ** 2).sum(0))
-    if np.sqrt(np.linalg.eigvalsh(spread)[-1]) > usual_diameter:
+    if np.sqrt(np.linalg.eigvalsh(spread)[-1]) > typical_diameter:
         raise InputError(_same_place())
     return place
 

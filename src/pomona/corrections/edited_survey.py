@@ -152,20 +152,20 @@ class EditedSurvey:
         photos = {photo: self.detections[photo] for photo in seen.photo}
         if len(photos) < 2:
             return fruit
-        usual = self.found.size.diameter_m
+        typical_m = self.found.size.diameter_m
         options = self.found.measure
         fused = Fused(fruit, seen, FruitCloud.empty())
         new = measure(fused, SurveyDetections(photos), self.found.cameras, options=options)
         away = float(np.linalg.norm(new.centers_in_world[0] - fruit.centers_in_world[0]))
         if (
             new.reasons[0]
-            or away > usual / 2
-            or not options.smallest * usual <= new.diameters_m[0] <= options.largest * usual
+            or away > typical_m / 2
+            or not options.smallest * typical_m <= new.diameters_m[0] <= options.largest * typical_m
         ):
             return fruit
         return new
 
-    def of_usual_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
+    def of_typical_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
         """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour."""
         size = self.found.size
         return Fruits(

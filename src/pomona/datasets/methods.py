@@ -15,6 +15,7 @@ from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.evaluate.fruits import EvaluateOptions
 from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm, training_table
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits
 from pomona.fuse import Fused, object, paper
 from pomona.fuse.paper.projection import MIN_DLT_POINTS
@@ -97,7 +98,7 @@ def _machine(fused: Fused, options: RunOptions, known: TrueTrees | None) -> tupl
     of_training = _on_training_trees(fused, known)
     matched = EvaluateOptions(match="inside")
     values, is_fruit = training_table(of_training, known.truth, names=names, options=matched)
-    diameter_m = float(np.median(fused.fruits.diameters_m))
+    diameter_m = size_of_fruits(fused.fruits.diameters_m, FruitSize()).diameter_m
     said = f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the training trees"
     try:
         svm = LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=diameter_m, trained_on=said)

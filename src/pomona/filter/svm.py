@@ -67,7 +67,7 @@ class LinearSvm:
         fruit_diameter_m: float = float("nan"),
         trained_on: str = "",
     ) -> LinearSvm:
-        """Return the machine that tells `is_fruit` (n,) from features (n, k); the box constraint is the authors'.
+        """Return the machine that separates `is_fruit` (n,) from features (n, k); the box constraint is the authors'.
 
         The sigmoid is fitted to decisions on folds that were not trained on.
 

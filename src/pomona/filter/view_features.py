@@ -28,7 +28,7 @@ def view_features(
     The logarithm of the number of photos that saw it; these as a share of the photos that should have, being near to
     one that did and having it in the picture; the mean score of its detections; the largest share of its disc that a
     mask fills; and the logarithm of how well its place is known, a standard deviation in diameters. More was tried,
-    and told nothing more (docs/reference/methods/object.md).
+    and added nothing (docs/reference/methods/object.md).
     """
     options = options or FilterOptions()
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_mask, only=fused.observations)

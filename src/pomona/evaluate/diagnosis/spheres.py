@@ -14,6 +14,7 @@ from pomona.evaluate.diagnosis.associations import seen_px_by_photo
 from pomona.evaluate.diagnosis.mistakes import SurveyResult
 from pomona.evaluate.fruits.scores import Tally
 from pomona.evaluate.fruits.truth import Truth
+from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
@@ -63,7 +64,7 @@ class Spheres:
         self._seen_in: dict[str, set[int]] = defaultdict(set)
         for fruit_id, photo in zip(observations.fruit_id.tolist(), observations.photo, strict=True):
             self._seen_in[photo].add(fruit_id)
-        self.usual_diameter_m = _usual_m(survey.fruits, truth)
+        self.usual_diameter_m = _typical_m(survey.fruits, truth)
         self._centers_in_world = np.concatenate(
             [truth.centers_in_world, survey.fruits.centers_in_world, dropped.centers_in_world]
         )
@@ -89,6 +90,5 @@ class Spheres:
         ]
 
 
-def _usual_m(fruits: Fruits, truth: Truth) -> float:
-    measured = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
-    return float(np.median(np.concatenate([truth.diameters_m, measured])))
+def _typical_m(fruits: Fruits, truth: Truth) -> float:
+    return size_of_fruits(np.concatenate([truth.diameters_m, fruits.diameters_m]), FruitSize()).diameter_m

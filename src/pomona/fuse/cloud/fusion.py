@@ -46,7 +46,7 @@ def fruits_of_cloud(
     points best; spheres are fitted to their points, and what is left over may be further fruits. The size is
     estimated anew from the fruits that show enough. The result does not depend on the order of points; fruits are
     numbered by where they are. `scores` say how clearly a fruit is worth its price, ½ just so; `views` are 0: a cloud
-    tells of no photos. No points give no fruits. `progress` is warned where the cloud seems to be of something else.
+    knows no photos. No points give no fruits. `progress` is warned where the cloud seems to be of something else.
 
     Raises `InputError` where a point is not finite, or where points are too far from each other for an orchard.
     """

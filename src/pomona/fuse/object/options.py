@@ -1,4 +1,4 @@
-"""Options of the association. Lengths are in radii of the fruit, whose size the survey itself tells."""
+"""Options of the association. Lengths are in radii of the fruit, whose size is estimated from the survey."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class ObjectOptions:
         for name in ("min_views", "hypothesis_views"):
             if getattr(self, name) < 2:
                 raise InputError(
-                    f"{name}: expected at least 2, found {getattr(self, name)}: one photo tells no distance"
+                    f"{name}: expected at least 2, found {getattr(self, name)}: one photo gives no distance"
                 )
         if not 0 <= self.min_share < 1:
             raise InputError(f"min_share: expected 0 to below 1, found {self.min_share}")

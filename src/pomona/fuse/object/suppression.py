@@ -74,6 +74,6 @@ def _sights(spheres: Spheres, matches: Matches, masks: MaskRays) -> tuple[FloatA
     each /= np.linalg.norm(each, axis=1, keepdims=True)
     sums = np.stack([np.bincount(idx, each[:, k], n) for k in range(3)], axis=1)
     lengths = np.maximum(np.linalg.norm(sums, axis=1), 1e-12)
-    # The mean resultant length tells how much directions are spread: 1 - R is half their variance.
+    # The mean resultant length says how much directions are spread: 1 - R is half their variance.
     variances = 2 * (1 - lengths / np.maximum(matches.counts(n), 1))
     return sums / lengths[:, None], np.clip(np.sqrt(np.maximum(variances, 0)) / _WELL_SPREAD, _LEAST_KNOWN, 1)

@@ -15,7 +15,7 @@ Unify = Literal["all", "best", "first"]
 
 @dataclass(frozen=True, kw_only=True)
 class PaperOptions:
-    """Options of `paper.fuse`. Lengths are metres; docs/reference/methods/paper.md tells where each value comes from.
+    """Options of `paper.fuse`. Lengths are metres; docs/reference/methods/paper.md says where each value comes from.
 
     `min_score`: detections below are not used. `eps_m`, `dbscan_min_points`: DBSCAN's, the point itself counted.
     `grouping`: "dbscan", where noise is dropped, or "reach": a group goes on through all its points, core or not, and
@@ -69,7 +69,7 @@ class PaperOptions:
 
     @classmethod
     def as_published_code(cls) -> PaperOptions:
-        """Return what the authors' published program does (docs/reference/methods/paper.md tells how that was read)."""
+        """Return what the authors' published program does (docs/reference/methods/paper.md says how that was read)."""
         return cls(
             min_score=0.95,
             dbscan_min_points=11,  # 10 others
