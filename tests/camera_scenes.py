@@ -390,6 +390,7 @@ def metashape(kind: str = "frame", *, place: str = "local", skew: float = 0.02, 
         p1, p2, b1, b2 = *rng.uniform(-0.002, 0.002, 2).tolist(), rng.uniform(-5, 5), rng.uniform(-1, 1) * skew
         if kind != "frame":
             p1 = p2 = 0.0
+            f = max(f, 1300)  # a wider one may see more than 170 degrees, which is refused
         # The chunk's own frame: turned, moved and of another scale.
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
