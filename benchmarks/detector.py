@@ -31,7 +31,7 @@ from pomona.evaluate.detections import (
 from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.segment import Segmenter, SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.fruit_size import reading_scales
+from pomona.segment.reading_scale import reading_scales
 from pomona.train.samples import Sample, group_of, split
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()

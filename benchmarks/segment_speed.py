@@ -37,7 +37,7 @@ def write_photo(path: Path) -> None:
 def write_random_mask_rcnn(path: Path) -> None:
     import torch
 
-    from pomona.segment.torchvision import build_mask_rcnn
+    from pomona.segment.mask_rcnn import build_mask_rcnn
 
     torch.manual_seed(1)
     state = build_mask_rcnn("maskrcnn-r101", 2).state_dict()
@@ -49,7 +49,7 @@ def measure(folder: Path, model: str | None, repeats: int) -> None:
     from pomona.capture import load_photos
     from pomona.progress import Silent
     from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-    from pomona.segment.fruit_size import reading_scales
+    from pomona.segment.reading_scale import reading_scales
 
     photos = load_photos([folder], min_photos=1)
     segmenter = load_segmenter(model)

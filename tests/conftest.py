@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+
+# Threads of OpenMP (PyTorch, scikit-learn, COLMAP) that wait for each other by spinning hold the very cores that the
+# others need when something else runs too. It is read when these libraries are loaded, here and in child processes.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

@@ -22,7 +22,7 @@ from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.pipeline.code import code_digest, engine_versions
 from pomona.pipeline.stages import stages_of
 from pomona.scale.options import ScaleOptions
-from pomona.segment.stage import SegmentOptions
+from pomona.segment.photo_detections import SegmentOptions
 from pomona.sfm.options import SfmOptions
 from pomona.survey import SurveyFolder
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.segment import Segmenter, load_segmenter, segment_photo
+from pomona.segment.center_offset import ModelMetadata
 from pomona.segment.decode import DecodeOptions, decode
 from pomona.segment.load import SHIPPED_WEIGHTS
-from pomona.segment.onnx import ModelMetadata
 from segment_scenes import DISC_PX, disc, painted_maps, write_disc_model
 
 METADATA = {

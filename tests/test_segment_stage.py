@@ -12,8 +12,8 @@ from pomona.errors import InputError
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.segment import SegmenterTraits, SegmentOptions, iter_detections, segment_photos
-from pomona.segment.fruit_size import reading_scales
 from pomona.segment.protocol import TileDetections
+from pomona.segment.reading_scale import reading_scales
 from pomona.segment.resize import resized_detections, resized_mask
 from segment_scenes import RedSegmenter, disc, red_photo, red_photos
 

@@ -10,7 +10,7 @@ import pytest
 
 from pomona.detections import Mask
 from pomona.segment import SegmentOptions, TileDetections, Window, segment_photo, segment_tiled, stitch, tile_windows
-from pomona.segment.overlap import keep_best, overlapping_pairs, pair_iou
+from pomona.segment.box_overlap import non_maximum_suppression, overlapping_pairs, pair_iou
 from segment_scenes import IdSegmenter, disc, id_image, masks_of
 
 
@@ -184,7 +184,7 @@ def test_pairs_equal_comparing_each_with_each() -> None:
         assert len(i) == len(expected)
 
 
-def test_keep_best_equals_the_greedy_loop() -> None:
+def test_non_maximum_suppression_equals_the_greedy_loop() -> None:
     rng = np.random.default_rng(1)
     corners = rng.uniform(0, 100, (150, 2))
     boxes, scores = np.concatenate([corners, corners + rng.uniform(10, 30, (150, 2))], 1), rng.uniform(0, 1, 150)
@@ -192,4 +192,4 @@ def test_keep_best_equals_the_greedy_loop() -> None:
     for k in np.argsort(-scores):
         if not kept or (pair_iou(boxes[kept], np.repeat(boxes[[k]], len(kept), 0)) <= 0.4).all():
             kept.append(int(k))
-    assert sorted(kept) == np.flatnonzero(keep_best(boxes, scores, 0.4)).tolist()
+    assert sorted(kept) == np.flatnonzero(non_maximum_suppression(boxes, scores, 0.4)).tolist()

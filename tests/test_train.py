@@ -20,8 +20,8 @@ from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E40
 from pomona.formats.detections.coco_labels import read_coco_labels  # noqa: E402
 from pomona.formats.detections.photo_source import PhotoFinder  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
+from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
-from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
 from pomona.segment.protocol import TileDetections  # noqa: E402
 from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
@@ -76,10 +76,10 @@ def test_nothing_found_has_no_scores(tmp_path: Path) -> None:
     assert np.isnan(result.f1)
 
 
-def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(
-    samples: list[Sample], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    options = FitOptions(steps=16, batch=2, warm_up=5, check_every=8, checked_photos=2, workers=0, augment=SMALL)
+def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: list[Sample], tmp_path: Path) -> None:
+    options = FitOptions(
+        steps=16, batch=2, warm_up=5, check_every=8, checked_photos=2, workers=0, threads=1, augment=SMALL
+    )
     learner, halves = CenterLearner(), (samples[:4], samples[4:])
     network = fit(learner, *halves, tmp_path / "once", options=options)
     rows = (tmp_path / "once" / "log.csv").read_text().splitlines()
@@ -96,7 +96,7 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(
             if self.done == 10:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr("pomona.train.training_state._SAVE_EVERY_S", -1.0)
+    options = replace(options, save_every_s=0.0)
     with pytest.raises(KeyboardInterrupt):
         fit(learner, *halves, tmp_path / "twice", options=options, progress=Stops())
     assert torch.load(tmp_path / "twice" / "last.pt", weights_only=True)["step"] == 9
@@ -107,21 +107,21 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(
 
     model = tmp_path / "fruit.onnx"
     export_onnx(network, model, fruit_px=(12, 120), typical_fruit_px=40, threshold=0.3)
-    segmenter = OnnxSegmenter(model)
+    segmenter = CenterOffsetSegmenter(model)
     assert segmenter.traits.score_threshold == pytest.approx(0.5)
     pixels = samples[5].pixels()
     maps = segmenter.maps(pixels)
     assert maps.heatmap.shape == (56, 56)
     mine = segment(network, pixels, DecodeOptions(score_threshold=0.01))
     floor = 0.01 / 0.99 / (0.3 / 0.7)  # odds
-    theirs = OnnxSegmenter(model, score_floor=floor / (1 + floor)).segment([pixels])[0]
+    theirs = CenterOffsetSegmenter(model, score_floor=floor / (1 + floor)).segment([pixels])[0]
     assert len(mine) == len(theirs)
     odds = theirs.scores / (1 - theirs.scores) * 0.3 / 0.7
     np.testing.assert_allclose(np.sort(mine.scores), np.sort(odds / (1 + odds)), atol=1e-3)
 
 
 def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample], tmp_path: Path) -> None:
-    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, augment=SMALL)
+    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, threads=1, augment=SMALL)
     fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
 
     def refusal(learner: CenterLearner | MaskRcnnLearner, changed: FitOptions, training: list[Sample]) -> str:
@@ -142,7 +142,15 @@ def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample],
 
 def test_training_ends_early_when_nothing_gets_better(samples: list[Sample], tmp_path: Path) -> None:
     options = FitOptions(
-        steps=9, batch=1, learning_rate=1e-9, check_every=1, checked_photos=1, patience=2, workers=0, augment=SMALL
+        steps=9,
+        batch=1,
+        learning_rate=1e-9,
+        check_every=1,
+        checked_photos=1,
+        patience=2,
+        workers=0,
+        threads=1,
+        augment=SMALL,
     )
     told = Silent()
     fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options, progress=told)
@@ -154,7 +162,7 @@ def test_training_ends_early_when_nothing_gets_better(samples: list[Sample], tmp
 
 
 def test_a_network_begins_where_an_earlier_one_ended(samples: list[Sample], tmp_path: Path) -> None:
-    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, augment=SMALL)
+    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, threads=1, augment=SMALL)
     first = fit(CenterLearner(weights="none"), samples[:4], samples[4:], tmp_path, options=options)
     best = tmp_path / "best.pt"
     second = CenterLearner(weights=str(best)).build(start=True, progress=Silent())
@@ -204,6 +212,7 @@ def test_options_that_make_no_sense_are_refused() -> None:
         ({"steps": 0}, "steps: expected at least 1"),
         ({"optimiser": "adam"}, "adamw or sgd, found 'adam'"),
         ({"patience": 0}, "patience"),
+        ({"threads": 0}, "threads"),
         ({"learning_rate": 0.0}, "learning_rate"),
     ):
         with pytest.raises(InputError, match=said):
@@ -253,6 +262,6 @@ def test_the_command_trains_a_model_file_that_is_run(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     assert "fruits of photos held out, AP50" in done.stdout
     assert float(done.stdout.split("AP50 ")[1].split(",")[0]) > 0.5
-    found = OnnxSegmenter(out).segment([discs(99)[0]])[0]
+    found = CenterOffsetSegmenter(out).segment([discs(99)[0]])[0]
     assert 3 <= len(found) <= 12
     assert (tmp_path / "fruit.training" / "curves.svg").is_file()

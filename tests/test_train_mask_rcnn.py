@@ -18,7 +18,7 @@ from pomona.cli.app import app  # noqa: E402
 from pomona.errors import FormatError, InputError  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment import load_segmenter  # noqa: E402
-from pomona.segment import torchvision as detectors  # noqa: E402
+from pomona.segment import mask_rcnn as detectors  # noqa: E402
 from pomona.train import FitOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.crop import Crop  # noqa: E402
@@ -39,6 +39,7 @@ SMALL = FitOptions(
     check_every=2,
     checked_photos=1,
     workers=0,
+    threads=1,
     augment=AugmentOptions(crop_px=64, fruit_px=(20, 30), mosaics=0.0, copy_paste=0.3, recolours=False),
 )
 

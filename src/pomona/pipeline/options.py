@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pomona.fuse.paper.options import PaperOptions
     from pomona.measure.options import MeasureOptions
     from pomona.scale.options import ScaleOptions
-    from pomona.segment.stage import SegmentOptions
+    from pomona.segment.photo_detections import SegmentOptions
     from pomona.sfm.options import SfmOptions
 
 T = TypeVar("T")
@@ -104,8 +104,8 @@ class RunOptions:
         from pomona.fuse.object.options import ObjectOptions
         from pomona.measure.options import MeasureOptions
         from pomona.scale.options import ScaleOptions
+        from pomona.segment.photo_detections import SegmentOptions
         from pomona.segment.protocol import KEPT_SHARE
-        from pomona.segment.stage import SegmentOptions
         from pomona.sfm.options import SfmOptions
 
         # Weak detections are kept in the file with their scores; they do not count as fruit.
@@ -234,7 +234,7 @@ def _option_classes() -> dict[str, Any]:
     from pomona.fuse.paper.options import PaperOptions
     from pomona.measure.options import MeasureOptions
     from pomona.scale.options import ScaleOptions
-    from pomona.segment.stage import SegmentOptions
+    from pomona.segment.photo_detections import SegmentOptions
     from pomona.sfm.options import SfmOptions
 
     classes = (

@@ -17,7 +17,7 @@ from pomona.survey.files import write_file
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
-    from pomona.segment.stage import SegmentOptions
+    from pomona.segment.photo_detections import SegmentOptions
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 """Fruits in photos: tiling, a segmenter, detections stitched across seams and mapped to the photo."""
 
 from pomona.segment.load import load_segmenter
+from pomona.segment.photo_detections import SegmentOptions, iter_detections, segment_photo, segment_photos
 from pomona.segment.protocol import Segmenter, SegmenterTraits, TileDetections
-from pomona.segment.stage import SegmentOptions, iter_detections, segment_photo, segment_photos
 from pomona.segment.stitch import StitchOptions, stitch
-from pomona.segment.tiled import segment_tiled
+from pomona.segment.tiled_image import segment_tiled
 from pomona.segment.tiling import Window, tile_windows
 
 __all__ = [

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pomona.arrays import BoolArray, FloatArray, set_checked
 from pomona.detections import Mask
-from pomona.segment.overlap import keep_best, overlapping_pairs
+from pomona.segment.box_overlap import non_maximum_suppression, overlapping_pairs
 from pomona.segment.protocol import TileDetections
 
 Float32Array = npt.NDArray[np.float32]
@@ -84,7 +84,7 @@ def _peaks(maps: Maps, width_px: int, height_px: int, options: DecodeOptions) ->
     left, top, right, bottom = np.maximum(maps.box[:, rows, columns].astype(float), 0.5)
     boxes = np.stack([x - left, y - top, x + right, y + bottom], axis=1)
     scores = np.clip(maps.heatmap[rows, columns].astype(float), 0, 1)
-    kept = np.flatnonzero(keep_best(boxes, scores, options.max_box_iou))
+    kept = np.flatnonzero(non_maximum_suppression(boxes, scores, options.max_box_iou))
     kept = kept[np.argsort(-scores[kept], kind="stable")]
     return boxes[kept], scores[kept]
 

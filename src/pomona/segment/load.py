@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from pomona.errors import InputError, MissingFileError, PomonaError
+from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.segment.protocol import Segmenter, SegmenterTraits
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "fruit.onnx"
@@ -35,11 +36,9 @@ def load_segmenter(model: str | Path | None = None, *, score_floor: float | None
         model = SHIPPED_WEIGHTS
     path, classes = _file_and_classes(model)
     if path.suffix == ".onnx":
-        from pomona.segment.onnx_layouts import load_onnx
-
-        return load_onnx(path, classes=classes, score_floor=score_floor)
+        return _load_onnx(path, classes, score_floor)
     if path.suffix in (".pt", ".pth"):
-        from pomona.segment.torchvision import MaskRcnnSegmenter
+        from pomona.segment.mask_rcnn import MaskRcnnSegmenter
 
         return MaskRcnnSegmenter(path, score_floor=score_floor)
     name, colon, argument = str(model).partition(":")
@@ -93,6 +92,32 @@ def _file_and_classes(model: str | Path) -> tuple[Path, tuple[str, ...]]:
     if not classes:
         raise InputError(f"Model '{model}': expected the classes that are fruit behind the colon, by name or number")
     return Path(match[1]), classes
+
+
+def _load_onnx(path: Path, classes: Sequence[str], score_floor: float | None) -> Segmenter:
+    """Return the segmenter of an ONNX file: which network it holds is found from its metadata and outputs.
+
+    `classes`: which are fruit, by name or number; empty: worked out.
+    """
+    from pomona.segment import rf_detr_seg, yolo_seg
+    from pomona.segment.center_offset import KIND, CenterOffsetSegmenter
+    from pomona.segment.onnx_file import OnnxFile
+
+    file = OnnxFile(path)
+    if "pomona.kind" in file.metadata:
+        if classes:
+            raise InputError(f"{path}: a model of Pomona knows one class, fruit; leave out ':{','.join(classes)}'")
+        return CenterOffsetSegmenter(file, score_floor=score_floor)
+    if rf_detr_seg.dets_labels_masks(file.outputs) is not None:
+        return rf_detr_seg.RfDetrSegmenter(file, classes=classes, score_floor=score_floor)
+    if yolo_seg.candidates_and_prototypes(file.outputs) is not None:
+        return yolo_seg.YoloSegmenter(file, classes=classes, score_floor=score_floor)
+    known = (f"Pomona's own (metadata pomona.kind = '{KIND}')", yolo_seg.LAYOUT, rf_detr_seg.LAYOUT)
+    raise FormatError(
+        f"{path}: its outputs are of no layout that Pomona knows. Found: {'; '.join(map(str, file.outputs))}. "
+        f"Known: {'; '.join(known)}. A detector without masks has to be exported again from its segmentation variant; "
+        f"for any other network, see docs/reference/detectors.md"
+    )
 
 
 def _plugin(entry: EntryPoint, argument: str | None) -> Segmenter:

@@ -8,7 +8,6 @@ Masks: Segment Anything 1 or 2 (Kirillov 2023, Ravi 2024). The weights used by d
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,10 @@ import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
+from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.decode import Float32Array
-from pomona.segment.overlap import keep_best
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections
+from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections
 
 DEFAULT_DETECTOR = "google/owlv2-base-patch16-ensemble"
 DEFAULT_MASKS = "facebook/sam2.1-hiera-tiny"
@@ -57,7 +56,7 @@ class Wish:
         return cls(words, _at_home(detector) or DEFAULT_DETECTOR, _at_home(masks) or DEFAULT_MASKS)
 
 
-class OpenVocabularySegmenter:
+class OpenVocabularySegmenter(TileByTile):
     """A `Segmenter` that finds whatever words say.
 
     Raises `MissingExtraError` without transformers, `MissingFileError` for a folder that does not exist or weights
@@ -76,40 +75,28 @@ class OpenVocabularySegmenter:
         self._words = self._processor(wish.detector, "AutoProcessor")
         self._pixels_of_masker = self._processor(wish.masks, "AutoImageProcessor")
         tile_px = _side_px(self._words.image_processor.size)
-        self._traits = SegmenterTraits(
-            score_threshold=_SCORE_THRESHOLDS[kind], tile_px=tile_px, min_overlap_px=tile_px // 4
-        )
-        self._floor = KEPT_SHARE * self._traits.score_threshold if score_floor is None else score_floor
-        self._name = f"open:{','.join(wish.words)}@{_named(wish.detector)}+{_named(wish.masks)}"
+        # Tiles of the detector's own size, so that the photo's scale is kept.
+        traits = SegmenterTraits(score_threshold=_SCORE_THRESHOLDS[kind], tile_px=tile_px, min_overlap_px=tile_px // 4)
+        name = f"open:{','.join(wish.words)}@{_named(wish.detector)}+{_named(wish.masks)}"
+        super().__init__(name, traits, score_floor)
 
     @classmethod
     def named(cls, text: str, *, score_floor: float | None = None) -> OpenVocabularySegmenter:
         """Return the segmenter of `WORDS`, `WORDS@DETECTOR` or `WORDS@DETECTOR+MASKS`."""
         return cls(Wish.parse(text), score_floor=score_floor)
 
-    @property
-    def name(self) -> str:
-        """The words and the weights, with a digest where they lie in a folder."""
-        return self._name
-
-    @property
-    def traits(self) -> SegmenterTraits:
-        """Tiles of the detector's own size, so that the photo's scale is kept."""
-        return self._traits
-
-    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
-        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+    def _segment_tile(self, tile: ByteArray) -> TileDetections:
         with self._torch.inference_mode():
-            return [self._of_tile(tile) for tile in tiles]
+            return self._in_tile(tile)
 
-    def _of_tile(self, tile: ByteArray) -> TileDetections:
+    def _in_tile(self, tile: ByteArray) -> TileDetections:
         height, width = tile.shape[:2]
         side = max(height, width)
         # A square, so that it makes no difference whether a network's own processor pads or stretches.
         square = np.full((side, side, 3), _GREY, np.uint8)
         square[:height, :width] = tile
         boxes, scores = self._boxes(square)
-        kept = np.flatnonzero(keep_best(boxes, scores, _MAX_BOX_IOU))
+        kept = np.flatnonzero(non_maximum_suppression(boxes, scores, _MAX_BOX_IOU))
         placement = Placement((width, height), (side, side), (1.0, 1.0), (0, 0))
         boxes, scores = placement.boxes_in_tile(boxes[kept]), scores[kept]
         seen = (boxes[:, 2:] - boxes[:, :2] >= 1).all(1)
@@ -126,7 +113,7 @@ class OpenVocabularySegmenter:
         inputs = self._words(images=square, text=[list(self._wish.words)], return_tensors="pt").to(self._device)
         outputs = self._detector(**inputs)
         scores = outputs.logits[0].sigmoid().amax(-1).cpu().numpy().astype(float)
-        kept = np.flatnonzero(scores >= self._floor)
+        kept = np.flatnonzero(scores >= self._score_floor)
         found = outputs.pred_boxes[0].cpu().numpy().astype(float)[kept] * square.shape[0]
         return corners(found), scores[kept]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,6 +86,35 @@ class Segmenter(Protocol):
 
     def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
         """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+
+
+class TileByTile(ABC):
+    """What Pomona's own segmenters have in common: a name, traits, and one tile after the other.
+
+    `score_floor` is the least score that is reported; None: `KEPT_SHARE` of the score threshold.
+    """
+
+    def __init__(self, name: str, traits: SegmenterTraits, score_floor: float | None = None) -> None:
+        self._name, self._traits = name, traits
+        self._score_floor = KEPT_SHARE * traits.score_threshold if score_floor is None else score_floor
+
+    @property
+    def name(self) -> str:
+        """The kind of network, its weights with a digest of their content, and which of its classes count."""
+        return self._name
+
+    @property
+    def traits(self) -> SegmenterTraits:
+        """The tiles that suit the network, as its file says or as it was trained."""
+        return self._traits
+
+    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
+        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
+        return [self._segment_tile(tile) for tile in tiles]
+
+    @abstractmethod
+    def _segment_tile(self, tile: ByteArray) -> TileDetections:
+        """Return the detections of one tile, from `score_floor` up."""
 
 
 def name_of_file(path: Path) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pomona.arrays import Array, BoolArray, FloatArray
 from pomona.detections import Mask
-from pomona.segment.overlap import overlapping_pairs, suppress
+from pomona.segment.box_overlap import overlapping_pairs, suppress
 from pomona.segment.protocol import TileDetections
 from pomona.segment.tiling import Window
 

@@ -16,12 +16,12 @@ import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
 from pomona.errors import FormatError
+from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.decode import Float32Array
 from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.onnx_file import OnnxFile, Tensor
-from pomona.segment.overlap import keep_best
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import TileByTile, TileDetections, name_of_file
 
 LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
 _SCORE_THRESHOLD = 0.25
@@ -38,7 +38,7 @@ def candidates_and_prototypes(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor
     return candidates[0], prototypes[0]
 
 
-class YoloSegmenter:
+class YoloSegmenter(TileByTile):
     """A `Segmenter` of an exported YOLO-seg file; `classes` are those that are fruit, by name or number.
 
     Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
@@ -55,30 +55,17 @@ class YoloSegmenter:
         names = _stored_names(file)
         self._rows = _Rows.of(file, candidates, prototypes, names)
         self._fruits = fruit_columns(file.path, self._rows.classes, names, classes)
-        self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
-        self._floor = KEPT_SHARE * self._traits.score_threshold if score_floor is None else score_floor
-        self._name = ":".join(["yolo-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
+        # Tiles of the network's own size, so that the photo's scale is kept.
+        traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
+        name = ":".join(["yolo-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
+        super().__init__(name, traits, score_floor)
 
-    @property
-    def name(self) -> str:
-        """The file's stem, the digest of its content, and the numbers of the classes that count."""
-        return self._name
-
-    @property
-    def traits(self) -> SegmenterTraits:
-        """Tiles of the network's own size, so that the photo's scale is kept."""
-        return self._traits
-
-    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
-        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
-        return [self._of_tile(tile) for tile in tiles]
-
-    def _of_tile(self, tile: ByteArray) -> TileDetections:
+    def _segment_tile(self, tile: ByteArray) -> TileDetections:
         placement = Placement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px)
         image = placement.image(tile, _GREY).transpose(2, 0, 1)[None].astype(np.float32) / 255
         candidates, prototypes = self._file.run(image, self._outputs)
-        boxes, scores, weights = self._rows.read(self._file, candidates, prototypes, self._fruits, self._floor)
-        kept = np.flatnonzero(keep_best(boxes, scores, _MAX_BOX_IOU))
+        boxes, scores, weights = self._rows.read(self._file, candidates, prototypes, self._fruits, self._score_floor)
+        kept = np.flatnonzero(non_maximum_suppression(boxes, scores, _MAX_BOX_IOU))
         boxes, scores = placement.boxes_in_tile(boxes[kept]), scores[kept]
         grid = prototypes.shape[2], prototypes.shape[3]
         cell_px = self._input_px[0] / grid[1], self._input_px[1] / grid[0]

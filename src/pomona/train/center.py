@@ -14,8 +14,8 @@ from pomona.arrays import ByteArray
 from pomona.errors import FormatError, InputError
 from pomona.progress import Progress
 from pomona.segment.decode import DecodeOptions, Maps, decode
+from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
-from pomona.segment.torchvision import read_checkpoint
 from pomona.train.crop import Crop
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
@@ -81,7 +81,7 @@ class CenterLearner:
         return total_loss(Outputs(*(maps.float() for maps in outputs)), moved)
 
     def segment(self, network: FruitNet, pixels: ByteArray) -> TileDetections:
-        """Find fruits as `OnnxSegmenter` does with the model file."""
+        """Find fruits as `CenterOffsetSegmenter` does with the model file."""
         found: TileDetections = segment(network, pixels, DecodeOptions(score_threshold=_SCORE_FLOOR))
         return found
 
@@ -99,7 +99,7 @@ class CenterLearner:
 
 @torch.no_grad()
 def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> TileDetections:
-    """Run the network on a photo (h, w, 3) as `OnnxSegmenter` does."""
+    """Run the network on a photo (h, w, 3) as `CenterOffsetSegmenter` does."""
     height, width = pixels.shape[:2]
     padded = [_MULTIPLE * math.ceil(side / _MULTIPLE) for side in (height, width)]
     image = torch.full((1, 3, *padded), 114.0)

@@ -1,4 +1,4 @@
-"""From a trained network to the model file that `segment.onnx` reads."""
+"""From a trained network to the model file that `segment.center_offset` reads."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def export_onnx(
     threshold: float,
     foreground_threshold: float = 0.5,
 ) -> None:
-    """Write the network with its metadata, as the contract in `segment.onnx` says.
+    """Write the network with its metadata, as the contract in `segment.center_offset` says.
 
     `threshold` is the score that parts fruit from the rest best; and `foreground_threshold` the
     probability at which a pixel is fruit; in the file both become 0.5.

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
@@ -39,28 +42,44 @@ def fit(
     """
     options, progress = options or FitOptions(), progress or Silent()
     folder.mkdir(parents=True, exist_ok=True)
-    run = TrainingState(learner, folder, options, photos=_names(training), progress=progress)
-    stream = Batches(
-        training,
-        learner,
-        steps=options.steps,
-        batch=options.batch,
-        seed=options.seed,
-        augment=options.augment,
-        first=run.step,
-    )
-    progress.start("training", options.steps)
-    progress.advance(run.step)
-    for batch in () if run.stalled else DataLoader(stream, batch_size=None, num_workers=options.workers):
-        run.learn(batch)
-        progress.advance()
-        if run.step % options.check_every == 0 or run.step == options.steps:
-            run.conclude(check(learner, run.average, validation[: options.checked_photos]))
-            if run.stalled:
-                progress.warn(f"Training ended at step {run.step}: nothing better in {options.patience} checks.")
-                break
-        run.save_now_and_then()
-    return run.best_network()
+    with _reproducible(options.threads):
+        state = TrainingState(learner, folder, options, photos=_names(training), progress=progress)
+        stream = Batches(
+            training,
+            learner,
+            steps=options.steps,
+            batch=options.batch,
+            seed=options.seed,
+            augment=options.augment,
+            first=state.step,
+        )
+        progress.start("training", options.steps)
+        progress.advance(state.step)
+        for batch in () if state.stalled else DataLoader(stream, batch_size=None, num_workers=options.workers):
+            state.learn(batch)
+            progress.advance()
+            if state.step % options.check_every == 0 or state.step == options.steps:
+                state.conclude(check(learner, state.average, validation[: options.checked_photos]))
+                if state.stalled:
+                    progress.warn(f"Training ended at step {state.step}: nothing better in {options.patience} checks.")
+                    break
+            state.save_now_and_then()
+        return state.best_network()
+
+
+@contextmanager
+def _reproducible(threads: int | None) -> Iterator[None]:
+    """Fix how many threads PyTorch computes with, and have it take the deterministic variants of operations."""
+    threads_before, deterministic_before = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
+    # Said explicitly even where it stays the same: otherwise MKL chooses a number anew for each product of matrices.
+    torch.set_num_threads(threads or threads_before)
+    # On a GPU some of Mask R-CNN's operations have no such variant.
+    torch.use_deterministic_algorithms(deterministic_before or not torch.cuda.is_available())
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads_before)
+        torch.use_deterministic_algorithms(deterministic_before)
 
 
 def _names(samples: list[Sample]) -> str:

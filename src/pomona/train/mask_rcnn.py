@@ -17,8 +17,7 @@ from torchvision.ops import FrozenBatchNorm2d
 from pomona.arrays import ByteArray
 from pomona.errors import FormatError, InputError
 from pomona.progress import Progress
-from pomona.segment.protocol import TileDetections
-from pomona.segment.torchvision import (
+from pomona.segment.mask_rcnn import (
     ARCHITECTURES,
     COCO_CLASSES,
     COCO_FRUITS,
@@ -28,6 +27,7 @@ from pomona.segment.torchvision import (
     segment_tile,
     with_present_names,
 )
+from pomona.segment.protocol import TileDetections
 from pomona.train.crop import Crop
 from pomona.train.samples import IGNORED
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from pomona.errors import InputError
-from pomona.segment.torchvision import ARCHITECTURES as MASK_RCNNS
+from pomona.segment.mask_rcnn import ARCHITECTURES as MASK_RCNNS
 from pomona.train.augment import AugmentOptions
 from pomona.train.center import CENTER_LITE0
 
@@ -19,7 +19,9 @@ class FitOptions:
 
     The running mean of the weights (`average` is what it keeps at each step; 0: the weights themselves) is measured on
     `checked_photos` of those held out every `check_every` steps, and the best is kept; training ends early after
-    `patience` checks without anything better. `momentum` is that of `sgd`. `workers` processes make crops.
+    `patience` checks without anything better. `momentum` is that of `sgd`. All that is needed to go on is saved at each
+    check and every `save_every_s` seconds. `workers` processes make crops; `threads` compute the network (None: as many
+    as PyTorch takes). With one thread, on a CPU, a stop changes nothing in the weights, to the last bit.
     """
 
     steps: int = 2000
@@ -36,6 +38,8 @@ class FitOptions:
     patience: int | None = None
     seed: int = 0
     workers: int = 1
+    threads: int | None = None
+    save_every_s: float = 300.0
     augment: AugmentOptions = field(default_factory=AugmentOptions)
 
     def __post_init__(self) -> None:
@@ -45,8 +49,9 @@ class FitOptions:
         for name in ("steps", "batch", "check_every", "checked_photos"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name}: expected at least 1, found {getattr(self, name)}")
-        if self.patience is not None and self.patience < 1:
-            raise InputError(f"patience: expected at least 1 check, found {self.patience}")
+        for name in ("patience", "threads"):
+            if (value := getattr(self, name)) is not None and value < 1:
+                raise InputError(f"{name}: expected at least 1, found {value}")
         if not self.learning_rate > 0:
             raise InputError(f"learning_rate: expected a number above 0, found {self.learning_rate}")
         if self.workers < 0 or self.seed < 0:

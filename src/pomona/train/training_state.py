@@ -16,15 +16,14 @@ from torch import nn
 
 from pomona.errors import FormatError, InputError
 from pomona.progress import Progress
-from pomona.segment.torchvision import read_checkpoint
+from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.train.learner import Learner
 from pomona.train.options import FitOptions
 from pomona.train.training_log import write_curves, write_log
 from pomona.train.validate import ValidationScores
 
-_SAVE_EVERY_S = 300.0
-_LONGEST_GRADIENT = 5.0
-_FREE_TO_CHANGE = ("steps", "check_every", "checked_photos", "patience", "workers")
+_LONGEST_GRADIENT = 5.0  # a rare batch with a longer one would undo what many steps have learnt
+_FREE_TO_CHANGE = ("steps", "check_every", "checked_photos", "patience", "workers", "save_every_s")
 
 
 class TrainingState:
@@ -88,8 +87,8 @@ class TrainingState:
         self.save()
 
     def save_now_and_then(self) -> None:
-        """Save when the last time is some minutes ago."""
-        if time.monotonic() - self._saved_at > _SAVE_EVERY_S:
+        """Save when the last time is `save_every_s` seconds ago."""
+        if time.monotonic() - self._saved_at >= self._options.save_every_s:
             self.save()
 
     def save(self) -> None:
@@ -116,9 +115,9 @@ class TrainingState:
 
 def _settings(learner: Learner, options: FitOptions, photos: str) -> dict[str, Any]:
     """All that must be the same for a training to go on."""
-    told = {name: value for name, value in asdict(options).items() if name not in _FREE_TO_CHANGE}
-    told |= told.pop("augment")
-    return {"arch": learner.arch, "weights": learner.weights, "photos": photos, **told}
+    settings = {name: value for name, value in asdict(options).items() if name not in _FREE_TO_CHANGE}
+    settings |= settings.pop("augment")
+    return {"arch": learner.arch, "weights": learner.weights, "photos": photos, **settings}
 
 
 def _read(path: Path, settings: Mapping[str, Any]) -> Mapping[str, Any]:

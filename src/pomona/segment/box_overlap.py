@@ -39,7 +39,7 @@ def pair_iou(boxes_a: FloatArray, boxes_b: FloatArray) -> FloatArray:
     return np.asarray(intersection / np.maximum(area - intersection, 1e-9), np.float64)
 
 
-def keep_best(boxes: FloatArray, scores: FloatArray, max_iou: float) -> BoolArray:
+def non_maximum_suppression(boxes: FloatArray, scores: FloatArray, max_iou: float) -> BoolArray:
     """Greedy non-maximum suppression: say (n,) which boxes overlap no better one by more than `max_iou`."""
     i, j = overlapping_pairs(boxes, boxes)
     rank = np.empty(len(boxes), np.int64)

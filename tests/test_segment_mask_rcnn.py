@@ -11,7 +11,7 @@ import pytest
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
 from pomona.segment import load_segmenter
-from pomona.segment.torchvision import _paste, architecture_of, build_mask_rcnn
+from pomona.segment.mask_rcnn import _paste, architecture_of, build_mask_rcnn
 from segment_scenes import disc
 
 torch = pytest.importorskip("torch", reason="needs the extra train")

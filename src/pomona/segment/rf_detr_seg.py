@@ -16,12 +16,12 @@ import numpy as np
 
 from pomona.arrays import ByteArray
 from pomona.errors import FormatError
+from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.decode import Float32Array
 from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.onnx_file import OnnxFile, Tensor
-from pomona.segment.overlap import keep_best
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import TileByTile, TileDetections, name_of_file
 
 LAYOUT = "RF-DETR-seg: dets (1, q, 4), labels (1, q, classes + 1), masks (1, q, h, w)"
 _IMAGENET = {"means": (0.485, 0.456, 0.406), "stds": (0.229, 0.224, 0.225)}
@@ -43,7 +43,7 @@ def dets_labels_masks(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor
     return dets, labels, masks[0]
 
 
-class DetrSegmenter:
+class RfDetrSegmenter(TileByTile):
     """A `Segmenter` of an exported RF-DETR-seg file; `classes` are those that are fruit, by name or number.
 
     Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
@@ -66,34 +66,21 @@ class DetrSegmenter:
             raise FormatError(f"{file.path}: expected {LAYOUT}, with two labels at least; found {labels}")
         self._columns = columns
         self._fruits = fruit_columns(file.path, columns - 1, names, classes)
-        self._traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
-        self._floor = KEPT_SHARE * self._traits.score_threshold if score_floor is None else score_floor
-        self._name = ":".join(["rf-detr-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
+        # Tiles of the network's own size, so that the photo's scale is kept.
+        traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
+        name = ":".join(["rf-detr-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
+        super().__init__(name, traits, score_floor)
 
-    @property
-    def name(self) -> str:
-        """The file's stem, the digest of its content, and the numbers of the classes that count."""
-        return self._name
-
-    @property
-    def traits(self) -> SegmenterTraits:
-        """Tiles of the network's own size, so that the photo's scale is kept."""
-        return self._traits
-
-    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
-        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
-        return [self._of_tile(tile) for tile in tiles]
-
-    def _of_tile(self, tile: ByteArray) -> TileDetections:
+    def _segment_tile(self, tile: ByteArray) -> TileDetections:
         placement = Placement.stretched((tile.shape[1], tile.shape[0]), self._input_px)
         image = (placement.image(tile, 0).astype(np.float32) / 255 - self._mean) / self._deviation
         dets, labels, masks = self._file.run(image.transpose(2, 0, 1)[None], self._outputs)
         self._check(dets, labels, masks)
         logits = labels[0][:, self._fruits].max(1).astype(float)
         scores = 1 / (1 + np.exp(-np.clip(logits, -60, 60)))
-        queries = np.flatnonzero((scores >= self._floor) & np.isfinite(dets[0]).all(1))
+        queries = np.flatnonzero((scores >= self._score_floor) & np.isfinite(dets[0]).all(1))
         boxes = corners(dets[0, queries].astype(float)) * np.array(self._input_px * 2)
-        kept = np.flatnonzero(keep_best(boxes, scores[queries], _MAX_BOX_IOU))
+        kept = np.flatnonzero(non_maximum_suppression(boxes, scores[queries], _MAX_BOX_IOU))
         queries, boxes = queries[kept], placement.boxes_in_tile(boxes[kept])
         cell_px = self._input_px[0] / masks.shape[3], self._input_px[1] / masks.shape[2]
         found = []

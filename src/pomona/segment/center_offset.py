@@ -9,7 +9,7 @@ h = H / stride, as `decode.Maps` describes them; metadata `pomona.kind` = `cente
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from pomona.arrays import ByteArray
 from pomona.errors import FormatError
 from pomona.segment.decode import DecodeOptions, Float32Array, Maps, decode
 from pomona.segment.onnx_file import OnnxFile, positive_numbers
-from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
 
 KIND = "center-offset"
 _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
@@ -70,7 +70,7 @@ class ModelMetadata:
         return cls(int(stride), traits)
 
 
-class OnnxSegmenter:
+class CenterOffsetSegmenter(TileByTile):
     """A `Segmenter` that runs a model file of this contract, given by its path or already open.
 
     `score_floor` is the least score of a detection that is worth making a mask of.
@@ -85,23 +85,11 @@ class OnnxSegmenter:
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
-        floor = KEPT_SHARE * self.traits.score_threshold if score_floor is None else score_floor
-        self._decoding = replace(DecodeOptions(), score_threshold=floor)
-        self._name = f"onnx:{name_of_file(self._path)}"
+        super().__init__(f"onnx:{name_of_file(self._path)}", self._metadata.traits, score_floor)
+        self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
 
-    @property
-    def name(self) -> str:
-        """The file's stem and the digest of its content."""
-        return self._name
-
-    @property
-    def traits(self) -> SegmenterTraits:
-        """What the model's metadata says."""
-        return self._metadata.traits
-
-    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
-        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
-        return [decode(self.maps(tile), tile.shape[1], tile.shape[0], self._decoding) for tile in tiles]
+    def _segment_tile(self, tile: ByteArray) -> TileDetections:
+        return decode(self.maps(tile), tile.shape[1], tile.shape[0], self._decoding)
 
     def maps(self, tile: ByteArray) -> Maps:
         """Run the network on one tile, padded to a multiple of 32, and return its outputs unread."""

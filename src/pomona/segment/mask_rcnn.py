@@ -14,7 +14,7 @@ import numpy as np
 from pomona.arrays import Array, ByteArray
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
-from pomona.segment.protocol import KEPT_SHARE, SegmenterTraits, TileDetections, name_of_file
+from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
 
 ARCHITECTURES = ("maskrcnn-r101", "maskrcnn-r50", "maskrcnn-r34", "maskrcnn-r18", "maskrcnn-mobilenet")
 """Feature pyramids on ResNets of 101, 50, 34 and 18 layers and on MobileNetV3-Large."""
@@ -28,7 +28,7 @@ _OLD_NAMES = (
 )
 
 
-class MaskRcnnSegmenter:
+class MaskRcnnSegmenter(TileByTile):
     """A `Segmenter` from a checkpoint: a state dict, or an object with it under `model`.
 
     The architecture is that stored under `arch`, else the one that the tensors' names and shapes show. Tiles are not
@@ -49,23 +49,12 @@ class MaskRcnnSegmenter:
         self._model.to("cuda" if torch.cuda.is_available() else "cpu").eval()
         threshold = float(checkpoint.get("score_threshold", 0.5)) if "model" in checkpoint else 0.5
         typical = checkpoint.get("typical_fruit_px") if "model" in checkpoint else None
-        self._traits = SegmenterTraits(score_threshold=threshold, typical_fruit_px=typical)
-        self._model.roi_heads.score_thresh = KEPT_SHARE * threshold if score_floor is None else score_floor
-        self._name = f"{arch}:{name_of_file(path)}"
+        traits = SegmenterTraits(score_threshold=threshold, typical_fruit_px=typical)  # the paper's tiles of 1024 px
+        super().__init__(f"{arch}:{name_of_file(path)}", traits, score_floor)
+        self._model.roi_heads.score_thresh = self._score_floor
 
-    @property
-    def name(self) -> str:
-        """The architecture, the file's stem and the digest of its content."""
-        return self._name
-
-    @property
-    def traits(self) -> SegmenterTraits:
-        """The paper's tiles of 1024 px."""
-        return self._traits
-
-    def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
-        """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""
-        return [segment_tile(self._model, tile, self._labels) for tile in tiles]
+    def _segment_tile(self, tile: ByteArray) -> TileDetections:
+        return segment_tile(self._model, tile, self._labels)
 
 
 def segment_tile(model: Any, tile: ByteArray, fruit_labels: Sequence[int] = (1,)) -> TileDetections:

@@ -13,10 +13,10 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, PomonaError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
-from pomona.segment.fruit_size import MAX_ENLARGEMENT, reading_scales
 from pomona.segment.protocol import Segmenter
+from pomona.segment.reading_scale import MAX_ENLARGEMENT, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
-from pomona.segment.tiled import segment_tiled
+from pomona.segment.tiled_image import segment_tiled
 
 
 @dataclass(frozen=True, kw_only=True)

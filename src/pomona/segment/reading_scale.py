@@ -17,7 +17,7 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Progress
 from pomona.segment.protocol import Segmenter, SegmenterTraits
 from pomona.segment.resize import resized_pixels
-from pomona.segment.tiled import segment_tiled
+from pomona.segment.tiled_image import segment_tiled
 
 MAX_ENLARGEMENT = 2.0
 _PASS_SIDES_PX = (512, 1024)
