@@ -170,7 +170,7 @@ def test_export(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert "KML needs a place on Earth" in nowhere.stderr
     unknown = pomona("export", tmp_path / "out", "--to", "xls")
     assert unknown.exit_code == 1
-    assert "--to: expected one of csv, geojson" in unknown.stderr
+    assert "--to: expected one of csv (a table of fruits), geojson (GeoJSON)" in unknown.stderr
 
 
 def test_view_serves_the_survey(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +209,7 @@ def test_demo(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     (sample / "markers.csv").write_text("id,x,y,z\n0,0,0,0\n1,1,0,0\n2,0,0,1\n")
     (sample / "truth").mkdir()
     (sample / "truth" / "fruits.csv").write_text(TRUTH)
-    monkeypatch.setattr("pomona.cli.demo.sample_folder", lambda: sample)
+    monkeypatch.setattr("pomona.api.sample_folder", lambda: sample)
     result = pomona("demo", "--out", tmp_path / "out")
     assert result.exit_code == 0, result.stderr
     assert "8 of 8 used" in result.stdout
@@ -218,7 +218,7 @@ def test_demo(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_demo_without_its_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pomona.cli.demo.sample_folder", lambda: tmp_path / "nothing")
+    monkeypatch.setattr("pomona.api.sample_folder", lambda: tmp_path / "nothing")
     result = pomona("demo", "--out", tmp_path / "out")
     assert result.exit_code == 1
     assert "lacks east, west, markers.csv" in result.stderr

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pomona.cli.demo import sample_folder
+from pomona.api import sample_folder
 from pomona.cli.evaluate import scores_of
 from pomona.pipeline import RunOptions, run
 from pomona.synth.truth import write_masks_as_coco

@@ -109,5 +109,5 @@ def test_what_the_survey_has_is_copied(kind: str, part: str, values: Values, tmp
 
 
 def test_an_unknown_format(values: Values, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"kind: expected one of csv \(a table of fruits\), geojson .*, found 'xls'"):
+    with pytest.raises(InputError, match=r"`to`: expected one of csv \(a table of fruits\), geojson .*, found 'xls'"):
         write_export("xls", values, tmp_path / "fruits.xls")

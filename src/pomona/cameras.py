@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray, IntArray, set_checked
+from pomona.data_frames import data_frame
 from pomona.errors import InputError
 from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
@@ -97,6 +98,12 @@ class Cameras:
 
     def __len__(self) -> int:
         return len(self.photos)
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`, a row a camera: its photo, centre in the world frame, focal length in pixels."""
+        x_m, y_m, z_m = self.centers_in_world.T
+        focal_px = [self.intrinsics_of(i).focal_px for i in range(len(self))]
+        return data_frame({"photo": self.photos, "x_m": x_m, "y_m": y_m, "z_m": z_m, "focal_px": focal_px})
 
     def index_of(self, photo: str) -> int | None:
         """Return the index of a photo by name, or None where it did not register."""

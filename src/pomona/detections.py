@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.data_frames import data_frame
 from pomona.errors import InputError
 
 
@@ -167,6 +169,21 @@ class SurveyDetections(Mapping[str, Detections]):
     def total(self) -> int:
         """The number of detections in all photos."""
         return sum(len(d) for d in self.by_photo.values())
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`, a row a detection: id, photo, score, edges of its box and area in pixels."""
+        found = list(self.by_photo.values())
+        boxes_px = np.concatenate([np.zeros((0, 4)), *(d.boxes_px for d in found if d.boxes_px is not None)])
+        edges = dict(zip(("x0_px", "y0_px", "x1_px", "y1_px"), boxes_px.T, strict=True))
+        return data_frame(
+            {
+                "id": np.concatenate([np.zeros(0, np.int64), *(d.ids for d in found)]),
+                "photo": [d.photo for d in found for _ in d.masks],
+                "score": np.concatenate([np.zeros(0), *(d.scores for d in found)]),
+                **edges,
+                "area_px": [mask.area_px for d in found for mask in d.masks],
+            }
+        )
 
     def at_least(self, score: float) -> SurveyDetections:
         """Return the detections whose score is at least `score`."""

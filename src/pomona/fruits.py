@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, set_checked
+from pomona.data_frames import data_frame, geo_data_frame
 from pomona.errors import InputError
 
 BOTH_SIDES = "both"
@@ -84,6 +86,12 @@ class Observations:
             self.fruit_id[idx], tuple(self.photo[i] for i in idx), self.detection_id[idx], self.xy_px[idx]
         )
 
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`, a row a sighting, with the columns of `observations.csv`."""
+        x_px, y_px = self.xy_px.T
+        ids = {"fruit_id": self.fruit_id, "photo": self.photo, "detection_id": self.detection_id}
+        return data_frame({**ids, "x_px": x_px, "y_px": y_px})
+
 
 def _empty_strings() -> tuple[str, ...]:
     return ()
@@ -153,3 +161,20 @@ class Fruits:
             tuple(self.sides[i] for i in idx),
             tuple(self.reasons[i] for i in idx),
         )
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`, a row a fruit, with the columns of `fruits.csv`; NaN: not measured."""
+        return data_frame(self._columns())
+
+    def to_geopandas(self, crs: str | None = None) -> Any:
+        """Return a `geopandas.GeoDataFrame` with a point a fruit; `crs` is that of the survey's frame, if any."""
+        return geo_data_frame(self._columns(), self.centers_in_world, crs)
+
+    def _columns(self) -> dict[str, Any]:
+        x_m, y_m, z_m = self.centers_in_world.T
+        return {
+            "id": self.ids, "x_m": x_m, "y_m": y_m, "z_m": z_m, "diameter_m": self.diameters_m,
+            "diameter_sd_m": self.diameter_sds_m, "visibility": self.visibilities, "weight_g": self.weights_g,
+            "views": self.views, "score": self.scores, "tree_id": self.tree_ids, "side": self.sides,
+            "reason": self.reasons,
+        }  # fmt: skip

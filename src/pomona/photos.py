@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
+from pomona.data_frames import data_frame
 from pomona.errors import InputError
 
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".heic", ".heif", ".webp", ".bmp"})
@@ -86,6 +88,18 @@ class Photos:
     def sides(self) -> tuple[str, ...]:
         """The sides, in order of first appearance."""
         return tuple(dict.fromkeys(photo.side for photo in self.items))
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`, a row a photo: name, side, size, focal length (pixels), time, place."""
+        gnss = [photo.gnss for photo in self.items]
+        columns = ("name", "side", "width_px", "height_px", "focal_px", "camera_key", "taken_at")
+        return data_frame(
+            {name: [getattr(photo, name) for photo in self.items] for name in columns}
+            | {
+                name: [None if place is None else getattr(place, name) for place in gnss]
+                for name in ("latitude_deg", "longitude_deg", "altitude_m")
+            }
+        )
 
     def of_side(self, side: str) -> Photos:
         """Return the photos of one side."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
@@ -15,11 +14,6 @@ from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 
 
-def sample_folder() -> Path:
-    """Return the folder of the bundled sample."""
-    return Path(str(files("pomona"))) / "demo"
-
-
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="The folder to write.")] = Path(
         "pomona-demo"
@@ -27,7 +21,9 @@ def demo(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what an earlier demo did there.")] = False,
 ) -> None:
     """Run Pomona on a small sample that comes with it, then say where the report is."""
-    sample = sample_folder()
+    import pomona
+
+    sample = pomona.sample_folder()
     sides = [sample / "east", sample / "west"]
     markers = sample / "markers.csv"
     missing = [path.name for path in (*sides, markers) if not path.exists()]
@@ -47,7 +43,8 @@ def _compare(out: Path, truth: Path) -> None:
     """Say how many of the true fruits were found."""
     if not truth.is_file():
         return
-    from pomona.cli.evaluate import scores_of, show_scores
+    import pomona
+    from pomona.cli.evaluate import show_scores
 
     typer.echo("")
-    show_scores(scores_of(out, truth))
+    show_scores(pomona.open(out).evaluate(truth))

@@ -10,11 +10,8 @@ import typer
 from rich.console import Console
 
 from pomona.cli import options as shared
-from pomona.cli.action import bring_tables_up_to_date
 from pomona.cli.evaluate_detections import Pictures, evaluate_detections
 from pomona.cli.evaluate_mistakes import evaluate_mistakes
-from pomona.formats.tables import read_fruits
-from pomona.survey import SurveyFolder
 
 if TYPE_CHECKING:
     from pomona.evaluate.fruits import Scores
@@ -64,17 +61,6 @@ _PHOTOS = Annotated[
 ]
 
 
-def scores_of(survey: Path, truth: Path, *, match: str = "auto") -> Scores:
-    """Return the scores of a survey's fruits against a file or folder of true ones."""
-    from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, read_truth
-
-    options = EvaluateOptions(match=match)  # type: ignore[arg-type]
-    opened = SurveyFolder.open(survey)
-    bring_tables_up_to_date(opened)
-    opened.need(opened.fruits)
-    return evaluate_fruits(read_fruits(opened.fruits), read_truth(truth), options=options)
-
-
 def show_scores(scores: Scores) -> None:
     """Print scores as a table on stdout."""
     from pomona.evaluate.tables import fruits_table
@@ -100,6 +86,8 @@ def evaluate(
     With --detections, compare the detections in photos: AP, and R, P and F1 by confidence. With --pictures, show what
     went wrong.
     """
+    import pomona
+
     if detections:
         from pomona.evaluate.detections import EvaluateDetectionsOptions
 
@@ -114,7 +102,7 @@ def evaluate(
         page = Pictures(folder=pictures, worst=worst, photos=photos)
         evaluate_mistakes(survey, truth, of_fruits, page, outcomes=outcomes, as_json=as_json)
         return
-    scores = scores_of(survey, truth, match=match)
+    scores = pomona.open(survey).evaluate(truth, match=match)
     if as_json:
         typer.echo(json.dumps(scores.to_json(outcomes=outcomes), indent=1))
     else:

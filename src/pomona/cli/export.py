@@ -9,9 +9,7 @@ import typer
 
 from pomona.cli import options as shared
 from pomona.cli.progress import TerminalProgress
-from pomona.errors import InputError, SurveyError
 from pomona.export import EXPORT_FORMATS
-from pomona.survey import SurveyFolder
 
 
 def export(
@@ -29,13 +27,8 @@ def export(
     Fruits: csv, geojson, gpkg, kml; the cloud: las, laz, ply; masks: coco; cameras: colmap, nerfstudio, metashape; all
     to look at: rerun.
     """
-    from pomona.export.survey import SurveySource, export_survey
+    import pomona
 
-    if to not in EXPORT_FORMATS:
-        raise InputError(f"--to: expected one of {', '.join(EXPORT_FORMATS)}, found '{to}'")
-    opened = SurveyFolder.open(survey)
-    if out is not None and out.exists():
-        raise SurveyError(f"{out} exists already: name another file with --out")
     with TerminalProgress() as progress:
-        path = export_survey(to, SurveySource(opened, photos_folder=photos, progress=progress), out)
+        path = pomona.open(survey, photos=photos, progress=progress).export(to, out)
     typer.echo(str(path))

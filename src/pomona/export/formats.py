@@ -41,7 +41,7 @@ def export_format(kind: str) -> ExportFormat:
     """Return the format of a kind; raises `InputError` where there is none."""
     if kind not in EXPORT_FORMATS:
         known = ", ".join(f"{each.kind} ({each.title})" for each in EXPORT_FORMATS.values())
-        raise InputError(f"kind: expected one of {known}, found '{kind}'")
+        raise InputError(f"`to`: expected one of {known}, found '{kind}'")
     return EXPORT_FORMATS[kind]
 
 

@@ -38,6 +38,11 @@ class SurveyReader:
         self._photos_folder = photos_folder
         self._progress = progress or Silent()
 
+    def forget(self) -> None:
+        """Read everything again when it is asked for next: the files were changed."""
+        for name in [name for name, value in vars(SurveyReader).items() if isinstance(value, cached_property)]:
+            self.__dict__.pop(name, None)
+
     @property
     def folder(self) -> Path:
         """The survey's folder."""

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,10 @@ from pomona.report.contract import (
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest
 from pomona.survey.files import disk_errors, write_file
+from pomona.survey.reader import SurveyReader
 from pomona.view.corrected import with_corrections
+from pomona.view.reading import page_data
+from pomona.view.truth import comparison_with
 
 # Fruits are looked for a little nearer and farther than the survey's are.
 _NEARER, _FARTHER = 0.8, 1.25
@@ -57,6 +61,11 @@ class Corrector:
         self.data = data
         self.truth = compare(data) if compare else None
         self.note = self._why_not()
+
+    @classmethod
+    def of(cls, survey: SurveyReader, truth: Path | None = None) -> Corrector:
+        """Return the corrector of an open survey, with the true fruits of a table beside its own."""
+        return cls(survey.files, page_data(survey), compare=comparison_with(truth) if truth else None)
 
     def _why_not(self) -> str:
         """Why nothing can be corrected; "" where it can."""

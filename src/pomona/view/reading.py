@@ -21,11 +21,14 @@ def read_survey(folder: Path, *, photos: Path | None = None, progress: Progress 
 
     Raises `MissingFileError` naming what the survey lacks and what writes it.
     """
-    progress = progress or Silent()
-    files = SurveyFolder.open(folder)
+    return page_data(SurveyReader(SurveyFolder.open(folder), photos_folder=photos, progress=progress or Silent()))
+
+
+def page_data(survey: SurveyReader) -> ReportData:
+    """Return the values of an open survey, as `read_survey` does."""
+    files = survey.files
     files.need(files.cameras, files.fruits, files.observations)
-    progress.start("reading the survey")
-    survey = SurveyReader(files, photos_folder=photos, progress=progress)
+    survey.progress.start("reading the survey")
     records = files.records
     segment = records.get("select")
     cloud = survey.cloud if files.cloud.is_file() else FruitCloud.empty()

@@ -43,6 +43,11 @@ class ViewServer(ThreadingHTTPServer):
         self.site = Site(data, truth, corrector)
         self._before: Site | None = None
 
+    @property
+    def changed(self) -> bool:
+        """Whether fruits were corrected since it was started."""
+        return self.corrector is not None and self.corrector.changed
+
     def server_bind(self) -> None:
         """Take the port, without asking name servers what this computer is called, which may take seconds."""
         TCPServer.server_bind(self)

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
-from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits
+from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits, read_truth
 from pomona.fruits import Fruits
+from pomona.report import ReportData
 from pomona.report.contract import F32, U8, Rates, TruthData, packed
+from pomona.report.scene import origin_of
 
 _STEPS = 60
 # Scores are written with three digits; this is well below what they tell apart.
 _SLACK = 1e-6
 _CODES = {"matched": 1, "false": 2, "double": 3, "hidden": 4}
+
+
+def comparison_with(path: Path) -> Callable[[ReportData], TruthData]:
+    """Return what compares a survey with the true fruits of a table; raises what `read_truth` raises."""
+    truth = read_truth(path)
+    return lambda data: truth_data(data.fruits, truth, origin_of(data))
 
 
 def truth_data(

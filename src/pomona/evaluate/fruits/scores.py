@@ -101,6 +101,26 @@ class Scores:
     visible: Tally | None = None
 
     @property
+    def headline(self) -> Tally:
+        """The tally that is spoken of: of the visible fruits where it is known which are, else of all."""
+        return self.all if self.visible is None else self.visible
+
+    @property
+    def f1(self) -> float:
+        """F1 of the headline."""
+        return self.headline.f1
+
+    @property
+    def recall(self) -> float:
+        """R of the headline."""
+        return self.headline.recall
+
+    @property
+    def precision(self) -> float:
+        """P of the headline."""
+        return self.headline.precision
+
+    @property
     def tallies(self) -> tuple[Tally, ...]:
         """What there is of both."""
         return (self.all,) if self.visible is None else (self.all, self.visible)

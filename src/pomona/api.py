@@ -1,0 +1,157 @@
+"""Pomona in Python: `pomona.run`, `pomona.open`, and the survey that both return."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import fields
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pomona.errors import InputError, SurveyError
+from pomona.export.survey import SurveySource, export_survey
+from pomona.pipeline.options import RunOptions
+from pomona.progress import Progress, Silent
+from pomona.survey import SurveyFolder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pomona.evaluate.fruits import Scores
+    from pomona.view import ViewServer
+
+AnyPath = str | PathLike[str]
+
+
+class Survey(SurveySource):
+    """A survey: its results as values, each read from its folder when it is first asked for.
+
+    `fruits`, `observations`, `detections`, `cameras`, `photos` and `cloud` are frozen dataclasses of arrays, with units
+    in their names, metres and z up; `frame` says what the coordinates mean. Make it with `pomona.run` or `pomona.open`.
+    """
+
+    def __repr__(self) -> str:
+        return f"Survey({str(self.folder)!r})"
+
+    def evaluate(self, truth: AnyPath, *, match: str = "auto") -> Scores:
+        """Return the paper's scores against true fruits in a table of centres and diameters, or of boxes.
+
+        `match`: what makes a found fruit a true one ("auto", "centers", "boxes", "inside"). Raises `MissingFileError`,
+        and `FormatError` for a table that cannot be read.
+        """
+        from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, read_truth
+
+        options = EvaluateOptions(match=match)  # type: ignore[arg-type]
+        return evaluate_fruits(self.fruits, read_truth(Path(truth)), options=options)
+
+    def export(self, to: str, path: AnyPath | None = None) -> Path:
+        """Write the survey in the format `to` ("gpkg", "colmap", …), by default in its folder `export/`; return where.
+
+        Raises `InputError` for a format that does not exist, `SurveyError` where `path` exists, `MissingFileError`
+        where the survey has not got so far.
+        """
+        target = None if path is None else Path(path)
+        if target is not None and target.exists():
+            raise SurveyError(f"{target} exists already: name another file")
+        return export_survey(to, self, target)
+
+    def viewer(self, *, port: int = 0, truth: AnyPath | None = None) -> ViewServer:
+        """Return the server of the page of this survey, on this computer alone.
+
+        `url` says where the page is, `serve_forever` serves it; it is a context manager, too. `port` 0 takes a free
+        one. Corrections are made in the page. Raises `InputError` where the port is taken.
+        """
+        from pomona.view import Corrector, ViewServer
+
+        corrector = Corrector.of(self, None if truth is None else Path(truth))
+        if corrector.note and self.files.corrections.is_file():
+            self.progress.warn(corrector.note)
+        try:
+            return ViewServer(corrector.data, port=port, truth=corrector.truth, corrector=corrector)
+        except OSError as error:
+            reason = error.strerror or error
+            raise InputError(f"`port` {port}: {reason}: choose another, or none for a free one") from None
+
+    def export_view(self, folder: AnyPath, *, truth: AnyPath | None = None) -> Path:
+        """Write the page of this survey as a folder that opens from disk, with its photos; return the page's path.
+
+        Raises `SurveyError` where the folder holds something else.
+        """
+        from pomona.view import Corrector, export_folder
+
+        corrector = Corrector.of(self, None if truth is None else Path(truth))
+        return export_folder(corrector.data, Path(folder), truth=corrector.truth, progress=self.progress)
+
+    def view(self, *, port: int = 0, truth: AnyPath | None = None) -> None:
+        """Show the survey in the browser until Ctrl-C, then bring its tables up to date with what was corrected."""
+        import webbrowser
+
+        from pomona.pipeline.reopen import bring_up_to_date
+
+        with self.viewer(port=port, truth=truth) as server:
+            webbrowser.open(server.url)
+            with contextlib.suppress(KeyboardInterrupt):
+                server.serve_forever()
+        bring_up_to_date(self.files, self.progress)
+        self.forget()
+
+
+def run(
+    photos: AnyPath | Sequence[AnyPath],
+    out: AnyPath,
+    *,
+    progress: Progress | None = None,
+    on_stage: Callable[[str], None] = lambda name: None,
+    overwrite: bool = False,
+    **options: Any,
+) -> Survey:
+    """Find every fruit in photos of a row, as `pomona run` does; return the survey in the folder `out`.
+
+    `photos`: a folder, two folders (the sides of the row), or a video. `options` are those of `RunOptions`: `markers`,
+    `cameras`, `detections`, `method`, `fruit_diameter_m`, …, and options of single stages such as
+    `object=ObjectOptions(min_views=3)`. A run that was stopped goes on where it was; a changed option redoes just what
+    depends on it; `overwrite` begins anew.
+
+    Raises errors of `pomona.errors`, which say what was expected, what was found and what to do.
+    """
+    from pomona.pipeline import run as run_pipeline
+
+    known = {field.name for field in fields(RunOptions)}
+    if unknown := sorted(set(options) - known):
+        raise InputError(f"`{unknown[0]}` is not an option: expected some of {', '.join(sorted(known))}")
+    if options.get("classes") is not None:
+        options["classes"] = tuple(options["classes"])
+    given = [photos] if isinstance(photos, str | PathLike) else list(photos)
+    run_pipeline(
+        [Path(each) for each in given],
+        Path(out),
+        RunOptions(**options),
+        progress,
+        overwrite=overwrite,
+        on_stage=on_stage,
+    )
+    return open(out, progress=progress)
+
+
+def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress | None = None) -> Survey:
+    """Open the survey in a folder that `pomona run` or `pomona.run` wrote.
+
+    Its tables are first brought up to date with its corrections. `photos` is where its photos are, if they are not
+    where they were.
+
+    Raises `MissingFileError` where there is none, and `SurveyError` where the folder holds something else.
+    """
+    from pomona.pipeline.reopen import bring_up_to_date
+
+    progress = progress or Silent()
+    survey = SurveyFolder.open(Path(folder))
+    if survey.record_of("results") is not None:
+        bring_up_to_date(survey, progress)
+    return Survey(survey, photos_folder=None if photos is None else Path(photos), progress=progress)
+
+
+def sample_folder() -> Path:
+    """Return the folder of the bundled sample: photos of two rendered trees from both sides, markers, true fruits."""
+    return Path(str(files("pomona"))) / "demo"

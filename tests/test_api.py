@@ -1,0 +1,130 @@
+"""`pomona.run` and `pomona.open`: a survey as values, the same as the commands."""
+
+from __future__ import annotations
+
+import csv
+import sys
+import threading
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pomona
+from pipeline_fakes import Fakes, make_photos
+from pomona.errors import InputError, MissingExtraError, MissingFileError, SurveyError
+from pomona.fuse.object.options import ObjectOptions
+from pomona.survey import SurveyFolder
+
+
+@pytest.fixture
+def survey(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> pomona.Survey:
+    Fakes().install(monkeypatch)
+    return pomona.run(make_photos(tmp_path / "photos"), tmp_path / "out")
+
+
+def test_a_run_gives_values(survey: pomona.Survey) -> None:
+    assert len(survey.fruits) == 1
+    np.testing.assert_allclose(survey.fruits.centers_in_world, [[0, 0, 2]])
+    assert len(survey.observations) == survey.detections.total == 4
+    assert len(survey.cameras) == len(survey.photos) == 4
+    assert survey.photos.names == tuple(f"IMG_{k:04}.jpg" for k in range(4))
+    assert all(photo.path.is_file() for photo in survey.photos)
+    assert survey.frame.scale_source == "fruit-diameter"
+    assert survey.score_threshold == 0.5
+    assert survey.least_score == pytest.approx(0.4)
+    assert len(survey.cloud) > 0
+    assert repr(survey) == f"Survey({str(survey.folder)!r})"
+
+
+def test_what_was_written_is_opened_and_gone_on_with(survey: pomona.Survey, tmp_path: Path) -> None:
+    opened = pomona.open(str(survey.folder))
+    np.testing.assert_array_equal(opened.fruits.ids, survey.fruits.ids)
+    before = SurveyFolder.open(survey.folder).records["sfm"]
+    again = pomona.run(str(tmp_path / "photos"), survey.folder, object=ObjectOptions(rounds=2))
+    records = SurveyFolder.open(again.folder).records
+    assert records["sfm"] == before
+    assert SurveyFolder.open(again.folder).get("options")["object"]["rounds"] == 2
+
+
+def test_options_of_stages_are_kept_for_later_stages(survey: pomona.Survey, tmp_path: Path) -> None:
+    from pomona.pipeline import RunOptions
+
+    options = RunOptions(object=ObjectOptions(rounds=2, baselines=(0.1, 0.4)), scale_bar=(0, 1, 0.85))
+    assert RunOptions.from_json(options.to_json()) == options
+
+
+def test_unknown_and_wrong_options_are_named(survey: pomona.Survey, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="`fruit_size` is not an option: expected some of cameras, classes"):
+        pomona.run(tmp_path / "photos", tmp_path / "out", fruit_size=3)
+    with pytest.raises(InputError, match="`method`: expected one of object, paper, found 'magic'"):
+        pomona.run(tmp_path / "photos", tmp_path / "out", method="magic")
+    with pytest.raises(MissingFileError, match="is not a survey"):
+        pomona.open(tmp_path)
+
+
+def test_evaluate_and_export(survey: pomona.Survey, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.csv"
+    truth.write_text("id,x,y,z,diameter\n1,0,0,2.001,0.07\n2,1,0,2,0.07\n")
+    scores = survey.evaluate(truth)
+    assert (scores.recall, scores.precision) == (0.5, 1.0)
+    assert scores.f1 == pytest.approx(2 / 3)
+    path = survey.export("csv", tmp_path / "fruits.csv")
+    with path.open(newline="") as file:
+        assert [row["id"] for row in csv.DictReader(file)] == ["1"]
+    with pytest.raises(SurveyError, match="exists already"):
+        survey.export("csv", path)
+    with pytest.raises(InputError, match="expected one of"):
+        survey.export("shapefile")
+
+
+def test_the_page_is_served(survey: pomona.Survey) -> None:
+    with survey.viewer() as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            with urllib.request.urlopen(server.url) as answer:
+                assert b"<html" in answer.read().lower()
+        finally:
+            server.shutdown()
+            thread.join()
+        assert not server.changed
+
+
+def test_tables(survey: pomona.Survey) -> None:
+    pytest.importorskip("pandas")
+    fruits = survey.fruits.to_pandas()
+    with (survey.folder / "fruits.csv").open(newline="") as file:
+        assert list(fruits.columns) == next(csv.reader(file))
+    assert fruits.loc[0, ["x_m", "y_m", "z_m"]].tolist() == [0, 0, 2]
+    assert survey.observations.to_pandas().fruit_id.tolist() == [1] * 4
+    detections = survey.detections.to_pandas()
+    assert detections.photo.tolist() == list(survey.photos.names)
+    assert (detections.x1_px > detections.x0_px).all()
+    assert survey.cameras.to_pandas().photo.tolist() == list(survey.cameras.photos)
+    assert survey.photos.to_pandas().width_px.tolist() == [96] * 4
+
+
+def test_a_table_with_places(survey: pomona.Survey) -> None:
+    pytest.importorskip("geopandas")
+    fruits = survey.fruits.to_geopandas("EPSG:32631")
+    assert fruits.crs.to_epsg() == 32631
+    assert (fruits.geometry.x[0], fruits.geometry.z[0]) == (0, 2)
+    assert survey.fruits.to_geopandas().crs is None
+
+
+@pytest.mark.parametrize(("package", "call"), [("pandas", "to_pandas"), ("geopandas", "to_geopandas")])
+def test_without_pandas_the_extra_is_named(
+    survey: pomona.Survey, monkeypatch: pytest.MonkeyPatch, package: str, call: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingExtraError, match=rf"pomona\[{package}\]"):
+        getattr(survey.fruits, call)()
+
+
+def test_what_the_package_offers() -> None:
+    assert set(dir(pomona)) >= {"run", "open", "Survey", "RunOptions", "sample_folder"}
+    assert (pomona.sample_folder() / "markers.csv").is_file()
+    with pytest.raises(AttributeError, match="no attribute 'walk'"):
+        _ = pomona.walk  # type: ignore[attr-defined]
