@@ -29,8 +29,9 @@ from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.evaluate.fruits.matching import EvaluateOptions, candidates_by_center
-from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, training_table, view_features, view_probability
+from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, view_features, view_probability
 from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
+from pomona.filter.training import training_table
 from pomona.formats.detections.read import read_detections
 from pomona.fruits import Fruits
 from pomona.fuse import Fused, object, paper

@@ -23,11 +23,11 @@ from pomona.filter import (
     features,
     resized,
     shipped,
-    training_table,
     view_features,
     view_probability,
 )
 from pomona.filter.point_features import hull_volume_m3, psi
+from pomona.filter.training import training_table
 from pomona.filter.view_features import place_probability
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
@@ -238,7 +238,7 @@ def test_training_table_knows_true_fruits() -> None:
 
 
 def test_a_machine_of_the_other_method_is_refused_before_any_work() -> None:
-    with pytest.raises(InputError, match=r"--filter-model .*paper_svm\.json: --method object expects .*log_views"):
+    with pytest.raises(InputError, match=r"`filter_model` .*paper_svm\.json: `method` object expects .*log_views"):
         RunOptions(filter_model=shipped("paper")).check_files()
     RunOptions(method="paper", filter_model=shipped("paper")).check_files()
     RunOptions(filter_model=shipped("object")).check_files()

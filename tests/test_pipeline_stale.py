@@ -18,8 +18,9 @@ from pomona.filter.svm import shipped
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.paper.options import PaperOptions
 from pomona.measure import MeasureOptions
-from pomona.pipeline import STAGES, RunOptions, go_on, run
-from pomona.pipeline.code import code_digest, engine_versions
+from pomona.pipeline import STAGES, RunOptions, code, go_on, run
+from pomona.pipeline.code import engine_versions
+from pomona.pipeline.stage import Stage
 from pomona.pipeline.stages import stages_of
 from pomona.scale.options import ScaleOptions
 from pomona.segment.photo_detections import SegmentOptions
@@ -208,25 +209,113 @@ def test_the_manifest_says_which_engines_ran(fakes: Fakes, photos: Path, tmp_pat
     assert "not installed" not in [version for record in records.values() for version in record.engines.values()]
 
 
-# Which stages run code of which rooms. A room that is not here is reached by none.
-ALL = {"segment", "select", "sfm", "scale", "fuse", "filter", "measure", "dense", "results", "report"}
-ROOMS: dict[str, set[str]] = {}
+# Which stages run code of which rooms, read off the imports by a person. Rooms that are not here are reached by none.
+ALL = frozenset(STAGES)
+SPACE = frozenset({"scale", "fuse", "filter", "measure", "dense"})
+HANDED = frozenset({"results", "report"})  # where fruits were corrected, these run what measures them anew, too
+ROOMS: dict[str, frozenset[str]] = {
+    "arrays": ALL,
+    "cameras": ALL - {"segment", "select"},
+    "capture": frozenset({"segment", "sfm", "scale", "dense", "report"}),
+    "corrections": HANDED,
+    "data_frames": ALL,
+    "dense": frozenset({"dense"}),
+    "detections": ALL - {"sfm"},
+    "drawing": frozenset({"report"}),
+    "errors": ALL,
+    "filter": frozenset({"filter"}),
+    "formats": frozenset({"segment", "sfm", "scale", "dense"}) | HANDED,
+    "fruit_ranges": frozenset({"scale", "fuse", "filter", "dense"}),
+    "fruit_size": SPACE | HANDED,
+    "fruits": SPACE | HANDED,
+    "fuse": SPACE | HANDED,
+    "geometry": ALL - {"segment", "select"},
+    "intrinsics": ALL - {"segment", "select"},
+    "label_image": frozenset({"fuse", "dense"}),
+    "mask_rays": frozenset({"scale", "fuse", "filter", "measure"}) | HANDED,
+    "measure": frozenset({"measure"}) | HANDED,
+    "outlines": frozenset({"scale", "fuse", "filter", "measure"}) | HANDED,
+    "photo_names": frozenset({"segment", "sfm"}),
+    "photos": frozenset({"segment", "sfm", "scale", "dense", "measure"}) | HANDED,
+    "progress": ALL,
+    "report": frozenset({"report"}),
+    "scale": frozenset({"scale", "report"}),
+    "segment": frozenset({"segment"}),
+    "sfm": frozenset({"sfm", "scale", "report"}),
+    "sphere_outlines": HANDED,
+    "spheres": frozenset({"scale", "fuse", "filter"}),
+    "survey": ALL - {"select"},
+}
+# The pipeline's modules are those of the stages; each redoes its own, what they share redoes all.
+PIPELINE = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
+    "pipeline/correct.py": HANDED,
+    "pipeline/fused_file.py": frozenset({"fuse", "filter", "measure", "dense"}),
+    "pipeline/stage.py": ALL,
+    "pipeline/runner.py": frozenset[str](),
+    "report/static/viewer.js": frozenset({"report"}),
+    "filter/weights/object_svm.json": frozenset({"filter"}),
+    "segment/weights/fruit.onnx": frozenset({"segment"}),
+    "demo/markers.csv": frozenset[str](),
+}
 
 
 def stage_modules() -> dict[str, set[str]]:
-    """The modules of the functions of each stage, of all methods and with corrections."""
+    """The modules of the functions of each stage, and of inputs that are not stored, for all methods."""
+
+    def modules_of(stage: Stage[Any]) -> set[str]:
+        unstored = [source for source in stage.stages if source.store is None]
+        return {stage.compute.__module__}.union(*(modules_of(source) for source in unstored))
+
     modules: dict[str, set[str]] = {}
     for method in ("object", "paper"):
         for corrected in (False, True):
             for stage in stages_of(method, corrected=corrected).in_order:
-                modules.setdefault(stage.name, set()).add(stage.compute.__module__)
+                modules.setdefault(stage.name, set()).update(modules_of(stage))
     return modules
 
 
-def reaching(package: Path, before: dict[str, dict[str, str]]) -> set[str]:
-    """The stages whose code in `package` differs from what it was."""
-    return {
-        name
-        for name, modules in stage_modules().items()
-        if any(code_digest(module, package) != before[name][module] for module in modules)
-    }
+class Copy:
+    """A copy of the package, of which a file can be changed to see which stages it redoes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.package = folder / "pomona"
+        shutil.copytree(PACKAGE, self.package, ignore=shutil.ignore_patterns("__pycache__", "*.jpg"))
+        self._modules = stage_modules()
+        self._before = self._digests()
+
+    def redone_by(self, *paths: Path) -> frozenset[str]:
+        contents = [path.read_bytes() for path in paths]
+        for path, content in zip(paths, contents, strict=True):
+            path.write_bytes(content + b"\n")
+        code._file_digest.cache_clear()
+        code.code_digest.cache_clear()
+        after = self._digests()
+        for path, content in zip(paths, contents, strict=True):
+            path.write_bytes(content)
+        code._file_digest.cache_clear()
+        return frozenset(name for name, digests in after.items() if digests != self._before[name])
+
+    def _digests(self) -> dict[str, list[str]]:
+        return {
+            name: [code.code_digest(module, self.package) for module in sorted(modules)]
+            for name, modules in self._modules.items()
+        }
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Copy:
+    return Copy(tmp_path_factory.mktemp("copy"))
+
+
+@pytest.mark.parametrize(
+    "room", sorted({path.name.removesuffix(".py") for path in PACKAGE.iterdir()} - {"pipeline", "demo", "__pycache__"})
+)
+def test_a_byte_in_a_room_redoes_the_stages_that_run_it(package: Copy, room: str) -> None:
+    path = package.package / room
+    files = sorted(path.rglob("*.py")) if path.is_dir() else [f for f in path.parent.glob(f"{room}.*") if f.is_file()]
+    assert package.redone_by(*files) == ROOMS.get(room, frozenset())
+
+
+@pytest.mark.parametrize("name", sorted(PIPELINE))
+def test_a_byte_in_a_file_redoes_the_stages_that_use_it(package: Copy, name: str) -> None:
+    assert package.redone_by(package.package / name) == PIPELINE[name]

@@ -14,7 +14,8 @@ from pomona.datasets.row_scores import trees_of
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.evaluate.fruits import EvaluateOptions
-from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm, training_table
+from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm
+from pomona.filter.training import training_table
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits
 from pomona.fuse import Fused, object, paper

@@ -6,13 +6,12 @@ from pomona.filter.decision import apply, apply_to_views, view_probability
 from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES, FruitFeatures, features, resized
 from pomona.filter.svm import LinearSvm, shipped
-from pomona.filter.training import training_table
 from pomona.filter.view_features import VIEW_FEATURE_NAMES, view_features
 
 load = LinearSvm.load
 
 __all__ = [
     "CODE_FEATURE_NAMES", "FEATURE_NAMES", "VIEW_FEATURE_NAMES", "FilterOptions", "FruitFeatures", "LinearSvm",
-    "apply", "apply_to_views", "features", "load", "resized", "shipped", "training_table", "view_features",
+    "apply", "apply_to_views", "features", "load", "resized", "shipped", "view_features",
     "view_probability",
 ]  # fmt: skip

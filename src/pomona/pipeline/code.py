@@ -42,6 +42,7 @@ class Reach:
     engines: frozenset[str]
 
 
+@cache
 def code_digest(module: str, package: Path = _PACKAGE) -> str:
     """Return a digest of all files that `module` reaches in `package`, the folder of Pomona's own."""
     files = sorted(reach(module, package).files)
