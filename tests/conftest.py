@@ -6,10 +6,15 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 # Threads of OpenMP (PyTorch, scikit-learn, COLMAP) that wait for each other by spinning hold the very cores that the
 # others need when something else runs too. It is read when these libraries are loaded, here and in child processes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+# The same examples in each run, however long one takes: what passes once passes on a busy machine too.
+settings.register_profile("pomona", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("pomona")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

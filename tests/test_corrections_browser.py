@@ -56,7 +56,6 @@ def server(scene: Scene) -> Iterator[ViewServer]:
 def opened(browser: Any, server: ViewServer) -> Iterator[Opened]:  # noqa: F811
     opened = _open(browser, server.url)
     opened.page.set_viewport_size({"width": 1200, "height": 800})
-    opened.page.set_default_timeout(10_000)
     opened.page.click("#tool-correct")
     yield opened
     assert opened.said == []

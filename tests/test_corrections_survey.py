@@ -278,7 +278,7 @@ def post(server: ViewServer, values: Any, path: str = "/corrections", **headers:
         "Host": f"127.0.0.1:{port}", "Origin": f"http://127.0.0.1:{port}", "Content-Type": "application/json",
         "Content-Length": str(len(body)),
     }  # fmt: skip
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
     connection.putrequest("POST", path, skip_host=True, skip_accept_encoding=True)
     for name, value in (usual | {name.replace("_", "-"): text for name, text in headers.items()}).items():
         if value is not None:
@@ -348,7 +348,7 @@ def test_nonsense_is_refused_in_words(server: ViewServer, values: Any) -> None:
 
 
 def test_lines_are_told(server: ViewServer) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=120)
     connection.request("GET", "/data/lines/0/400/300.json")
     found = json.loads(connection.getresponse().read())
     assert set(found["photos"]) <= set(range(1, 6))

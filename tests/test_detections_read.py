@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import cv2
 import numpy as np
@@ -308,14 +308,14 @@ def test_damaged_files_are_read_or_refused_in_words(tmp_path: Path, name: str) -
         file = files[case % len(files)]
         data = file.read_bytes()
         file.write_bytes(mutated(data, rng) if data else b"0 0.1")
-        start = perf_counter()
+        start = process_time()
         found = read_or_refused(path)
         refused += isinstance(found, str)
         if isinstance(found, str):
             assert str(path) in found
         else:
             check_sound(found)
-        assert perf_counter() - start < 5
+        assert process_time() - start < 5
         file.write_bytes(data)
     assert refused >= 3
 

@@ -25,6 +25,10 @@ _QUIET = (
 )
 
 
+PATIENCE_MS = 120_000
+"""How long a page may take where other programs keep the machine busy; only what fails takes so long."""
+
+
 @dataclass
 class Opened:
     """A page, and what it said and asked for."""
@@ -36,6 +40,7 @@ class Opened:
 
 def _open(browser: Any, path: Path | str, before: str = "") -> Opened:
     opened = Opened(browser.new_page(viewport={"width": 900, "height": 600}, reduced_motion="reduce"))
+    opened.page.set_default_timeout(PATIENCE_MS)
     opened.page.on("console", lambda message: opened.said.append(f"{message.type}: {message.text}"))
     opened.page.on("pageerror", lambda error: opened.said.append(str(error)))
     opened.page.on("request", lambda request: opened.asked.append(request.url))

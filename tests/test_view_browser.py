@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from pomona.report.page import write_report
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
 from report_scenes import row_report
-from test_report_browser import Opened, _open, _red_px, browser, drawn  # noqa: F401 (a fixture)
+from test_report_browser import PATIENCE_MS, Opened, _open, _red_px, browser, drawn  # noqa: F401 (a fixture)
 from view_scenes import write_truth, write_view_survey
 
 pytestmark = pytest.mark.slow
@@ -43,7 +43,6 @@ def url(survey: Path) -> Iterator[str]:
 def opened(browser: Any, url: str) -> Iterator[Opened]:  # noqa: F811
     opened = _open(browser, url)
     opened.page.set_viewport_size({"width": 1200, "height": 800})
-    opened.page.set_default_timeout(10_000)
     yield opened
     # After all that was done: nothing was complained of, nothing came from elsewhere.
     assert opened.said == []
@@ -301,20 +300,32 @@ def test_dark_and_light(opened: Opened) -> None:
     assert page.evaluate(colour) == light
 
 
+def _comes(page: Any, holds: Callable[[], bool]) -> bool:
+    """Wait until something holds, as long as pages may take; say whether it does."""
+    for _ in range(PATIENCE_MS // 300):
+        if holds():
+            return True
+        page.wait_for_timeout(300)
+    return False
+
+
+def _stands_still(page: Any) -> bool:
+    before = _picture(page)
+    page.wait_for_timeout(300)
+    return bool((_picture(page) != before).sum() < 100)
+
+
 def test_fly_along_moves_until_it_is_stopped(browser: Any, url: str) -> None:  # noqa: F811
     page = browser.new_page(viewport={"width": 1200, "height": 800}, reduced_motion="no-preference")
+    page.set_default_timeout(PATIENCE_MS)
     page.goto(url)
     page.wait_for_selector("html.has-webgl")
     before = _picture(page)
     page.click("#tool-fly")
-    page.wait_for_timeout(600)
-    assert (_picture(page, still=False) != before).sum() > 1000
+    assert _comes(page, lambda: (_picture(page, still=False) != before).sum() > 1000)
     assert page.get_attribute("#tool-fly", "aria-pressed") == "true"
     page.click("#tool-fly")
-    page.wait_for_timeout(500)
-    before = _picture(page)
-    page.wait_for_timeout(300)
-    assert (_picture(page) != before).sum() < 100
+    assert _comes(page, lambda: _stands_still(page))
     assert page.get_attribute("#tool-fly", "aria-pressed") == "false"
     page.close()
 
@@ -354,6 +365,7 @@ def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noq
     with ViewServer(read_survey(survey)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         page = browser.new_page()
+        page.set_default_timeout(PATIENCE_MS)
         page.route("**/data/survey.bin", lambda route: route.abort())
         page.goto(server.url)
         page.wait_for_selector("#no-data:not([hidden])")
