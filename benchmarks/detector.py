@@ -1,10 +1,10 @@
 """Segmenters on photos that they were not trained on: AP50, F1, masks and time, as a table for docs/lab/segmenter.md.
 
-python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--only NAME ...] [--min-visible PX] [--scale S]
-        [--json FILE]
+python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--row FOLDER ...] [--only NAME ...] [--min-visible PX]
+        [--scale S] [--without-shipped] [--json FILE]
 
-Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles of `apple-tiles` that training holds
-out (whole photos, 15 %, by the rule of `pomona train`). Photos are segmented as `pomona segment` does it, at the scale
+Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles that training
+holds out (whole photos, 15 %, `benchmarks/fruit_tiles.py`). Photos are segmented as `pomona segment` does it, at the scale
 that is found in them, but from a score of 0.05 up. Boxes decide (IoU at least 0.5 for AP50, more for F1), fruits under
 12 px are not scored; where the truth has masks, a second line has what masks decide.
 """
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fruit_tiles import labels_of, sides, tile_sets
 from pomona.capture import load_photos
 from pomona.detections import Detections
 from pomona.evaluate.detections import (
@@ -32,11 +33,8 @@ from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.segment import Segmenter, SegmentOptions, load_segmenter, segment_photos
 from pomona.segment.reading_scale import reading_scales
-from pomona.train.samples import Sample, group_of, split
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
-TILES = ("applebbch81", "applebbch76")
-HELD_OUT = 0.15
 LEAST_SCORE = 0.05
 
 
@@ -68,16 +66,14 @@ COLUMNS = [
 ]  # fmt: skip
 
 
-def held_out_tiles(folders: Sequence[Path]) -> dict[str, tuple[DetectionTruth, list[Path]]]:
-    """The truth and the files of the tiles of each folder that training never sees; all folders are split together."""
-    truths = {folder.name: read_detection_truth(folder) for folder in folders}
-    samples = [
-        Sample(folder / "images" / name, folder, photo.boxes_px, group_of(Path(name).stem), folder.name)
-        for folder in folders
-        for name, photo in truths[folder.name].items()
-    ]
-    _, held = split(samples, HELD_OUT)
-    return {name: (truth, [s.image for s in held if s.source == name]) for name, truth in truths.items()}
+def held_out_tiles(data: Path) -> dict[str, tuple[DetectionTruth, list[Path]]]:
+    """The truth and the files of the tiles of each set that training never sees."""
+    folders = tile_sets(data)
+    parts = sides({name: labels_of(folder) for name, folder in folders.items()})
+    return {
+        name: (read_detection_truth(folder), [folder / "images" / i["file_name"] for i in parts[name]["val"]])
+        for name, folder in folders.items()
+    }
 
 
 def segmented(
@@ -125,12 +121,13 @@ def measured(model: Path | None, how: argparse.Namespace) -> list[Measured]:
     name = "shipped" if model is None else model.name
     segmenter = load_segmenter(model, score_floor=LEAST_SCORE)
     lines = []
-    row = how.data / "orchard-dev"
-    if not how.only or row.name in how.only:
+    for row in [how.data / "orchard-dev", *how.row]:
+        if how.only and row.name not in how.only:
+            continue
         truth, files = read_detection_truth(row), sorted((row / "images").iterdir())
         lines += measure(row.name, name, truth, files, segmenter, how)
     tiles = []
-    for folder, (truth, files) in held_out_tiles([how.data / "apple-tiles" / tile for tile in TILES]).items():
+    for folder, (truth, files) in held_out_tiles(how.data).items():
         if not how.only or folder in how.only:
             tiles += measure(f"{folder}, held out", name, truth, files, segmenter, how)
     return [*lines, *tiles, together(tiles)] if len(tiles) > 1 else [*lines, *tiles]
@@ -140,14 +137,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", type=Path, action="append", default=[], help="measured beside the shipped one")
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--only", nargs="*", default=[], choices=["orchard-dev", *TILES])
+    parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="of a set or a row")
+    parser.add_argument("--row", type=Path, action="append", default=[], help="a rendered row, measured too")
+    parser.add_argument("--without-shipped", action="store_true")
     parser.add_argument("--min-visible", type=int, default=120, help="pixels of a rendered fruit that is to be found")
     parser.add_argument("--scale", type=float, help="at which photos are read; default: found in them")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n", flush=True)
     results = []
-    for model in [None, *arguments.model]:
+    for model in [*([] if arguments.without_shipped else [None]), *arguments.model]:
         for line in measured(model, arguments):
             print("| " + " | ".join(line.cells()) + " |", flush=True)
             about = {"data": line.data, "model": line.model, "seconds_a_photo": line.seconds_a_photo}

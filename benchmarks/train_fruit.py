@@ -1,10 +1,13 @@
 """Train the shipped weights: real tiles with boxes, and rendered scenes with masks where there are some.
 
-python benchmarks/train_fruit.py OUT.onnx [--rows FOLDER] [--weights best.pt] [--steps N]
-        [--leafy SHARE] [--shaded SHARE]
+python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weights best.pt | fruit.onnx] [--steps N]
+        [--learning-rate RATE] [--leafy SHARE] [--shaded SHARE]
+
+TILES is what `benchmarks/fruit_tiles.py` wrote.
 """
 
 import argparse
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +16,6 @@ import torch
 from pomona.progress import Silent
 from pomona.train import FitOptions, TrainOptions, train
 from pomona.train.augment import AugmentOptions
-
-TILES = (Path(__file__).resolve().parents[2] / "shared" / "data" / "apple-tiles").resolve()
 
 
 class Lines(Silent):
@@ -28,15 +29,18 @@ class Lines(Silent):
 
     def advance(self, units: int = 1) -> None:
         self.done += units
-        if self.done % 50 == 0:
-            print(self.done, flush=True)
+        if self.done % 10 == 0:
+            print(self.done, time.strftime("%H:%M"), flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
+    parser.add_argument("--tiles", type=Path, required=True)
     parser.add_argument("--rows", type=Path)
-    parser.add_argument("--weights", help="best.pt of an earlier training to go on from")
+    parser.add_argument("--weights", help="best.pt or .onnx of an earlier training to go on from")
+    parser.add_argument("--learning-rate", type=float, default=FitOptions().learning_rate)
+    parser.add_argument("--check-every", type=int, default=FitOptions().check_every)
     parser.add_argument("--steps", type=int, default=FitOptions().steps)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--leafy", type=float, default=0.0, help="share of rendered crops with leaves before fruits")
@@ -45,10 +49,15 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     rows = sorted(arguments.rows.glob("s[0-9][0-9][0-9]")) if arguments.rows else []
     augment = AugmentOptions(leafy=arguments.leafy, shaded=arguments.shaded)
-    fit = replace(FitOptions(), steps=arguments.steps, augment=augment)
+    fit = replace(
+        FitOptions(),
+        steps=arguments.steps,
+        learning_rate=arguments.learning_rate,
+        check_every=arguments.check_every,
+        augment=augment,
+    )
     options = TrainOptions(weights=arguments.weights, fit=fit)
-    data = [*sorted(TILES.glob("applebbch*")), *rows]
-    print(train(data, arguments.out, options=options, progress=Lines()))
+    print(train([arguments.tiles, *rows], arguments.out, options=options, progress=Lines()))
 
 
 if __name__ == "__main__":

@@ -111,15 +111,20 @@ def _bark(wood: Wood) -> Mesh:
     return Mesh.joined(parts)
 
 
-def _points_on(lines: tuple[FloatArray, ...], count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return points (count, 3) on the lines' outer parts, denser on longer lines, and the lines' directions there."""
-    lengths = np.array([np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines])
-    chosen = rng.choice(len(lines), count, p=lengths / lengths.sum())
-    stacked = np.stack(lines)
-    place = np.sqrt(rng.uniform(0.02, 1, count)) * (stacked.shape[1] - 1)
-    k = np.minimum(place.astype(int), stacked.shape[1] - 2)
-    a, b = stacked[chosen, k], stacked[chosen, k + 1]
-    return a + (b - a) * (place - k)[:, None], unit(b - a)
+class _Twigs:
+    """The lines of a tree's wood, to draw points on."""
+
+    def __init__(self, lines: tuple[FloatArray, ...]) -> None:
+        lengths = np.array([np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines])
+        self._shares, self._points = lengths / lengths.sum(), np.stack(lines)
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Return points (count, 3) on the outer parts, denser on longer lines, and the lines' directions there."""
+        chosen = rng.choice(len(self._shares), count, p=self._shares)
+        place = np.sqrt(rng.uniform(0.02, 1, count)) * (self._points.shape[1] - 1)
+        k = np.minimum(place.astype(int), self._points.shape[1] - 2)
+        a, b = self._points[chosen, k], self._points[chosen, k + 1]
+        return a + (b - a) * (place - k)[:, None], unit(b - a)
 
 
 # ---- fruits ----------------------------------------------------------------------------------------------------------
@@ -134,11 +139,11 @@ def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, 
     timber = cKDTree(np.concatenate([_dense(line) for wood in woods for line in wood.lines]))
     trunks = cKDTree(np.concatenate([_dense(wood.lines[0]) for wood in woods]))
     for tree, wood in enumerate(woods):
-        rng = options.rng(300 + tree)
+        rng, twigs = options.rng(300 + tree), _Twigs(wood.lines[1:])
         placed, tries = 0, 0
         while placed < options.fruits_per_tree and tries < 60 * options.fruits_per_tree + 60:
             tries += 1
-            spur = _points_on(wood.lines[1:], 1, rng)[0][0]
+            spur = twigs.draw(1, rng)[0][0]
             wanted = 1 if rng.random() < 0.6 else int(rng.integers(2, 4))
             for _ in range(min(wanted, options.fruits_per_tree - placed)):
                 size = rng.normal(options.fruit_diameter_m, options.fruit_diameter_sd_m)
@@ -186,7 +191,7 @@ def _stem(spur: FloatArray, top: FloatArray) -> Mesh:
 def _grow_leaves(wood: Wood, fruits: Fruits, count: int, rng: np.random.Generator) -> Mesh:
     """Grow rosettes of leaves on branches and shoots; leaves that would pierce a fruit are left out."""
     rosettes = max(1, count // 5)
-    spurs, along = _points_on(wood.lines[1:], rosettes, rng)
+    spurs, along = _Twigs(wood.lines[1:]).draw(rosettes, rng)
     bases = np.repeat(spurs, 5, axis=0)[:count] + rng.normal(0, 0.012, (min(count, 5 * rosettes), 3))
     ahead = 0.7 * np.repeat(along, 5, axis=0)[:count] + rng.normal(0, 0.8, bases.shape) + [0, 0, -0.15]
     up = rng.normal([0, 0, 1.0], 0.45, bases.shape)

@@ -29,7 +29,7 @@ class Mesh:
         )
 
 
-def _grid_faces(rows: int, columns: int, *, wrap: bool = False) -> IntArray:
+def grid_faces(rows: int, columns: int, *, wrap: bool = False) -> IntArray:
     """Return the quads (m, 4) of a grid of vertices in row-major order; `wrap` closes each row into a ring."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns if wrap else columns - 1), indexing="ij")
     i, j = i.ravel(), j.ravel()
@@ -51,7 +51,7 @@ def tube(line: FloatArray, radii: FloatArray, colour: Colour, *, sides: int = 8)
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     ring = across[:, None] * np.cos(angle)[:, None] + up[:, None] * np.sin(angle)[:, None]
     vertices = (line[:, None] + radii[:, None, None] * ring).reshape(-1, 3)
-    return Mesh(vertices, _grid_faces(len(line), sides, wrap=True), np.tile(colour, (len(vertices), 1)))
+    return Mesh(vertices, grid_faces(len(line), sides, wrap=True), np.tile(colour, (len(vertices), 1)))
 
 
 # One leaf: stations from the stalk's foot to the tip, (part of the length, part of the width).
@@ -82,7 +82,7 @@ def leaves(bases: FloatArray, ahead: FloatArray, up: FloatArray, size: FloatArra
         + z[..., None] * up[:, None, None]
     )
     count = len(_LEAF_STATIONS) * 3
-    faces = _grid_faces(len(_LEAF_STATIONS), 3)[None] + count * np.arange(len(bases))[:, None, None]
+    faces = grid_faces(len(_LEAF_STATIONS), 3)[None] + count * np.arange(len(bases))[:, None, None]
     rib = np.where(offset == 0, 1.25, 1.0)  # midribs are paler
     shades = colours[:, None, None] * rib[:, None] * np.ones((1, len(_LEAF_STATIONS), 1, 1))
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 4), shades.reshape(-1, 3))
@@ -100,7 +100,7 @@ def blades(bases: FloatArray, tips: FloatArray, width_m: FloatArray, colours: Fl
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 4), shades.reshape(-1, 3))
 
 
-def _smooth_noise(directions: FloatArray, rng: np.random.Generator, frequency: float) -> FloatArray:
+def smooth_noise(directions: FloatArray, rng: np.random.Generator, frequency: float) -> FloatArray:
     """Return noise (n,) of about ±1 on the sphere's directions (n, 3): a sum of random waves."""
     waves = rng.normal(0, frequency, (8, 3))
     return np.asarray(np.cos(directions @ waves.T + rng.uniform(0, 2 * np.pi, 8)).sum(axis=1) / 2.8)
@@ -115,7 +115,7 @@ def fruit(variety: Variety, diameter_m: float, rng: np.random.Generator) -> Mesh
     n = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
     n = n.reshape(-1, 3)
     stem, calyx = np.exp(-((polar.ravel() / 0.38) ** 2)), np.exp(-(((np.pi - polar.ravel()) / 0.33) ** 2))
-    uneven = 1 + 0.012 * _smooth_noise(n, rng, 1.2) + 0.012 * np.cos(5 * azimuth.ravel()) * np.clip(-n[:, 2], 0, 1)
+    uneven = 1 + 0.012 * smooth_noise(n, rng, 1.2) + 0.012 * np.cos(5 * azimuth.ravel()) * np.clip(-n[:, 2], 0, 1)
     taper = 1 - 0.05 * np.clip(-n[:, 2], 0, 1) ** 2  # narrower towards the calyx
     vertices = n * (uneven * taper)[:, None]
     vertices[:, 2] -= variety.cleft * 1.6 * stem - variety.cleft * calyx
@@ -123,19 +123,19 @@ def fruit(variety: Variety, diameter_m: float, rng: np.random.Generator) -> Mesh
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     height = 2 * variety.aspect * rng.normal(1, 0.02)
     vertices[:, 2] = (vertices[:, 2] - (low + high) / 2) * height / (high - low)
-    return Mesh(vertices * diameter_m / 2, _grid_faces(rings, segments, wrap=True), _skin(variety, n, stem, calyx, rng))
+    return Mesh(vertices * diameter_m / 2, grid_faces(rings, segments, wrap=True), fruit_skin(variety, n, stem, calyx, rng))
 
 
-def _skin(variety: Variety, n: FloatArray, stem: FloatArray, calyx: FloatArray, rng: np.random.Generator) -> FloatArray:
+def fruit_skin(variety: Variety, n: FloatArray, stem: FloatArray, calyx: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return the skin's linear colours (n, 3): blush on the sunny side, stripes from stem to calyx, russet clefts."""
     sunny = unit(rng.normal(0, 1, 3) * [1, 1, 0.5] + [0, 0, 0.4])
     coverage = np.clip(rng.normal(variety.coverage, variety.coverage_sd), 0, 1)
-    edge = n @ sunny + 0.35 * _smooth_noise(n, rng, 2.5) + (2 * coverage - 1) * 1.25
+    edge = n @ sunny + 0.35 * smooth_noise(n, rng, 2.5) + (2 * coverage - 1) * 1.25
     blush = np.clip(edge / 0.7 + 0.5, 0, 1)
     azimuth = np.arctan2(n[:, 1], n[:, 0])
     streak = np.cos(azimuth * rng.integers(14, 19)) + np.cos(azimuth * rng.integers(23, 31) + 2.1)
-    blush *= 1 - variety.stripes * np.clip(0.5 + 0.35 * streak + 0.3 * _smooth_noise(n, rng, 5), 0, 1)
-    tone = rng.normal(1, 0.10) * (1 + 0.06 * _smooth_noise(n, rng, 4))
+    blush *= 1 - variety.stripes * np.clip(0.5 + 0.35 * streak + 0.3 * smooth_noise(n, rng, 5), 0, 1)
+    tone = rng.normal(1, 0.10) * (1 + 0.06 * smooth_noise(n, rng, 4))
     colours = (1 - blush)[:, None] * np.array(variety.ground) + blush[:, None] * np.array(variety.blush)
     colours = colours * np.broadcast_to(tone, len(n))[:, None]
     russet = np.clip(0.8 * stem + 0.9 * calyx**3, 0, 1)[:, None]

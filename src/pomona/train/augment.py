@@ -103,7 +103,15 @@ def _cut(
     cut_labels = cut_labels.astype(np.int16)
     if options.leafy > 0 and not sample.weak and len(boxes) and rng.random() < options.leafy:
         cut, cut_labels = behind_leaves(cut, cut_labels, typical * np.sqrt(sx * sy), rng)
-    return _kept(cut, cut_labels, whole, exact=not sample.weak)
+    crop = _kept(cut, cut_labels, whole, exact=not sample.weak)
+    circles = None if sample.circles_px is None else _moved(sample.circles_px, to_crop)
+    return replace(crop, circles_px=circles, complete=not sample.weak)
+
+
+def _moved(circles: FloatArray, to_crop: FloatArray) -> FloatArray:
+    """The circles (n, 3) in the crop; where it is stretched, of the ellipses' areas."""
+    centres = circles[:, :2] @ to_crop[:, :2].T + to_crop[:, 2]
+    return np.column_stack([centres, circles[:, 2] * np.sqrt(abs(np.linalg.det(to_crop[:, :2])))])
 
 
 def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) -> Crop:
@@ -121,7 +129,7 @@ def _mosaic(quarters: list[Crop]) -> Crop:
     half = quarters[0].pixels.shape[0]
     pixels = np.zeros((2 * half, 2 * half, 3), np.uint8)
     labels = np.zeros((2 * half, 2 * half), np.int16)
-    boxes, doubtful, count = [], [], 0
+    boxes, doubtful, circles, count = [], [], [], 0
     for k, quarter in enumerate(quarters):
         y, x = divmod(k, 2)
         at = np.s_[y * half : (y + 1) * half, x * half : (x + 1) * half]
@@ -129,8 +137,10 @@ def _mosaic(quarters: list[Crop]) -> Crop:
         labels[at] = np.where(quarter.labels > 0, quarter.labels + count, quarter.labels)
         boxes.append(quarter.boxes_px + half * np.array([x, y, x, y]))
         doubtful.append(quarter.doubtful_px + half * np.array([x, y, x, y]))
+        circles.append(quarter.known_circles_px + half * np.array([x, y, 0]))
         count += len(quarter.boxes_px)
-    return Crop(pixels, labels, np.concatenate(boxes), np.concatenate(doubtful))
+    complete = all(quarter.complete for quarter in quarters)
+    return Crop(pixels, labels, np.concatenate(boxes), np.concatenate(doubtful), np.concatenate(circles), complete)
 
 
 def _shade(shape: tuple[int, ...], rng: np.random.Generator) -> Array:

@@ -20,6 +20,7 @@ from pomona.train.crop import Crop
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
 from pomona.train.network import STRIDE, FruitNet, Outputs, seen_twice
+from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.targets import Targets, targets_of
 
 CENTER_LITE0 = "center-lite0"
@@ -39,8 +40,8 @@ _ENCODER_RATE = 0.4  # of the learning rate
 class CenterLearner:
     """A `Learner` of `FruitNet`.
 
-    `weights`: `imagenet` (they come as a Python package, nothing is downloaded), `none`, or a checkpoint `best.pt` of
-    an earlier training. Raises `InputError` for other names.
+    `weights`: `imagenet` (they come as a Python package, nothing is downloaded), `none`, a checkpoint `best.pt` of an
+    earlier training or its model file (`.onnx`). Raises `InputError` for other names.
     """
 
     arch = CENTER_LITE0
@@ -50,7 +51,7 @@ class CenterLearner:
     def __init__(self, *, weights: str = "imagenet") -> None:
         if weights == "coco":
             raise InputError(
-                f"--weights coco: {CENTER_LITE0} has no such weights; expected imagenet, none or a best.pt"
+                f"--weights coco: {CENTER_LITE0} has no such weights; expected imagenet, none, a best.pt or an .onnx"
             )
         self.weights = weights
 
@@ -113,8 +114,13 @@ def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> Til
 
 
 def _fill(network: FruitNet, path: Path) -> None:
+    if path.suffix.lower() == ".onnx":
+        fill_from_onnx(network, path)
+        return
     expected = f"a checkpoint of {CENTER_LITE0} (best.pt of an earlier training)"
     checkpoint = read_checkpoint(path, expected)
     if checkpoint.get("arch") != CENTER_LITE0 or "average" not in checkpoint:
         raise FormatError(f"{path}: expected {expected}, found one of {checkpoint.get('arch', 'another program')}")
-    network.load_state_dict(checkpoint["average"])
+    # Checkpoints from before there were model files to go on from do not say whether norms are frozen: none were.
+    # Nor have those from before there were circles a head for them: it begins anew.
+    network.load_state_dict({**network.state_dict(), **checkpoint["average"]})

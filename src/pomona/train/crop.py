@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,12 +20,21 @@ class Crop:
     """`pixels` uint8 (s, s, 3) RGB, `labels` int16 (s, s), `boxes_px` (n, 4) of labels 1 … n, NaN where doubtful.
 
     `doubtful_px` (m, 4) are boxes of fruits that are hardly seen: to find them is neither right nor wrong.
+    `circles_px` (n, 3) are the whole fruits' centres and radii, where known. `complete`: every fruit that can be seen
+    is labelled, or doubtful.
     """
 
     pixels: ByteArray
     labels: Labels
     boxes_px: FloatArray
     doubtful_px: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    circles_px: FloatArray | None = None
+    complete: bool = False
+
+    @property
+    def known_circles_px(self) -> FloatArray:
+        """The circles (n, 3), NaN where they are not known."""
+        return np.full((len(self.boxes_px), 3), np.nan) if self.circles_px is None else self.circles_px
 
 
 def too_small(boxes_px: FloatArray) -> BoolArray:
@@ -44,4 +53,5 @@ def with_doubts(crop: Crop, doubtful: BoolArray, hardly_seen_px: FloatArray) -> 
     for x0, y0, x1, y1 in hardly_seen_px.round().astype(int):
         part = labels[y0:y1, x0:x1]
         part[part == 0] = IGNORED
-    return Crop(crop.pixels, labels, boxes, np.concatenate([crop.doubtful_px, hardly_seen_px]))
+    doubtful_px = np.concatenate([crop.doubtful_px, hardly_seen_px])
+    return replace(crop, labels=labels, boxes_px=boxes, doubtful_px=doubtful_px)

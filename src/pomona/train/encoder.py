@@ -29,6 +29,10 @@ class SameConv2d(nn.Conv2d):
         total = self.kernel_size[0] - self.stride[0]
         before = total // 2
         padded = functional.pad(x, (before, total - before, before, total - before)) if total > 0 else x
+        if self.groups > 1 and x.device.type == "cpu":
+            # On CPUs the gradient of a convolution of each channel takes two to six times as long in bfloat16.
+            with torch.autocast("cpu", enabled=False):
+                return self._conv_forward(padded.float(), self.weight, self.bias)
         return self._conv_forward(padded, self.weight, self.bias)
 
 

@@ -19,13 +19,14 @@ class _Probabilities(nn.Module):
         self.network = network
         self.centre_odds, self.foreground_odds = _log_odds(threshold), _log_odds(foreground_threshold)
 
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
         out = seen_twice(self.network, image)
         return (
             torch.sigmoid(out.heatmap - self.centre_odds),
             out.box,
             torch.sigmoid(out.foreground - self.foreground_odds),
             out.offset,
+            torch.cat([out.circle[:, :3], out.circle[:, 3:] * out.circle[:, 2:3]], 1),
         )
 
 
@@ -52,7 +53,7 @@ def export_onnx(
     model = _Probabilities(
         network, threshold, foreground_threshold
     ).eval()  # a wrapper in training mode would leave the network in it
-    names = ["heatmap", "box", "foreground", "offset"]
+    names = ["heatmap", "box", "foreground", "offset", "circle"]
     torch.onnx.export(
         model,
         (torch.zeros(1, 3, 128, 128),),

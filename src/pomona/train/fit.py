@@ -59,7 +59,7 @@ def fit(
             state.learn(batch)
             progress.advance()
             if state.step % options.check_every == 0 or state.step == options.steps:
-                state.conclude(check(learner, state.average, validation[: options.checked_photos]))
+                state.conclude(check(learner, state.average, _spread(validation, options.checked_photos)))
                 if state.stalled:
                     progress.warn(f"Training ended at step {state.step}: nothing better in {options.patience} checks.")
                     break
@@ -80,6 +80,11 @@ def _reproducible(threads: int | None) -> Iterator[None]:
     finally:
         torch.set_num_threads(threads_before)
         torch.use_deterministic_algorithms(deterministic_before)
+
+
+def _spread(samples: list[Sample], count: int) -> list[Sample]:
+    """At most `count` samples from all along the list, so that every set is among them."""
+    return samples[:: max(1, len(samples) // count)][:count]
 
 
 def _names(samples: list[Sample]) -> str:

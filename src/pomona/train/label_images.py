@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -72,17 +73,33 @@ def samples_of(
     boxes = np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4) * plan.scale
     weak = any(fruit.mask is None for fruit in fruits)
     samples, kept_of = [], []
+    circles = _circles_of(photo, fruits)
     for k, place in enumerate(plan.parts):
         mine, kept = _boxes_in(boxes, place)
         stem = f"{photo.path.stem}-{digest}" + (f"-{k}" if len(plan.parts) > 1 else "")
         image = photo.path if plan.in_place else cache / f"{stem}.jpg"
         whose = group or group_of(photo.path.stem)
-        samples.append(Sample(image, cache / f"{stem}.png", mine, whose, source, weak, photo.name, part))
+        whole = None if circles is None else _in_part(circles, plan.scale, place)[kept > 0]
+        samples.append(Sample(image, cache / f"{stem}.png", mine, whose, source, weak, photo.name, part, whole))
         kept_of.append(kept)
     if not all(sample.labels.is_file() and sample.image.is_file() for sample in samples):
         cache.mkdir(parents=True, exist_ok=True)
         _make(photo, fruits, plan, samples, kept_of)
     return samples
+
+
+def _circles_of(photo: LabelledPhoto, fruits: Sequence[LabelledFruit]) -> FloatArray | None:
+    """The whole fruits' centres and radii (n, 3), where a rendered picture has them (`truth/circles/`)."""
+    file = photo.path.parent.parent / "truth" / "circles" / f"{photo.path.stem}.json"
+    if not file.is_file():
+        return None
+    by_id = {int(circle[0]): circle[1:4] for circle in json.loads(file.read_text())["circles"]}
+    unknown = (math.nan, math.nan, math.nan)
+    return np.array([by_id.get(fruit.id or 0, unknown) for fruit in fruits], float).reshape(-1, 3)
+
+
+def _in_part(circles: FloatArray, scale: float, place: tuple[int, int, int, int]) -> FloatArray:
+    return np.asarray(circles * scale - [place[0], place[1], 0])
 
 
 def _is_learnt(fruit: LabelledFruit) -> bool:

@@ -9,20 +9,30 @@ from torch.nn import functional
 from pomona.train.network import Outputs
 from pomona.train.targets import Targets
 
-LOSSES = ("heatmap", "box", "foreground", "offset")
-_WEIGHTS = (1.0, 2.0, 1.5, 2.0)
+LOSSES = ("heatmap", "box", "foreground", "offset", "circle")
+_WEIGHTS = (1.0, 2.0, 1.5, 2.0, 0.3)
+
+# In photos of which fruits may be unlabelled, what the network is so sure of counts for less where there is no label.
+_SURE, _SHARE_OF_SURE = 0.6, 0.35
 
 
 def total_loss(outputs: Outputs, targets: Targets) -> tuple[Tensor, dict[str, float]]:
     """Return the weighted sum and each loss by its name in `LOSSES`."""
     each = (
-        heatmap_loss(outputs.heatmap, targets.heat, targets.heat_weight),
+        heatmap_loss(outputs.heatmap, targets.heat, targets.heat_weight * _trust(outputs.heatmap, targets.heat, targets)),
         box_loss(outputs.box, targets.box, targets.box_weight),
-        foreground_loss(outputs.foreground, targets.foreground, targets.foreground_weight),
+        foreground_loss(outputs.foreground, targets.foreground, targets.foreground_weight * _trust(outputs.foreground, targets.foreground, targets)),
         offset_loss(outputs.offset, targets.offset, targets.offset_weight),
+        circle_loss(outputs.circle, targets.circle, targets.circle_weight),
     )
     total = torch.stack([w * loss for w, loss in zip(_WEIGHTS, each, strict=True)]).sum()
     return total, {name: float(loss.detach()) for name, loss in zip(LOSSES, each, strict=True)}
+
+
+def _trust(logits: Tensor, target: Tensor, targets: Targets) -> Tensor:
+    """How far labels that say that there is no fruit are to be believed: less where photos may lack labels."""
+    doubted = (targets.complete < 0.5) & (target <= 0.01) & (torch.sigmoid(logits.detach()) > _SURE)
+    return torch.where(doubted, _SHARE_OF_SURE, 1.0)
 
 
 def heatmap_loss(logits: Tensor, heat: Tensor, weight: Tensor) -> Tensor:
@@ -58,3 +68,17 @@ def foreground_loss(logits: Tensor, share: Tensor, weight: Tensor) -> Tensor:
 def offset_loss(offset: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Mean distance along x and y in units of the fruit's side."""
     return ((offset - target).abs() * weight).sum() / (2 * (weight > 0).sum().clamp(min=1))
+
+
+def circle_loss(circle: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Negative log likelihood of centres and radii, as shares of the radius, under Laplace distributions, per fruit.
+
+    Their standard deviations, which the network says, are √2 of the scale.
+    """
+    radius = target[:, 2:].clamp(min=1)
+    scale = circle[:, 3:] / 2**0.5
+    centre_error = ((circle[:, :2] - target[:, :2]).abs() / radius).sum(1, keepdim=True)
+    radius_error = (torch.log(circle[:, 2:3].clamp(min=0.1)) - torch.log(radius)).abs()
+    centre = centre_error / scale[:, :1] + 2 * torch.log(scale[:, :1])
+    size = radius_error / scale[:, 1:] + torch.log(scale[:, 1:])
+    return ((centre + size) * weight).sum() / weight.sum().clamp(min=1)

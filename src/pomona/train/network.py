@@ -20,12 +20,15 @@ class Outputs(NamedTuple):
     """Maps at stride 4: `heatmap` and `foreground` (n, 1, h, w) as log-odds, `box` (n, 4, h, w), `offset` (n, 2, h, w).
 
     Boxes are left, top, right, bottom and offsets dx, dy to the box's centre, in pixels from the cell's centre.
+    `circle` (n, 5, h, w) is of the whole fruit, hidden parts and all: dx, dy to its centre and its radius in pixels,
+    and the standard deviations of centre (along an axis) and radius, as shares of the radius.
     """
 
     heatmap: Tensor
     box: Tensor
     foreground: Tensor
     offset: Tensor
+    circle: Tensor
 
 
 def _convolved(channels: int) -> nn.Sequential:
@@ -44,7 +47,13 @@ def _separable(channels: int) -> nn.Sequential:
 
 
 class FruitNet(nn.Module):
-    """From photos (n, 3, h, w), RGB 0 to 255, h and w multiples of 32, to `Outputs`."""
+    """From photos (n, 3, h, w), RGB 0 to 255, h and w multiples of 32, to `Outputs`.
+
+    Where `norms_frozen` is set, norms keep their statistics in training: those read from a model file have none to
+    follow. It is part of the state, so that a checkpoint goes on as it was.
+    """
+
+    norms_frozen: Tensor
 
     def __init__(self, *, imagenet: bool = True) -> None:
         super().__init__()
@@ -55,8 +64,18 @@ class FruitNet(nn.Module):
         self.merges = nn.ModuleList(_separable(_CHANNELS) for _ in range(len(TAPS) - 1))
         self.instances = _convolved(_CHANNELS)
         self.pixels = _convolved(_CHANNELS)
-        self.heads = nn.ModuleList(nn.Conv2d(_CHANNELS, channels, 1) for channels in (1, 4, 1, 2))
+        self.heads = nn.ModuleList(nn.Conv2d(_CHANNELS, channels, 1) for channels in (1, 4, 1, 2, 5))
         nn.init.constant_(self.heads[0].bias, _RARE)
+        self.register_buffer("norms_frozen", torch.tensor(False))
+
+    def train(self, mode: bool = True) -> FruitNet:
+        """Go into training mode, norms only where they are not frozen."""
+        super().train(mode)
+        if mode and bool(self.norms_frozen):
+            for module in self.modules():
+                if isinstance(module, nn.BatchNorm2d):
+                    module.eval()
+        return self
 
     def forward(self, image: Tensor) -> Outputs:
         """Run the network."""
@@ -69,8 +88,18 @@ class FruitNet(nn.Module):
         instances, pixels = self.instances(x), self.pixels(x)
         box = torch.exp(self.heads[1](instances).clamp(-6.0, 4.0)) * _REACH_PX
         return Outputs(
-            self.heads[0](instances), box, self.heads[2](pixels), self.heads[3](pixels) * _REACH_PX
-        )  # fmt: skip
+            self.heads[0](instances),
+            box,
+            self.heads[2](pixels),
+            self.heads[3](pixels) * _REACH_PX,
+            _circle(self.heads[4](instances)),
+        )
+
+
+def _circle(raw: Tensor) -> Tensor:
+    centre, radius = raw[:, :2] * _REACH_PX, torch.exp(raw[:, 2:3].clamp(-6.0, 4.0)) * _REACH_PX
+    spread = torch.exp((raw[:, 3:] - 1.0).clamp(-5.0, 1.0))  # at first a third of the radius
+    return torch.cat([centre, radius, spread], 1)
 
 
 def seen_twice(network: FruitNet, image: Tensor) -> Outputs:
@@ -85,9 +114,11 @@ def seen_twice(network: FruitNet, image: Tensor) -> Outputs:
 def _mirrored(out: Outputs) -> Outputs:
     left, top, right, bottom = torch.flip(out.box, [3]).unbind(1)
     dx, dy = torch.flip(out.offset, [3]).unbind(1)
+    to_x, *others = torch.flip(out.circle, [3]).unbind(1)
     return Outputs(
         torch.flip(out.heatmap, [3]),
         torch.stack([right, top, left, bottom], 1),
         torch.flip(out.foreground, [3]),
         torch.stack([-dx, dy], 1),
+        torch.stack([-to_x, *others], 1),
     )

@@ -41,7 +41,8 @@ def paste_fruits(crop: Crop, donor: Crop, count: int, rng: np.random.Generator) 
         before.append(np.array([[x, y, x + width, y + height]], float))
         areas.append(np.array([mask.sum()]))
     boxes = np.concatenate([crop.boxes_px, *before[1:]])
-    behind = Crop(pixels, labels, boxes, crop.doubtful_px)
+    circles = np.concatenate([crop.known_circles_px, np.full((len(boxes) - len(crop.boxes_px), 3), np.nan)])
+    behind = replace(crop, pixels=pixels, labels=labels, boxes_px=boxes, circles_px=circles)
     return _hidden(behind, np.concatenate(before), np.concatenate(areas))
 
 

@@ -26,7 +26,9 @@ class Targets:
     `heat` (n, 1, h, w) bumps of height 1 at centres, `heat_weight` 0 where doubtful; `box` (n, 4, h, w) left, top,
     right, bottom in pixels with `box_weight` (n, 1, h, w) that sums to 1 over a fruit; `foreground` (n, 1, h, w) the
     share of fruit among a cell's sure pixels with `foreground_weight`; `offset` (n, 2, h, w) to the box's centre with
-    `offset_weight` (n, 1, h, w), which is one over the box's side on sure fruit.
+    `offset_weight` (n, 1, h, w), which is one over the box's side on sure fruit; `circle` (n, 3, h, w) dx, dy to the
+    whole fruit's centre and its radius, in pixels, with `circle_weight` (n, 1, h, w) that sums to 1 over a fruit whose
+    circle is known. `complete` (n, 1, 1, 1) is 1 where all fruits are labelled.
     """
 
     heat: Tensor
@@ -37,6 +39,9 @@ class Targets:
     foreground_weight: Tensor
     offset: Tensor
     offset_weight: Tensor
+    circle: Tensor
+    circle_weight: Tensor
+    complete: Tensor
 
 
 def targets_of(crops: list[Crop]) -> Targets:
@@ -52,7 +57,10 @@ def _maps(crop: Crop) -> dict[str, Float32Array]:
     heat, best = np.zeros((size, size), np.float32), np.zeros((size, size), np.float32)
     box = np.ones((4, size, size), np.float32)
     box_weight = np.zeros((size, size), np.float32)
-    for x0, y0, x1, y1 in crop.boxes_px[np.isfinite(crop.boxes_px).all(1)]:
+    circle, known = np.ones((3, size, size), np.float32), np.zeros((size, size), np.float32)
+    for (x0, y0, x1, y1), (x, y, radius) in zip(crop.boxes_px, crop.known_circles_px, strict=True):
+        if not np.isfinite([x0, y0, x1, y1]).all():
+            continue
         width, height = x1 - x0, y1 - y0
         cx, cy = (x0 + x1) / 2, (y0 + y1) / 2
         # The peak is the cell that holds the centre: a bump between cells would have no cell of height 1.
@@ -64,6 +72,9 @@ def _maps(crop: Crop) -> dict[str, Float32Array]:
         heat = np.maximum(heat, bump)
         rows, columns = np.nonzero(nearest)
         box[:, rows, columns] = [at[columns] - x0, at[rows] - y0, x1 - at[columns], y1 - at[rows]]
+        known[nearest] = float(np.isfinite(radius))
+        if np.isfinite(radius):
+            circle[:, rows, columns] = [x - at[columns], y - at[rows], np.full(len(rows), radius)]
         box_weight[nearest] = bump[nearest] / bump[nearest].sum() if nearest.any() else 0
     cells = crop.labels.reshape(size, STRIDE, size, STRIDE).transpose(0, 2, 1, 3).reshape(size, size, -1)
     fruit, sure = (cells > 0).mean(2), (cells != IGNORED).mean(2)
@@ -78,6 +89,9 @@ def _maps(crop: Crop) -> dict[str, Float32Array]:
         "foreground_weight": np.where(sure >= 0.5, sure, 0)[None].astype(np.float32),
         "offset": offset,
         "offset_weight": offset_weight[None],
+        "circle": circle,
+        "circle_weight": (box_weight * known)[None].astype(np.float32),
+        "complete": np.full((1, 1, 1), crop.complete, np.float32),
     }
 
 

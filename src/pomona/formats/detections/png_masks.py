@@ -6,6 +6,7 @@ Of images with a palette the numbers count, not the colours.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -24,6 +25,9 @@ _PHOTO_FOLDERS = ("images", "photos", ".")
 _PNG, _PALETTE = b"\x89PNG\r\n\x1a\n", b"\x03"
 _IMAGES = (_PNG, b"II*\x00", b"MM\x00*")  # PNG and TIFF, the ones that keep numbers as they are
 _MOST_COLOURS = 2000  # nobody gives so many fruits of one photo a colour each
+IGNORED_ID = 65_535
+"""Pixels of this number show fruits that are to be ignored."""
+
 _VOC_RIM = (224, 224, 192)
 _ENDINGS = ("", "_mask", "_masks", "_instances", "_label", "_ids")
 
@@ -92,7 +96,11 @@ def _read_one(photo: PhotoFile, mask: Path) -> LabelledPhoto:
         check_size((ids.shape[1], ids.shape[0]), photo)
     except InputError as error:
         raise FormatError(f"{mask}: {error}") from None
-    return LabelledPhoto.of(photo, [LabelledFruit.from_mask(found) for _, found in masks_of_ids(ids)])
+    fruits = [
+        replace(LabelledFruit.from_mask(found), id=number, ignored=number == IGNORED_ID)
+        for number, found in masks_of_ids(ids)
+    ]
+    return LabelledPhoto.of(photo, fruits)
 
 
 def read_ids(path: Path) -> IntArray:

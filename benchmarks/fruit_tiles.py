@@ -1,0 +1,129 @@
+"""Sort the real tiles into those to train on and those to measure on, by photo and tree.
+
+python benchmarks/fruit_tiles.py OUT [--unlabelled MODEL.onnx]
+
+Writes OUT/train/SET and OUT/val/SET, each a COCO file and a link to the set's images, as `pomona train OUT` and
+`benchmarks/train_fruit.py --tiles OUT` take them. Held out are the photos that `pomona train` holds out (15 %, by name);
+tiles of other photos of the same trees are left out of both.
+
+In the tiles only the near tree is labelled. With --unlabelled, what that segmenter finds with confidence in tiles to
+train on where there is no box is written as a crowd: to find it is neither right nor wrong.
+"""
+
+import argparse
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+from pycocotools import mask as coco_mask
+
+from pomona.capture import load_photos
+from pomona.detections import Detections
+from pomona.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.segment.overlap import overlapping_pairs
+from pomona.train.samples import group_of
+
+DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
+HELD_OUT = 0.15
+SCALE = 0.62  # at which the tiles' fruits are as wide as the network reads best
+SURE = 0.6  # a score from which a detection without a box is taken for a fruit that was not labelled
+MOST_COVERED = 0.25  # of a detection's box by a labelled one
+
+
+def labels_of(folder: Path) -> dict:
+    return json.loads((folder / "boxes.coco.json").read_text())
+
+
+def is_held_out(photo: str) -> bool:
+    return zlib.crc32(photo.encode()) % 1000 < 1000 * HELD_OUT
+
+
+def tree_of(photo: str) -> str:
+    """DSC_1046_17kv10r3k shows the tree 17kv10r3k; photos of cherries do not say which tree they show."""
+    return photo.split("_")[-1]
+
+
+def tile_sets(data: Path = DATA) -> dict[str, Path]:
+    """The folders of all sets of tiles by their names."""
+    folders = [file.parent for kind in ("apple", "fruit") for file in sorted(data.glob(f"{kind}-tiles/*/*.coco.json"))]
+    return {folder.name: folder for folder in folders}
+
+
+def sides(sets: dict[str, dict]) -> dict[str, dict[str, list[dict]]]:
+    """The images of each set to train on and to measure on."""
+    photos = {group_of(Path(i["file_name"]).stem) for coco in sets.values() for i in coco["images"]}
+    held_trees = {tree_of(photo) for photo in photos if is_held_out(photo)}
+    found: dict[str, dict[str, list[dict]]] = {name: {"train": [], "val": []} for name in sets}
+    for name, coco in sets.items():
+        for image in coco["images"]:
+            photo = group_of(Path(image["file_name"]).stem)
+            if is_held_out(photo):
+                found[name]["val"].append(image)
+            elif tree_of(photo) not in held_trees:
+                found[name]["train"].append(image)
+    return found
+
+
+def unlabelled(folder: Path, coco: dict, images: list[dict], model: Path) -> list[dict]:
+    """Annotations to ignore: what the segmenter is sure of where there is no box."""
+    photos = load_photos([folder / "images" / image["file_name"] for image in images], min_photos=1)
+    options = SegmentOptions(scale=SCALE, score_threshold=SURE)
+    found = segment_photos(photos, load_segmenter(model), options=options)
+    result = []
+    for image in images:
+        boxes = [a["bbox"] for a in coco["annotations"] if a["image_id"] == image["id"]]
+        labelled = np.array(boxes, float).reshape(-1, 4)
+        labelled[:, 2:] += labelled[:, :2]
+        result += [
+            {"image_id": image["id"], "category_id": 1, "iscrowd": 1, **shape}
+            for shape in beside(found[image["file_name"]], labelled)
+        ]
+    return result
+
+
+def beside(found: Detections, labelled: np.ndarray) -> list[dict]:
+    boxes = found.boxes_px
+    i, j = overlapping_pairs(boxes, labelled)
+    shared = (np.minimum(boxes[i, 2:], labelled[j, 2:]) - np.maximum(boxes[i, :2], labelled[j, :2])).prod(1)
+    covered = np.zeros(len(found))
+    np.maximum.at(covered, i, shared / np.maximum((boxes[i, 2:] - boxes[i, :2]).prod(1), 1e-9))
+    shapes = []
+    for k in np.flatnonzero(covered < MOST_COVERED):
+        x0, y0, x1, y1 = (float(v) for v in boxes[k])
+        full = np.zeros((found.height_px, found.width_px), np.uint8)
+        left, top, right, bottom = found.masks[k].box_px
+        full[top:bottom, left:right] = found.masks[k].pixels
+        packed = coco_mask.encode(np.asfortranarray(full))
+        shape = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": float(full.sum())}
+        shapes.append(shape | {"segmentation": {"size": packed["size"], "counts": packed["counts"].decode()}})
+    return shapes
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--unlabelled", type=Path, metavar="MODEL.onnx")
+    arguments = parser.parse_args()
+    folders = tile_sets()
+    sets = {name: labels_of(folder) for name, folder in folders.items()}
+    for name, parts in sides(sets).items():
+        for part, images in parts.items():
+            ids = {image["id"] for image in images}
+            annotations = [a for a in sets[name]["annotations"] if a["image_id"] in ids]
+            ignored = []
+            if arguments.unlabelled and part == "train":
+                ignored = unlabelled(folders[name], sets[name], images, arguments.unlabelled)
+            annotations = [{**a, "id": k} for k, a in enumerate([*annotations, *ignored], start=1)]
+            to = arguments.out / part / name
+            to.mkdir(parents=True, exist_ok=True)
+            coco = {"images": images, "annotations": annotations, "categories": sets[name]["categories"]}
+            (to / "boxes.coco.json").write_text(json.dumps(coco))
+            if not (to / "images").exists():
+                (to / "images").symlink_to(folders[name] / "images")
+            fruits = len(annotations) - len(ignored)
+            print(f"{part}/{name}: {len(images)} tiles, {fruits} boxes, {len(ignored)} to be ignored", flush=True)
+
+
+if __name__ == "__main__":
+    main()

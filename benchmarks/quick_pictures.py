@@ -1,0 +1,54 @@
+"""Draw rough pictures of fruits of every kind, with exact masks and whole-fruit circles, to train segmenters on.
+
+python benchmarks/quick_pictures.py OUT FIRST LAST [--tiles TILES] [--seed N] [--per-scene N]
+
+OUT/images, OUT/truth/masks and OUT/truth/circles of the scenes FIRST to LAST; a run that was stopped goes on, and
+the same numbers give the same pictures. TILES is what `benchmarks/fruit_tiles.py` wrote: parts of its photos to train
+on, blurred beyond recognition, are seen far behind the trees.
+"""
+
+import argparse
+from pathlib import Path
+
+from pomona.progress import Silent
+from pomona.synth.quick import PictureOptions, render_pictures
+
+SHARES = {"apple": 0.45, "pear": 0.1, "citrus": 0.14, "peach": 0.07, "plum": 0.05, "cherry": 0.06, "mango": 0.03,
+          "kiwi": 0.03, "tomato": 0.07}  # fmt: skip
+EVERY_NTH_TILE = 10  # is enough to look at
+
+
+class Lines(Silent):
+    def __init__(self) -> None:
+        super().__init__()
+        self.done = 0
+
+    def advance(self, units: int = 1) -> None:
+        self.done += units
+        print(self.done, flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("first", type=int)
+    parser.add_argument("last", type=int)
+    parser.add_argument("--tiles", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--per-scene", type=int, default=PictureOptions().per_scene)
+    arguments = parser.parse_args()
+    foliage: list[Path] = []
+    for labels in sorted(arguments.tiles.glob("train/*/*.json")) if arguments.tiles else []:
+        foliage += sorted((labels.parent / "images").iterdir())[::EVERY_NTH_TILE]
+    options = PictureOptions(
+        kinds=tuple(SHARES),
+        shares=tuple(SHARES.values()),
+        per_scene=arguments.per_scene,
+        foliage=tuple(foliage),
+        seed=arguments.seed,
+    )
+    render_pictures(arguments.out, range(arguments.first, arguments.last + 1), options, Lines())
+
+
+if __name__ == "__main__":
+    main()
