@@ -3,9 +3,9 @@
 python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--row FOLDER ...] [--only NAME ...] [--min-visible PX]
         [--scale S] [--without-shipped] [--json FILE]
 
-Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles that training
-holds out (whole photos, 15 %, `benchmarks/fruit_tiles.py`). Photos are segmented as `pomona segment` does it, at the scale
-that is found in them, but from a score of 0.05 up. Boxes decide (IoU at least 0.5 for AP50, more for F1), fruits under
+Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles that training holds out (whole
+photos, 15 %, `benchmarks/fruit_tiles.py`). Photos are segmented as `pomona segment` does it, at the scale that is found
+in them, but from a score of 0.05 up. Boxes decide (IoU at least 0.5 for AP50, more for F1), fruits under
 12 px are not scored; where the truth has masks, a second line has what masks decide.
 """
 

@@ -3,7 +3,7 @@
 python benchmarks/fruit_tiles.py OUT [--unlabelled MODEL.onnx]
 
 Writes OUT/train/SET and OUT/val/SET, each a COCO file and a link to the set's images, as `pomona train OUT` and
-`benchmarks/train_fruit.py --tiles OUT` take them. Held out are the photos that `pomona train` holds out (15 %, by name);
+`benchmarks/train_fruit.py --tiles OUT` take them. Held out are photos by their names, 15 %, as in `pomona train`;
 tiles of other photos of the same trees are left out of both.
 
 In the tiles only the near tree is labelled. With --unlabelled, what that segmenter finds with confidence in tiles to

@@ -3,6 +3,7 @@
 python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
 python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
 python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
+python benchmarks/render_rows.py held-out OUT                OUT/h00, h01: two photos a side, to measure on
 python benchmarks/render_rows.py bundle OUT/demo TO          the sample as the package ships it
 """
 
@@ -11,14 +12,14 @@ import sys
 from pathlib import Path
 
 from pomona.synth import RowOptions, render_row
-from pomona.synth.presets import DEMO, ROWS, training_options
+from pomona.synth.presets import DEMO, HELD_OUT, ROWS, training_options
 
 
 def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:
     if kind == "training":
         first, last = (int(n) for n in numbers)
         return {f"s{n:03d}": training_options(n) for n in range(first, last + 1)}
-    return {"demo": {"demo": DEMO}, "rows": ROWS}[kind]
+    return {"demo": {"demo": DEMO}, "rows": ROWS, "held-out": HELD_OUT}[kind]
 
 
 def bundle(row: Path, to: Path) -> None:

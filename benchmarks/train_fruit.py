@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--shaded", type=float, default=0.0, help="share of crops with shade")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
-    rows = sorted(arguments.rows.glob("s[0-9][0-9][0-9]")) if arguments.rows else []
+    rows = sorted(arguments.rows.glob("[sq][0-9][0-9][0-9]")) if arguments.rows else []
     augment = AugmentOptions(leafy=arguments.leafy, shaded=arguments.shaded)
     fit = replace(
         FitOptions(),

@@ -2,8 +2,9 @@
 
 A model file's contract: input `image`, float32 (1, 3, H, W), RGB 0 to 255, H and W multiples of 32, both free;
 outputs `heatmap` (1, 1, h, w), `box` (1, 4, h, w), `foreground` (1, 1, h, w) and `offset` (1, 2, h, w) with
-h = H / stride, as `decode.Maps` describes them; metadata `pomona.kind` = `center-offset`, `pomona.stride`,
-`pomona.fruit_px` (smallest, largest), `pomona.typical_fruit_px`, and where known `pomona.score_threshold`.
+h = H / stride, and perhaps `circle` (1, 5, h, w), as `decode.Maps` describes them; metadata `pomona.kind` =
+`center-offset`, `pomona.stride`, `pomona.fruit_px` (smallest, largest), `pomona.typical_fruit_px`, and where known
+`pomona.score_threshold`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections,
 
 KIND = "center-offset"
 _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
+_OPTIONAL = {"circle": 5}
 _MULTIPLE = 32
 _PADDING = 114.0
 
@@ -85,6 +87,8 @@ class CenterOffsetSegmenter(TileByTile):
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
+        there = {node.name for node in self._file.outputs}
+        self._channels = _CHANNELS | {name: count for name, count in _OPTIONAL.items() if name in there}
         super().__init__(f"onnx:{name_of_file(self._path)}", self._metadata.traits, score_floor)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
 
@@ -97,9 +101,9 @@ class CenterOffsetSegmenter(TileByTile):
         padded_size = tuple(_MULTIPLE * math.ceil(side / _MULTIPLE) for side in (height, width))
         image = np.full((1, 3, *padded_size), _PADDING, np.float32)
         image[0, :, :height, :width] = tile.transpose(2, 0, 1)
-        outputs = dict(zip(_CHANNELS, self._file.run(image, list(_CHANNELS)), strict=True))
+        outputs = dict(zip(self._channels, self._file.run(image, list(self._channels)), strict=True))
         cells = tuple(side // self._metadata.stride for side in padded_size)
-        for name, channels in _CHANNELS.items():
+        for name, channels in self._channels.items():
             if outputs[name].shape != (1, channels, *cells):
                 raise FormatError(
                     f"{self._path}: output '{name}': expected shape {(1, channels, *cells)} for an image of "
@@ -107,7 +111,8 @@ class CenterOffsetSegmenter(TileByTile):
                 )
         stride = self._metadata.stride
         heatmap, box, foreground, offset = (outputs[name][0] for name in _CHANNELS)
-        return Maps(_only(heatmap), box, _only(foreground), offset, stride)
+        circle = outputs["circle"][0] if "circle" in outputs else None
+        return Maps(_only(heatmap), box, _only(foreground), offset, stride, circle)
 
 
 def _only(channels: Float32Array) -> Float32Array:

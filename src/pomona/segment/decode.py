@@ -43,6 +43,8 @@ class Maps:
 
     `heatmap` (h, w) and `foreground` (h, w) are probabilities; `box` (4, h, w) left, top, right, bottom distances and
     `offset` (2, h, w) dx, dy to the centre, in pixels from the cell's centre, which is ((i + 0.5) * `stride`).
+    `circle` (5, h, w), where the network says it, is the whole fruit: dx, dy to its centre, its radius, and the
+    standard deviations of centre and radius, in pixels.
     """
 
     heatmap: Float32Array
@@ -50,9 +52,12 @@ class Maps:
     foreground: Float32Array
     offset: Float32Array
     stride: int
+    circle: Float32Array | None = None
 
     def __post_init__(self) -> None:
         h, w = self.heatmap.shape
+        if self.circle is not None:
+            set_checked(self, "circle", (5, h, w), np.float32)
         set_checked(self, "box", (4, h, w), np.float32)
         set_checked(self, "foreground", (h, w), np.float32)
         set_checked(self, "offset", (2, h, w), np.float32)
@@ -63,7 +68,7 @@ def decode(maps: Maps, width_px: int, height_px: int, options: DecodeOptions) ->
 
     Instances are ordered by falling score; those without a mask are dropped.
     """
-    boxes, scores = _peaks(maps, width_px, height_px, options)
+    boxes, scores, circles = _peaks(maps, width_px, height_px, options)
     if len(scores) == 0:
         return TileDetections.empty()
     foreground, target_x, target_y = _upsampled(maps, width_px, height_px, options.foreground_threshold)
@@ -71,11 +76,14 @@ def decode(maps: Maps, width_px: int, height_px: int, options: DecodeOptions) ->
     found = np.array([k for k, mask in enumerate(masks) if mask is not None], np.int64)
     limits = np.array([width_px, height_px, width_px, height_px], float)
     clipped = np.clip(boxes[found], 0, limits)
-    return TileDetections(clipped, scores[found], tuple(mask for mask in masks if mask is not None))
+    seen = tuple(mask for mask in masks if mask is not None)
+    return TileDetections(clipped, scores[found], seen, None if circles is None else circles[found])
 
 
-def _peaks(maps: Maps, width_px: int, height_px: int, options: DecodeOptions) -> tuple[FloatArray, FloatArray]:
-    """Boxes (n, 4) and scores (n,) of the heatmap's 3 × 3 maxima, best first, duplicates removed."""
+def _peaks(
+    maps: Maps, width_px: int, height_px: int, options: DecodeOptions
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Boxes (n, 4), scores (n,), circles (n, 5) of the heatmap's 3 × 3 maxima, best first, duplicates removed."""
     highest = cv2.dilate(maps.heatmap, np.ones((3, 3), np.uint8))
     rows, columns = np.nonzero((maps.heatmap >= highest) & (maps.heatmap >= options.score_threshold))
     x, y = (columns + 0.5) * maps.stride, (rows + 0.5) * maps.stride
@@ -86,7 +94,11 @@ def _peaks(maps: Maps, width_px: int, height_px: int, options: DecodeOptions) ->
     scores = np.clip(maps.heatmap[rows, columns].astype(float), 0, 1)
     kept = np.flatnonzero(non_maximum_suppression(boxes, scores, options.max_box_iou))
     kept = kept[np.argsort(-scores[kept], kind="stable")]
-    return boxes[kept], scores[kept]
+    if maps.circle is None:
+        return boxes[kept], scores[kept], None
+    circles = maps.circle[:, rows[kept], columns[kept]].T.astype(float)
+    circles[:, :2] += np.stack([x[kept], y[kept]], axis=1)
+    return boxes[kept], scores[kept], circles
 
 
 def _upsampled(

@@ -23,14 +23,20 @@ KEPT_SHARE = 0.2
 class TileDetections:
     """The n detections of one tile: `boxes_px` (n, 4) x0, y0, x1, y1 edges, `scores` (n,) in [0, 1], `masks`.
 
+    `circles_px` (n, 5), where the segmenter says them, are the whole fruits, hidden parts and all: x, y, radius, and
+    the standard deviations of the centre along an axis and of the radius.
+
     Everything is in the tile's own pixels; no mask is empty. Indexing with a boolean or integer array filters.
     """
 
     boxes_px: FloatArray
     scores: FloatArray
     masks: tuple[Mask, ...]
+    circles_px: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        if self.circles_px is not None:
+            set_checked(self, "circles_px", (len(self.masks), 5), np.float64)
         set_checked(self, "boxes_px", (len(self.masks), 4), np.float64)
         set_checked(self, "scores", (len(self.masks),), np.float64)
 
@@ -44,7 +50,8 @@ class TileDetections:
 
     def __getitem__(self, selection: BoolArray | IntArray | slice) -> TileDetections:
         idx = np.arange(len(self))[selection]
-        return TileDetections(self.boxes_px[idx], self.scores[idx], tuple(self.masks[i] for i in idx))
+        circles = None if self.circles_px is None else self.circles_px[idx]
+        return TileDetections(self.boxes_px[idx], self.scores[idx], tuple(self.masks[i] for i in idx), circles)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -123,10 +123,14 @@ def fruit(variety: Variety, diameter_m: float, rng: np.random.Generator) -> Mesh
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     height = 2 * variety.aspect * rng.normal(1, 0.02)
     vertices[:, 2] = (vertices[:, 2] - (low + high) / 2) * height / (high - low)
-    return Mesh(vertices * diameter_m / 2, grid_faces(rings, segments, wrap=True), fruit_skin(variety, n, stem, calyx, rng))
+    return Mesh(
+        vertices * diameter_m / 2, grid_faces(rings, segments, wrap=True), fruit_skin(variety, n, stem, calyx, rng)
+    )
 
 
-def fruit_skin(variety: Variety, n: FloatArray, stem: FloatArray, calyx: FloatArray, rng: np.random.Generator) -> FloatArray:
+def fruit_skin(
+    variety: Variety, n: FloatArray, stem: FloatArray, calyx: FloatArray, rng: np.random.Generator
+) -> FloatArray:
     """Return the skin's linear colours (n, 3): blush on the sunny side, stripes from stem to calyx, russet clefts."""
     sunny = unit(rng.normal(0, 1, 3) * [1, 1, 0.5] + [0, 0, 0.4])
     coverage = np.clip(rng.normal(variety.coverage, variety.coverage_sd), 0, 1)

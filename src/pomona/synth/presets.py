@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
@@ -78,3 +80,10 @@ ROWS: dict[str, RowOptions] = {
     ),
 }  # fmt: skip
 """Two-sided rows of three trees, 17 photos a side, to train the filter on and to measure with."""
+
+_SMALL = RowOptions(photos_per_side=2, step_m=1.0, width_px=560, height_px=840, markers=False, samples=8)
+HELD_OUT: dict[str, RowOptions] = {
+    "h00": replace(_SMALL, seed=9000, variety="yellow", light="low-sun", sun_azimuth_deg=10.0),
+    "h01": replace(_SMALL, seed=9001, variety="bicolour", light="sun", sun_azimuth_deg=200.0, fruits_per_tree=60),
+}
+"""Two-sided rows to measure segmenters on, never to train on; h00 is seen against a low sun from the east."""

@@ -109,7 +109,8 @@ def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> Til
     seen = seen_twice(network, image.to(device).contiguous(memory_format=torch.channels_last))
     out = [x[0].float().cpu() for x in seen]
     heatmap, box, foreground, offset = out[0].sigmoid()[0], out[1], out[2].sigmoid()[0], out[3]
-    maps = Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE)
+    circle = torch.cat([out[4][:3], out[4][3:] * out[4][2:3]])
+    maps = Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE, circle.numpy())
     return decode(maps, width, height, options)
 
 

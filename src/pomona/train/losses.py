@@ -10,7 +10,7 @@ from pomona.train.network import Outputs
 from pomona.train.targets import Targets
 
 LOSSES = ("heatmap", "box", "foreground", "offset", "circle")
-_WEIGHTS = (1.0, 2.0, 1.5, 2.0, 0.3)
+_WEIGHTS = (1.0, 2.0, 1.5, 2.0, 0.1)
 
 # In photos of which fruits may be unlabelled, what the network is so sure of counts for less where there is no label.
 _SURE, _SHARE_OF_SURE = 0.6, 0.35
@@ -18,10 +18,12 @@ _SURE, _SHARE_OF_SURE = 0.6, 0.35
 
 def total_loss(outputs: Outputs, targets: Targets) -> tuple[Tensor, dict[str, float]]:
     """Return the weighted sum and each loss by its name in `LOSSES`."""
+    heat_weight = _trusted(targets.heat_weight, outputs.heatmap, targets.heat, targets)
+    foreground_weight = _trusted(targets.foreground_weight, outputs.foreground, targets.foreground, targets)
     each = (
-        heatmap_loss(outputs.heatmap, targets.heat, targets.heat_weight * _trust(outputs.heatmap, targets.heat, targets)),
+        heatmap_loss(outputs.heatmap, targets.heat, heat_weight),
         box_loss(outputs.box, targets.box, targets.box_weight),
-        foreground_loss(outputs.foreground, targets.foreground, targets.foreground_weight * _trust(outputs.foreground, targets.foreground, targets)),
+        foreground_loss(outputs.foreground, targets.foreground, foreground_weight),
         offset_loss(outputs.offset, targets.offset, targets.offset_weight),
         circle_loss(outputs.circle, targets.circle, targets.circle_weight),
     )
@@ -29,10 +31,10 @@ def total_loss(outputs: Outputs, targets: Targets) -> tuple[Tensor, dict[str, fl
     return total, {name: float(loss.detach()) for name, loss in zip(LOSSES, each, strict=True)}
 
 
-def _trust(logits: Tensor, target: Tensor, targets: Targets) -> Tensor:
-    """How far labels that say that there is no fruit are to be believed: less where photos may lack labels."""
+def _trusted(weight: Tensor, logits: Tensor, target: Tensor, targets: Targets) -> Tensor:
+    """Weights by which labels are to be believed: less where there is none, but photos may lack labels."""
     doubted = (targets.complete < 0.5) & (target <= 0.01) & (torch.sigmoid(logits.detach()) > _SURE)
-    return torch.where(doubted, _SHARE_OF_SURE, 1.0)
+    return weight * torch.where(doubted, _SHARE_OF_SURE, 1.0)
 
 
 def heatmap_loss(logits: Tensor, heat: Tensor, weight: Tensor) -> Tensor:

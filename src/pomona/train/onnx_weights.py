@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,8 @@ def _initialisers(graph: Any) -> Mapping[str, Array]:
         if node.op_type == "Identity" and node.input[0] in weights:
             weights[node.output[0]] = weights[node.input[0]]
         elif node.op_type == "Constant":
-            weights |= {node.output[0]: np.array(numpy_helper.to_array(a.t)) for a in node.attribute if a.name == "value"}
+            values = [numpy_helper.to_array(a.t) for a in node.attribute if a.name == "value"]
+            weights |= dict.fromkeys(node.output, np.array(values[0])) if values else {}
     return weights
 
 
@@ -95,7 +97,7 @@ def _normalised(network: FruitNet) -> list[tuple[nn.Conv2d, nn.BatchNorm2d]]:
     network.train(was_training)
     for hook in hooks:
         hook.remove()
-    return [(a, b) for a, b in zip(used, used[1:], strict=False) if isinstance(a, nn.Conv2d) and _is_norm(b)]
+    return [(a, b) for a, b in pairwise(used) if isinstance(a, nn.Conv2d) and _is_norm(b)]
 
 
 def _is_norm(module: nn.Module) -> bool:

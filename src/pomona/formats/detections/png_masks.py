@@ -25,7 +25,7 @@ _PHOTO_FOLDERS = ("images", "photos", ".")
 _PNG, _PALETTE = b"\x89PNG\r\n\x1a\n", b"\x03"
 _IMAGES = (_PNG, b"II*\x00", b"MM\x00*")  # PNG and TIFF, the ones that keep numbers as they are
 _MOST_COLOURS = 2000  # nobody gives so many fruits of one photo a colour each
-IGNORED_ID = 65_535
+IGNORED_ID = 65_534  # 65535 beside 0 alone is taken for black and white
 """Pixels of this number show fruits that are to be ignored."""
 
 _VOC_RIM = (224, 224, 192)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
+from pomona.arrays import Array, ByteArray, FloatArray
 
 _GREY = 0.13  # linear, of the mean of a picture exposed as a camera does
 
 
 def develop(light: FloatArray, exposure: float, rng: np.random.Generator) -> ByteArray:
     """Return the photo uint8 (h, w, 3) RGB of linear light (h, w, 3), `exposure` stops from a camera's own."""
-    image = np.asarray(light, np.float32)
+    image: Array = np.asarray(light, np.float32)
     metered = float(np.exp(np.mean(np.log(image.mean(2) + 1e-3)))) * 0.5 + float(image.mean()) * 0.5
     image = image * np.float32(_GREY / max(metered, 1e-4) * 2.0**exposure)
     image = image * np.exp(rng.normal(0, 0.05, 3)).astype(np.float32)
@@ -32,7 +32,7 @@ def develop(light: FloatArray, exposure: float, rng: np.random.Generator) -> Byt
     return result
 
 
-def _blurred(image: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _blurred(image: Array, rng: np.random.Generator) -> Array:
     """A lens's softness; at times a hand that moved, or a little out of focus."""
     chance = rng.random()
     if chance < 0.08:
@@ -41,7 +41,7 @@ def _blurred(image: FloatArray, rng: np.random.Generator) -> FloatArray:
         turn = rng.uniform(0, np.pi)
         middle = (size - 1) / 2
         reach = np.array([np.cos(turn), np.sin(turn)]) * middle
-        start, end = (tuple(int(round(v)) for v in middle + s * reach) for s in (-1, 1))
+        start, end = (tuple(round(float(v)) for v in middle + s * reach) for s in (-1, 1))
         cv2.line(kernel, start, end, 1.0)
         return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()))
     sigma = rng.uniform(0.9, 1.8) if chance < 0.2 else rng.uniform(0.2, 0.7)

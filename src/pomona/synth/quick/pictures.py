@@ -19,7 +19,7 @@ from pomona.progress import Progress, Silent
 from pomona.synth.meshes import unit
 from pomona.synth.quick.develop import develop
 from pomona.synth.quick.lights import BACKDROP_PX, backdrop, draw_lighting
-from pomona.synth.quick.looks import KINDS, FruitLook
+from pomona.synth.quick.looks import KINDS
 from pomona.synth.quick.scene import FALLEN, Scene, build_scene
 from pomona.synth.truth import Ids, RowFolder, write_mask
 
@@ -58,7 +58,7 @@ def render_pictures(
 ) -> None:
     """Draw the scenes of these numbers into `out`; those that are there already are left as they are.
 
-    `out/images/KIND-SCENE-K.jpg` are the photos, `out/truth/masks/*.png` the ids of what is seen (0: none; 65535: a
+    `out/images/KIND-SCENE-K.jpg` are the photos, `out/truth/masks/*.png` the ids of what is seen (0: none; 65534: a
     fruit to be ignored), `out/truth/circles/*.json` for each id the whole fruit's centre and radius in pixels and the
     pixels of it that are seen. The same number gives the same scene. Raises `MissingExtraError` without OpenGL.
     """
@@ -94,7 +94,9 @@ def _one_picture(
 ) -> None:
     view, focal_px = _view(scene, options, rng)
     lighting = draw_lighting(rng)
-    light, ids = painter.draw(view, lighting, backdrop(lighting, _foliage(options.foliage, rng), rng).astype(np.float32))
+    light, ids = painter.draw(
+        view, lighting, backdrop(lighting, _foliage(options.foliage, rng), rng).astype(np.float32)
+    )
     size = options.size_px
     light = cv2.resize(light, (size, size), interpolation=cv2.INTER_AREA)
     ids = cv2.resize(ids, (size, size), interpolation=cv2.INTER_NEAREST).round().astype(np.int64)
@@ -128,7 +130,8 @@ def _view(scene: Scene, options: PictureOptions, rng: np.random.Generator) -> tu
     near, far = 0.05, 40.0
     f = 2 * focal_px / size
     projection = np.array([[f, 0, 0, 0], [0, f, 0, 0],
-                           [0, 0, (near + far) / (near - far), 2 * near * far / (near - far)], [0, 0, -1, 0]])  # fmt: skip
+                           [0, 0, (near + far) / (near - far), 2 * near * far / (near - far)],
+                           [0, 0, -1, 0]])  # fmt: skip
     return View(projection @ camera, eye, size, size), focal_px
 
 

@@ -1,0 +1,91 @@
+"""Rough pictures: scenes, light, exposure; and, where OpenGL can be used, masks and circles that agree."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.errors import InputError, MissingExtraError
+from pomona.formats.detections.png_masks import IGNORED_ID
+from pomona.synth.quick import KINDS, PictureOptions, render_pictures
+from pomona.synth.quick.develop import develop
+from pomona.synth.quick.lights import NAMES, backdrop, draw_lighting
+from pomona.synth.quick.scene import FALLEN, FRUIT, build_scene
+from pomona.synth.quick.shapes import fruit_mesh
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fruits_are_as_wide_as_asked(kind: str) -> None:
+    for look in KINDS[kind]:
+        mesh = fruit_mesh(look, 0.06, np.random.default_rng(1))
+        width = np.ptp(mesh.vertices, axis=0)[:2].max()
+        assert 0.058 < width < 0.0625
+        assert 0.6 < np.ptp(mesh.vertices[:, 2]) / width < 2
+        assert mesh.colours.min() >= 0
+        assert mesh.colours.max() <= 1
+
+
+def test_a_scene_knows_whose_every_vertex_is() -> None:
+    scene = build_scene(KINDS["pear"][0], np.random.default_rng(5))
+    assert scene.triangles.max() < len(scene.vertices)
+    assert np.isfinite(scene.vertices).all()
+    material, fruit = scene.vertices[:, 9], scene.vertices[:, 10]
+    hanging = fruit[(fruit > 0) & (fruit < FALLEN)]
+    assert set(np.unique(hanging).astype(int)) == set(scene.fruits.ids.tolist())
+    assert set(np.unique(material[fruit > 0])) == {FRUIT}
+    for k in (0, len(scene.fruits.ids) - 1):
+        mine = scene.vertices[fruit == scene.fruits.ids[k], :3]
+        assert np.linalg.norm(mine.mean(0) - scene.fruits.centres_in_world[k]) < 0.3 * scene.fruits.diameters_m[k]
+
+
+def test_light_from_every_side_and_a_sky_that_is_brighter_than_the_wood() -> None:
+    drawn = [draw_lighting(np.random.default_rng(k)) for k in range(80)]
+    assert {light.name for light in drawn} == set(NAMES)
+    for light in drawn:
+        assert np.linalg.norm(light.sun_towards) == pytest.approx(1)
+        behind = backdrop(light, None, np.random.default_rng(0))
+        assert (behind >= 0).all()
+        assert behind[-10:].mean() > behind[:10].mean()  # the lowest row comes first
+
+
+def test_exposure_makes_photos_brighter() -> None:
+    light = np.random.default_rng(0).uniform(0, 2, (64, 64, 3))
+    dark, usual, bright = (develop(light, stops, np.random.default_rng(1)).mean() for stops in (-3, 0, 2))
+    assert 5 < dark < 0.6 * usual
+    assert usual + 20 < bright < 255
+
+
+def test_unknown_kinds_are_refused() -> None:
+    with pytest.raises(InputError, match=r"kinds: expected some of apple, .* found durian"):
+        PictureOptions(kinds=("durian",))
+
+
+def test_masks_lie_in_the_whole_fruits_circles_and_a_run_goes_on(tmp_path: Path) -> None:
+    options = PictureOptions(kinds=("apple",), per_scene=2, size_px=256, fruit_px=(16, 20))
+    try:
+        render_pictures(tmp_path, [3], options)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    files = sorted((tmp_path / "truth" / "circles").iterdir())
+    assert [file.stem for file in files] == ["apple-0-00003-0", "apple-0-00003-1"]
+    seen = 0
+    for file in files:
+        ids = cv2.imread(str(tmp_path / "truth" / "masks" / f"{file.stem}.png"), cv2.IMREAD_UNCHANGED)
+        circles = json.loads(file.read_text())["circles"]
+        assert {i for i, *_ in circles} == set(np.unique(ids[ids > 0])) - {IGNORED_ID}
+        for i, x, y, radius, pixels in circles:
+            rows, columns = np.nonzero(ids == i)
+            assert len(rows) == pixels
+            assert np.hypot(columns + 0.5 - x, rows + 0.5 - y).max() < 1.15 * radius + 1.5
+            assert pixels < 1.1 * np.pi * radius**2 + 10
+        seen += len(circles)
+    assert seen > 8
+    photo = tmp_path / "images" / "apple-0-00003-1.jpg"
+    before = photo.read_bytes()
+    files[1].unlink()
+    render_pictures(tmp_path, [3], options)
+    again = cv2.imread(str(photo)).astype(float)
+    photo.write_bytes(before)
+    assert np.abs(again - cv2.imread(str(photo))).mean() < 0.5

