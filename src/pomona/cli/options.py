@@ -42,7 +42,7 @@ GivenDetections = Annotated[
     typer.Option("--detections", metavar="PATH", help="Your own masks: COCO, VIA, YOLO, CVAT, PNG, .mat, …"),
 ]
 Classes = Annotated[str | None, typer.Option(metavar="NAME,NAME", help="The classes of --detections that are fruit.")]
-Method = Annotated[str, typer.Option(metavar="paper", help="How masks become fruits.")]
+Method = Annotated[str, typer.Option(metavar="object|paper", help="How masks become fruits.")]
 Variant = Annotated[
     str | None,
     typer.Option(

@@ -14,7 +14,7 @@ from pomona.pipeline import go_on
 
 _DIAMETER = Annotated[float | None, typer.Option(metavar="METRES", help="An average fruit.")]
 _DICTIONARY = Annotated[str | None, typer.Option(metavar="NAME", help="The ArUco dictionary of the markers.")]
-_METHOD = Annotated[str | None, typer.Option(metavar="paper", help="How masks become fruits.")]
+_METHOD = Annotated[str | None, typer.Option(metavar="object|paper", help="How masks become fruits.")]
 
 
 def reconstruct(

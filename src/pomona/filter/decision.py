@@ -11,20 +11,20 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import features, resized
-from pomona.filter.svm import LinearSvm
+from pomona.filter.svm import LinearSvm, shipped
 from pomona.filter.view_features import place_probability, view_features
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
 
-def apply(fused: Fused, svm: LinearSvm, *, options: FilterOptions | None = None) -> Fused:
+def apply(fused: Fused, svm: LinearSvm | None = None, *, options: FilterOptions | None = None) -> Fused:
     """Return the fruits of the paper's method whose probability is high enough, with that as their score.
 
-    Fruits without points in the cloud cannot be judged: they stay as they are. Features are taken at the size of the
-    fruits that the machine was trained on, so that it also serves smaller and larger fruit, and scales that are only
-    approximate.
+    `svm` None: the machine that Pomona ships for this method. Fruits without points in the cloud cannot be judged: they
+    stay as they are. Features are taken at the size of the fruits that the machine was trained on, so that it also
+    serves smaller and larger fruit, and scales that are only approximate.
     """
-    options = options or FilterOptions()
+    svm, options = svm or LinearSvm.load(shipped("paper")), options or FilterOptions()
     found = features(fused.cloud, svm.names)
     probability = svm.probability(resized(found.values, _size_factor(fused, svm), svm.names))
     judged = dict(zip(found.ids.tolist(), probability.tolist(), strict=True))
@@ -35,16 +35,17 @@ def apply_to_views(
     fused: Fused,
     detections: SurveyDetections,
     cameras: Cameras,
-    svm: LinearSvm,
+    svm: LinearSvm | None = None,
     *,
     options: FilterOptions | None = None,
 ) -> Fused:
     """Return the fruits that the photos speak for (`view_features`), with a probability as their score.
 
     That is, that there is a fruit within half a diameter of that place: that it is fruit, times that the place is
-    right.
+    right. `detections` and `cameras` are those that `fused` was made of; `svm` None: the machine that Pomona ships for
+    fruits of `fuse.object`. Those kept keep their ids.
     """
-    options = options or FilterOptions()
+    svm, options = svm or LinearSvm.load(shipped("object")), options or FilterOptions()
     return _kept(fused, view_probability(view_features(fused, detections, cameras, options), svm), options)
 
 

@@ -51,11 +51,16 @@ def measure(
 ) -> Fruits:
     """Return the fruits with centre, diameter and its standard deviation, visibility and, with `photos`, sides.
 
+    `fused` are the fruits with the detections that saw them (`pomona.fuse`), `detections` those of all photos, in which
+    the observations' ids are looked up, and `cameras` those in metres. The n fruits keep their ids and order; centres
+    (n, 3) and diameters (n,) are metres in the cameras' frame.
+
     A sphere is fitted to the fruit's points and to the outlines of its masks together, since of most fruits only one
     side is seen, and leaves hide part of that. `visibility` is the share of the fruit's disc that the photo which
     shows most of it shows. A fruit that no sphere fits keeps its centre, and has NaN and a reason.
     """
-    options, progress = options or MeasureOptions(), progress or Silent()
+    options = (options or MeasureOptions()).tied(with_points=len(fused.cloud) > 0)
+    progress = progress or Silent()
     if len(fused.fruits) == 0:
         return fused.fruits
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_photo, only=fused.observations)

@@ -65,7 +65,8 @@ def fit_sphere(
     the sphere count less than rays that pass outside. The centre is tied to its start as by `options.center_tie` rays,
     which keeps what is not seen from running away.
     """
-    prior, options = prior or Prior(), options or MeasureOptions()
+    prior, options = prior or Prior(), (options or MeasureOptions()).tied(with_points=len(seen.points) > 0)
+    assert options.center_tie is not None
     start, first_radius = center, radius
     m = len(seen.points)
     weights = np.ones(m + len(seen.rays))

@@ -111,8 +111,6 @@ class RunOptions:
         # Weak detections are kept in the file with their scores; they do not count as fruit.
         segment, scale = self.segment or SegmentOptions(kept_share=KEPT_SHARE), self.scale or ScaleOptions()
         association, dense = self.object or ObjectOptions(), self.dense or DenseOptions()
-        # Fruits that were found by their outlines stay near where they were found.
-        measure = self.measure or (MeasureOptions(center_tie=1.0) if self.method == "object" else MeasureOptions())
         return StageOptions(
             run=self,
             segment=replace(segment, score_threshold=self.score_threshold),
@@ -129,7 +127,7 @@ class RunOptions:
             paper=self._paper(),
             dense=replace(dense, engine=self.engine, fruit_diameter_m=self.fruit_diameter_m),  # type: ignore[arg-type]
             filter=self.filter or FilterOptions(),
-            measure=measure,
+            measure=(self.measure or MeasureOptions()).tied(with_points=self.method == "paper"),
         )
 
     def _paper(self) -> PaperOptions:
