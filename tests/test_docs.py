@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import importlib
 import re
 from collections.abc import Iterator
@@ -117,7 +118,8 @@ def resolve(named: str) -> object:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_imports_in_pages_resolve(page: Path) -> None:
     for block in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
-        for node in ast.walk(ast.parse(block)):
+        code = "".join(example.source for example in doctest.DocTestParser().get_examples(block)) or block
+        for node in ast.walk(ast.parse(code)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pomona"):
                 for alias in node.names:
                     resolve(f"{node.module}.{alias.name}")

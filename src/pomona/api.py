@@ -30,6 +30,9 @@ class Survey(SurveySource):
 
     `fruits`, `observations`, `detections`, `cameras`, `photos` and `cloud` are frozen dataclasses of arrays, with units
     in their names, metres and z up; `frame` says what the coordinates mean. Make it with `pomona.run` or `pomona.open`.
+
+    Whatever is asked for and not there raises `MissingFileError`, which names the command that writes it; damaged files
+    raise `FormatError`. Photos that are not found are no error: `progress` is warned.
     """
 
     def __repr__(self) -> str:
@@ -112,9 +115,12 @@ def run(
     `photos`: a folder, two folders (the sides of the row), or a video. `options` are those of `RunOptions`: `markers`,
     `cameras`, `detections`, `method`, `fruit_diameter_m`, …, and options of single stages such as
     `object=ObjectOptions(min_views=3)`. A run that was stopped goes on where it was; a changed option redoes just what
-    depends on it; `overwrite` begins anew.
+    depends on it; `overwrite` begins anew. `progress` is informed of steps and warned (None: nobody is); `on_stage` is
+    called with the name of each stage that is computed, first of all with "photos".
 
-    Raises errors of `pomona.errors`, which say what was expected, what was found and what to do.
+    Raises `InputError` for options and photos that cannot be used, `MissingFileError` and `FormatError` for files
+    named, `MissingExtraError` for a detector whose packages are not installed, `ReconstructionError` where no photo can
+    be placed, and `SurveyError` where `out` holds something else or the disk is full.
     """
     from pomona.pipeline import run as run_pipeline
 

@@ -50,12 +50,12 @@ class SurveyReader:
 
     @property
     def progress(self) -> Progress:
-        """Who is warned of what is not found."""
+        """What is warned of photos that are not found."""
         return self._progress
 
     @cached_property
     def fruits(self) -> Fruits:
-        """The fruits of `fruits.csv`."""
+        """The fruits of `fruits.csv`, as corrected."""
         from pomona.formats.tables import read_fruits
 
         self.files.need(self.files.fruits)
@@ -63,7 +63,7 @@ class SurveyReader:
 
     @cached_property
     def observations(self) -> Observations:
-        """Which photos saw which fruit, of `observations.csv`."""
+        """Which detection in which photo saw which fruit, of `observations.csv`."""
         from pomona.formats.tables import read_observations
 
         self.files.need(self.files.observations)
@@ -147,7 +147,7 @@ class SurveyReader:
 
     @property
     def sides(self) -> Mapping[str, str]:
-        """The side of the row of each photo, by name."""
+        """The side of the row of each photo, by name; photos of one side are of "row"."""
         return {entry["name"]: entry.get("side", "") for entry in self.files.get("photos", ())}
 
     @property
@@ -190,7 +190,8 @@ class SurveyReader:
 
     @property
     def least_score(self) -> float:
-        """The score from which a detection could become a fruit when all photos are seen; 0 if the survey is silent."""
+        """The score from which a detection may become a fruit when all photos are seen together; 0 where the survey
+        does not say."""
         return self._score("least_score")
 
     def _score(self, name: str) -> float:
