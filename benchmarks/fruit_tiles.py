@@ -16,7 +16,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from pomona.segment.overlap import overlapping_pairs
+from pomona.segment.box_overlap import overlapping_pairs
 from pycocotools import mask as coco_mask
 
 from pomona.capture import load_photos
