@@ -213,10 +213,10 @@ def test_an_output_folder_that_holds_something_else(fakes: Fakes, tmp_path: Path
     [
         ({"method": "magic"}, "`method`: expected one of object, paper, found 'magic'"),
         ({"engine": "magic"}, "`engine`: expected one of auto, opencv, patchmatch, found 'magic'"),
-        ({"fruit_diameter_m": -1.0}, "--fruit-diameter: expected metres"),
-        ({"fruit_diameter_m": float("nan")}, "--fruit-diameter: expected metres"),
-        ({"score_threshold": 1.5}, "score_threshold: expected 0 to 1, found 1.5"),
-        ({"scale_bar": (1, 1, 0.85)}, "--scale-bar ID,ID,METRES: expected two different"),
+        ({"fruit_diameter_m": -1.0}, "`fruit_diameter_m`: expected metres"),
+        ({"fruit_diameter_m": float("nan")}, "`fruit_diameter_m`: expected metres"),
+        ({"score_threshold": 1.5}, "`score_threshold`: expected 0 to 1, found 1.5"),
+        ({"scale_bar": (1, 1, 0.85)}, "`scale_bar`: expected two different"),
     ],
 )
 def test_unknown_option_values(options: dict[str, object], message: str) -> None:

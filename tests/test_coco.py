@@ -209,7 +209,7 @@ def test_several_categories_need_a_choice(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="found apple, leaf"):
         read_detections(path, photos_named("a.jpg"))
     assert read_detections(path, photos_named("a.jpg"), classes=["apple"])["a.jpg"].ids.tolist() == [7]
-    with pytest.raises(InputError, match=r"classes: expected some of those in .* \(apple, leaf\), found 'pear'"):
+    with pytest.raises(InputError, match=r"`classes`: expected some of those in .* \(apple, leaf\), found 'pear'"):
         read_detections(path, photos_named("a.jpg"), classes=["pear"])
 
 

@@ -217,7 +217,7 @@ def test_folders_without_the_dataset_are_refused(tmp_path: Path) -> None:
         run(tmp_path / "nowhere", tmp_path / "out")
     with pytest.raises(InputError, match="found none of them"):
         run(tmp_path, tmp_path / "out")
-    with pytest.raises(InputError, match="trees: expected at least 1"):
+    with pytest.raises(InputError, match="`trees`: expected at least 1"):
         BenchmarkOptions(trees=0)
 
 

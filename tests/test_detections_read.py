@@ -168,11 +168,11 @@ def test_boxes_become_ellipses_and_it_is_said(tmp_path: Path) -> None:
 
 def test_the_classes_that_are_fruit_are_chosen(tmp_path: Path) -> None:
     path = changed(tmp_path, "CVAT", 'ellipse label="apple"', 'ellipse label="leaf"')
-    with pytest.raises(FormatError, match=r"expected detections of one class, found apple, leaf: .*--classes"):
+    with pytest.raises(FormatError, match=r"expected detections of one class, found apple, leaf: .*`classes`"):
         read_detections(path, scene_photos())
     assert read_detections(path, scene_photos(), classes=["Apple"]).total == len(FRUITS) - 1
     assert read_detections(path, scene_photos(), classes=["leaf", "apple"]).total == len(FRUITS)
-    with pytest.raises(InputError, match=r"classes: expected some of those in .* \(apple, leaf\), found 'pear'"):
+    with pytest.raises(InputError, match=r"`classes`: expected some of those in .* \(apple, leaf\), found 'pear'"):
         read_detections(path, scene_photos(), classes=["pear"])
 
 

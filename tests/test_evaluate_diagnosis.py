@@ -506,7 +506,7 @@ def test_command_finds_photos_elsewhere(scene: Scene, survey: Path, tmp_path: Pa
     arguments = (survey, "--truth", tmp_path / "truth", "--pictures", tmp_path / "page")
     result = pomona(*arguments)
     assert result.exit_code == 1
-    assert "say where they are with --photos FOLDER" in result.stderr
+    assert "say where they are with --photos" in result.stderr
     (moved / "west_002.jpg").unlink()
     result = pomona(*arguments, "--photos", moved)
     assert result.exit_code == 0, result.stderr

@@ -152,7 +152,7 @@ def test_nothing_seen_is_a_result() -> None:
 def test_cameras_without_metres_are_refused() -> None:
     cameras = cameras_in_a_row(metric=False)
     detections = detections_of(cameras, np.zeros((1, 3)), diameters(1))
-    with pytest.raises(InputError, match="--markers, --scale-bar or --fruit-diameter"):
+    with pytest.raises(InputError, match="`markers`, `scale_bar` or `fruit_diameter_m`"):
         fuse(detections, cameras)
 
 

@@ -87,7 +87,7 @@ def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert rms_m(placed.cameras, EAST, WEST) < 0.004
     (warning,) = progress.warnings
     assert warning.startswith(f"2 of 6 markers named in {options.markers} were not seen in any photo: 4, 5.")
-    assert "--marker-dictionary" in warning
+    assert "`marker_dictionary`" in warning
     assert placed.report.notes == tuple(progress.warnings)
 
 
@@ -268,7 +268,7 @@ def test_wrong_tables_name_line_and_column(tmp_path: Path, text: str, said: str)
 
 
 def test_a_table_that_is_none_is_named(tmp_path: Path) -> None:
-    with pytest.raises(MissingFileError, match=r"--markers .*no such file"):
+    with pytest.raises(MissingFileError, match=r"`markers` .*no such file"):
         read_markers(tmp_path / "nowhere.csv")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(FormatError, match="expected a text file"):

@@ -76,7 +76,7 @@ def test_a_scale_bar_of_which_one_end_is_never_seen_is_told(monkeypatch: pytest.
     placed = place_in_world(one, photos_of(EAST), options=ScaleOptions(scale_bar=(0, 9, 1.0)), progress=progress)
     assert placed.cameras.frame.scale_source == "none"
     assert placed.cameras.frame.approximate
-    assert "1 of 2 markers named in --scale-bar were not seen in any photo: 9." in progress.warnings[0]
+    assert "1 of 2 markers named in `scale_bar` were not seen in any photo: 9." in progress.warnings[0]
     assert "marker 9 of the scale bar: not seen in any photo" in progress.warnings[1]
 
 
@@ -250,7 +250,7 @@ def test_fruit_diameter_gives_approximate_metres_and_says_so(diameter_m: float, 
     )  # fmt: skip
     (warning,) = progress.warnings
     assert "metres are approximate" in warning
-    assert f"taken to be {1000 * diameter_m:.0f} mm in diameter (--fruit-diameter)" in warning
+    assert f"taken to be {1000 * diameter_m:.0f} mm in diameter (`fruit_diameter_m`)" in warning
     assert placed.report.pieces[0].source == "fruit-diameter"
 
 
@@ -312,13 +312,13 @@ def test_no_piece_is_an_error_with_advice() -> None:
 
 @pytest.mark.parametrize("diameter", [0.0, -1.0, 75.0, float("nan")])
 def test_senseless_fruit_diameters_are_refused(diameter: float) -> None:
-    with pytest.raises(InputError, match=r"--fruit-diameter: expected metres between 0\.001 and 2"):
+    with pytest.raises(InputError, match=r"`fruit_diameter_m`: expected metres between 0\.001 and 2"):
         ScaleOptions(fruit_diameter_m=diameter)
 
 
 @pytest.mark.parametrize("bar", [(1, 1, 0.5), (1, 2, 0.0), (1, 2, -1.0), (1, 2, float("inf"))])
 def test_senseless_scale_bars_are_refused(bar: tuple[int, int, float]) -> None:
-    with pytest.raises(InputError, match="--scale-bar ID,ID,METRES: expected two different marker ids"):
+    with pytest.raises(InputError, match="`scale_bar`: expected two different marker ids"):
         ScaleOptions(scale_bar=bar)
 
 

@@ -100,10 +100,10 @@ def test_scale_can_be_given(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"score_threshold": 1.5}, "score_threshold: expected 0 to 1, found 1.5"),
-        ({"tile_px": 10}, "tile_px: expected at least 64"),
-        ({"scale": 0.0}, "scale: expected over 0"),
-        ({"scale": 5.0}, "scale: expected over 0"),
+        ({"score_threshold": 1.5}, "`score_threshold`: expected 0 to 1, found 1.5"),
+        ({"tile_px": 10}, "`tile_px`: expected at least 64"),
+        ({"scale": 0.0}, "`scale`: expected over 0"),
+        ({"scale": 5.0}, "`scale`: expected over 0"),
         ({"sample_photos": 0}, "sample_photos"),
     ],
 )

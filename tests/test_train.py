@@ -125,7 +125,7 @@ def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample],
     fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
 
     def refusal(learner: CenterLearner | MaskRcnnLearner, changed: FitOptions, training: list[Sample]) -> str:
-        with pytest.raises(InputError, match="name another --out or delete this folder") as caught:
+        with pytest.raises(InputError, match="name another `out` or delete this folder") as caught:
             fit(learner, training, samples[4:], tmp_path, options=changed)
         return str(caught.value)
 
@@ -199,9 +199,9 @@ def test_coco_masks_become_labels_and_the_stage_says_what_it_lacks(samples: list
     np.testing.assert_allclose(boxes_of(sample.label_image(), len(boxes)), boxes, atol=1)
     with pytest.raises(InputError, match="to measure on"):
         train([folder], tmp_path / "m.onnx")
-    with pytest.raises(InputError, match=r"m\.bin: expected a file name ending in \.onnx for --arch center-lite0"):
+    with pytest.raises(InputError, match=r"m\.bin: expected a file name ending in \.onnx for `arch` center-lite0"):
         train([folder], tmp_path / "m.bin")
-    with pytest.raises(InputError, match=r"m\.onnx: expected a file name ending in \.pt for --arch maskrcnn-r18"):
+    with pytest.raises(InputError, match=r"m\.onnx: expected a file name ending in \.pt for `arch` maskrcnn-r18"):
         train([folder], tmp_path / "m.onnx", options=TrainOptions(arch="maskrcnn-r18"))
     with pytest.raises(MissingFileError, match="labelled photos"):
         train([tmp_path / "none"], tmp_path / "m.onnx")
@@ -209,7 +209,7 @@ def test_coco_masks_become_labels_and_the_stage_says_what_it_lacks(samples: list
 
 def test_options_that_make_no_sense_are_refused() -> None:
     for changed, said in (
-        ({"steps": 0}, "steps: expected at least 1"),
+        ({"steps": 0}, "`steps`: expected at least 1"),
         ({"optimiser": "adam"}, "adamw or sgd, found 'adam'"),
         ({"patience": 0}, "patience"),
         ({"threads": 0}, "threads"),
@@ -219,7 +219,7 @@ def test_options_that_make_no_sense_are_refused() -> None:
             FitOptions(**changed)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="multiple of 32, found 100"):
         AugmentOptions(crop_px=100)
-    with pytest.raises(InputError, match="copy_paste: expected a share"):
+    with pytest.raises(InputError, match="`copy_paste`: expected a share"):
         AugmentOptions(copy_paste=1.5)
     with pytest.raises(InputError, match=r"expected center-lite0, maskrcnn-r101.*found 'yolo'"):
         options_for("yolo")

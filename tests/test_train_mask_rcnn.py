@@ -202,7 +202,7 @@ def test_published_weights_are_asked_for_by_name(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", offline)
     for arch, weights in (("maskrcnn-r18", None), ("maskrcnn-mobilenet", None), ("maskrcnn-mobilenet", "imagenet")):
-        with pytest.raises(InputError, match=r"could not be downloaded .*no route.*--weights FILE or put it in"):
+        with pytest.raises(InputError, match=r"could not be downloaded .*no route.*give it as `weights`, or put it in"):
             learner(arch, weights).build(start=True, progress=Silent())
     assert [name.split("-")[0] for name in asked] == [
         "resnet18",

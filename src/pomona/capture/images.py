@@ -78,7 +78,7 @@ def read_pixels(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:
     Raises `MissingFileError` when the file is gone and `InputError` when it cannot be decoded; both name it.
     """
     if max_side_px is not None and max_side_px < 1:
-        raise InputError(f"max_side_px: expected at least 1, found {max_side_px}")
+        raise InputError(f"`max_side_px`: expected at least 1, found {max_side_px}")
     scale = min(1.0, (max_side_px or np.inf) / max(photo.width_px, photo.height_px))
     size = max(1, round(photo.width_px * scale)), max(1, round(photo.height_px * scale))
     stored_size = size[::-1] if photo.orientation >= 5 else size

@@ -158,7 +158,7 @@ def _with_sides(photos: list[Photo], option: str, progress: Progress) -> list[Ph
         if not are_known_pair((one, other)):
             progress.warn(
                 f"Photo names begin with '{one}' or '{other}': taken as the two sides of the row. "
-                "If they are not, use --sides none"
+                "If they are not, use `sides` none"
             )
     return [replace(photo, side=side) for photo, side in zip(photos, chosen, strict=True)]
 

@@ -52,13 +52,13 @@ def are_known_pair(sides: Sequence[str]) -> bool:
 
 
 def check_option(option: str) -> None:
-    """Raise `InputError` where the value of `--sides` is none of those that exist."""
+    """Raise `InputError` where `sides` has none of the values that exist."""
     if option in ("auto", "none"):
         return
     globs = _globs(option)
     if len(globs) != 2 or not all(globs) or not any(c in option for c in "*?["):
         raise InputError(
-            f"--sides: expected auto, none, or two patterns such as 'east_*,west_*' (in quotes), found {option!r}"
+            f"`sides`: expected auto, none, or two patterns such as 'east_*,west_*' (in quotes), found {option!r}"
         )
 
 
@@ -85,12 +85,12 @@ def sides_by_globs(names: Sequence[str], option: str) -> tuple[str, ...]:
     if unclear:
         examples = "; ".join(f"{name} matches {how}" for name, how in unclear[:5])
         raise InputError(
-            f"--sides {option}: every photo must match exactly one pattern, and {len(unclear)} of {len(names)} do not: "
+            f"`sides` {option}: every photo must match exactly one pattern, and {len(unclear)} of {len(names)} do not: "
             f"{examples}"
         )
     missing = [glob for glob, label in zip(globs, labels, strict=True) if label not in sides]
     if missing:
-        raise InputError(f"--sides {option}: no photo matches {missing[0]}; photos are named like {names[0]}")
+        raise InputError(f"`sides` {option}: no photo matches {missing[0]}; photos are named like {names[0]}")
     return tuple(sides)
 
 

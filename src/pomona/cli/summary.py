@@ -7,6 +7,7 @@ import json
 import typer
 
 from pomona.cli.progress import LABELS
+from pomona.cli.wording import all_with_options, with_options
 from pomona.pipeline import Summary
 
 _MOST_LISTED = 5
@@ -15,7 +16,10 @@ _LEAST_S = 0.05  # what takes less would be listed as 0.0 s
 
 def show(summary: Summary, *, as_json: bool = False) -> None:
     """Print the summary."""
-    typer.echo(json.dumps(summary.to_json(), indent=1, ensure_ascii=False) if as_json else text_of(summary))
+    if as_json:
+        typer.echo(json.dumps(all_with_options(summary.to_json()), indent=1, ensure_ascii=False))
+    else:
+        typer.echo(with_options(text_of(summary)))
 
 
 def text_of(summary: Summary) -> str:

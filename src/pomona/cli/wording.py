@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
-# Parameters whose option is not called as they are.
-_OPTIONS = {
+# Parameters whose option has another name.
+OTHER_NAMES = {
     "fruit_diameter_m": "--fruit-diameter",
     "use_gnss": "--gnss",
     "filter_false_positives": "--filter",
+    "crop_px": "--crop",
+    "distance_m": "--distance",
+    "min_size_px": "--min-size",
+    "min_visible_px": "--min-visible",
 }
-_SAME = (
-    "sides", "method", "variant", "model", "score_threshold", "detections", "classes", "cameras", "markers",
-    "scale_bar", "marker_dictionary", "engine", "filter_model", "overwrite", "out", "photos", "truth", "to", "arch",
-    "weights", "match", "port",
+# Parameters whose option has the same name, with hyphens.
+SAME_NAMES = frozenset(
+    (
+        "sides", "method", "variant", "model", "score_threshold", "detections", "classes", "cameras", "markers",
+        "scale_bar", "marker_dictionary", "engine", "filter_model", "overwrite", "out", "photos", "truth", "match",
+        "worst", "to", "port", "arch", "weights", "preset", "steps", "epochs", "batch", "learning_rate", "copy_paste",
+        "check_every", "patience", "held_out", "split_by", "workers", "seed", "trees", "fruits_per_tree", "variety",
+        "light", "photos_per_side",
+    )
 )  # fmt: skip
 
 
@@ -22,7 +32,16 @@ def with_options(message: str) -> str:
     return re.sub(r"`(\w+)`", lambda found: _option(found[1]) or found[0], message)
 
 
+def all_with_options(value: Any) -> Any:
+    """Return a value made for JSON, each text in its lists and objects (not their keys) as `with_options` gives it."""
+    if isinstance(value, str):
+        return with_options(value)
+    if isinstance(value, list):
+        return [all_with_options(entry) for entry in value]
+    return {key: all_with_options(entry) for key, entry in value.items()} if isinstance(value, dict) else value
+
+
 def _option(parameter: str) -> str | None:
-    if parameter in _SAME:
+    if parameter in SAME_NAMES:
         return "--" + parameter.replace("_", "-")
-    return _OPTIONS.get(parameter)
+    return OTHER_NAMES.get(parameter)

@@ -25,7 +25,7 @@ class BenchmarkOptions:
 
     def __post_init__(self) -> None:
         if self.trees < 1:
-            raise InputError(f"trees: expected at least 1, found {self.trees}")
+            raise InputError(f"`trees`: expected at least 1, found {self.trees}")
 
 
 @dataclass(frozen=True)

@@ -46,16 +46,16 @@ class DenseOptions:
 
     def __post_init__(self) -> None:
         if self.engine not in get_args(Engine):
-            raise InputError(f"engine: expected one of {', '.join(get_args(Engine))}, found {self.engine!r}")
+            raise InputError(f"`engine`: expected one of {', '.join(get_args(Engine))}, found {self.engine!r}")
         for name in (
             "fruit_diameter_m", "work_fruit_px", "agreement_diameters", "voxel_diameters", "coarse_window",
             "fine_window", "fine_reach_diameters",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
-                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")
         if self.neighbours < 1 or not 0 <= self.min_agreeing <= self.neighbours:
             raise InputError(
-                f"neighbours: expected at least 1, and min_agreeing from 0 to neighbours; "
+                f"`neighbours`: expected at least 1, and `min_agreeing` from 0 to `neighbours`; "
                 f"found {self.neighbours} and {self.min_agreeing}"
             )
         if not 0 < self.min_angle_deg < self.ideal_angle_deg < self.max_angle_deg < 180:
@@ -64,7 +64,7 @@ class DenseOptions:
                 f"{self.min_angle_deg}, {self.ideal_angle_deg} and {self.max_angle_deg}"
             )
         if not 0 <= self.min_overlap <= 1:
-            raise InputError(f"min_overlap: expected 0 to 1, found {self.min_overlap}")
+            raise InputError(f"`min_overlap`: expected 0 to 1, found {self.min_overlap}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +80,6 @@ class SphereCloudOptions:
 
     def __post_init__(self) -> None:
         if not self.work_fruit_px > 0:
-            raise InputError(f"work_fruit_px: expected a positive number, found {self.work_fruit_px}")
+            raise InputError(f"`work_fruit_px`: expected a positive number, found {self.work_fruit_px}")
         if self.views < 1:
-            raise InputError(f"views: expected at least 1, found {self.views}")
+            raise InputError(f"`views`: expected at least 1, found {self.views}")

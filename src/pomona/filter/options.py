@@ -24,11 +24,11 @@ class FilterOptions:
 
     def __post_init__(self) -> None:
         if not 0 <= self.threshold <= 1:
-            raise InputError(f"threshold: expected 0 to 1, found {self.threshold}")
+            raise InputError(f"`threshold`: expected 0 to 1, found {self.threshold}")
         if self.rays_per_mask < 4:
-            raise InputError(f"rays_per_mask: expected at least 4, found {self.rays_per_mask}")
+            raise InputError(f"`rays_per_mask`: expected at least 4, found {self.rays_per_mask}")
         if not 0 < self.near_deg < 180:
-            raise InputError(f"near_deg: expected degrees above 0 and below 180, found {self.near_deg}")
+            raise InputError(f"`near_deg`: expected degrees above 0 and below 180, found {self.near_deg}")
         for name in ("farther", "least_place_sd"):
             if not getattr(self, name) > 0:
-                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")

@@ -26,7 +26,7 @@ def write_rerun(path: Path, cameras: Cameras, fruits: Fruits, cloud: FruitCloud)
         import rerun
     except ImportError:
         raise MissingExtraError(
-            "--to rerun needs the package rerun-sdk: install it with `pip install 'pomona[rerun]'`"
+            "`to` rerun needs the package rerun-sdk: install it with `pip install 'pomona[rerun]'`"
         ) from None
     recording = rerun.RecordingStream("pomona")
     recording.save(path)

@@ -45,16 +45,16 @@ class MeasureOptions:
 
     def __post_init__(self) -> None:
         if self.rays_per_photo < 4 or self.points_per_fruit < 4:
-            raise InputError("rays_per_photo and points_per_fruit: expected at least 4")
+            raise InputError("`rays_per_photo` and `points_per_fruit`: expected at least 4")
         if not 0 <= self.smallest < 1 < self.largest:
             raise InputError(f"smallest < 1 < largest: expected, found {self.smallest} and {self.largest}")
         for name in ("point_scale", "inside_scale", "outside_scale"):
             if not getattr(self, name) > 0:
-                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")
         for name in ("relative_sd", "prior_rays", "center_tie", "points_as_rays"):
             value = getattr(self, name)
             if value is not None and not value >= 0:
-                raise InputError(f"{name}: expected 0 or more, found {value}")
+                raise InputError(f"`{name}`: expected 0 or more, found {value}")
 
     def tied(self, *, with_points: bool) -> MeasureOptions:
         """Return these options with the `center_tie` of fruits with points of a cloud, or without, where it is None."""

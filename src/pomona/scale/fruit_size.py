@@ -57,8 +57,8 @@ def scale_by_fruit_size(placement: Placement, detections: SurveyDetections | Non
         if placement.is_main(idx):
             placement.warn(
                 f"{placement.name(idx)}: metres are approximate. They come from {found.count} fruits taken to be "
-                f"{1000 * options.fruit_diameter_m:.0f} mm in diameter (--fruit-diameter); use markers or a scale bar "
-                "for exact ones"
+                f"{1000 * options.fruit_diameter_m:.0f} mm in diameter (`fruit_diameter_m`); use markers or a scale "
+                "bar for exact ones"
             )
 
 

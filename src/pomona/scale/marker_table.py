@@ -43,7 +43,7 @@ def read_markers(path: Path) -> Markers:
     missing, a value is no number, or an id stands there twice.
     """
     if not path.is_file():
-        raise MissingFileError(f"--markers {path}: no such file; expected a table with the columns id,x,y,z in metres")
+        raise MissingFileError(f"`markers` {path}: no such file; expected a table with the columns id,x,y,z in metres")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:

@@ -49,10 +49,10 @@ def find_sightings(
     placement.unseen_markers = tuple(sorted(wanted - {s.marker_id for s in sightings}))
     if placement.unseen_markers:
         named = ", ".join(map(str, placement.unseen_markers))
-        where = "--scale-bar" if markers is None else str(options.markers)
+        where = "`scale_bar`" if markers is None else str(options.markers)
         placement.warn(
             f"{len(placement.unseen_markers)} of {len(wanted)} markers named in {where} were not seen in any photo: "
-            f"{named}. Check that they are {options.marker_dictionary} plates (--marker-dictionary), sharp, "
+            f"{named}. Check that they are {options.marker_dictionary} plates (`marker_dictionary`), sharp, "
             "unobstructed, with a white margin"
         )
     return sightings

@@ -42,14 +42,14 @@ class ScaleOptions:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.fruit_diameter_m) and 0.001 < self.fruit_diameter_m < 2.0):
             raise InputError(
-                f"--fruit-diameter: expected metres between 0.001 and 2, such as {DEFAULT_DIAMETER_M}, "
+                f"`fruit_diameter_m`: expected metres between 0.001 and 2, such as {DEFAULT_DIAMETER_M}, "
                 f"found {self.fruit_diameter_m}"
             )
         if self.scale_bar is not None:
             one, other, length_m = self.scale_bar
             if one == other or not (np.isfinite(length_m) and length_m > 0):
                 raise InputError(
-                    "--scale-bar ID,ID,METRES: expected two different marker ids and a positive distance, "
+                    "`scale_bar`: expected two different marker ids and a positive distance in metres, "
                     f"found {one},{other},{length_m}"
                 )
         least = {

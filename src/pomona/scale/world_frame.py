@@ -186,7 +186,7 @@ def _warn_of_loose(placement: Placement, loose: list[int]) -> None:
         placement.warn(
             f"Sides {' and '.join(sides)} have no common frame: they were set beside each other, and fruits seen from "
             "both sides are counted twice. Too few fruits are seen from both sides to bring them together. Set up "
-            "markers of known places (--markers) on each side, or count the sides apart"
+            "markers of known places (`markers`) on each side, or count each side by itself"
         )
     pieces = [i for i in loose if not placement.is_main(i)]
     if pieces:

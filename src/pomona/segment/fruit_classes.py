@@ -40,7 +40,7 @@ def fruit_columns(path: Path, count: int, names: Mapping[int, str], wanted: Sequ
             f"it is not known which of its {count} classes are fruit" if not names else "none of its classes is a fruit"
         )
         raise FormatError(
-            f"{path}: {said} (classes: {_listed(count, names)}). Say which: --model '{path}:CLASS,CLASS', by name or "
+            f"{path}: {said} (classes: {_listed(count, names)}). Say which: `model` '{path}:CLASS,CLASS', by name or "
             "number"
         )
     return fruits

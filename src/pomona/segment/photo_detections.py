@@ -37,15 +37,15 @@ class SegmentOptions:
 
     def __post_init__(self) -> None:
         if self.score_threshold is not None and not 0 <= self.score_threshold <= 1:
-            raise InputError(f"score_threshold: expected 0 to 1, found {self.score_threshold}")
+            raise InputError(f"`score_threshold`: expected 0 to 1, found {self.score_threshold}")
         if not 0 <= self.kept_share <= 1:
-            raise InputError(f"kept_share: expected 0 to 1, found {self.kept_share}")
+            raise InputError(f"`kept_share`: expected 0 to 1, found {self.kept_share}")
         if self.tile_px is not None and self.tile_px < 64:
-            raise InputError(f"tile_px: expected at least 64, found {self.tile_px}")
+            raise InputError(f"`tile_px`: expected at least 64, found {self.tile_px}")
         if self.scale is not None and not 0 < self.scale <= MAX_ENLARGEMENT:
-            raise InputError(f"scale: expected over 0, up to {MAX_ENLARGEMENT:g}, found {self.scale}")
+            raise InputError(f"`scale`: expected over 0, up to {MAX_ENLARGEMENT:g}, found {self.scale}")
         if self.sample_photos < 1:
-            raise InputError(f"sample_photos: expected at least 1, found {self.sample_photos}")
+            raise InputError(f"`sample_photos`: expected at least 1, found {self.sample_photos}")
 
 
 def segment_photos(

@@ -72,11 +72,11 @@ class SegmenterTraits:
 
     def __post_init__(self) -> None:
         if not 0 <= self.score_threshold <= 1:
-            raise InputError(f"score_threshold: expected 0 to 1, found {self.score_threshold}")
+            raise InputError(f"`score_threshold`: expected 0 to 1, found {self.score_threshold}")
         if self.typical_fruit_px is not None and not self.typical_fruit_px > 0:
-            raise InputError(f"typical_fruit_px: expected a positive width, found {self.typical_fruit_px}")
+            raise InputError(f"`typical_fruit_px`: expected a positive width, found {self.typical_fruit_px}")
         if self.fruit_px is not None and not 0 < self.fruit_px[0] < self.fruit_px[1]:
-            raise InputError(f"fruit_px: expected a smallest and a larger width, found {self.fruit_px}")
+            raise InputError(f"`fruit_px`: expected a smallest and a larger width, found {self.fruit_px}")
 
 
 @runtime_checkable

@@ -77,7 +77,7 @@ def reconstruct(
 
 def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistered]:
     reason = f"side {side or 'of the row'} has {len(photos)} photos, fewer than {options.min_piece_photos}"
-    advice = "Take more photos of this side, or check how the photos were divided into sides (--sides)."
+    advice = "Take more photos of this side, or check how the photos were divided into sides (`sides`)."
     return [Unregistered(photo.name, side, reason, advice) for photo in photos]
 
 

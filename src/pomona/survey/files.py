@@ -44,7 +44,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
             ) from error
         inside = isinstance(error, OSError) and str(error.filename or "").startswith(str(folder))
         if number in _FORBIDDEN and inside:
-            raise SurveyError(f"{folder} cannot be written to ({error}): choose another folder with --out") from error
+            raise SurveyError(f"{folder} cannot be written to ({error}): choose another folder") from error
         raise
 
 

@@ -50,13 +50,13 @@ class SurveyFolder:
         """
         folder = Path(folder).expanduser().resolve()
         if folder.exists() and not folder.is_dir():
-            raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for --out")
+            raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for `out`")
         present = [p.name for p in folder.iterdir() if p.name not in _IGNORED] if folder.exists() else []
         if present and _MANIFEST not in present:
             few = ", ".join(sorted(present)[:4]) + (" and more" if len(present) > 4 else "")
             raise SurveyError(
                 f"{folder} holds something else than a survey ({few}): nothing was written. "
-                "Choose a new or empty folder with --out"
+                "Choose a new or empty folder for `out`"
             )
         survey = cls.open(folder) if present else cls(folder, _new_manifest())
         with disk_errors(folder):
@@ -183,7 +183,7 @@ class SurveyFolder:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise SurveyError(
-                    f"Another run is working on {self.folder}: wait for it, or choose another --out"
+                    f"Another run is working on {self.folder}: wait for it, or choose another `out`"
                 ) from None
             except OSError:  # a file system without locks
                 pass

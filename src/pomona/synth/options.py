@@ -101,17 +101,17 @@ class RowOptions:
         counts = ("trees", "photos_per_side", "width_px", "height_px", "samples", "threads", "focal_35mm")
         for name in counts:
             if getattr(self, name) < 1:
-                raise InputError(f"{name} is {getattr(self, name)}; expected at least 1")
+                raise InputError(f"`{name}` is {getattr(self, name)}; expected at least 1")
         lengths = ("spacing_m", "fruit_diameter_m", "step_m", "distance_m", "camera_height_m", "marker_size_m")
         for name in lengths:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(f"{name} is {getattr(self, name)}; expected a length above 0 m")
+                raise InputError(f"`{name}` is {getattr(self, name)}; expected a length above 0 m")
         if self.seed < 0 or self.fruits_per_tree < 0 or self.leaves_per_tree < 0:
-            raise InputError("seed, fruits_per_tree and leaves_per_tree must not be negative")
+            raise InputError("`seed`, `fruits_per_tree` and `leaves_per_tree` must not be negative")
         if self.trees * self.fruits_per_tree > 65535:
             raise InputError("A row can hold 65535 fruits at most, since masks are 16-bit; ask for fewer")
         if not 1 <= self.jpeg_quality <= 100:
-            raise InputError(f"jpeg_quality is {self.jpeg_quality}; expected 1 to 100")
+            raise InputError(f"`jpeg_quality` is {self.jpeg_quality}; expected 1 to 100")
 
     def _check_names(self) -> None:
         if self.variety not in VARIETIES:
@@ -119,7 +119,7 @@ class RowOptions:
         if self.light not in LIGHTS:
             raise InputError(f"Light {self.light!r} is not known; expected one of {', '.join(LIGHTS)}")
         if not self.sides or not set(self.sides) <= {"east", "west"} or len(set(self.sides)) < len(self.sides):
-            raise InputError(f"sides is {self.sides}; expected east, west or both")
+            raise InputError(f"`sides` is {self.sides}; expected east, west or both")
 
     @property
     def focal_px(self) -> float:

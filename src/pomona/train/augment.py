@@ -43,10 +43,10 @@ class AugmentOptions:
 
     def __post_init__(self) -> None:
         if self.crop_px < 32 or self.crop_px % 32:
-            raise InputError(f"crop_px: expected a multiple of 32, found {self.crop_px}")
+            raise InputError(f"`crop_px`: expected a multiple of 32, found {self.crop_px}")
         for name in ("mosaics", "at_a_fruit", "copy_paste", "leafy", "shaded"):
             if not 0 <= getattr(self, name) <= 1:
-                raise InputError(f"{name}: expected a share of 0 to 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a share of 0 to 1, found {getattr(self, name)}")
 
 
 def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentOptions) -> Crop:

@@ -51,7 +51,7 @@ class CenterLearner:
     def __init__(self, *, weights: str = "imagenet") -> None:
         if weights == "coco":
             raise InputError(
-                f"--weights coco: {CENTER_LITE0} has no such weights; expected imagenet, none, a best.pt or an .onnx"
+                f"`weights` coco: {CENTER_LITE0} has no such weights; expected imagenet, none, a best.pt or an .onnx"
             )
         self.weights = weights
 

@@ -48,7 +48,7 @@ def gather(
     """
     progress = progress or Silent()
     if split_by not in SPLITS:
-        raise InputError(f"split_by: expected {' or '.join(SPLITS)}, found '{split_by}'")
+        raise InputError(f"`split_by`: expected {' or '.join(SPLITS)}, found '{split_by}'")
     sets = [one for root in data for one in _read(root, progress)]
     _check_once(sets)
     if classes is not None:
@@ -116,7 +116,7 @@ def _of_classes(sets: Sequence[_ReadSet], classes: Sequence[str]) -> list[_ReadS
     known = {name.casefold(): name for one in sets for name in classes_of(one.photos)}
     if unknown := [name for name in classes if name.casefold() not in known]:
         there = ", ".join(sorted(known.values())) or "none, as the labels name no classes"
-        raise InputError(f"classes: expected some of those in the labels ({there}), found '{', '.join(unknown)}'")
+        raise InputError(f"`classes`: expected some of those in the labels ({there}), found '{', '.join(unknown)}'")
     wanted = {name.casefold() for name in classes}
     result = []
     for one in sets:
@@ -164,6 +164,6 @@ def _sides(
         count = sum(1 for s in of["validation"] if s.group in both)
         progress.warn(
             f"{root}: {count} of {len(of['validation'])} samples to measure on are of photos of which other parts are "
-            "trained on, as its folders say: scores will be too good; split by photo (--split-by photos) to avoid it"
+            "trained on, as its folders say: scores will be too good; split by photo (`split_by` photos) to avoid it"
         )
     return of["training"], of["validation"], [s for s in samples if not s.part]

@@ -155,7 +155,7 @@ def checked_source(arch: str, weights: str | None) -> str:
         return "coco" if arch in _COCO else "imagenet"
     if weights == "coco" and arch not in _COCO:
         raise InputError(
-            f"--weights coco: torchvision publishes COCO weights for {' and '.join(_COCO)}, not for {arch}. Expected "
+            f"`weights` coco: torchvision publishes COCO weights for {' and '.join(_COCO)}, not for {arch}. Expected "
             f"imagenet, none, or a file: a checkpoint of torchvision's {arch} trained on COCO"
         )
     return weights
@@ -196,8 +196,8 @@ def _downloaded(name: str) -> Mapping[str, Any]:
     except (OSError, RuntimeError, HTTPException) as error:
         raise InputError(
             f"{weights.url} could not be downloaded ({error}). Download it on another computer and give it as "
-            f"--weights FILE or put it in {Path(torch.hub.get_dir()) / 'checkpoints'}; or train from nothing with "
-            "--weights none, which needs many more photos and steps"
+            f"`weights`, or put it in {Path(torch.hub.get_dir()) / 'checkpoints'}; or train from nothing with "
+            "`weights` none, which needs many more photos and steps"
         ) from None
     return state
 
@@ -228,7 +228,7 @@ def _fitting(network: nn.Module, state: Mapping[str, Any], arch: str, source: st
     """The tensors of `state` that the network has in the same shape; all of the backbone's body must be among them."""
     found = architecture_of(Path(source), state)
     if found != arch:
-        raise FormatError(f"{source}: expected weights of {arch}, found those of {found}: give --arch {found}")
+        raise FormatError(f"{source}: expected weights of {arch}, found those of {found}: give `arch` {found}")
     own = network.state_dict()
     state = _with_our_classes(state)
     taken = {key: state[key] for key in own if key in state and state[key].shape == own[key].shape}

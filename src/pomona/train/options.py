@@ -45,17 +45,17 @@ class FitOptions:
     def __post_init__(self) -> None:
         for name, known in (("optimiser", OPTIMISERS), ("schedule", SCHEDULES)):
             if getattr(self, name) not in known:
-                raise InputError(f"{name}: expected {' or '.join(known)}, found '{getattr(self, name)}'")
+                raise InputError(f"`{name}`: expected {' or '.join(known)}, found '{getattr(self, name)}'")
         for name in ("steps", "batch", "check_every", "checked_photos"):
             if getattr(self, name) < 1:
-                raise InputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected at least 1, found {getattr(self, name)}")
         for name in ("patience", "threads"):
             if (value := getattr(self, name)) is not None and value < 1:
-                raise InputError(f"{name}: expected at least 1, found {value}")
+                raise InputError(f"`{name}`: expected at least 1, found {value}")
         if not self.learning_rate > 0:
-            raise InputError(f"learning_rate: expected a number above 0, found {self.learning_rate}")
+            raise InputError(f"`learning_rate`: expected a number above 0, found {self.learning_rate}")
         if self.workers < 0 or self.seed < 0:
-            raise InputError(f"workers and seed: expected 0 or more, found {self.workers} and {self.seed}")
+            raise InputError(f"`workers` and `seed`: expected 0 or more, found {self.workers} and {self.seed}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,11 +78,11 @@ class TrainOptions:
 
     def __post_init__(self) -> None:
         if self.arch not in ARCHITECTURES:
-            raise InputError(f"--arch: expected {', '.join(ARCHITECTURES)}, found '{self.arch}'")
+            raise InputError(f"`arch`: expected {', '.join(ARCHITECTURES)}, found '{self.arch}'")
         if not 0 < self.held_out < 1:
-            raise InputError(f"held_out: expected a share above 0 and below 1, found {self.held_out}")
+            raise InputError(f"`held_out`: expected a share above 0 and below 1, found {self.held_out}")
         if self.epochs is not None and self.epochs < 1:
-            raise InputError(f"epochs: expected at least 1, found {self.epochs}")
+            raise InputError(f"`epochs`: expected at least 1, found {self.epochs}")
 
 
 PRESETS = ("paper",)
@@ -127,8 +127,8 @@ def options_for(arch: str | None = None, preset: str | None = None) -> TrainOpti
         options = TrainOptions(arch=arch or CENTER_LITE0)
         return options if options.arch == CENTER_LITE0 else replace(options, fit=MASK_RCNN)
     if preset not in PRESETS:
-        raise InputError(f"--preset: expected {' or '.join(PRESETS)}, found '{preset}'")
+        raise InputError(f"`preset`: expected {' or '.join(PRESETS)}, found '{preset}'")
     options = TrainOptions(arch=arch or _PAPERS_ARCH, fit=PAPER, epochs=PAPERS_EPOCHS)
     if options.arch == CENTER_LITE0:
-        raise InputError(f"--preset {preset} is of Mask R-CNN: expected an --arch maskrcnn-…, found {arch}")
+        raise InputError(f"`preset` {preset} is of Mask R-CNN: expected `arch` maskrcnn-…, found {arch}")
     return options

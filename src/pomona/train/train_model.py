@@ -36,7 +36,7 @@ def train(
     options, progress = options or TrainOptions(), progress or Silent()
     learner = _learner(options)
     if out.suffix != learner.suffix:
-        raise InputError(f"{out}: expected a file name ending in {learner.suffix} for --arch {options.arch}")
+        raise InputError(f"{out}: expected a file name ending in {learner.suffix} for `arch` {options.arch}")
     work = out.with_suffix(".training")
     work.mkdir(parents=True, exist_ok=True)
     training, validation = gather(

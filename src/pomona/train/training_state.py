@@ -133,7 +133,7 @@ def _read(path: Path, settings: Mapping[str, Any]) -> Mapping[str, Any]:
         differences = "; ".join(f"{name} {begun.get(name)}, now {settings[name]}" for name in names)
         raise InputError(
             f"{path.parent}: this training was begun with {differences}. Give the same to go on; "
-            "to begin anew, name another --out or delete this folder"
+            "to begin anew, name another `out` or delete this folder"
         )
     return state
 

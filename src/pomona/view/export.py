@@ -38,7 +38,7 @@ def export_folder(
     progress = progress or Silent()
     present = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     if folder.exists() and (not folder.is_dir() or (present and PAGE not in present)):
-        raise SurveyError(f"{folder} holds something else: give a new or empty folder to --export")
+        raise SurveyError(f"{folder} holds something else: choose a new or empty folder")
     with disk_errors(folder):
         (folder / _PHOTOS).mkdir(parents=True, exist_ok=True)
         files = _write_photos(data, folder, progress)

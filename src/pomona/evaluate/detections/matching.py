@@ -42,16 +42,16 @@ class EvaluateDetectionsOptions:
     def __post_init__(self) -> None:
         if self.match not in get_args(DetectionMatch):
             known = ", ".join(get_args(DetectionMatch))
-            raise InputError(f"match: expected one of {known} for detections, found {self.match!r}")
+            raise InputError(f"`match`: expected one of {known} for detections, found {self.match!r}")
         if not 0 < self.min_iou < 1:
-            raise InputError(f"min_iou: expected a number above 0 and below 1, found {self.min_iou}")
+            raise InputError(f"`min_iou`: expected a number above 0 and below 1, found {self.min_iou}")
         if not self.min_size_px >= 0 or self.min_visible_px < 0:
             raise InputError(
-                f"min_size_px and min_visible_px: expected 0 or more pixels, found {self.min_size_px} and "
+                f"`min_size_px` and `min_visible_px`: expected 0 or more pixels, found {self.min_size_px} and "
                 f"{self.min_visible_px}"
             )
         if not self.confidences or not all(0 <= c <= 1 for c in self.confidences):
-            raise InputError(f"confidences: expected at least one number from 0 to 1, found {self.confidences}")
+            raise InputError(f"`confidences`: expected at least one number from 0 to 1, found {self.confidences}")
 
 
 @dataclass(frozen=True, eq=False)

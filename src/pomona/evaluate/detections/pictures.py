@@ -42,10 +42,10 @@ class PictureOptions:
 
     def __post_init__(self) -> None:
         if self.worst is not None and self.worst < 1:
-            raise InputError(f"worst: expected at least 1 photo, found {self.worst}")
+            raise InputError(f"`worst`: expected at least 1 photo, found {self.worst}")
         if self.side_px < 100 or not 1 <= self.jpeg_quality <= 100:
             raise InputError(
-                f"side_px: expected at least 100, jpeg_quality: 1 to 100; found {self.side_px}, {self.jpeg_quality}"
+                f"`side_px`: expected at least 100, `jpeg_quality`: 1 to 100; found {self.side_px}, {self.jpeg_quality}"
             )
 
 
@@ -181,5 +181,5 @@ def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None)
             return known.by_name()
     raise InputError(
         f"The photos named in {truth} were not found in {', '.join(map(str, tried)) or place}: "
-        "say where they are with --photos FOLDER"
+        "say where they are with `photos`"
     )

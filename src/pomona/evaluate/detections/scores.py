@@ -227,7 +227,7 @@ def evaluate_detections(
 def _by_masks(truth: DetectionTruth, found_masks: bool, options: EvaluateDetectionsOptions) -> bool:
     if options.match == "masks" and not (truth.has_masks and found_masks):
         side = "the detections are" if truth.has_masks else "the truth is"
-        raise InputError(f"match: expected masks on both sides, but {side} boxes alone: use boxes")
+        raise InputError(f"`match`: expected masks on both sides, but {side} boxes alone: use boxes")
     return options.match != "boxes" and truth.has_masks and found_masks
 
 

@@ -65,7 +65,7 @@ class MistakeOptions:
 
     def __post_init__(self) -> None:
         if self.worst is not None and self.worst < 1:
-            raise InputError(f"worst: expected at least 1 fruit of each kind, found {self.worst}")
+            raise InputError(f"`worst`: expected at least 1 fruit of each kind, found {self.worst}")
         for name, least in (("crops", 1), ("crop_px", 64), ("least_window_px", 8), ("around", 1)):
             if getattr(self, name) < least:
                 raise InputError(f"MistakeOptions.{name}: expected at least {least}, found {getattr(self, name)}")

@@ -40,13 +40,15 @@ class EvaluateOptions:
     def __post_init__(self) -> None:
         for name, known in (("match", get_args(Match)), ("overlap", get_args(Overlap))):
             if getattr(self, name) not in known:
-                raise InputError(f"{name}: expected one of {', '.join(known)}, found {getattr(self, name)!r}")
+                raise InputError(f"`{name}`: expected one of {', '.join(known)}, found {getattr(self, name)!r}")
         if not self.max_distance_diameters > 0:
-            raise InputError(f"max_distance_diameters: expected a positive number, found {self.max_distance_diameters}")
+            raise InputError(
+                f"`max_distance_diameters`: expected a positive number, found {self.max_distance_diameters}"
+            )
         if not 0.5 <= self.min_overlap < 1:
-            raise InputError(f"min_overlap: expected 0.5 to below 1, found {self.min_overlap}")
+            raise InputError(f"`min_overlap`: expected 0.5 to below 1, found {self.min_overlap}")
         if self.visible_px < 1 or self.visible_photos < 1:
-            raise InputError("visible_px and visible_photos: expected at least 1")
+            raise InputError("`visible_px` and `visible_photos`: expected at least 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,7 @@ def candidates_of(fruits: Fruits, truth: Truth, options: EvaluateOptions) -> Can
     """
     has_boxes = truth.boxes_in_world is not None
     if options.match in ("boxes", "inside") and not has_boxes:
-        raise InputError("match: expected a truth with boxes, found one with centres and diameters")
+        raise InputError("`match`: expected a truth with boxes, found one with centres and diameters")
     if options.match == "inside":
         return candidates_inside(fruits, truth)
     by_box = options.match == "boxes" or (options.match == "auto" and has_boxes)

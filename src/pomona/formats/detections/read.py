@@ -114,13 +114,13 @@ def _of_classes(path: Path, labelled: list[LabelledPhoto], classes: Sequence[str
     if classes is None:
         if len(known) > 1:
             raise FormatError(
-                f"{path}: expected detections of one class, found {', '.join(known)}: name the fruit with --classes"
+                f"{path}: expected detections of one class, found {', '.join(known)}: name the fruit with `classes`"
             )
         return labelled
     wanted = {name.casefold() for name in classes}
     if unknown := wanted - {name.casefold() for name in known}:
         raise InputError(
-            f"classes: expected some of those in {path} ({', '.join(known) or 'none'}), "
+            f"`classes`: expected some of those in {path} ({', '.join(known) or 'none'}), "
             f"found '{', '.join(sorted(unknown))}'"
         )
     return [

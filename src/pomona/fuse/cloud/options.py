@@ -53,17 +53,17 @@ class CloudOptions:
             "clear_sd",
         ):
             if not 0 < getattr(self, name) < float("inf"):
-                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")
         for name in ("inside", "slant", "overlap", "least_patch"):
             if not 0 <= getattr(self, name) < 1:
-                raise InputError(f"{name}: expected 0 to below 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected 0 to below 1, found {getattr(self, name)}")
         if not 0 < self.unexplained <= 1:
-            raise InputError(f"unexplained: expected above 0 to 1, found {self.unexplained}")
+            raise InputError(f"`unexplained`: expected above 0 to 1, found {self.unexplained}")
         if not self.same_size >= 0:
-            raise InputError(f"same_size: expected 0 or more, found {self.same_size}")
+            raise InputError(f"`same_size`: expected 0 or more, found {self.same_size}")
         for name in ("rounds", "fewest_clear"):
             if getattr(self, name) < 1:
-                raise InputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected at least 1, found {getattr(self, name)}")
         smallest, largest = self.radius_range
         if not 0 < smallest < 1 < largest:
-            raise InputError(f"radius_range: expected shares below and above 1, found {smallest} and {largest}")
+            raise InputError(f"`radius_range`: expected shares below and above 1, found {smallest} and {largest}")

@@ -86,7 +86,7 @@ def fuse(
     if not cameras.frame.metric:
         raise InputError(
             "Fruits can be joined only where cameras are in metres (as fruits have a size), found cameras without a "
-            "scale: give --markers, --scale-bar or --fruit-diameter"
+            "scale: give `markers`, `scale_bar` or `fruit_diameter_m`"
         )
     size = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m)).size
     ordered = _in_order(cameras)

@@ -72,30 +72,30 @@ class ObjectOptions:
             "outside_scale", "radius_spread",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
-                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")
         for name in ("same_size", "off_centre", "support_weight", "split_radii"):
             if not getattr(self, name) >= 0:
-                raise InputError(f"{name}: expected 0 or more, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected 0 or more, found {getattr(self, name)}")
         for name in ("clear_share", "won_share", "split_explained"):
             if not 0 < getattr(self, name) <= 1:
-                raise InputError(f"{name}: expected above 0 to 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected above 0 to 1, found {getattr(self, name)}")
         for name in ("pairs_per_photo", "rounds", "repeats", "clear_views", "fewest_clear"):
             if getattr(self, name) < 1:
-                raise InputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected at least 1, found {getattr(self, name)}")
         if self.rays_per_mask < 4:
-            raise InputError(f"rays_per_mask: expected at least 4, found {self.rays_per_mask}")
+            raise InputError(f"`rays_per_mask`: expected at least 4, found {self.rays_per_mask}")
         for name in ("min_views", "hypothesis_views"):
             if getattr(self, name) < 2:
                 raise InputError(
-                    f"{name}: expected at least 2, found {getattr(self, name)}: one photo gives no distance"
+                    f"`{name}`: expected at least 2, found {getattr(self, name)}: one photo gives no distance"
                 )
         if not 0 <= self.min_share < 1:
-            raise InputError(f"min_share: expected 0 to below 1, found {self.min_share}")
+            raise InputError(f"`min_share`: expected 0 to below 1, found {self.min_share}")
         if not min(self.hypothesis_radii) > 0:
-            raise InputError(f"hypothesis_radii: expected two positive numbers, found {self.hypothesis_radii}")
+            raise InputError(f"`hypothesis_radii`: expected two positive numbers, found {self.hypothesis_radii}")
         low, high = self.baselines
         if not 0 <= low < high:
-            raise InputError(f"baselines: expected a smaller and a larger share, found {low} and {high}")
+            raise InputError(f"`baselines`: expected a smaller and a larger share, found {low} and {high}")
         smallest, largest = self.radius_range
         if not 0 < smallest < 1 < largest:
-            raise InputError(f"radius_range: expected shares below and above 1, found {smallest} and {largest}")
+            raise InputError(f"`radius_range`: expected shares below and above 1, found {smallest} and {largest}")

@@ -64,13 +64,13 @@ def _check(cameras: Cameras, options: PaperOptions) -> None:
     if not cameras.frame.metric:
         raise InputError(
             "The paper's method needs cameras in metres (its DBSCAN distance is 3 cm), found cameras without a scale: "
-            "give --markers, --scale-bar or --fruit-diameter"
+            "give `markers`, `scale_bar` or `fruit_diameter_m`"
         )
     seen = np.bincount(cameras.track_photo_idx, minlength=len(cameras))
     if options.projection == "dlt" and len(cameras) and seen.max() < MIN_DLT_POINTS:
         raise InputError(
             f"The published code fits each camera to its tie points, at least {MIN_DLT_POINTS} a photo, but these "
-            "cameras have none: give cameras with tie points, or leave --variant published-code out"
+            "cameras have none: give cameras with tie points, or leave `variant` published-code out"
         )
 
 

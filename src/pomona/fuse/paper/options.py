@@ -47,20 +47,22 @@ class PaperOptions:
         choices = {"overlap": Overlap, "projection": Projection, "grouping": Grouping, "unify": Unify}
         for name, known in choices.items():
             if getattr(self, name) not in get_args(known):
-                raise InputError(f"{name}: expected one of {', '.join(get_args(known))}, found {getattr(self, name)!r}")
+                raise InputError(
+                    f"`{name}`: expected one of {', '.join(get_args(known))}, found {getattr(self, name)!r}"
+                )
         if not self.eps_m > 0:
-            raise InputError(f"eps_m: expected a positive distance in metres, found {self.eps_m}")
+            raise InputError(f"`eps_m`: expected a positive distance in metres, found {self.eps_m}")
         for name in ("scatter_radii", "size_spread"):
             if not getattr(self, name) > 0:
-                raise InputError(f"{name}: expected a positive number, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")
         for name in ("min_score", "min_overlap"):
             if not 0 <= getattr(self, name) <= 1:
-                raise InputError(f"{name}: expected 0 to 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected 0 to 1, found {getattr(self, name)}")
         for name in ("dbscan_min_points", "min_points", "min_views"):
             if getattr(self, name) < 1:
-                raise InputError(f"{name}: expected at least 1, found {getattr(self, name)}")
+                raise InputError(f"`{name}`: expected at least 1, found {getattr(self, name)}")
         if self.split_above_points is not None and self.split_above_points < 2:
-            raise InputError(f"split_above_points: expected None or at least 2, found {self.split_above_points}")
+            raise InputError(f"`split_above_points`: expected None or at least 2, found {self.split_above_points}")
 
     @classmethod
     def as_printed(cls) -> PaperOptions:
