@@ -16,12 +16,12 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from pomona.segment.box_overlap import overlapping_pairs
 from pycocotools import mask as coco_mask
 
 from pomona.capture import load_photos
 from pomona.detections import Detections
 from pomona.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.segment.box_overlap import overlapping_pairs
 from pomona.train.samples import group_of
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()

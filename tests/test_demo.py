@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from pomona.api import sample_folder
-from pomona.cli.evaluate import scores_of
+import pomona
 from pomona.pipeline import RunOptions, run
 from pomona.synth.truth import write_masks_as_coco
 
-SAMPLE = sample_folder()
+SAMPLE = pomona.sample_folder()
 
 
 @pytest.mark.slow
@@ -21,7 +20,7 @@ def test_the_demo_finds_the_fruits_of_its_sample(tmp_path: Path) -> None:
     summary = run([SAMPLE / "east", SAMPLE / "west"], tmp_path / "survey", options)
     assert summary.report is not None
     assert summary.report.is_file()
-    scores = scores_of(tmp_path / "survey", SAMPLE / "truth" / "fruits.csv").all
+    scores = pomona.open(tmp_path / "survey").evaluate(SAMPLE / "truth" / "fruits.csv").all
     assert 0.90 <= scores.f1 <= 1
     assert scores.precision >= 0.93
     assert scores.multi_detection_rate <= 0.02
@@ -35,9 +34,9 @@ def test_a_rendered_row_with_true_masks_by_both_methods(shared_data: Path, tmp_p
     write_masks_as_coco(row, masks)
     options = RunOptions(markers=row / "truth" / "markers.csv", detections=masks)
     run([row / "images"], tmp_path / "survey", options)
-    ours = scores_of(tmp_path / "survey", row / "truth").visible
+    ours = pomona.open(tmp_path / "survey").evaluate(row / "truth").visible
     run([row / "images"], tmp_path / "survey", replace(options, method="paper"))
-    theirs = scores_of(tmp_path / "survey", row / "truth").visible
+    theirs = pomona.open(tmp_path / "survey").evaluate(row / "truth").visible
     assert ours is not None
     assert theirs is not None
     assert 0.96 <= ours.f1 <= 1
@@ -50,7 +49,7 @@ def test_a_rendered_row_with_true_masks_by_both_methods(shared_data: Path, tmp_p
 def test_a_rendered_row_of_another_generator_with_the_shipped_weights(shared_data: Path, tmp_path: Path) -> None:
     row = shared_data / "orchard-dev"
     run([row / "images"], tmp_path / "survey", RunOptions(markers=row / "truth" / "markers.csv"))
-    scores = scores_of(tmp_path / "survey", row / "truth").visible
+    scores = pomona.open(tmp_path / "survey").evaluate(row / "truth").visible
     assert scores is not None
     assert 0.78 <= scores.f1 < 1
     assert scores.precision >= 0.88

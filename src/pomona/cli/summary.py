@@ -11,7 +11,6 @@ from pomona.cli.wording import all_with_options, with_options
 from pomona.pipeline import Summary
 
 _MOST_LISTED = 5
-_LEAST_S = 0.05  # what takes less would be listed as 0.0 s
 
 
 def show(summary: Summary, *, as_json: bool = False) -> None:
@@ -65,8 +64,7 @@ def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, 
 def _times(summary: Summary) -> str:
     done = [stage for stage in summary.stages if not stage.kept]
     kept = [LABELS[stage.name].lower() for stage in summary.stages if stage.kept]
-    timed = [stage for stage in done if stage.wall_s >= _LEAST_S]
-    parts = [f"{LABELS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in timed]
+    parts = [f"{LABELS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in done]
     text = f"{seconds(sum(stage.wall_s for stage in done))}" + (f" ({', '.join(parts)})" if parts else "")
     return text + (f"; kept from before: {', '.join(kept)}" if kept else "")
 
