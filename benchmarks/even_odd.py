@@ -39,7 +39,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Halves:
-    """What even and odd photos tell, and which of their fruits are the same: pairs (m, 2) of indices."""
+    """Fruits from even and from odd photos, and which of their fruits are the same: pairs (m, 2) of indices."""
 
     even: Fused
     odd: Fused

@@ -1,4 +1,4 @@
-"""How a stage tells a person how far it is and what it noticed, without knowing who listens."""
+"""Progress and warnings of a stage, whoever listens."""
 
 from __future__ import annotations
 

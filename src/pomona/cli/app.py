@@ -11,7 +11,7 @@ from pomona.cli.benchmark import benchmark
 from pomona.cli.demo import demo
 from pomona.cli.evaluate import evaluate
 from pomona.cli.export import export
-from pomona.cli.failures import told
+from pomona.cli.failures import reporting_errors
 from pomona.cli.run import run
 from pomona.cli.segment import segment
 from pomona.cli.stages import fuse, measure, reconstruct, report
@@ -45,5 +45,5 @@ def common(
 
 
 for command in (run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, train, synth):
-    app.command()(told(command))
+    app.command()(reporting_errors(command))
 app.add_typer(benchmark, name="benchmark")

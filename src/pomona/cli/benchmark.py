@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from pomona.cli import options as shared
-from pomona.cli.failures import Stopped, told
+from pomona.cli.failures import Stopped, reporting_errors
 from pomona.cli.progress import TerminalProgress
 from pomona.datasets.registry import DATASETS, Dataset
 from pomona.datasets.values import BenchmarkOptions
@@ -76,4 +76,4 @@ def _run(dataset: Dataset, root: Path, out: Path, options: BenchmarkOptions, *, 
 
 
 for each in DATASETS:
-    benchmark.command(each.name)(told(_command(each)))
+    benchmark.command(each.name)(reporting_errors(_command(each)))

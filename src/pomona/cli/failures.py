@@ -27,8 +27,8 @@ class Stopped(KeyboardInterrupt):
     """Ctrl-C, with what to tell the person."""
 
 
-def told(command: Callable[P, R]) -> Callable[P, R]:
-    """Return `command`, its errors told to the person."""
+def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
+    """Return `command`, which prints its errors and warnings as messages and exits with their status."""
 
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -56,7 +56,7 @@ class Outcome:
     problem: str = ""
 
     def warning(self) -> str:
-        """Return what to tell a person of a correction that matches nothing."""
+        """Return the warning of a correction that matches nothing."""
         return f"{LOST}: {in_words(self.correction)}: {self.problem}"
 
 

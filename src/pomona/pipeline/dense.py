@@ -12,7 +12,7 @@ from pomona.pipeline.fused_file import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.select import SELECT, Selected
-from pomona.pipeline.stage import PHOTOS, Folder, Stage, Store
+from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
 
@@ -42,13 +42,13 @@ def _sphere_cloud(
     return Fused(measured.fruits, measured.observations, cloud)
 
 
-def _save(cloud: FruitCloud, folder: Folder) -> Mapping[str, Any]:
-    write_arrays(folder.survey.work("dense.npz"), arrays_of(cloud))
+def _save(cloud: FruitCloud, context: SurveyContext) -> Mapping[str, Any]:
+    write_arrays(context.survey.work("dense.npz"), arrays_of(cloud))
     return {"points": len(cloud)}
 
 
-def _load(info: Mapping[str, Any], folder: Folder) -> FruitCloud:
-    return columns_from(FruitCloud, read_arrays(folder.survey.work("dense.npz")))
+def _load(info: Mapping[str, Any], context: SurveyContext) -> FruitCloud:
+    return columns_from(FruitCloud, read_arrays(context.survey.work("dense.npz")))
 
 
 FRUIT_CLOUD = Stage(

@@ -7,24 +7,24 @@ from typing import Any
 
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.fused import Fused
-from pomona.pipeline.stage import Folder, Store
+from pomona.pipeline.stage import Store, SurveyContext
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
 
 
 def fused_store(name: str) -> Store[Fused]:
     """Return how the stage `name` keeps its fruits."""
 
-    def save(fused: Fused, folder: Folder) -> Mapping[str, Any]:
+    def save(fused: Fused, context: SurveyContext) -> Mapping[str, Any]:
         arrays = {
             **arrays_of(fused.fruits, "fruits/"),
             **arrays_of(fused.observations, "observations/"),
             **arrays_of(fused.cloud, "cloud/"),
         }
-        write_arrays(folder.survey.work(f"{name}.npz"), arrays)
+        write_arrays(context.survey.work(f"{name}.npz"), arrays)
         return {"fruits": len(fused.fruits)}
 
-    def load(info: Mapping[str, Any], folder: Folder) -> Fused:
-        arrays = read_arrays(folder.survey.work(f"{name}.npz"))
+    def load(info: Mapping[str, Any], context: SurveyContext) -> Fused:
+        arrays = read_arrays(context.survey.work(f"{name}.npz"))
         return Fused(
             columns_from(Fruits, arrays, "fruits/"),
             columns_from(Observations, arrays, "observations/"),

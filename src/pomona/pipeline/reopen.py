@@ -12,7 +12,7 @@ from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import Runner
 from pomona.pipeline.sources import sources_of
-from pomona.pipeline.stage import Folder
+from pomona.pipeline.stage import SurveyContext
 from pomona.pipeline.stages import Stages, stages_of
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
@@ -69,7 +69,7 @@ def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress
     options = RunOptions.from_json(survey.get("options", {}))
     photos = _photos(survey)
     runner = Runner(
-        Folder(survey, photos),
+        SurveyContext(survey, photos),
         options.of_stages,
         sources_of(photos, {}, corrections),
         progress=progress or Silent(),

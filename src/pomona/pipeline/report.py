@@ -12,7 +12,7 @@ from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.sfm import SFM
-from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Folder, Input, RunLog, Stage, Store
+from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Input, RunLog, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.files import write_file
 
@@ -76,13 +76,13 @@ def _as_corrected(
     )
 
 
-def _save(data: ReportData, folder: Folder) -> Mapping[str, Any]:
+def _save(data: ReportData, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.report import write_contact_sheet, write_report
 
-    survey = folder.survey
+    survey = context.survey
     write_file(
         survey.contact_sheet,
-        lambda path: write_contact_sheet(folder.photos, data.cameras, data.fruits, data.observations, path),
+        lambda path: write_contact_sheet(context.photos, data.cameras, data.fruits, data.observations, path),
     )
     write_file(survey.report, lambda path: write_report(data, path))
     return {}

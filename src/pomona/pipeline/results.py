@@ -11,7 +11,7 @@ import numpy as np
 from pomona.cameras import WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.pipeline.scale import SCALE
-from pomona.pipeline.stage import Folder, Stage, Store
+from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.files import write_file
 
@@ -66,12 +66,12 @@ def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
     )
 
 
-def _save(results: Results, folder: Folder) -> Mapping[str, Any]:
+def _save(results: Results, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.formats.geojson import write_geojson
     from pomona.formats.las import write_las
     from pomona.formats.tables import write_fruits, write_observations
 
-    survey, frame = folder.survey, results.frame
+    survey, frame = context.survey, results.frame
     write_file(survey.fruits, lambda path: write_fruits(path, results.fruits))
     write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
     write_file(survey.observations, lambda path: write_observations(path, results.observations))
@@ -80,11 +80,11 @@ def _save(results: Results, folder: Folder) -> Mapping[str, Any]:
     return numbers | ({} if results.corrections is None else {"corrections": dict(results.corrections)})
 
 
-def _load(info: Mapping[str, Any], folder: Folder) -> Results:
+def _load(info: Mapping[str, Any], context: SurveyContext) -> Results:
     from pomona.formats.las import read_las
     from pomona.formats.tables import read_fruits, read_observations
 
-    survey = folder.survey
+    survey = context.survey
     fruits, observations = read_fruits(survey.fruits), read_observations(survey.observations)
     return Results(fruits, observations, read_las(survey.cloud), WorldFrame(), info.get("corrections"))
 

@@ -38,7 +38,7 @@ def run(
     from pomona.corrections import read_corrections
     from pomona.pipeline.runner import Runner
     from pomona.pipeline.sources import load_photos, sources_of
-    from pomona.pipeline.stage import Folder
+    from pomona.pipeline.stage import SurveyContext
     from pomona.pipeline.stages import stages_of
 
     options, recorder = options or RunOptions(), Recorder(progress or Silent())
@@ -61,7 +61,7 @@ def run(
             skipped=[{"name": name, "reason": reason} for name, reason in skipped],
         )
         runner = Runner(
-            Folder(survey, loaded),
+            SurveyContext(survey, loaded),
             options.of_stages,
             sources_of(loaded, digests, corrections),
             progress=recorder,

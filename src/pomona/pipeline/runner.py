@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pomona.errors import SurveyError
 from pomona.pipeline.code import code_digest, engine_versions
-from pomona.pipeline.stage import RUN_LOG, Fact, Folder, Input, RunLog, Source, Stage
+from pomona.pipeline.stage import RUN_LOG, Fact, Input, RunLog, Source, Stage, SurveyContext
 from pomona.progress import Progress, Recorder
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import content_key, digest, file_digest
@@ -40,7 +40,7 @@ class Runner:
 
     def __init__(
         self,
-        folder: Folder,
+        context: SurveyContext,
         options: StageOptions,
         sources: Mapping[Source, SourceValue],
         *,
@@ -49,7 +49,7 @@ class Runner:
         warnings: Sequence[str] = (),
         finished: frozenset[str] = frozenset(),
     ) -> None:
-        self._folder, self._options, self._sources = folder, options, sources
+        self._context, self._options, self._sources = context, options, sources
         self._progress, self._on_stage, self._warnings = progress, on_stage, warnings
         self._finished = finished
         self._records: dict[Stage[Any], StageRecord] = {}
@@ -58,7 +58,7 @@ class Runner:
 
     @property
     def _survey(self) -> SurveyFolder:
-        return self._folder.survey
+        return self._context.survey
 
     def ensure(self, stage: Stage[Any]) -> StageRecord:
         """Make sure that the result of a stage with a store is there; return what the manifest keeps of it."""
@@ -91,7 +91,7 @@ class Runner:
         assert stage.store is not None
         assert stage.store.load is not None
         try:
-            return stage.store.load(record.info, self._folder)
+            return stage.store.load(record.info, self._context)
         except KeyError as error:
             if stage.name in self._finished:
                 raise self._lost(stage) from error
@@ -187,7 +187,7 @@ class Runner:
         """Compute and store a value; return it with the digests of the files written and the stage's facts."""
         assert stage.store is not None
         value = stage.compute(**self._arguments(stage, progress))
-        info = stage.store.save(value, self._folder)
+        info = stage.store.save(value, self._context)
         folder = self._survey.folder
         outputs = stage.store.outputs(self._survey)
         return value, {path.relative_to(folder).as_posix(): file_digest(path) for path in outputs}, info

@@ -11,7 +11,7 @@ from pomona.detections import SurveyDetections
 from pomona.photos import Photos
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.sfm import SFM
-from pomona.pipeline.stage import PHOTOS, Folder, Stage, Store
+from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.scale.report import Placed, ScaleReport
 from pomona.sfm.pieces import Reconstruction
@@ -96,10 +96,10 @@ def _as_given(
     return Placed(cameras, (), ScaleReport(cameras.frame.scale_source)) if cameras.frame.metric else None
 
 
-def _save(placed: Placed, folder: Folder) -> Mapping[str, Any]:
+def _save(placed: Placed, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.formats.cameras.colmap import write_colmap
 
-    write_colmap(folder.survey.cameras, placed.cameras, folder.photos)
+    write_colmap(context.survey.cameras, placed.cameras, context.photos)
     info: dict[str, Any] = plain(
         {
             "photos": len(placed.cameras),
@@ -111,11 +111,11 @@ def _save(placed: Placed, folder: Folder) -> Mapping[str, Any]:
     return info
 
 
-def _load(info: Mapping[str, Any], folder: Folder) -> Placed:
+def _load(info: Mapping[str, Any], context: SurveyContext) -> Placed:
     from pomona.formats.cameras.colmap import read_colmap
     from pomona.survey.facts import frame_from, scale_report_from, unregistered_from
 
-    cameras = replace(read_colmap(folder.survey.cameras), frame=frame_from(info["frame"]))
+    cameras = replace(read_colmap(context.survey.cameras), frame=frame_from(info["frame"]))
     return Placed(cameras, unregistered_from(info["lost"]), scale_report_from(info["report"]))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import PomonaError
 from pomona.photos import Photo, Photos
-from pomona.pipeline.stage import PHOTOS, Folder, Stage, Store
+from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import write_file
@@ -139,18 +139,18 @@ def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
     return done
 
 
-def _save(segmented: Segmented, folder: Folder) -> Mapping[str, Any]:
+def _save(segmented: Segmented, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.formats.detections.coco import write_coco
 
     found = segmented.detections
-    write_file(folder.survey.detections, lambda path: write_coco(path, folder.photos, found))
+    write_file(context.survey.detections, lambda path: write_coco(path, context.photos, found))
     return {"all_detections": found.total, "photos": len(found), "model_threshold": segmented.score_threshold}
 
 
-def _load(info: Mapping[str, Any], folder: Folder) -> Segmented:
+def _load(info: Mapping[str, Any], context: SurveyContext) -> Segmented:
     from pomona.formats.detections.coco import read_coco
 
-    return Segmented(read_coco(folder.survey.detections, folder.photos), float(info["model_threshold"]))
+    return Segmented(read_coco(context.survey.detections, context.photos), float(info["model_threshold"]))
 
 
 SEGMENT = Stage(

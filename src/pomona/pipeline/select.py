@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pomona.detections import SurveyDetections
 from pomona.pipeline.segment import SEGMENT, Segmented
-from pomona.pipeline.stage import Folder, Stage, Store
+from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def _select(segmented: Segmented, *, options: SelectOptions, progress: Progress)
     return Selected(counted, found.at_least(least_score), score_threshold, least_score)
 
 
-def _save(selected: Selected, folder: Folder) -> Mapping[str, Any]:
+def _save(selected: Selected, context: SurveyContext) -> Mapping[str, Any]:
     return {
         "detections": selected.counted.total,
         "fruitless": selected.counted.total == 0,

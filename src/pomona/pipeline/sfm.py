@@ -13,7 +13,7 @@ from pomona.cameras import Cameras
 from pomona.errors import ReconstructionError
 from pomona.photos import Photos
 from pomona.pipeline.select import SELECT
-from pomona.pipeline.stage import PHOTOS, Fact, Folder, Stage, Store
+from pomona.pipeline.stage import PHOTOS, Fact, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.survey.digest import file_digest, plain
@@ -104,10 +104,10 @@ def _mean_error(cameras: Cameras) -> float:
     return float(errors.mean()) if len(errors) else float("nan")
 
 
-def _save(reconstruction: Reconstruction, folder: Folder) -> Mapping[str, Any]:
+def _save(reconstruction: Reconstruction, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.sfm.store import write_reconstruction
 
-    write_reconstruction(folder.survey.work("pieces"), reconstruction, folder.photos)
+    write_reconstruction(context.survey.work("pieces"), reconstruction, context.photos)
     pieces = [
         {"side": p.side, "photos": len(p.cameras), "mean_reprojection_error_px": p.mean_reprojection_error_px}
         for p in reconstruction.pieces
@@ -115,10 +115,10 @@ def _save(reconstruction: Reconstruction, folder: Folder) -> Mapping[str, Any]:
     return {"pieces": pieces, "unregistered": plain(reconstruction.unregistered)}
 
 
-def _load(info: Mapping[str, Any], folder: Folder) -> Reconstruction:
+def _load(info: Mapping[str, Any], context: SurveyContext) -> Reconstruction:
     from pomona.sfm.store import read_reconstruction
 
-    return read_reconstruction(folder.survey.work("pieces"), folder.photos)
+    return read_reconstruction(context.survey.work("pieces"), context.photos)
 
 
 SFM = Stage(

@@ -51,7 +51,7 @@ class RunLog:
 
 
 @dataclass(frozen=True)
-class Folder:
+class SurveyContext:
     """Where the values of one survey are kept, and the photos that they are of."""
 
     survey: SurveyFolder
@@ -70,8 +70,8 @@ class Store(Generic[T]):
     without `load` keeps the facts alone: the value is computed again from the inputs when it is asked for.
     """
 
-    save: Callable[[T, Folder], Mapping[str, Any]]
-    load: Callable[[Mapping[str, Any], Folder], T] | None = None
+    save: Callable[[T, SurveyContext], Mapping[str, Any]]
+    load: Callable[[Mapping[str, Any], SurveyContext], T] | None = None
     outputs: Callable[[SurveyFolder], tuple[Path, ...]] = _no_outputs
 
 

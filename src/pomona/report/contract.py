@@ -1,4 +1,4 @@
-"""What Python tells the viewer: dataclasses that become JSON, and the TypeScript types of the same, written from them.
+"""The contract with the viewer: dataclasses that become JSON, and the TypeScript types of the same, written from them.
 
 `python -m pomona.report.typescript` prints `viewer/src/contract.ts`; a test holds the two together. Fruits, photos and
 detections are known by their own ids and names, so that an answer of a later request can be joined to the first.

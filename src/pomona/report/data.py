@@ -1,4 +1,4 @@
-"""What a report is made of: the survey's values, and what a run tells about itself."""
+"""What a report is made of: the survey's values, and facts of the run."""
 
 from __future__ import annotations
 

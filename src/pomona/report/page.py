@@ -100,7 +100,7 @@ def policy(source: Source) -> str:
 
 
 def note_of(source: Source) -> str:
-    """Return what the page tells where a photo is not there."""
+    """Return the page's note in place of a photo that is not there."""
     return _NOTES[source]
 
 

@@ -31,7 +31,7 @@ from pomona.report.seen import sightings
 MAX_POINTS = 600_000
 """Points that a report carries: 6.4 MB as text."""
 MAX_SIGHTINGS = 300_000
-"""Times that a photo saw a fruit, of which a report or folder tells: 9.6 MB as text."""
+"""The most observations that a report or folder holds: 9.6 MB as text."""
 # So many points say how high the ground is.
 _HEIGHTS = 500_000
 _GRIDS = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)

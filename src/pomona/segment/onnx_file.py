@@ -78,7 +78,7 @@ class OnnxFile:
             raise FormatError(f"{self.path}: expected an input of fixed size, found {found}: export it again with one")
         return default_px[0] if width is None else width, default_px[1] if height is None else height
 
-    def settled(self, outputs: Sequence[Tensor], image_px: tuple[int, int]) -> list[Tensor]:
+    def with_fixed_shapes(self, outputs: Sequence[Tensor], image_px: tuple[int, int]) -> list[Tensor]:
         """Return the outputs with the shapes that they have for an image of (width, height).
 
         Where the file leaves sizes free, the network runs on a blank image once to show them.

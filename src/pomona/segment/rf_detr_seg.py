@@ -59,7 +59,7 @@ class RfDetrSegmenter(TileByTile):
         stored = _stored(file)
         self._mean, self._deviation = (_channels(file, stored, key) for key in ("means", "stds"))
         names = _stored_names(file, stored)
-        labels = file.settled(found, self._input_px)[1]
+        labels = file.with_fixed_shapes(found, self._input_px)[1]
         columns = labels.shape[2]
         assert columns is not None
         if columns < 2:

@@ -51,7 +51,7 @@ class YoloSegmenter(TileByTile):
             raise FormatError(f"{file.path}: expected {LAYOUT}; found {'; '.join(map(str, file.outputs))}")
         self._file, self._outputs = file, [node.name for node in found]
         self._input_px = file.image_size(_stored_size(file))
-        candidates, prototypes = file.settled(found, self._input_px)
+        candidates, prototypes = file.with_fixed_shapes(found, self._input_px)
         names = _stored_names(file)
         self._rows = _Rows.of(file, candidates, prototypes, names)
         self._fruits = fruit_columns(file.path, self._rows.classes, names, classes)

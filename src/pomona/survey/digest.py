@@ -1,4 +1,4 @@
-"""Digests of options, values and files: what tells whether a stage has to be done again."""
+"""Digests of options, values and files, by which a stage is known to be valid or stale."""
 
 from __future__ import annotations
 

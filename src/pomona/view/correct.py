@@ -89,7 +89,7 @@ class Corrector:
 
     @property
     def state(self) -> CorrectionState:
-        """What the page is told of the corrections."""
+        """The corrections as the page shows them."""
         how = self._corrected.how if self._corrected else {}
         outcomes = self._corrected.outcomes if self._corrected else ()
         return CorrectionState(

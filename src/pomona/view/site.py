@@ -118,7 +118,7 @@ class Site:
         return Answer(self._survey_body, _COLUMNS)
 
     def _read_masks(self) -> None:
-        # A damaged file is told of where a photo is asked for.
+        # A damaged file is an error where a photo is asked for.
         with suppress(PomonaError):
             len(self._data.masks or ())
 
