@@ -1,0 +1,42 @@
+"""The weights between a shipped model file and a training that went on from it, as a model file.
+
+python benchmarks/blend_weights.py BEGAN.onnx CHECKPOINT.pt OUT.onnx --share 0.5 --threshold 0.42 [--seed 0]
+
+OUT has `--share` of the checkpoint's weights (best.pt, or last.pt: its running mean) and the rest of BEGAN's
+(Wortsman 2022, robust fine-tuning). `--threshold` is the score of the blend that is to be 0.5 in the file; `--seed` is
+that of the training that first read BEGAN, on which hangs what a convolution and its norm have of a weight.
+"""
+
+import argparse
+from pathlib import Path
+
+import torch
+
+from pomona.progress import Silent
+from pomona.train.center import CenterLearner
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("began", type=Path)
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--share", type=float, default=0.5)
+    parser.add_argument("--threshold", type=float, default=0.5)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    torch.manual_seed(arguments.seed)
+    learner = CenterLearner(weights=str(arguments.began))
+    network = learner.build(start=True, progress=Silent()).eval()
+    learnt = torch.load(arguments.checkpoint, map_location="cpu", weights_only=True)["average"]
+    blended = {}
+    for name, before in network.state_dict().items():
+        # The head of circles was not in the file that it began from; its first weights mean nothing.
+        new = not before.dtype.is_floating_point or name.startswith("heads.4")
+        blended[name] = learnt[name] if new else torch.lerp(before, learnt[name], arguments.share)
+    network.load_state_dict(blended)
+    learner.export(network, arguments.out, threshold=arguments.threshold, weak=False, fruit_px=0.0)
+
+
+if __name__ == "__main__":
+    main()
