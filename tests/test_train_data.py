@@ -213,7 +213,7 @@ def test_sets_of_several_kinds_together_and_classes(tmp_path: Path) -> None:
 
     apples = gather([data], tmp_path / "cache", 0.3, classes=["apple"])
     assert sum(len(s.boxes_px) for side in apples for s in side) == 8 + 3 + 1
-    with pytest.raises(InputError, match=r"classes: expected some of .*Apple, leaf\), found 'pear'"):
+    with pytest.raises(InputError, match=r"`classes`: expected some of .*Apple, leaf\), found 'pear'"):
         gather([data], tmp_path / "cache", 0.3, classes=["pear"])
     with pytest.raises(InputError, match=r"boxes: expected fruits of the classes leaf, found only apple"):
         gather([data], tmp_path / "cache", 0.3, classes=["leaf"])
@@ -275,7 +275,7 @@ def test_a_set_with_one_side_alone_is_split(tmp_path: Path) -> None:
 def test_sets_that_cannot_be_used(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     coco_of(folder, ["a_0.png", "a_1.png"], {"a_0.png": [[1, 1, 20, 20]]})
-    with pytest.raises(InputError, match="split_by: expected folders or photos, found 'dice'"):
+    with pytest.raises(InputError, match="`split_by`: expected folders or photos, found 'dice'"):
         gather([folder], tmp_path / "cache", 0.5, split_by="dice")
     (folder / "a_1.png").write_bytes((folder / "a_1.png").read_bytes()[:200])
     with pytest.raises(FormatError, match=r"a_1\.png: expected a photo: "):

@@ -75,5 +75,5 @@ def test_shade_darkens_a_part_and_brightens_nothing() -> None:
 
 
 def test_a_share_is_asked_for() -> None:
-    with pytest.raises(InputError, match="leafy: expected a share"):
+    with pytest.raises(InputError, match="`leafy`: expected a share"):
         AugmentOptions(leafy=1.5)

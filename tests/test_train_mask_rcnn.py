@@ -182,7 +182,7 @@ def test_a_file_of_weights_fills_what_it_fits(tmp_path: Path) -> None:
     assert "start anew (backbone.fpn, roi_heads." in told.warnings[0]
 
     for weights, said in (
-        (body, "found those of maskrcnn-r18: give --arch maskrcnn-r18"),
+        (body, "found those of maskrcnn-r18: give `arch` maskrcnn-r18"),
         ({"a": torch.ones(1)}, "are a"),
     ):
         torch.save(weights, tmp_path / "other.pth")
