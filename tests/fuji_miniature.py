@@ -164,7 +164,7 @@ def write_miniature(
         root / "3-3D_data" / "Fuji_apple_trees_point_cloud.txt", scene, delimiter="\t", fmt=["%.4f"] * 3 + ["%d"] * 3
     )
     for k, name in enumerate(("training", "validation")):
-        tiles = [_tile(row, f"east_{i:03d}", tile_px) for i in (4 + k, 8 + k)]
+        tiles = [_tile(row, f"east_{i:03d}", tile_px) for i in (k, 4 + k, 8 + k, 12 + k)]
         write_tiles(root / "1-Mask-set" / f"{name}_images_and_annotations", name, tiles)
 
 
