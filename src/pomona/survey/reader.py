@@ -83,7 +83,7 @@ class SurveyReader:
         from pomona.formats.cameras.colmap import read_colmap
 
         self.files.need(self.files.cameras)
-        return replace(read_colmap(self.files.cameras), frame=self.frame)
+        return self._in_frame(read_colmap(self.files.cameras))
 
     @cached_property
     def poses(self) -> Cameras:
@@ -91,7 +91,7 @@ class SurveyReader:
         from pomona.formats.cameras.colmap import read_poses
 
         self.files.need(self.files.cameras)
-        return replace(read_poses(self.files.cameras), frame=self.frame)
+        return self._in_frame(read_poses(self.files.cameras))
 
     @cached_property
     def cloud(self) -> FruitCloud:
@@ -157,11 +157,15 @@ class SurveyReader:
 
     @property
     def frame(self) -> WorldFrame:
-        """What the survey's coordinates mean."""
+        """What the survey's coordinates mean: as the manifest has it, else as the cameras' folder does."""
+        return self.poses.frame if self.files.cameras.is_dir() else self._in_frame(Cameras.empty()).frame
+
+    def _in_frame(self, cameras: Cameras) -> Cameras:
+        """The cameras in the frame that the manifest has; as they were read where it has none."""
         from pomona.survey.facts import frame_from
 
         record = self._finished("scale")
-        return frame_from(record.info["frame"]) if record else WorldFrame()
+        return replace(cameras, frame=frame_from(record.info["frame"])) if record else cameras
 
     @property
     def scale(self) -> ScaleReport | None:
