@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras
+from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.geometry import robust_similarity
+from pomona.geometry import estimate_similarity, robust_similarity
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.progress import Silent
@@ -76,6 +76,19 @@ def test_a_lens_that_is_off_is_put_right_by_the_markers(monkeypatch: pytest.Monk
     assert rms_m(rough.cameras, EAST, WEST) > 0.008
     assert rms_m(fine.cameras, EAST, WEST) < 0.003
     assert {round(lens.focal_px / LENS.focal_px, 3) for lens in fine.cameras.intrinsics} <= {0.999, 1.0, 1.001}
+
+
+def test_cameras_without_points_are_moved_as_a_whole_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    bare = [Cameras(w.photos, w.intrinsics, w.intrinsics_idx, w.cam_from_world) for w in (EAST, WEST)]
+    exact = concatenate(bare, WorldFrame())
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    given = Reconstruction((as_piece(exact, "row", 3),))
+    placed = place_in_world(given, photos_of(EAST, WEST), options=options).cameras
+    assert [lens.params.tolist() for lens in placed.intrinsics] == [LENS.params.tolist()] * 2
+    assert 0 < rms_m(placed, EAST, WEST) < 0.001
+    unmoved = estimate_similarity(exact.centers_in_world, placed.centers_in_world).apply(exact.centers_in_world)
+    assert np.abs(unmoved - placed.centers_in_world).max() < 1e-9
 
 
 def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -26,10 +26,22 @@ _FEATURE_NOISE_PX = 0.5
 _MOST_ITERATIONS = 50
 # Estimates of one focal length differ by less than this share, zooms by more.
 _ALIKE_FOCAL = 0.03
+# A photo has six degrees of freedom, which three points fix: with so many, a few wrong ones do not matter.
+_LEAST_POINTS = 12
 # How far away the observers stand that tie the markers to their places: far enough for their rays to be parallel.
 _OBSERVER_DISTANCE_M = 10_000.0
 
 _Key = tuple[str, int]
+
+
+def can_be_adjusted(cameras: Cameras) -> bool:
+    """Say whether every photo sees scene points enough to hold it.
+
+    Where cameras come without points, as exact ones of another program do, markers alone hold each photo by what it
+    sees of them, and their noise would bend what was right: such cameras are moved as a whole only.
+    """
+    points = np.bincount(cameras.track_photo_idx, minlength=len(cameras))
+    return bool(len(points) and points.min() >= _LEAST_POINTS)
 
 
 def hold_markers(

@@ -13,7 +13,7 @@ from pomona.errors import InputError
 from pomona.geometry import Similarity, on_one_line, robust_similarity
 from pomona.photos import Photos
 from pomona.scale.aruco import Sighting, find_markers
-from pomona.scale.bundle_adjustment import hold_markers, point_errors_px, share_lenses, split
+from pomona.scale.bundle_adjustment import can_be_adjusted, hold_markers, point_errors_px, share_lenses, split
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
@@ -76,12 +76,15 @@ def place_by_markers(
         _warn_of_fit(placement, idx, fit)
     if not fits:
         return None
-    tied = [placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()]
+    tied = {idx: placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()}
     if options.refine and all(fit.up_is_known for fit in fits.values()):
+        loose = [idx for idx, cameras in tied.items() if can_be_adjusted(cameras)]
         keys = {photo.name: photo.camera_key for photo in photos}
         placement.progress.start("Refining cameras on the markers")
-        tied = refine(tied, list(fits.values()), places, keys)
-    for (idx, fit), cameras in zip(fits.items(), tied, strict=True):
+        refined = refine([tied[i] for i in loose], [fits[i] for i in loose], places, keys) if loose else []
+        tied |= dict(zip(loose, refined, strict=True))
+    for idx, cameras in tied.items():
+        fit = fits[idx]
         placement.in_world[idx] = cameras
         placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places)
         _check_units(placement, idx, places, cameras.centers_in_world)
