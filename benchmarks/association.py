@@ -36,8 +36,7 @@ from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 from pomona.pipeline.select import SelectOptions
-from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.protocol import KEPT_SHARE
+from pomona.segment import load_segmenter, segment_photos
 from pomona.synth.truth import write_masks_as_coco
 
 METHODS = ("object", "paper, as in the text", "paper, as in the authors' code")
@@ -131,7 +130,7 @@ def place(row: Path, out: Path) -> Path:
 def variants(kind: str, row: Path, survey: Path, seeds: int) -> Iterator[tuple[SurveyDetections, Cameras]]:
     photos, cameras = load_photos([row / "images"]), read_colmap(survey / "cameras")
     if kind == SEGMENTER:
-        yield segment_photos(photos, load_segmenter(None), options=SegmentOptions(kept_share=KEPT_SHARE)), cameras
+        yield segment_photos(photos, load_segmenter(None)), cameras
         return
     true = read_coco(survey / "detections.json", photos)
     if kind == TRUE:

@@ -91,7 +91,8 @@ def segmented(
     found: dict[str, Detections] = {}
     for value in sorted(set(scales.values())):
         group = Photos(tuple(photo for photo in photos if scales[photo.name] == value))
-        found |= segment_photos(group, segmenter, options=SegmentOptions(score_threshold=LEAST_SCORE, scale=value))
+        options = SegmentOptions(score_threshold=LEAST_SCORE, kept_share=1, scale=value)
+        found |= segment_photos(group, segmenter, options=options)
     return found, scales, (time.perf_counter() - start) / len(photos)
 
 

@@ -68,7 +68,7 @@ def sides(sets: dict[str, dict]) -> dict[str, dict[str, list[dict]]]:
 def unlabelled(folder: Path, coco: dict, images: list[dict], model: Path) -> list[dict]:
     """Annotations to ignore: what the segmenter is sure of where there is no box."""
     photos = load_photos([folder / "images" / image["file_name"] for image in images], min_photos=1)
-    options = SegmentOptions(scale=SCALE, score_threshold=SURE)
+    options = SegmentOptions(scale=SCALE, score_threshold=SURE, kept_share=1)
     found = segment_photos(photos, load_segmenter(model), options=options)
     result = []
     for image in images:

@@ -57,7 +57,7 @@ def measure(folder: Path, model: str | None, repeats: int) -> None:
     start = time.perf_counter()
     (scale,) = reading_scales(photos, segmenter, sample_photos=1, score_threshold=threshold, progress=Silent()).values()
     search_s = time.perf_counter() - start
-    options = SegmentOptions(scale=scale)
+    options = SegmentOptions(scale=scale, kept_share=1)
     if search_s < 1e-2:  # no scale was looked for, so nothing has run yet
         segment_photos(photos, segmenter, options=options)
     times = []

@@ -39,8 +39,7 @@ from pomona.intrinsics import Intrinsics
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
-from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.protocol import KEPT_SHARE
+from pomona.segment import load_segmenter, segment_photos
 from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
 
 REFERENCE_M = 0.075
@@ -134,7 +133,7 @@ def kinds_of_detections(
     method: str, row: RowFolder, photos: Photos, cameras: Cameras, truth: Truth, repeats: int
 ) -> Iterator[tuple[str, SurveyDetections]]:
     segmenter = load_segmenter(None)
-    found = segment_photos(photos, segmenter, options=SegmentOptions(kept_share=KEPT_SHARE))
+    found = segment_photos(photos, segmenter)
     for share in SHARES if method == "object" else (1.0,):
         score = share * segmenter.traits.score_threshold
         yield f"the shipped segmenter's masks from a score of {score:g} up", found.at_least(score)

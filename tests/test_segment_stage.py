@@ -10,6 +10,7 @@ import pytest
 from pomona.detections import Mask
 from pomona.errors import InputError
 from pomona.photos import Photo, Photos
+from pomona.pipeline import RunOptions
 from pomona.progress import Silent
 from pomona.segment import SegmenterTraits, SegmentOptions, iter_detections, segment_photos
 from pomona.segment.protocol import TileDetections
@@ -125,9 +126,43 @@ def test_senseless_traits_are_refused(fields: dict[str, object], said: str) -> N
         SegmenterTraits(**fields)  # type: ignore[arg-type]
 
 
+class FaintSegmenter(RedSegmenter):
+    """Gives the red areas of a photo scores of 0.9, 0.2, 0.05, from left to right."""
+
+    def _of(self, tile: np.ndarray) -> TileDetections:
+        found = super()._of(tile)
+        found = found[np.argsort(found.boxes_px[:, 0])]
+        return TileDetections(found.boxes_px, np.array([0.9, 0.2, 0.05][: len(found)]), found.masks)
+
+
+def test_weak_detections_are_kept_and_do_not_count(tmp_path: Path) -> None:
+    photos = red_photos(tmp_path, 3)
+    for options in (None, SegmentOptions(), SegmentOptions(sample_photos=5)):
+        found = segment_photos(photos, FaintSegmenter(), options=options)  # its threshold is 0.5
+        assert found["p2.jpg"].scores.tolist() == [0.9, 0.2]
+        assert found.at_least(0.5)["p2.jpg"].scores.tolist() == [0.9]
+    for share, scores in ((1.0, [0.9]), (0.05, [0.9, 0.2, 0.05])):
+        found = segment_photos(photos, FaintSegmenter(), options=SegmentOptions(kept_share=share))
+        assert found["p2.jpg"].scores.tolist() == scores
+
+
+def test_options_of_the_stage_keep_what_the_usual_ones_keep() -> None:
+    given = RunOptions(segment=SegmentOptions(sample_photos=5)).of_stages.segment
+    assert given.kept_share == RunOptions().of_stages.segment.kept_share == 0.2
+
+
 def test_score_threshold_of_the_options_counts(tmp_path: Path) -> None:
-    photos = red_photos(tmp_path, 1)
-    assert segment_photos(photos, RedSegmenter(), options=SegmentOptions(score_threshold=0.95)).total == 0
+    photos, progress = red_photos(tmp_path, 1), Silent()
+    options = SegmentOptions(score_threshold=0.95, kept_share=1)
+    assert segment_photos(photos, RedSegmenter(), options=options, progress=progress).total == 0
+    assert progress.warnings == ["No fruit was found in any of 1 photos."]
+
+
+def test_weak_detections_alone_are_no_fruit(tmp_path: Path) -> None:
+    photos, progress = red_photos(tmp_path, 1), Silent()
+    options = SegmentOptions(score_threshold=0.95)
+    assert segment_photos(photos, RedSegmenter(), options=options, progress=progress).total == 1
+    assert progress.warnings == ["No fruit was found in any of 1 photos."]
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.7, 4.0])

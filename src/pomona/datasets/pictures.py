@@ -19,8 +19,7 @@ from pomona.formats.detections.label_sets import LabelSet, read_label_set
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress
-from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.protocol import KEPT_SHARE
+from pomona.segment import load_segmenter, segment_photos
 
 
 def read_labels(one: LabelSet) -> list[LabelledPhoto]:
@@ -55,7 +54,7 @@ def segment_pictures(labelled: Sequence[LabelledPhoto], *, model: str | None, pr
     if lost := sorted(set(by_path.values()) - set(photos.names)):
         raise FormatError(f"{len(lost)} labelled pictures cannot be read as photos: {few(lost)}")
     segmenter = load_segmenter(model)
-    return segment_photos(photos, segmenter, options=SegmentOptions(kept_share=KEPT_SHARE), progress=progress)
+    return segment_photos(photos, segmenter, progress=progress)
 
 
 def _loaded(labelled: Sequence[LabelledPhoto]) -> list[Photo]:

@@ -105,11 +105,9 @@ class RunOptions:
         from pomona.measure.options import MeasureOptions
         from pomona.scale.options import ScaleOptions
         from pomona.segment.photo_detections import SegmentOptions
-        from pomona.segment.protocol import KEPT_SHARE
         from pomona.sfm.options import SfmOptions
 
-        # Weak detections are kept in the file with their scores; they do not count as fruit.
-        segment, scale = self.segment or SegmentOptions(kept_share=KEPT_SHARE), self.scale or ScaleOptions()
+        segment, scale = self.segment or SegmentOptions(), self.scale or ScaleOptions()
         association, dense = self.object or ObjectOptions(), self.dense or DenseOptions()
         return StageOptions(
             run=self,

@@ -13,7 +13,7 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, PomonaError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
-from pomona.segment.protocol import Segmenter
+from pomona.segment.protocol import KEPT_SHARE, Segmenter
 from pomona.segment.reading_scale import MAX_ENLARGEMENT, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
 from pomona.segment.tiled_image import segment_tiled
@@ -23,13 +23,14 @@ from pomona.segment.tiled_image import segment_tiled
 class SegmentOptions:
     """Options of the stage; None: the segmenter's own wish, or worked out from the photos.
 
-    Detections are kept from `kept_share` of the score threshold up: those below it do not count, but may be weighed.
+    Detections are kept from `kept_share` of the score threshold up: those below it do not count, but may be weighed
+    against other photos; 1 keeps only those that count.
     `scale` is the scale at which photos are read (1: their full size); `sample_photos` how many photos of each side
     and camera are looked at first to find it.
     """
 
     score_threshold: float | None = None
-    kept_share: float = 1.0
+    kept_share: float = KEPT_SHARE
     tile_px: int | None = None
     min_overlap_px: int | None = None
     scale: float | None = None
@@ -51,15 +52,15 @@ class SegmentOptions:
 def segment_photos(
     photos: Photos, segmenter: Segmenter, *, options: SegmentOptions | None = None, progress: Progress | None = None
 ) -> SurveyDetections:
-    """Return the detections of every photo; ids count from 1 in the photos' order.
+    """Return the detections of every photo, weak ones too; ids count from 1 in the photos' order.
 
     A photo that cannot be decoded is warned of and has no entry. No fruit in any photo is a valid result, with a
     warning.
     """
-    progress = progress or Silent()
+    options, progress = options or SegmentOptions(), progress or Silent()
     found = {d.photo: d for d in iter_detections(photos, segmenter, options=options, progress=progress)}
     result = SurveyDetections(found)
-    if result.total == 0:
+    if result.at_least(threshold_of(segmenter, options)).total == 0:
         progress.warn(f"No fruit was found in any of {len(found)} photos.")
     return result
 
