@@ -17,10 +17,12 @@ from pomona.evaluate.fruits import Truth, read_truth
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import write_fruits, write_observations
-from pomona.fruits import Fruits, Observations
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
-from pomona.survey.values import arrays_of, write_arrays
+from pomona.survey import SurveyFolder
+from pomona.survey.fused import write_fused
 
 WIDTH, HEIGHT, FOCAL = 400, 240, 420.0
 SIDE_PHOTOS, DISTANCE_M, DIAMETER_M = 3, 1.6, 0.08
@@ -192,7 +194,5 @@ def write_survey(scene: Scene, folder: Path) -> Path:
     write_observations(folder / "observations.csv", survey.observations)
     assert survey.unfiltered is not None
     fruits, observations = survey.unfiltered
-    write_arrays(
-        folder / "work" / "fuse.npz", {**arrays_of(fruits, "fruits/"), **arrays_of(observations, "observations/")}
-    )
+    write_fused(SurveyFolder.open(folder), "fuse", Fused(fruits, observations, FruitCloud.empty()))
     return folder

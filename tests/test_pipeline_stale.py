@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 
@@ -148,6 +149,22 @@ def test_a_moved_file_is_the_same_file(fakes: Fakes, photos: Path, tmp_path: Pat
     assert redone(photos, tmp_path / "out", RunOptions(markers=markers)) == ["scale"]
 
 
+def test_a_photo_is_digested_once(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digested: list[str] = []
+    real = hashlib.file_digest
+
+    def noting(file: BinaryIO, algorithm: str) -> Any:
+        digested.append(Path(file.name).name)
+        return real(file, algorithm)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("hashlib.file_digest", noting)
+    run([photos], tmp_path / "out")
+    names = [name for name in digested if name.endswith(".jpg") and name.startswith("IMG_")]
+    assert sorted(names) == [f"IMG_{k:04}.jpg" for k in range(4)]
+
+
 def test_another_class_of_given_detections(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     given = given_detections(tmp_path)
     run([photos], tmp_path / "out", RunOptions(**given))
@@ -249,7 +266,7 @@ ROOMS: dict[str, frozenset[str]] = {
 # The pipeline's modules are those of the stages; each redoes its own, what they share redoes all.
 PIPELINE = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
     "pipeline/correct.py": HANDED,
-    "pipeline/fused_file.py": frozenset({"fuse", "filter", "measure", "dense"}),
+    "pipeline/fused_store.py": frozenset({"fuse", "filter", "measure", "dense"}),
     "pipeline/stage.py": ALL,
     "pipeline/runner.py": frozenset[str](),
     "report/static/viewer.js": frozenset({"report"}),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pomona.fruits import FruitCloud
 from pomona.fuse.fused import Fused
 from pomona.photos import Photos
-from pomona.pipeline.fused_file import fused_store
+from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.select import SELECT, Selected

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.fused import Fused
 from pomona.pipeline.dense import FRUIT_CLOUD
-from pomona.pipeline.fused_file import fused_store
+from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import Stage

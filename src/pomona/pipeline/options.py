@@ -99,42 +99,33 @@ class RunOptions:
     @property
     def of_stages(self) -> StageOptions:
         """The options of each stage."""
-        from pomona.dense.options import DenseOptions
-        from pomona.filter.options import FilterOptions
-        from pomona.fuse.object.options import ObjectOptions
-        from pomona.measure.options import MeasureOptions
-        from pomona.scale.options import ScaleOptions
-        from pomona.segment.photo_detections import SegmentOptions
-        from pomona.sfm.options import SfmOptions
-
-        segment, scale = self.segment or SegmentOptions(), self.scale or ScaleOptions()
-        association, dense = self.object or ObjectOptions(), self.dense or DenseOptions()
+        usual = StageOptions.usual(self)
         return StageOptions(
             run=self,
-            segment=replace(segment, score_threshold=self.score_threshold),
-            sfm=self.sfm or SfmOptions(),
+            segment=replace(self.segment or usual.segment, score_threshold=self.score_threshold),
+            sfm=self.sfm or usual.sfm,
             scale=replace(
-                scale,
+                self.scale or usual.scale,
                 markers=self.markers,
                 scale_bar=self.scale_bar,
                 marker_dictionary=self.marker_dictionary,
                 fruit_diameter_m=self.fruit_diameter_m,
                 use_gnss=self.use_gnss,
             ),
-            object=replace(association, fruit_diameter_m=self.fruit_diameter_m),
-            paper=self._paper(),
-            dense=replace(dense, engine=self.engine, fruit_diameter_m=self.fruit_diameter_m),  # type: ignore[arg-type]
-            filter=self.filter or FilterOptions(),
-            measure=(self.measure or MeasureOptions()).tied(with_points=self.method == "paper"),
+            object=replace(self.object or usual.object, fruit_diameter_m=self.fruit_diameter_m),
+            paper=self.paper or self._paper(usual.paper),
+            dense=replace(
+                self.dense or usual.dense,
+                engine=self.engine,  # type: ignore[arg-type]
+                fruit_diameter_m=self.fruit_diameter_m,
+            ),
+            filter=self.filter or usual.filter,
+            measure=(self.measure or usual.measure).tied(with_points=self.method == "paper"),
         )
 
-    def _paper(self) -> PaperOptions:
-        from pomona.fuse.paper.options import PaperOptions
-
-        if self.paper is not None:
-            return self.paper
-        made = {"text": PaperOptions.as_printed, "published-code": PaperOptions.as_published_code}
-        options = made[self.variant]() if self.variant else PaperOptions()
+    def _paper(self, usual: PaperOptions) -> PaperOptions:
+        made = {"text": usual.as_printed, "published-code": usual.as_published_code}
+        options = made[self.variant]() if self.variant else usual
         # Scores were compared with the threshold already; but the published code has its own.
         as_code = self.variant == "published-code" and self.score_threshold is None
         return replace(
@@ -200,12 +191,37 @@ class StageOptions:
     filter: FilterOptions
     measure: MeasureOptions
 
+    @classmethod
+    def usual(cls, run: RunOptions) -> StageOptions:
+        """Return those of stages of which nothing was said; imported here, as they bring the engines."""
+        from pomona.dense.options import DenseOptions
+        from pomona.filter.options import FilterOptions
+        from pomona.fuse.object.options import ObjectOptions
+        from pomona.fuse.paper.options import PaperOptions
+        from pomona.measure.options import MeasureOptions
+        from pomona.scale.options import ScaleOptions
+        from pomona.segment.photo_detections import SegmentOptions
+        from pomona.sfm.options import SfmOptions
+
+        return cls(
+            run=run,
+            segment=SegmentOptions(),
+            sfm=SfmOptions(),
+            scale=ScaleOptions(),
+            object=ObjectOptions(),
+            paper=PaperOptions(),
+            dense=DenseOptions(),
+            filter=FilterOptions(),
+            measure=MeasureOptions(),
+        )
+
 
 def _from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     """Return the options of which `plain` gave the entries."""
     assert is_dataclass(cls)
     known = {field.name: values[field.name] for field in fields(cls) if field.name in values}
-    kinds = get_type_hints(cls, localns=_option_classes())
+    usual = vars(StageOptions.usual(RunOptions())).values()
+    kinds = get_type_hints(cls, localns={type(options).__name__: type(options) for options in usual})
     try:
         return cls(**{name: _value(kinds[name], value) for name, value in known.items()})
     except (TypeError, ValueError, AttributeError) as error:
@@ -221,20 +237,3 @@ def _value(kind: Any, value: Any) -> Any:
     if isinstance(value, list):
         return tuple(value)
     return Path(value) if Path in kinds else value
-
-
-def _option_classes() -> dict[str, Any]:
-    from pomona.dense.options import DenseOptions
-    from pomona.filter.options import FilterOptions
-    from pomona.fuse.object.options import ObjectOptions
-    from pomona.fuse.paper.options import PaperOptions
-    from pomona.measure.options import MeasureOptions
-    from pomona.scale.options import ScaleOptions
-    from pomona.segment.photo_detections import SegmentOptions
-    from pomona.sfm.options import SfmOptions
-
-    classes = (
-        SegmentOptions, SfmOptions, ScaleOptions, ObjectOptions, PaperOptions, DenseOptions, FilterOptions,
-        MeasureOptions,
-    )  # fmt: skip
-    return {cls.__name__: cls for cls in classes}

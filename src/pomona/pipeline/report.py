@@ -12,8 +12,7 @@ from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.sfm import SFM
-from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Input, RunLog, Stage, Store, SurveyContext
-from pomona.progress import Progress
+from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, RunLog, Stage, Store, SurveyContext
 from pomona.survey.files import write_file
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from pomona.scale.report import Placed
 
 
-def _as_found(
+def _gathered(
     photos: Photos,
     skipped: tuple[Skipped, ...],
     unregistered: Sequence[Mapping[str, str]],
@@ -30,13 +29,10 @@ def _as_found(
     selected: Selected,
     results: Results,
     run_log: RunLog,
-    *,
-    progress: Progress,
 ) -> ReportData:
     from pomona.report import ReportData, StageTime
     from pomona.survey.facts import unregistered_from
 
-    progress.start("gathering")
     records = run_log.records
     warnings = [*run_log.warnings, *(warning for record in records.values() for warning in record.warnings)]
     return ReportData(
@@ -56,22 +52,15 @@ def _as_found(
     )
 
 
-def _as_corrected(
-    photos: Photos,
-    skipped: tuple[Skipped, ...],
-    unregistered: Sequence[Mapping[str, str]],
-    placed: Placed,
-    selected: Selected,
-    results: Results,
-    run_log: RunLog,
-    corrected: Corrected,
-    *,
-    progress: Progress,
-) -> ReportData:
+def _as_found(gathered: ReportData) -> ReportData:
+    return gathered
+
+
+def _as_corrected(gathered: ReportData, corrected: Corrected, least_score: float) -> ReportData:
     return replace(
-        _as_found(photos, skipped, unregistered, placed, selected, results, run_log, progress=progress),
+        gathered,
         observations=corrected.observations,
-        masks=corrected.detections.at_least(selected.least_score),
+        masks=corrected.detections.at_least(least_score),
         corrections=corrected.applied,
     )
 
@@ -93,16 +82,25 @@ def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) ->
 
     Times and warnings of the run are shown in it, but a report is not written again for them.
     """
-    inputs: dict[str, Input] = {
-        "photos": PHOTOS,
-        "skipped": SKIPPED,
-        "unregistered": Fact(SFM, "unregistered"),
-        "placed": SCALE,
-        "selected": SELECT,
-        "results": results,
-        "run_log": RUN_LOG,
-    }
+    gathered = Stage(
+        name="gathered",
+        inputs={
+            "photos": PHOTOS,
+            "skipped": SKIPPED,
+            "unregistered": Fact(SFM, "unregistered"),
+            "placed": SCALE,
+            "selected": SELECT,
+            "results": results,
+            "run_log": RUN_LOG,
+        },
+        compute=_gathered,
+    )
     store = Store(save=_save, outputs=lambda survey: (survey.report, survey.contact_sheet))
     if corrected is None:
-        return Stage(name="report", inputs=inputs, compute=_as_found, store=store)
-    return Stage(name="report", inputs={**inputs, "corrected": corrected}, compute=_as_corrected, store=store)
+        return Stage(name="report", inputs={"gathered": gathered}, compute=_as_found, store=store)
+    return Stage(
+        name="report",
+        inputs={"gathered": gathered, "corrected": corrected, "least_score": Fact(SELECT, "least_score")},
+        compute=_as_corrected,
+        store=store,
+    )

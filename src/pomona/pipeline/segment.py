@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import PomonaError
 from pomona.photos import Photo, Photos
-from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
+from pomona.pipeline.stage import DIGESTS, PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import write_file
@@ -84,9 +84,19 @@ def _lowest_score(options: StageOptions) -> float | None:
     return asked if asked < usual else None
 
 
-def _segment(photos: Photos, *, options: SegmentChoice, own_key: str, work_dir: Path, progress: Progress) -> Segmented:
+def _segment(
+    photos: Photos,
+    digests: Mapping[str, str],
+    *,
+    options: SegmentChoice,
+    own_key: str,
+    work_dir: Path,
+    progress: Progress,
+) -> Segmented:
     if options.given is None:
-        return _by_model(photos, options, work_dir / own_key, progress)
+        folder = work_dir / own_key
+        files = {photo.name: folder / f"{digest([photo.name, digests[photo.name]])}.json" for photo in photos}
+        return _by_model(photos, options, files, progress)
     from pomona.formats.detections.read import read_detections
 
     progress.start("reading the detections given")
@@ -94,8 +104,8 @@ def _segment(photos: Photos, *, options: SegmentChoice, own_key: str, work_dir: 
     return Segmented(found, 0.0)  # who gives detections has chosen them
 
 
-def _by_model(photos: Photos, options: SegmentChoice, folder: Path, progress: Progress) -> Segmented:
-    """Segment photo after photo; each is kept in `folder` at once, so that a stopped run goes on with the next."""
+def _by_model(photos: Photos, options: SegmentChoice, files: Mapping[str, Path], progress: Progress) -> Segmented:
+    """Segment photo after photo; each is kept in its file at once, so that a stopped run goes on with the next."""
     from pomona.formats.detections.coco import write_coco
     from pomona.segment import iter_detections, load_segmenter
 
@@ -104,7 +114,6 @@ def _by_model(photos: Photos, options: SegmentChoice, folder: Path, progress: Pr
     chosen = options.options
     if options.lowest_score is not None:
         chosen = replace(chosen, kept_share=options.lowest_score / threshold)
-    files = {photo.name: folder / f"{digest([photo.name, file_digest(photo.path)])}.json" for photo in photos}
     done, found = _done(photos, files), dict[str, Detections]()
     by_name = photos.by_name()
     for of_photo in iter_detections(photos, segmenter, options=chosen, progress=progress, done=done):
@@ -155,7 +164,7 @@ def _load(info: Mapping[str, Any], context: SurveyContext) -> Segmented:
 
 SEGMENT = Stage(
     name="segment",
-    inputs={"photos": PHOTOS},
+    inputs={"photos": PHOTOS, "digests": DIGESTS},
     options=_choice,
     compute=_segment,
     store=Store(save=_save, load=_load, outputs=lambda survey: (survey.detections,)),

@@ -12,7 +12,7 @@ from pomona.corrections import Corrections
 from pomona.errors import InputError
 from pomona.photos import Photos
 from pomona.pipeline.runner import SourceValue
-from pomona.pipeline.stage import CORRECTIONS, PHOTOS, SIDES, SKIPPED, Source
+from pomona.pipeline.stage import CORRECTIONS, DIGESTS, PHOTOS, SIDES, SKIPPED, Source
 from pomona.progress import Progress, track
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest, file_digest, plain
@@ -47,6 +47,7 @@ def sources_of(photos: Photos, digests: Mapping[str, str], corrections: Correcti
     sides = {photo.name: photo.side for photo in photos}
     return {
         PHOTOS: SourceValue(replace(photos, skipped=()), digest([details, photos.from_video])),
+        DIGESTS: SourceValue(digests, digest(digests)),
         SKIPPED: SourceValue(photos.skipped, digest(photos.skipped)),
         SIDES: SourceValue(sides, digest(sides)),
         CORRECTIONS: SourceValue(corrections, digest(corrections.done)),

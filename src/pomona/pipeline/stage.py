@@ -31,6 +31,8 @@ class Source:
 
 PHOTOS = Source("photos")
 """The photos, without those that were skipped: `Photos`, known by contents and metadata, wherever they lie."""
+DIGESTS = Source("digests")
+"""The digest of each photo's content, by name; none in a survey that is opened without its photos."""
 SKIPPED = Source("skipped")
 """Files among the photos that cannot be used: a tuple of `Skipped`."""
 SIDES = Source("sides")

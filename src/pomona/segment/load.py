@@ -99,20 +99,21 @@ def _load_onnx(path: Path, classes: Sequence[str], score_floor: float | None) ->
 
     `classes`: which are fruit, by name or number; empty: worked out.
     """
-    from pomona.segment import rf_detr_seg, yolo_seg
     from pomona.segment.center_offset import KIND, CenterOffsetSegmenter
     from pomona.segment.onnx_file import OnnxFile
+    from pomona.segment.rf_detr_seg import RfDetrSegmenter
+    from pomona.segment.yolo_seg import YoloSegmenter
 
     file = OnnxFile(path)
     if "pomona.kind" in file.metadata:
         if classes:
             raise InputError(f"{path}: a model of Pomona knows one class, fruit; leave out ':{','.join(classes)}'")
         return CenterOffsetSegmenter(file, score_floor=score_floor)
-    if rf_detr_seg.dets_labels_masks(file.outputs) is not None:
-        return rf_detr_seg.RfDetrSegmenter(file, classes=classes, score_floor=score_floor)
-    if yolo_seg.candidates_and_prototypes(file.outputs) is not None:
-        return yolo_seg.YoloSegmenter(file, classes=classes, score_floor=score_floor)
-    known = (f"Pomona's own (metadata pomona.kind = '{KIND}')", yolo_seg.LAYOUT, rf_detr_seg.LAYOUT)
+    exported = (YoloSegmenter, RfDetrSegmenter)
+    for segmenter in exported:
+        if segmenter.outputs_of(file) is not None:
+            return segmenter(file, classes=classes, score_floor=score_floor)
+    known = (f"Pomona's own (metadata pomona.kind = '{KIND}')", *(segmenter.layout for segmenter in exported))
     raise FormatError(
         f"{path}: its outputs are of no layout that Pomona knows. Found: {'; '.join(map(str, file.outputs))}. "
         f"Known: {'; '.join(known)}. A detector without masks has to be exported again from its segmentation variant; "

@@ -18,58 +18,45 @@ from pomona.arrays import ByteArray
 from pomona.errors import FormatError
 from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.decode import Float32Array
-from pomona.segment.fruit_classes import fruit_columns
+from pomona.segment.exported import ExportedSegmenter
 from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import TileByTile, TileDetections, name_of_file
+from pomona.segment.protocol import TileDetections
 
-LAYOUT = "RF-DETR-seg: dets (1, q, 4), labels (1, q, classes + 1), masks (1, q, h, w)"
 _IMAGENET = {"means": (0.485, 0.456, 0.406), "stds": (0.229, 0.224, 0.225)}
 _METADATA = "rfdetr_inference"
-_SCORE_THRESHOLD = 0.5
 _MAX_BOX_IOU = 0.7
 _MASK_BEYOND_BOX = 0.05
 
 
-def dets_labels_masks(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor] | None:
-    """Return the three outputs of an RF-DETR segmenter, or None if these outputs are not of one."""
-    by_name = {node.name: node for node in outputs}
-    masks = [node for node in outputs if len(node.shape) == 4]
-    if len(outputs) != 3 or not {"dets", "labels"} <= by_name.keys() or len(masks) != 1:
-        return None
-    dets, labels = by_name["dets"], by_name["labels"]
-    if len(dets.shape) != 3 or dets.shape[2] not in (4, None) or len(labels.shape) != 3:
-        return None
-    return dets, labels, masks[0]
+class RfDetrSegmenter(ExportedSegmenter):
+    """An exported RF-DETR-seg file."""
 
+    kind = "rf-detr-seg"
+    layout = "RF-DETR-seg: dets (1, q, 4), labels (1, q, classes + 1), masks (1, q, h, w)"
+    usual_score_threshold = 0.5
 
-class RfDetrSegmenter(TileByTile):
-    """A `Segmenter` of an exported RF-DETR-seg file; `classes` are those that are fruit, by name or number.
+    @staticmethod
+    def outputs_of(file: OnnxFile) -> tuple[Tensor, Tensor, Tensor] | None:
+        """Return `dets`, `labels` and the masks, None if the file is not of an RF-DETR segmenter."""
+        by_name = {node.name: node for node in file.outputs}
+        masks = [node for node in file.outputs if len(node.shape) == 4]
+        if len(file.outputs) != 3 or not {"dets", "labels"} <= by_name.keys() or len(masks) != 1:
+            return None
+        dets, labels = by_name["dets"], by_name["labels"]
+        if len(dets.shape) != 3 or dets.shape[2] not in (4, None) or len(labels.shape) != 3:
+            return None
+        return dets, labels, masks[0]
 
-    Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
-    for a class that it has not.
-    """
-
-    def __init__(self, file: OnnxFile, *, classes: Sequence[str] = (), score_floor: float | None = None) -> None:
-        found = dets_labels_masks(file.outputs)
-        if found is None:
-            raise FormatError(f"{file.path}: expected {LAYOUT}; found {'; '.join(map(str, file.outputs))}")
-        self._file, self._outputs = file, [node.name for node in found]
-        self._input_px = file.image_size(None)
-        stored = _stored(file)
+    def _read_layout(self, outputs: Sequence[Tensor]) -> tuple[int, Mapping[int, str]]:
+        file, labels, stored = self._file, outputs[1], _stored(self._file)
         self._mean, self._deviation = (_channels(file, stored, key) for key in ("means", "stds"))
-        names = _stored_names(file, stored)
-        labels = file.with_fixed_shapes(found, self._input_px)[1]
         columns = labels.shape[2]
         assert columns is not None
         if columns < 2:
-            raise FormatError(f"{file.path}: expected {LAYOUT}, with two labels at least; found {labels}")
+            raise FormatError(f"{file.path}: expected {self.layout}, with two labels at least; found {labels}")
         self._columns = columns
-        self._fruits = fruit_columns(file.path, columns - 1, names, classes)
-        # Tiles of the network's own size, so that the photo's scale is kept.
-        traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
-        name = ":".join(["rf-detr-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
-        super().__init__(name, traits, score_floor)
+        return columns - 1, _stored_names(file, stored)
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
         placement = Placement.stretched((tile.shape[1], tile.shape[0]), self._input_px)
@@ -95,7 +82,7 @@ class RfDetrSegmenter(TileByTile):
         q = dets.shape[1]
         if dets.shape != (1, q, 4) or labels.shape != (1, q, self._columns) or masks.shape[:2] != (1, q):
             raise FormatError(
-                f"{self._file.path}: expected {LAYOUT}, here with {self._columns} labels; "
+                f"{self._file.path}: expected {self.layout}, here with {self._columns} labels; "
                 f"found dets {dets.shape}, labels {labels.shape}, masks {masks.shape}"
             )
 

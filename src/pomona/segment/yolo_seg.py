@@ -18,47 +18,51 @@ from pomona.arrays import ByteArray, FloatArray
 from pomona.errors import FormatError
 from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.decode import Float32Array
-from pomona.segment.fruit_classes import fruit_columns
+from pomona.segment.exported import ExportedSegmenter
 from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.placement import Placement, corners, with_masks
-from pomona.segment.protocol import TileByTile, TileDetections, name_of_file
+from pomona.segment.protocol import TileDetections
 
-LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
-_SCORE_THRESHOLD = 0.25
+_LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
 _MAX_BOX_IOU = 0.7
 _GREY = 114
 
 
-def candidates_and_prototypes(outputs: Sequence[Tensor]) -> tuple[Tensor, Tensor] | None:
-    """Return the two outputs of a YOLO segmenter, or None if these outputs are not of one."""
-    candidates = [node for node in outputs if len(node.shape) == 3]
-    prototypes = [node for node in outputs if len(node.shape) == 4]
-    if len(outputs) != 2 or len(candidates) != 1 or len(prototypes) != 1:
-        return None
-    return candidates[0], prototypes[0]
+class YoloSegmenter(ExportedSegmenter):
+    """An exported YOLO-seg file."""
 
+    kind = "yolo-seg"
+    layout = _LAYOUT
+    usual_score_threshold = 0.25
 
-class YoloSegmenter(TileByTile):
-    """A `Segmenter` of an exported YOLO-seg file; `classes` are those that are fruit, by name or number.
+    @staticmethod
+    def outputs_of(file: OnnxFile) -> tuple[Tensor, Tensor] | None:
+        """Return the candidates and the prototypes, None if the file is not of a YOLO segmenter."""
+        candidates = [node for node in file.outputs if len(node.shape) == 3]
+        prototypes = [node for node in file.outputs if len(node.shape) == 4]
+        if len(file.outputs) != 2 or len(candidates) != 1 or len(prototypes) != 1:
+            return None
+        return candidates[0], prototypes[0]
 
-    Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
-    for a class that it has not.
-    """
+    @staticmethod
+    def _stored_size(file: OnnxFile) -> tuple[int, int] | None:
+        """Return the input's (width, height) by metadata `imgsz`."""
+        expected = "[height, width] in pixels"
+        size = file.literal("imgsz", expected)
+        if size is None:
+            return None
+        if isinstance(size, int):
+            size = [size, size]
+        if not isinstance(size, list | tuple) or len(size) != 2 or not all(isinstance(s, int) and s > 0 for s in size):
+            found = file.metadata["imgsz"][:80]
+            raise FormatError(f"{file.path}: metadata imgsz: expected {expected}, found '{found}'")
+        return size[1], size[0]
 
-    def __init__(self, file: OnnxFile, *, classes: Sequence[str] = (), score_floor: float | None = None) -> None:
-        found = candidates_and_prototypes(file.outputs)
-        if found is None:
-            raise FormatError(f"{file.path}: expected {LAYOUT}; found {'; '.join(map(str, file.outputs))}")
-        self._file, self._outputs = file, [node.name for node in found]
-        self._input_px = file.image_size(_stored_size(file))
-        candidates, prototypes = file.with_fixed_shapes(found, self._input_px)
-        names = _stored_names(file)
-        self._rows = _Rows.of(file, candidates, prototypes, names)
-        self._fruits = fruit_columns(file.path, self._rows.classes, names, classes)
-        # Tiles of the network's own size, so that the photo's scale is kept.
-        traits = file.traits(tile_px=min(self._input_px), score_threshold=_SCORE_THRESHOLD)
-        name = ":".join(["yolo-seg", name_of_file(file.path), "+".join(map(str, self._fruits))])
-        super().__init__(name, traits, score_floor)
+    def _read_layout(self, outputs: Sequence[Tensor]) -> tuple[int, Mapping[int, str]]:
+        candidates, prototypes = outputs
+        names = _stored_names(self._file)
+        self._rows = _Rows.of(self._file, candidates, prototypes, names)
+        return self._rows.classes, names
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
         placement = Placement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px)
@@ -98,7 +102,7 @@ class _Rows:
             return cls(end_to_end=True, classes=by_names, masks=masks)
         if features <= 4 + masks or (names and features != 4 + by_names + masks):
             raise FormatError(
-                f"{file.path}: expected {LAYOUT}, here with m = {masks} and {by_names or 'an unknown number of'} "
+                f"{file.path}: expected {_LAYOUT}, here with m = {masks} and {by_names or 'an unknown number of'} "
                 f"classes; found {candidates}; {prototypes}"
             )
         return cls(end_to_end=False, classes=features - 4 - masks, masks=masks)
@@ -116,7 +120,7 @@ class _Rows:
         rows = candidates[0] if self.end_to_end else candidates[0].T
         if rows.shape[1] != features or prototypes.shape[1] != self.masks:
             raise FormatError(
-                f"{file.path}: expected {LAYOUT}, here with m = {self.masks} and {self.classes} classes; "
+                f"{file.path}: expected {_LAYOUT}, here with m = {self.masks} and {self.classes} classes; "
                 f"found candidates {candidates.shape}, prototypes {prototypes.shape}"
             )
         if self.end_to_end:
@@ -141,16 +145,3 @@ def _stored_names(file: OnnxFile) -> dict[int, str]:
     if not isinstance(names, dict) or not names or not all(isinstance(key, int) and key >= 0 for key in names):
         raise FormatError(f"{file.path}: metadata names: expected {expected}, found '{file.metadata['names'][:80]}'")
     return {key: str(name) for key, name in names.items()}
-
-
-def _stored_size(file: OnnxFile) -> tuple[int, int] | None:
-    """The input's (width, height) by metadata `imgsz`."""
-    expected = "[height, width] in pixels"
-    size = file.literal("imgsz", expected)
-    if size is None:
-        return None
-    if isinstance(size, int):
-        size = [size, size]
-    if not isinstance(size, list | tuple) or len(size) != 2 or not all(isinstance(s, int) and s > 0 for s in size):
-        raise FormatError(f"{file.path}: metadata imgsz: expected {expected}, found '{file.metadata['imgsz'][:80]}'")
-    return size[1], size[0]

@@ -15,8 +15,8 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos, Skipped
 from pomona.progress import Progress, Silent
 from pomona.survey.folder import SurveyFolder
+from pomona.survey.fused import fused_path, read_fused
 from pomona.survey.photos import photos_of, placeholder
-from pomona.survey.values import columns_from, read_arrays
 
 if TYPE_CHECKING:
     from pomona.scale.report import ScaleReport
@@ -205,12 +205,11 @@ class SurveyReader:
     @cached_property
     def before_filter(self) -> tuple[Fruits, Observations] | None:
         """The fruits before the filter, with what saw them; None where the survey has not kept those of its tables."""
-        path = self.files.work("fuse.npz")
-        if not path.is_file():
+        if not fused_path(self.files, "fuse").is_file():
             return None
-        arrays = read_arrays(path)
-        before = columns_from(Fruits, arrays, "fruits/"), columns_from(Observations, arrays, "observations/")
-        return before if set(self.fruits.ids.tolist()) <= set(before[0].ids.tolist()) else None
+        before = read_fused(self.files, "fuse")
+        kept = set(self.fruits.ids.tolist()) <= set(before.fruits.ids.tolist())
+        return (before.fruits, before.observations) if kept else None
 
     def _finished(self, stage: str) -> StageRecord | None:
         record = self.files.record_of(stage)

@@ -1,0 +1,54 @@
+"""What segmenters have in common that somebody trained and exported to ONNX: one class for each layout of outputs."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from pomona.errors import FormatError
+from pomona.segment.fruit_classes import fruit_columns
+from pomona.segment.onnx_file import OnnxFile, Tensor
+from pomona.segment.protocol import TileByTile, name_of_file
+
+
+class ExportedSegmenter(TileByTile):
+    """A `Segmenter` of an ONNX file of a known layout; `classes` are those that are fruit, by name or number.
+
+    Raises `FormatError` when the file is of another layout or says nothing of which class is fruit, and `InputError`
+    for a class that it has not.
+    """
+
+    kind: ClassVar[str]
+    """The kind of network, as names of segmenters begin."""
+    layout: ClassVar[str]
+    """The outputs that it reads, for error messages."""
+    usual_score_threshold: ClassVar[float]
+    """Where the file says none."""
+
+    def __init__(self, file: OnnxFile, *, classes: Sequence[str] = (), score_floor: float | None = None) -> None:
+        found = self.outputs_of(file)
+        if found is None:
+            raise FormatError(f"{file.path}: expected {self.layout}; found {'; '.join(map(str, file.outputs))}")
+        self._file, self._outputs = file, [node.name for node in found]
+        self._input_px = file.image_size(self._stored_size(file))
+        count, names = self._read_layout(file.with_fixed_shapes(found, self._input_px))
+        self._fruits = fruit_columns(file.path, count, names, classes)
+        # Tiles of the network's own size, so that the photo's scale is kept.
+        traits = file.traits(tile_px=min(self._input_px), score_threshold=self.usual_score_threshold)
+        name = ":".join([self.kind, name_of_file(file.path), "+".join(map(str, self._fruits))])
+        super().__init__(name, traits, score_floor)
+
+    @staticmethod
+    @abstractmethod
+    def outputs_of(file: OnnxFile) -> Sequence[Tensor] | None:
+        """Return the outputs that it reads, in the order in which it wants them; None if the file is of no such net."""
+
+    @staticmethod
+    def _stored_size(file: OnnxFile) -> tuple[int, int] | None:
+        """Return the (width, height) to take where the input's size is free; None: it has to be fixed."""
+        return None
+
+    @abstractmethod
+    def _read_layout(self, outputs: Sequence[Tensor]) -> tuple[int, Mapping[int, str]]:
+        """Note what reading the outputs takes; return how many classes there are, and their names where known."""
