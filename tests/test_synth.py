@@ -9,7 +9,7 @@ import pytest
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, SurveyError
 from pomona.synth import LIGHTS, VARIETIES, RowOptions, render, render_row, truth
 from pomona.synth.cameras import RowCamera, row_cameras
-from pomona.synth.encoding import ids_from_colours, visible_pixels
+from pomona.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
 from pomona.synth.layout import lay_out_row
 from pomona.synth.meshes import fruit, plate
 from pomona.synth.presets import DEMO, ROWS, training_options
@@ -50,6 +50,25 @@ def test_cameras_look_at_the_row_from_their_side():
         assert depth == pytest.approx(2.8, abs=0.3)
         assert (px[1, 0] > px[0, 0]) == east  # +x is to the right from the east
         assert px[2, 1] < px[0, 1] - 100  # up is up
+
+
+def test_a_walk_round_the_end_goes_on_from_side_to_side_and_looks_at_the_row():
+    options = RowOptions(
+        trees=2, photos_per_side=6, photos_round_end=9, step_m=0.4, distance_m=2, jitter_m=0, jitter_deg=0
+    )
+    cameras = row_cameras(options)
+    assert [c.name for c in cameras] == [f"walk_{i:03d}" for i in range(21)]
+    places = np.array([c.centre_in_world for c in cameras])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps == pytest.approx(0.4, abs=0.09)  # the end is about as long as nine steps
+    round_end = places[6:15]
+    assert (np.diff(round_end[:, 1]) > 0).all()  # from east to west
+    assert round_end[:, 0].max() == pytest.approx(places[10, 0], abs=0.01)  # farthest out half-way
+    assert places[10, 0] > options.length_m + 1.3
+    ahead = np.array([c.rotation_cam_from_world[2] for c in cameras])
+    assert ahead[[0, 10, 20]] == pytest.approx(np.array([[0, 1, 0], [-1, 0, 0], [0, -1, 0]]), abs=0.02)
+    middle = np.array([[options.length_m / 2, 0, options.camera_height_m]])
+    assert all(c.project(middle)[1][0] > 0.8 for c in cameras)
 
 
 def test_fruits_hang_apart_from_each_other_and_from_the_trunks(row):
@@ -162,6 +181,7 @@ def test_ids_survive_being_colours():
     ids = np.array([[0, 1, 255], [256, 4097, 65535]])
     rgb = np.stack([ids % 256, ids // 256, np.zeros_like(ids)], axis=-1).astype(np.uint8)
     assert np.array_equal(ids_from_colours(rgb), ids)
+    assert np.array_equal(colours_of_ids(ids.astype(np.uint16)), rgb)
     assert visible_pixels(ids_from_colours(rgb)) == {1: 1, 255: 1, 256: 1, 4097: 1, 65535: 1}
     with pytest.raises(FormatError, match="blue"):
         ids_from_colours(np.full((2, 2, 3), 7, np.uint8))
@@ -171,7 +191,9 @@ def test_ids_survive_being_colours():
     ("wrong", "said"),
     [({"variety": "pear"}, "pear"), ({"light": "night"}, "night"), ({"sides": ()}, "sides"), ({"trees": 0}, "trees"),
      ({"distance_m": -1.0}, "distance_m"), ({"seed": -1}, "seed"), ({"jpeg_quality": 0}, "jpeg_quality"),
-     ({"trees": 100, "fruits_per_tree": 1000}, "65535")],
+     ({"trees": 100, "fruits_per_tree": 1000}, "65535"), ({"photos_round_end": -1}, "photos_round_end"),
+     ({"photos_round_end": 3, "sides": ("west", "east")}, "east then west"), ({"wind_m": 0.01}, "rough"),
+     ({"wind_m": float("nan"), "rough": True}, "wind_m")],
 )  # fmt: skip
 def test_wrong_options_are_named(wrong, said):
     with pytest.raises(InputError, match=said):

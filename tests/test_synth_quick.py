@@ -9,11 +9,14 @@ import pytest
 
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.detections.png_masks import IGNORED_ID
+from pomona.scale.aruco import detect
+from pomona.synth import RowOptions, render_row
 from pomona.synth.quick import KINDS, PictureOptions, render_pictures
 from pomona.synth.quick.develop import develop
 from pomona.synth.quick.lights import NAMES, backdrop, draw_lighting
 from pomona.synth.quick.scene import FALLEN, FRUIT, build_scene
 from pomona.synth.quick.shapes import fruit_mesh
+from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -89,3 +92,49 @@ def test_masks_lie_in_the_whole_fruits_circles_and_a_run_goes_on(tmp_path: Path)
     again = cv2.imread(str(photo)).astype(float)
     photo.write_bytes(before)
     assert np.abs(again - cv2.imread(str(photo))).mean() < 0.5
+
+
+def _rough_row(out: Path, **options: float) -> Path:
+    row = RowOptions(
+        seed=5, trees=1, fruits_per_tree=25, leaves_per_tree=150, photos_per_side=1, width_px=200, height_px=300,
+        rough=True, **options,  # type: ignore[arg-type]
+    )  # fmt: skip
+    try:
+        return render_row(row, out)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+
+
+def test_a_rough_row_has_its_fruits_and_markers_where_the_cameras_see_them(tmp_path: Path) -> None:
+    folder = RowFolder(_rough_row(tmp_path / "row"))
+    fruits, markers = (
+        read_fruits(folder.truth("fruits.csv")),
+        np.loadtxt(folder.truth("markers.csv"), delimiter=",", skiprows=1),
+    )
+    offsets, shares, seen = [], [], 0
+    for camera in read_cameras(folder.truth("cameras.json")):
+        ids = read_mask(folder.mask(camera.name))
+        px, depth = camera.project(fruits.centres_in_world)
+        for i, p, z, size in zip(fruits.ids, px, depth, fruits.diameters_m, strict=True):
+            y, x = np.nonzero(ids == i)
+            shares.append(len(x) / (np.pi * (camera.focal_px * size / 2 / z) ** 2))
+            offsets.append([x.mean() + 0.5 - p[0], y.mean() + 0.5 - p[1]] if shares[-1] > 0.78 else [np.nan, np.nan])
+        grey = cv2.cvtColor(cv2.imread(str(folder.photo(camera.name))), cv2.COLOR_BGR2GRAY)
+        for marker_id, corners in detect(grey, "DICT_4X4_50"):
+            expected = camera.project(markers[markers[:, 0] == marker_id, 1:4])[0][0]
+            assert np.abs(corners.mean(0) - expected).max() < 1
+            seen += 1
+    whole = np.array(offsets)[np.array(shares) > 0.78]
+    assert len(whole) >= 5
+    assert np.abs(np.median(whole, axis=0)).max() < 0.5
+    assert 0.78 < np.median([s for s in shares if s > 0.78]) < 1.05
+    assert 4 <= seen <= 12  # plates, some of them cut by the photo's edge or behind leaves
+
+
+def test_wind_moves_leaves_and_leaves_fruits_where_they_are(tmp_path: Path) -> None:
+    still, windy = (RowFolder(_rough_row(tmp_path / f"{w}", wind_m=w)) for w in (0.0, 0.01))
+    for name in ("east_000", "west_000"):
+        pixels = [cv2.imread(str(folder.photo(name))).astype(int) for folder in (still, windy)]
+        changed = (np.abs(pixels[1] - pixels[0]).max(2) > 60).mean()
+        assert 0.005 < changed < 0.4
+    assert still.truth("fruits.csv").read_bytes() == windy.truth("fruits.csv").read_bytes()

@@ -20,7 +20,15 @@ def synth(
     variety: Annotated[str, typer.Option(help="How the fruits look: red, bicolour, green, ...")] = "red",
     light: Annotated[str, typer.Option(help="noon, sun, low-sun, hazy or overcast.")] = "sun",
     photos_per_side: Annotated[int, typer.Option(help="Photos of each side.")] = 17,
+    photos_round_end: Annotated[
+        int, typer.Option(metavar="N", help="Photos round the row's end between its sides: above 0, one walk.")
+    ] = 0,
+    step: Annotated[float, typer.Option(metavar="METRES", help="From photo to photo.")] = 0.22,
     distance: Annotated[float, typer.Option(metavar="METRES", help="From the photographer to the trunks.")] = 2.8,
+    rough: Annotated[bool, typer.Option("--rough", help="Draw with OpenGL: seconds a photo, not a minute.")] = False,
+    wind: Annotated[
+        float, typer.Option(metavar="METRES", help="How far leaves move between rough photos (standard deviation).")
+    ] = 0.0,
 ) -> None:
     """Render a row of apple trees from both sides, every fruit and camera known (needs the extra `synth`)."""
     from pomona.synth import RowOptions, render_row
@@ -32,7 +40,11 @@ def synth(
         variety=variety,
         light=light,
         photos_per_side=photos_per_side,
+        photos_round_end=photos_round_end,
+        step_m=step,
         distance_m=distance,
+        rough=rough,
+        wind_m=wind,
     )
     try:
         with TerminalProgress() as progress:

@@ -14,6 +14,8 @@ OTHER_NAMES = {
     "distance_m": "--distance",
     "min_size_px": "--min-size",
     "min_visible_px": "--min-visible",
+    "step_m": "--step",
+    "wind_m": "--wind",
 }
 # Parameters whose option has the same name, with hyphens.
 SAME_NAMES = frozenset(
@@ -22,7 +24,7 @@ SAME_NAMES = frozenset(
         "scale_bar", "marker_dictionary", "engine", "filter_model", "overwrite", "out", "photos", "truth", "match",
         "worst", "to", "port", "arch", "weights", "preset", "steps", "epochs", "batch", "learning_rate", "copy_paste",
         "check_every", "patience", "held_out", "split_by", "workers", "seed", "trees", "fruits_per_tree", "variety",
-        "light", "photos_per_side",
+        "light", "photos_per_side", "photos_round_end", "rough",
     )
 )  # fmt: skip
 

@@ -30,7 +30,7 @@ except ImportError as missing:
     ) from missing
 
 
-class Stage:
+class BlenderStage:
     """A Blender scene of one row, ready to be photographed. One at a time in a process."""
 
     def __init__(self, row: Row, marker_cells: list[IntArray], options: RowOptions) -> None:
@@ -46,11 +46,12 @@ class Stage:
         self._add_camera()
         self._set_cycles()
 
-    def photograph(self, camera: RowCamera, path: Path, *, seed: int) -> None:
+    def photograph(self, camera: RowCamera, path: Path, *, photo_idx: int) -> None:
         """Render a photo to a PNG file."""
         scene, cycles = self._scene, self._scene.cycles
         bpy.context.view_layer.material_override = None
-        cycles.samples, cycles.seed, cycles.max_bounces = self._options.samples, seed, 4
+        cycles.samples, cycles.max_bounces = self._options.samples, 4
+        cycles.seed = self._options.seed * 1000 + photo_idx
         cycles.pixel_filter_type, cycles.filter_width = "BLACKMAN_HARRIS", 1.5
         cycles.use_denoising = self._denoiser is not None
         scene.view_settings.view_transform, scene.view_settings.look = "AgX", "AgX - Medium High Contrast"
@@ -58,8 +59,9 @@ class Stage:
         scene.world.node_tree.nodes["Background"].mute = False
         self._render(camera, path)
 
-    def mask(self, camera: RowCamera, path: Path) -> None:
+    def mask(self, camera: RowCamera, path: Path, *, photo_idx: int) -> None:
         """Render the fruits' ids as colours to a PNG file: one sample in each pixel's centre, no light."""
+        del photo_idx  # nothing here moves between photos
         scene, cycles = self._scene, self._scene.cycles
         bpy.context.view_layer.material_override = self._materials["fruit_id"]
         cycles.samples, cycles.max_bounces, cycles.use_denoising = 1, 0, False

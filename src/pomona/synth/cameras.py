@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.synth.options import RowOptions, Side
+
+_END_CLEARANCE_M = 1.4  # from the last trunk, of who walks round the row's end
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,27 +45,66 @@ def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
 
 
 def row_cameras(options: RowOptions) -> tuple[RowCamera, ...]:
-    """Return the cameras of all sides, in the order of the walk; the walk is centred on the row."""
+    """Return the cameras in the order of the walk, which is centred on the row.
+
+    They are named by their sides (east_000), or, where the walk goes round the row's end, by the walk (walk_000).
+    """
+    if options.photos_round_end:
+        walk = [*_side_cameras(options, "east"), *_end_cameras(options), *_side_cameras(options, "west")]
+        return tuple(replace(camera, name=f"walk_{i:03d}") for i, camera in enumerate(walk))
     return tuple(camera for side in options.sides for camera in _side_cameras(options, side))
 
 
 def _side_cameras(options: RowOptions, side: Side) -> list[RowCamera]:
     east = side == "east"
     rng = options.rng(10 if east else 11)
-    facing = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # east: looks along +y, right is +x
-    if not east:
-        facing = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
-    walk = (np.arange(options.photos_per_side) - (options.photos_per_side - 1) / 2) * options.step_m
+    walk = _along(options)
     cameras = []
     for i, along in enumerate(walk if east else -walk):
         away = options.distance_m * (-1 if east else 1)
-        centre = np.array([options.length_m / 2 + along, away, options.camera_height_m])
-        centre += rng.normal(0, options.jitter_m, 3)
-        yaw, pitch, roll = rng.normal(0, options.jitter_deg, 3)
-        rotation = _rotation(yaw, pitch - options.tilt_deg, roll) @ facing
-        cameras.append(
-            RowCamera(
-                f"{side}_{i:03d}", rotation, -rotation @ centre, options.focal_px, options.width_px, options.height_px
-            )
-        )
+        place = np.array([options.length_m / 2 + along, away, options.camera_height_m])
+        cameras.append(_held(options, f"{side}_{i:03d}", place, 0.0 if east else np.pi, rng))
     return cameras
+
+
+def _along(options: RowOptions) -> FloatArray:
+    return (np.arange(options.photos_per_side) - (options.photos_per_side - 1) / 2) * options.step_m
+
+
+def _end_cameras(options: RowOptions) -> list[RowCamera]:
+    """Round the end at the row's last tree, on half an ellipse, as wide as gives the photos the walk's steps."""
+    rng = options.rng(12)
+    start_x = options.length_m / 2 + _along(options)[-1]
+    turn = np.linspace(0, np.pi, 721)  # east to west
+    wanted_m = (options.photos_round_end + 1) * options.step_m
+
+    def path(bulge_m: float) -> FloatArray:
+        return np.column_stack([start_x + bulge_m * np.sin(turn), -options.distance_m * np.cos(turn)])
+
+    def gone(bulge_m: float) -> FloatArray:
+        steps = np.linalg.norm(np.diff(path(bulge_m), axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    least_m = _END_CLEARANCE_M + options.length_m - start_x  # from the last trunk
+    bulge_m = max((b for b in np.linspace(0, 4, 81) if gone(b)[-1] <= wanted_m), default=0.0)
+    bulge_m = max(float(bulge_m), least_m)
+    walked = gone(bulge_m)
+    stops = np.linspace(0, walked[-1], options.photos_round_end + 2)[1:-1]
+    angles = np.interp(stops, walked, turn)
+    xy = np.column_stack([np.interp(stops, walked, axis) for axis in path(bulge_m).T])
+    return [
+        _held(options, f"end_{i:03d}", np.array([*place, options.camera_height_m]), angle, rng)
+        for i, (place, angle) in enumerate(zip(xy, angles, strict=True))
+    ]
+
+
+def _held(
+    options: RowOptions, name: str, place_in_world: FloatArray, turn: float, rng: np.random.Generator
+) -> RowCamera:
+    """A camera held by hand at about a place, turned by `turn` (radians, to the left) from looking along +y."""
+    c, s = np.cos(turn), np.sin(turn)
+    facing = np.array([[c, s, 0], [0, 0, -1], [-s, c, 0]])
+    centre = place_in_world + rng.normal(0, options.jitter_m, 3)
+    yaw, pitch, roll = rng.normal(0, options.jitter_deg, 3)
+    rotation = _rotation(yaw, pitch - options.tilt_deg, roll) @ facing
+    return RowCamera(name, rotation, -rotation @ centre, options.focal_px, options.width_px, options.height_px)

@@ -15,6 +15,11 @@ def ids_from_colours(rgb: ByteArray) -> np.ndarray[tuple[int, ...], np.dtype[np.
     return rgb[..., 0].astype(np.uint16) + (rgb[..., 1].astype(np.uint16) << 8)
 
 
+def colours_of_ids(ids: np.ndarray[tuple[int, ...], np.dtype[np.uint16]]) -> ByteArray:
+    """Return the mask render (H, W, 3) that `ids_from_colours` reads these ids (H, W) from."""
+    return np.asarray(np.stack([ids & 255, ids >> 8, np.zeros_like(ids)], axis=-1), np.uint8)
+
+
 def visible_pixels(ids: np.ndarray[tuple[int, ...], np.dtype[np.uint16]]) -> dict[int, int]:
     """Return how many pixels each fruit fills in a mask (H, W)."""
     values, counts = np.unique(ids, return_counts=True)

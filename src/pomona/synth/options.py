@@ -79,6 +79,7 @@ class RowOptions:
     sun_azimuth_deg: float | None = None  # clockwise from +y; None: drawn from the seed
     sides: tuple[Side, ...] = ("east", "west")
     photos_per_side: int = 17
+    photos_round_end: int = 0  # between the sides: above 0, one walk round the row's end
     step_m: float = 0.22
     distance_m: float = 2.8
     camera_height_m: float = 1.65
@@ -92,6 +93,8 @@ class RowOptions:
     marker_size_m: float = 0.14  # side of the black square
     marker_offset_m: float = 1.05  # from the trunks towards the photographer
     masks: bool = True
+    rough: bool = False  # by OpenGL, in seconds a photo, instead of path tracing
+    wind_m: float = 0.0  # how far leaves move between photos (standard deviation); rough photos only
     samples: int = 32
     threads: int = 1
     jpeg_quality: int = 90
@@ -106,12 +109,23 @@ class RowOptions:
         for name in lengths:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"`{name}` is {getattr(self, name)}; expected a length above 0 m")
+        self._check_walk()
         if self.seed < 0 or self.fruits_per_tree < 0 or self.leaves_per_tree < 0:
             raise InputError("`seed`, `fruits_per_tree` and `leaves_per_tree` must not be negative")
         if self.trees * self.fruits_per_tree > 65535:
             raise InputError("A row can hold 65535 fruits at most, since masks are 16-bit; ask for fewer")
         if not 1 <= self.jpeg_quality <= 100:
             raise InputError(f"`jpeg_quality` is {self.jpeg_quality}; expected 1 to 100")
+
+    def _check_walk(self) -> None:
+        if self.photos_round_end < 0:
+            raise InputError(f"`photos_round_end` is {self.photos_round_end}; expected 0 or more")
+        if self.photos_round_end and self.sides != ("east", "west"):
+            raise InputError(f"`photos_round_end` needs both sides, east then west; `sides` is {self.sides}")
+        if not (np.isfinite(self.wind_m) and self.wind_m >= 0):
+            raise InputError(f"`wind_m` is {self.wind_m}; expected 0 m or more")
+        if self.wind_m and not self.rough:
+            raise InputError("`wind_m` is for rough photos; set `rough` too")
 
     def _check_names(self) -> None:
         if self.variety not in VARIETIES:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -20,23 +20,28 @@ from pomona.synth import truth
 from pomona.synth.cameras import RowCamera, row_cameras
 from pomona.synth.develop import develop
 from pomona.synth.encoding import ids_from_colours
-from pomona.synth.layout import Plates, lay_out_row
+from pomona.synth.layout import Plates, Row, lay_out_row
 from pomona.synth.options import RowOptions
 
-if TYPE_CHECKING:
-    from pomona.synth.blender import Stage
+
+class Stage(Protocol):
+    """A row that is ready to be photographed; a photo and its mask have one number."""
+
+    def photograph(self, camera: RowCamera, path: Path, *, photo_idx: int) -> None:
+        """Write a photo to a PNG file, before it is developed."""
+
+    def mask(self, camera: RowCamera, path: Path, *, photo_idx: int) -> None:
+        """Write the fruits' ids as colours to a PNG file."""
 
 
 def render_row(options: RowOptions, out: Path, progress: Progress | None = None) -> Path:
     """Render a row into the new folder `out`: photos, masks, fruits, cameras, markers; return `out`.
 
     It is written to `out` + ".part" and renamed when it is complete; a run that was stopped goes on where it was when
-    it is called again with the same options. Raises `MissingExtraError` without bpy, and `SurveyError` where `out`
-    exists or the unfinished folder belongs to other options.
+    it is called again with the same options. Raises `MissingExtraError` without bpy (for rough photos, without OpenGL),
+    and `SurveyError` where `out` exists or the unfinished folder belongs to other options.
     """
-    from pomona.synth.blender import Stage  # bpy is heavy, and optional
-
-    progress = progress or Silent()
+    progress, engine = progress or Silent(), _engine(options)
     folder = _unfinished(options, out)
     row, cameras = lay_out_row(options), row_cameras(options)
     truth.write_fruits(folder.truth("fruits.csv"), row.fruits)
@@ -45,7 +50,7 @@ def render_row(options: RowOptions, out: Path, progress: Progress | None = None)
     wanted = options.trees * options.fruits_per_tree
     if len(row.fruits.ids) < wanted:
         progress.warn(f"Only {len(row.fruits.ids)} of {wanted} fruits found room in the trees")
-    stage = Stage(row, marker_cells(row.plates), options)
+    stage = engine(row, marker_cells(row.plates), options)
     draft = folder.root / "draft.png"
     progress.start("photos", len(cameras))
     for i, camera in enumerate(cameras):
@@ -53,13 +58,24 @@ def render_row(options: RowOptions, out: Path, progress: Progress | None = None)
         progress.advance()
     if options.masks:
         progress.start("masks", len(cameras))
-        for camera in cameras:
-            _once(folder.mask(camera.name), partial(_mask, stage, camera, draft))
+        for i, camera in enumerate(cameras):
+            _once(folder.mask(camera.name), partial(_mask, stage, camera, draft, i))
             progress.advance()
         truth.write_visible_pixels(folder, [camera.name for camera in cameras])
     draft.unlink(missing_ok=True)
     folder.root.rename(out)
     return out
+
+
+def _engine(options: RowOptions) -> Callable[[Row, list[IntArray], RowOptions], Stage]:
+    """Return what draws; both engines are heavy, and optional."""
+    if options.rough:
+        from pomona.synth.quick.stage import QuickStage
+
+        return QuickStage
+    from pomona.synth.blender import BlenderStage
+
+    return BlenderStage
 
 
 def marker_cells(plates: Plates) -> list[IntArray]:
@@ -90,11 +106,11 @@ def _once(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def _photo(stage: Stage, camera: RowCamera, draft: Path, options: RowOptions, number: int, path: Path) -> None:
-    stage.photograph(camera, draft, seed=options.seed * 1000 + number)
+    stage.photograph(camera, draft, photo_idx=number)
     develop(draft, path, options, number=number)
 
 
-def _mask(stage: Stage, camera: RowCamera, draft: Path, path: Path) -> None:
-    stage.mask(camera, draft)
+def _mask(stage: Stage, camera: RowCamera, draft: Path, number: int, path: Path) -> None:
+    stage.mask(camera, draft, photo_idx=number)
     with Image.open(draft) as image:
         truth.write_mask(path, ids_from_colours(np.asarray(image.convert("RGB"))))

@@ -16,7 +16,7 @@ from pomona.arrays import FloatArray
 from pomona.errors import MissingExtraError
 from pomona.synth.quick import shaders
 from pomona.synth.quick.lights import Lighting
-from pomona.synth.quick.scene import Scene
+from pomona.synth.quick.scene import FALLEN, Scene
 from pomona.synth.quick.shaders import SKY_MAPS
 
 try:
@@ -120,10 +120,9 @@ class Painter:
         context.enable_only(moderngl.DEPTH_TEST)
         self._seen["clip_from_world"].write(_column_major(view.clip_from_world))
         self._seen["eye"].value = tuple(view.eye)
-        for away_m, ignored in ((0.0, 0.0), *((m, 60_000.0) for m in self._scene.rows_m)):
-            self._seen["offset"].value = (0.0, away_m, 0.0)
-            self._seen["ignored_id"].value = ignored
-            self._drawn.render()
+        self._draw_part(np.eye(4), 0.0, 0, len(self._scene.triangles))
+        for copy in self._scene.copies:
+            self._draw_part(copy.world_from_scene, FALLEN, *copy.triangles)
         behind = context.texture(
             backdrop.shape[1::-1], 3, np.ascontiguousarray(backdrop, np.float32).tobytes(), dtype="f4"
         )
@@ -140,6 +139,11 @@ class Painter:
         for thing in (*layers, depth, frame, behind, result, picture, sun):
             thing.release()
         return light, ids
+
+    def _draw_part(self, world_from_scene: FloatArray, ignored_id: float, first: int, end: int) -> None:
+        self._seen["world_from_scene"].write(_column_major(world_from_scene))
+        self._seen["ignored_id"].value = ignored_id
+        self._drawn.render(vertices=3 * (end - first), first=3 * first)
 
     def _set_lights(self, lighting: Lighting, view: View, sun_view: FloatArray) -> None:
         program = self._light

@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.synth.meshes import unit
+from pomona.synth.options import Light
 
 NAMES = ("front", "side", "back", "low-back", "overcast", "shade", "dusk")
 BACKDROP_PX = 160
@@ -82,6 +83,31 @@ def draw_lighting(rng: np.random.Generator) -> Lighting:
         sun_size=float(rng.uniform(0.0006, 0.003)),
         fog=np.array([*(horizon * 0.9), haze]),
         exposure=float(exposure + rng.normal(0.15, 0.45)),
+    )
+
+
+def row_lighting(light: Light, azimuth_deg: float) -> Lighting:
+    """Return the light of a rendered row, the sun `azimuth_deg` clockwise from +y."""
+    elevation, azimuth = np.radians([light.sun_elevation_deg, azimuth_deg])
+    towards = np.array([np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)])
+    low = np.exp(-((light.sun_elevation_deg / 18) ** 2))
+    warm = np.array([1.0, 0.94 - 0.28 * low, 0.84 - 0.5 * low])
+    blue, white = np.array([0.55, 0.75, 1.0]), np.array([0.95, 1.0, 1.05])
+    sun, sky = 3.0 * (1 - light.clouds) ** 1.5, 0.55 + 0.65 * light.clouds
+    colour = (1 - light.clouds) * blue + light.clouds * white
+    horizon = sky * (0.6 * colour + 0.5 * white)
+    return Lighting(
+        name="row",
+        sun_towards=towards,
+        sun_light=sun * warm,
+        zenith=sky * colour,
+        horizon=horizon,
+        glow=0.3 * sky * warm,
+        bounce=(0.25 * sun * np.sin(elevation) * warm + 0.5 * sky * colour) * [0.16, 0.17, 0.07],
+        inner=0.03,
+        sun_size=0.0006 + 0.004 * light.clouds,
+        fog=np.array([*(horizon * 0.9), 0.004 * (light.haze - 1)]),
+        exposure=0.2,
     )
 
 

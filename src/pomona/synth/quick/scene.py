@@ -14,22 +14,33 @@ from pomona.synth.options import RowOptions
 from pomona.synth.quick.looks import FruitLook
 from pomona.synth.quick.shapes import fruit_mesh
 
-LEAF, FRUIT, OTHER = 0.0, 0.5, 1.0
+LEAF, FRUIT, OTHER, FAR = 0.0, 0.5, 1.0, 2.0
 """Materials, as the shader knows them."""
 
 FALLEN = 60_000
 """Ids from here on are of fruits that are to be ignored: on the ground, or of the row behind."""
 
-_LEAF_VERTICES, _LEAF_FOOT, _LEAF_TIP = 27, 1, 25  # of `meshes.leaves`
+LEAF_VERTICES = 27
+"""Of each leaf that `meshes.leaves` makes."""
+
+_LEAF_FOOT, _LEAF_TIP = 1, 25
 _BACK_ROW_M = (1.3, 4.0)
 _WIDEST_M = 8.0  # of the ground
+
+
+@dataclass(frozen=True, eq=False)
+class Copy:
+    """Triangles `first` up to `end` of a scene, drawn once more where `world_from_scene` (4, 4) brings them."""
+
+    world_from_scene: FloatArray
+    triangles: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Vertices (n, 11) float32: place, normal, linear colour, material, id; triangles (m, 3); the fruits hanging.
 
-    `rows_m` are how far back the same trees are drawn once more; `tones` are the fruits' gloss and the like.
+    Shadows fall between `low` and `high`; `gloss` is the fruits', 0 to 1; `copies` stand behind and beside.
     """
 
     vertices: npt.NDArray[np.float32]
@@ -38,7 +49,7 @@ class Scene:
     low: FloatArray
     high: FloatArray
     gloss: float
-    rows_m: tuple[float, ...]
+    copies: tuple[Copy, ...]
 
 
 def build_scene(look: FruitLook, rng: np.random.Generator) -> Scene:
@@ -54,26 +65,39 @@ def build_scene(look: FruitLook, rng: np.random.Generator) -> Scene:
         markers=False,
     )
     row = lay_out_row(options)
-    parts = [_part(_leaves(mesh, look, rng), LEAF) for mesh in row.foliage]
-    parts += [_part(mesh, OTHER) for mesh in (*row.bark, row.posts)]
+    parts = [part(_leaves(mesh, look, rng), LEAF) for mesh in row.foliage]
+    parts += [part(mesh, OTHER) for mesh in (*row.bark, row.posts)]
     if row.stems is not None:
-        parts.append(_part(row.stems, OTHER))
-    parts.append(_part(_some_grass(row, rng), LEAF))
-    parts.append(_part(_ground(options, rng), OTHER))
+        parts.append(part(row.stems, OTHER))
+    parts.append(part(_some_grass(row, rng), LEAF))
+    parts.append(part(_ground(options, rng), OTHER))
     parts += _fruits(row.fruits, look, rng)
     parts += _fallen(options, look, rng)
-    vertices = np.concatenate([v for v, _ in parts])
+    vertices, triangles = joined(parts)
+    rows = [rng.uniform(*_BACK_ROW_M) * (1 + k) for k in range(int(rng.choice([0, 1, 2], p=[0.15, 0.6, 0.25])))]
+    low, high = np.array([-0.9, -0.9, 0.0]), np.array([options.length_m + 0.9, 0.9, 3.3])
+    copies = tuple(Copy(_moved(0.0, away_m), (0, len(triangles))) for away_m in rows)
+    return Scene(vertices, triangles, row.fruits, low, high, look.gloss, copies)
+
+
+def _moved(x_m: float, y_m: float) -> FloatArray:
+    matrix = np.eye(4)
+    matrix[:2, 3] = x_m, y_m
+    return matrix
+
+
+Part = tuple[FloatArray, IntArray]
+
+
+def joined(parts: list[Part]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+    """Return the vertices and triangles of all parts as one."""
     starts = np.cumsum([0] + [len(v) for v, _ in parts[:-1]])
     triangles = np.concatenate([t + start for (_, t), start in zip(parts, starts, strict=True)])
-    rows = tuple(rng.uniform(*_BACK_ROW_M) * (1 + k) for k in range(int(rng.choice([0, 1, 2], p=[0.15, 0.6, 0.25]))))
-    low, high = np.array([-0.9, -0.9, 0.0]), np.array([options.length_m + 0.9, 0.9, 3.3])
-    return Scene(
-        vertices.astype(np.float32), triangles.astype(np.uint32), row.fruits, low, high, look.gloss, rows
-    )  # fmt: skip
+    return np.concatenate([v for v, _ in parts]).astype(np.float32), triangles.astype(np.uint32)
 
 
-def _part(mesh: Mesh, material: float, fruit_id: int = 0) -> tuple[FloatArray, IntArray]:
-    """Vertices (n, 11) and triangles (m, 3) of a mesh of quads."""
+def part(mesh: Mesh, material: float, fruit_id: int = 0) -> Part:
+    """Return vertices (n, 11) and triangles (m, 3) of a mesh of quads."""
     a, b, c, d = mesh.faces.T
     normals = np.zeros_like(mesh.vertices)
     across = np.cross(
@@ -89,7 +113,7 @@ def _part(mesh: Mesh, material: float, fruit_id: int = 0) -> tuple[FloatArray, I
 
 def _leaves(mesh: Mesh, look: FruitLook, rng: np.random.Generator) -> Mesh:
     """The apple leaves of the layout, in the form and colour of this kind's."""
-    vertices = mesh.vertices.reshape(-1, _LEAF_VERTICES, 3)
+    vertices = mesh.vertices.reshape(-1, LEAF_VERTICES, 3)
     foot, tip = vertices[:, _LEAF_FOOT, None], vertices[:, _LEAF_TIP, None]
     axis = unit(tip - foot)
     out = vertices - foot
@@ -119,28 +143,28 @@ def _ground(options: RowOptions, rng: np.random.Generator) -> Mesh:
     return Mesh(vertices, np.array([[0, 1, 2, 3]]), np.tile(share * soil + (1 - share) * sward, (4, 1)))
 
 
-def _fruits(fruits: Fruits, look: FruitLook, rng: np.random.Generator) -> list[tuple[FloatArray, IntArray]]:
+def _fruits(fruits: Fruits, look: FruitLook, rng: np.random.Generator) -> list[Part]:
     parts = []
     for fruit_id, centre, size in zip(fruits.ids, fruits.centres_in_world, fruits.diameters_m, strict=True):
         mesh = fruit_mesh(look, float(size), rng)
-        turned = mesh.vertices @ _turn(rng).T + centre
-        parts.append(_part(Mesh(turned, mesh.faces, mesh.colours), FRUIT, int(fruit_id)))
+        turned = mesh.vertices @ lean_and_turn(rng).T + centre
+        parts.append(part(Mesh(turned, mesh.faces, mesh.colours), FRUIT, int(fruit_id)))
     return parts
 
 
-def _fallen(options: RowOptions, look: FruitLook, rng: np.random.Generator) -> list[tuple[FloatArray, IntArray]]:
+def _fallen(options: RowOptions, look: FruitLook, rng: np.random.Generator) -> list[Part]:
     """Fruits on the ground, in some scenes."""
     count = int(rng.integers(3, 25)) if rng.random() < 0.4 else 0
     parts = []
     for _ in range(count):
         mesh = fruit_mesh(look, options.fruit_diameter_m, rng)
         place = [rng.uniform(-0.5, options.length_m + 0.5), rng.normal(0, 0.5), options.fruit_diameter_m * 0.45]
-        turned = mesh.vertices @ _turn(rng, spread=1.5).T + place
-        parts.append(_part(Mesh(turned, mesh.faces, mesh.colours), FRUIT, FALLEN))
+        turned = mesh.vertices @ lean_and_turn(rng, spread=1.5).T + place
+        parts.append(part(Mesh(turned, mesh.faces, mesh.colours), FRUIT, FALLEN))
     return parts
 
 
-def _turn(rng: np.random.Generator, spread: float = 0.25) -> FloatArray:
+def lean_and_turn(rng: np.random.Generator, spread: float = 0.25) -> FloatArray:
     """A rotation (3, 3): leaning a little, turned anyhow about the stem."""
     (lean_x, lean_y), azimuth = rng.normal(0, spread, 2), rng.uniform(0, 2 * np.pi)
     cx, sx, cy, sy, ca, sa = (f(v) for v in (lean_x, lean_y, azimuth) for f in (np.cos, np.sin))

@@ -1,6 +1,7 @@
 """The programs that OpenGL runs: of shadow maps, of what is seen in each pixel, of the light there.
 
-Materials are those of `scene`: a leaf below a quarter, then a fruit, and above three quarters all else.
+Materials are those of `scene`: a leaf below a quarter, then a fruit, and above three quarters all else; above one and a
+half, what reaches far away.
 """
 
 SKY_MAPS = 10
@@ -19,19 +20,18 @@ void main() {}
 SEEN_VERTEX = """
 #version 330
 uniform mat4 clip_from_world;
-uniform vec3 offset;
-uniform vec3 eye;
+uniform mat4 world_from_scene;
 in vec3 place; in vec3 normal; in vec3 colour; in float material; in float fruit;
 out vec3 local; out vec3 facing; out vec3 paint; flat out float kind; flat out float id;
 void main() {
     local = place; facing = normal; paint = colour; kind = material; id = fruit;
-    gl_Position = clip_from_world * vec4(place + offset, 1.0);
+    gl_Position = clip_from_world * world_from_scene * vec4(place, 1.0);
 }
 """
 SEEN_FRAGMENT = """
 #version 330
 uniform vec3 eye;
-uniform vec3 offset;
+uniform mat4 world_from_scene;
 uniform float ignored_id;
 in vec3 local; in vec3 facing; in vec3 paint; flat in float kind; flat in float id;
 layout(location=0) out vec4 at; layout(location=1) out vec4 normal; layout(location=2) out vec4 albedo;
@@ -43,10 +43,14 @@ float noise(vec3 x) {
                mix(mix(hash(i + vec3(0,0,1)), hash(i + vec3(1,0,1)), f.x),
                    mix(hash(i + vec3(0,1,1)), hash(i + vec3(1,1,1)), f.x), f.y), f.z);
 }
+float grain(float waves) {
+    float pixel = length(fwidth(local)) * waves;  // what is finer than a pixel would flicker from picture to picture
+    return mix(noise(local * waves), 0.5, smoothstep(0.3, 0.7, pixel));
+}
 void main() {
     vec3 n = dot(facing, facing) > 1e-8 ? normalize(facing) : vec3(0.0, 0.0, 1.0);
-    vec3 view = normalize(eye - (local + offset));
-    if (dot(n, view) < 0.0) n = -n;
+    vec3 view = normalize(eye - (world_from_scene * vec4(local, 1.0)).xyz);
+    if (dot(mat3(world_from_scene) * n, view) < 0.0) n = -n;
     vec3 tint = paint;
     if (kind < 0.25) tint *= 0.75 + 0.5 * noise(local * 60.0);
     else if (kind < 0.75) {
@@ -55,7 +59,11 @@ void main() {
         vec3 uneven = vec3(noise(local * 200.0), noise(local * 200.0 + 7.0), noise(local * 200.0 + 19.0));
         n = normalize(n + 0.05 * (uneven - 0.5));
     }
-    else tint *= 0.5 + noise(local * 45.0) * 0.6 + noise(local * 7.0) * 0.4;
+    else if (kind < 1.5) tint *= 0.5 + noise(local * 45.0) * 0.6 + noise(local * 7.0) * 0.4;
+    else {
+        tint *= (0.4 + 1.2 * grain(0.9)) * (0.6 + 0.8 * grain(6.0));
+        tint *= (0.5 + 1.0 * grain(38.0)) * (0.7 + 0.6 * grain(110.0));
+    }
     at = vec4(local, (id > 0.5 && ignored_id > 0.5) ? ignored_id : id);
     normal = vec4(n, kind);
     albedo = vec4(tint, 1.0);

@@ -1,0 +1,113 @@
+"""A whole row of `layout` as a scene: trees, fruits, plates, ground, neighbour rows and a hedge all round."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.synth.layout import Row
+from pomona.synth.meshes import Mesh, fruit, plate
+from pomona.synth.options import VARIETIES, RowOptions
+from pomona.synth.quick.scene import (
+    FAR,
+    FRUIT,
+    LEAF,
+    LEAF_VERTICES,
+    OTHER,
+    Copy,
+    Part,
+    Scene,
+    joined,
+    lean_and_turn,
+    part,
+)
+
+_GROUND_M = 60.0
+_HEDGE_M = 45.0
+_NEIGHBOURS_Y_M = (-8.2, -4.3, 4.3, 8.2)
+_ROUND_ROW_M = 1.4  # how far from the trunks things throw shadows on each other
+
+
+def row_scene(row: Row, marker_cells: list[IntArray], options: RowOptions, *, photo_idx: int) -> Scene:
+    """Return the scene of a photo; scenes of one row differ in how the wind bends the leaves."""
+    rng = np.random.default_rng([options.seed, 800, photo_idx])
+    trees = [
+        (part(_blown(leaves, options.wind_m, rng), LEAF), part(bark, OTHER))
+        for leaves, bark in zip(row.foliage, row.bark, strict=True)
+    ]
+    parts = [p for pair in trees for p in pair]
+    ends = np.cumsum([len(leaves[1]) + len(bark[1]) for leaves, bark in trees])
+    spans = [(int(end) - len(t[0][1]) - len(t[1][1]), int(end)) for end, t in zip(ends, trees, strict=True)]
+    parts += [part(row.posts, OTHER), part(row.grass, LEAF), part(_ground(), FAR), part(_hedge(options), FAR)]
+    if row.stems is not None:
+        parts.append(part(row.stems, OTHER))
+    parts += _fruits(row, options) + _plates(row, marker_cells)
+    vertices, triangles = joined(parts)
+    low = np.array([-_ROUND_ROW_M, -_ROUND_ROW_M, 0.0])
+    high = np.array([options.length_m + _ROUND_ROW_M, _ROUND_ROW_M, 3.3])
+    copies = _neighbours(row, spans, options)
+    return Scene(vertices, triangles, row.fruits, low, high, 0.5, copies)
+
+
+def _blown(leaves: Mesh, wind_m: float, rng: np.random.Generator) -> Mesh:
+    """Leaves moved each by itself, and all of a tree a little together."""
+    if wind_m == 0:
+        return leaves
+    moved = leaves.vertices.reshape(-1, LEAF_VERTICES, 3)
+    moved = moved + rng.normal(0, wind_m, (len(moved), 1, 3)) + rng.normal(0, wind_m / 2, 3)
+    return Mesh(moved.reshape(-1, 3), leaves.faces, leaves.colours)
+
+
+def _fruits(row: Row, options: RowOptions) -> list[Part]:
+    rng, variety = options.rng(500), VARIETIES[options.variety]
+    parts = []
+    fruits = row.fruits
+    for fruit_id, centre, size in zip(fruits.ids, fruits.centres_in_world, fruits.diameters_m, strict=True):
+        mesh = fruit(variety, float(size), rng)
+        turned = mesh.vertices @ lean_and_turn(rng).T + centre
+        parts.append(part(Mesh(turned, mesh.faces, mesh.colours), FRUIT, int(fruit_id)))
+    return parts
+
+
+def _plates(row: Row, marker_cells: list[IntArray]) -> list[Part]:
+    parts = []
+    for cells, centre, yaw in zip(marker_cells, row.plates.centres_in_world, row.plates.yaw, strict=True):
+        mesh = plate(cells, row.plates.size_m)
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = mesh.vertices @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + centre
+        parts.append(part(Mesh(turned, mesh.faces, mesh.colours), OTHER))
+    return parts
+
+
+def _ground() -> Mesh:
+    corners = _GROUND_M * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    return Mesh(corners, np.array([[0, 1, 2, 3]]), np.tile([0.085, 0.09, 0.035], (4, 1)))
+
+
+def _hedge(options: RowOptions) -> Mesh:
+    rng = options.rng(600)
+    angle = np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    crest = 3.2 + np.interp(angle, np.linspace(0, 2 * np.pi, 60), rng.uniform(-1.2, 2.5, 60)) + rng.normal(0, 0.15, 240)
+    rim = _HEDGE_M * np.column_stack([np.cos(angle), np.sin(angle)])
+    wall = np.concatenate([np.column_stack([rim, np.zeros(240)]), np.column_stack([rim, crest])])
+    k = np.arange(240)
+    faces = np.stack([k, (k + 1) % 240, (k + 1) % 240 + 240, k + 240], axis=1)
+    return Mesh(wall, faces, np.tile([0.05, 0.08, 0.025], (480, 1)))
+
+
+def _neighbours(row: Row, spans: list[tuple[int, int]], options: RowOptions) -> tuple[Copy, ...]:
+    """Neighbour rows: the same trees, turned, larger and smaller, without fruits."""
+    rng = options.rng(601)
+    copies = []
+    for y in _NEIGHBOURS_Y_M:
+        for x in np.arange(-4.0, options.length_m + 4.5, 1.0):
+            i = int(rng.integers(len(spans)))
+            turn, size = rng.uniform(0, 2 * np.pi), rng.uniform(0.85, 1.15, 3)
+            foot: FloatArray = np.array([-row.woods[i].lines[0][0, 0], 0, 0])
+            c, s = np.cos(turn), np.sin(turn)
+            linear = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) * size
+            world_from_scene = np.eye(4)
+            world_from_scene[:3, :3] = linear
+            world_from_scene[:3, 3] = linear @ foot + [x + rng.normal(0, 0.08), y, 0]
+            copies.append(Copy(world_from_scene, spans[i]))
+    return tuple(copies)
