@@ -125,7 +125,7 @@ class Fakes:
         self.count("measure")
         return fused.fruits
 
-    def _report(self, data, path):
+    def _report(self, data, path, **options):
         self.count("report")
         path.write_text(f"<html>{len(data.fruits)} fruits, {len(data.warnings)} warnings</html>")
 

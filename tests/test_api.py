@@ -49,9 +49,16 @@ def test_what_was_written_is_opened_and_gone_on_with(survey: pomona.Survey, tmp_
 
 
 def test_options_of_stages_are_kept_for_later_stages(survey: pomona.Survey, tmp_path: Path) -> None:
+    from pomona.capture import KeyFrameOptions
     from pomona.pipeline import RunOptions
+    from pomona.report import ContactSheetOptions, ReportOptions
 
-    options = RunOptions(object=ObjectOptions(rounds=2, baselines=(0.1, 0.4)), scale_bar=(0, 1, 0.85))
+    options = RunOptions(
+        object=ObjectOptions(rounds=2, baselines=(0.1, 0.4)),
+        scale_bar=(0, 1, 0.85),
+        key_frames=KeyFrameOptions(step=0.1),
+        report=ReportOptions(contact_sheet=ContactSheetOptions(columns=2)),
+    )
     assert RunOptions.from_json(options.to_json()) == options
 
 

@@ -12,7 +12,11 @@ import pytest
 from pomona.capture import KeyFrameOptions, load_photos, read_pixels
 from pomona.capture.keyframes import Frame, choose, corners, picture_move, sharpness
 from pomona.errors import InputError
+from pomona.pipeline import RunOptions
+from pomona.pipeline.sources import load_photos as load_photos_of_run
 from pomona.progress import Silent
+from pomona.survey import SurveyFolder
+from pomona.survey.photos import photos_of
 
 WIDTH, HEIGHT = 128, 96
 
@@ -99,6 +103,34 @@ def test_a_video_becomes_photos_once(tmp_path: Path) -> None:
     fewer = load_photos([video], frames_dir=frames, key_frames=KeyFrameOptions(step=0.1))
     assert len(fewer) < len(photos)
     assert len(list(frames.glob("*.jpg"))) == len(fewer)
+
+
+def test_a_survey_finds_the_frames_that_its_run_chose(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "row.mp4", list(np.arange(0, 60, 1.5)))
+    survey, options = SurveyFolder.create(tmp_path / "out"), RunOptions(key_frames=KeyFrameOptions(step=0.1))
+    survey.note(sources=[video], options=options.to_json())
+    photos, _ = load_photos_of_run(survey, [video], options, Silent(), min_photos=2)
+    usual = load_photos([video], frames_dir=tmp_path / "frames")
+    assert 2 <= len(photos) < len(usual)
+    made = [photo.path.stat().st_mtime_ns for photo in photos]
+    found = photos_of(SurveyFolder.open(tmp_path / "out"), photos.names)
+    assert found.names == photos.names
+    assert [photo.path.stat().st_mtime_ns for photo in found] == made
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"step": 0.0}, "`step`: expected over 0"),
+        ({"earliest": 1.4}, "0 < earliest ≤ latest, found 1.4, 1.3"),
+        ({"least_found": 1.5}, "`least_found`: expected 0 to 1"),
+        ({"most_per_s": 0.0}, "`most_per_s`: expected a positive number"),
+        ({"work_side_px": 10}, "`work_side_px`: expected at least 64"),
+    ],
+)
+def test_senseless_options_of_key_frames_are_refused(fields: dict[str, float], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        KeyFrameOptions(**fields)  # type: ignore[arg-type]
 
 
 def test_two_videos_are_two_sides(tmp_path: Path) -> None:

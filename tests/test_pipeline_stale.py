@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 import pytest
 
 from pipeline_fakes import Fakes, make_photos
+from pomona.capture import KeyFrameOptions
 from pomona.dense.options import DenseOptions
 from pomona.filter.options import FilterOptions
 from pomona.filter.svm import shipped
@@ -23,6 +24,7 @@ from pomona.pipeline import STAGES, RunOptions, code, go_on, run
 from pomona.pipeline.code import engine_versions
 from pomona.pipeline.stage import Stage
 from pomona.pipeline.stages import stages_of
+from pomona.report import ContactSheetOptions, ReportOptions
 from pomona.scale.options import ScaleOptions
 from pomona.segment.photo_detections import SegmentOptions
 from pomona.sfm.options import SfmOptions
@@ -113,6 +115,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
     "filter_false_positives": ({}, {"filter_false_positives": False}, ["filter"]),
     "filter_model": ({}, copied_machine, ["filter"]),
+    "key_frames": ({}, {"key_frames": KeyFrameOptions(step=0.1)}, []),  # of photos there are none
     "segment": ({}, {"segment": SegmentOptions(sample_photos=5)}, ["segment"]),
     "sfm": ({}, {"sfm": SfmOptions(window=7)}, ["sfm"]),
     "scale": ({}, {"scale": ScaleOptions(refine=False)}, ["scale"]),
@@ -121,6 +124,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "dense": (PAPER, {**PAPER, "dense": DenseOptions(neighbours=5)}, ["dense"]),
     "filter": ({}, {"filter": FilterOptions(threshold=0.4)}, ["filter"]),
     "measure": ({}, {"measure": MeasureOptions(rays_per_photo=12)}, ["measure"]),
+    "report": ({}, {"report": ReportOptions(contact_sheet=ContactSheetOptions(columns=2))}, ["report"]),
 }
 
 
@@ -149,9 +153,7 @@ def test_a_moved_file_is_the_same_file(fakes: Fakes, photos: Path, tmp_path: Pat
     assert redone(photos, tmp_path / "out", RunOptions(markers=markers)) == ["scale"]
 
 
-def test_a_photo_is_digested_once(
-    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_photo_is_digested_once(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     digested: list[str] = []
     real = hashlib.file_digest
 

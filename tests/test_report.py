@@ -15,9 +15,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pomona.cameras import WorldFrame
+from pomona.errors import InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
-from pomona.report import ReportData, write_report
+from pomona.report import ReportData, ReportOptions, write_report
 from pomona.report.axes import row_axes, seen_from
 from pomona.report.columns import as_bytes
 from pomona.report.page import page_html, report_html
@@ -207,6 +208,14 @@ def test_what_is_left_out_is_said(data: ReportData, text: str) -> None:
     starts = values_in(page)["sightings"]["starts"]
     seen = np.bincount(data.observations.fruit_id, minlength=data.fruits.ids.max() + 1)[data.fruits.ids]
     assert np.array_equal(np.diff(starts), np.minimum(seen, 2))
+
+
+def test_options_say_how_many_points_and_sightings_are_left_out(data: ReportData) -> None:
+    values = values_in(report_html(data, ReportOptions(max_points=1000, max_sightings=len(data.fruits) * 2)))
+    assert values["scene"]["count"] + values["fruitPoints"]["count"] == 1000
+    assert np.diff(values["sightings"]["starts"]).max() == 2
+    with pytest.raises(InputError, match=r"ReportOptions\.max_points: expected at least 1, found 0"):
+        ReportOptions(max_points=0)
 
 
 def test_of_many_sightings_each_fruit_keeps_the_same_number() -> None:

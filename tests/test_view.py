@@ -15,15 +15,15 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.errors import FormatError, MissingFileError, SurveyError
+from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.intrinsics import Intrinsics
-from pomona.report import ReportData
+from pomona.report import ReportData, ReportOptions
 from pomona.report.page import report_html
 from pomona.report.scene import SceneOptions, origin_of, survey_data
-from pomona.view import ViewServer, export_folder, read_survey, truth_data
+from pomona.view import FolderOptions, ViewServer, export_folder, read_survey, truth_data
 from pomona.view.masks import MasksByPhoto
 from pomona.view.pictures import Kept, straightened
 from pomona.view.truth import thresholds
@@ -278,6 +278,28 @@ def test_exported_folder_has_photos_and_names_them(data: ReportData, tmp_path: P
     (tmp_path / "mine" / "thesis.txt").write_text("x")
     with pytest.raises(SurveyError, match="something else"):
         export_folder(data, tmp_path / "mine")
+
+
+def test_options_make_the_exported_folder_smaller(data: ReportData, tmp_path: Path) -> None:
+    options = FolderOptions(fruit_px=1, least_side_px=90, greatest_side_px=100, max_points=40, max_sightings=30)
+    page = export_folder(data, tmp_path / "out", options=options)
+    values = values_in(page.read_text(encoding="utf-8"))
+    sides = {max(_picture((page.parent / file).read_bytes()).shape) for file in values["photos"]["files"]}
+    assert sides == {90}
+    assert 0 < values["scene"]["count"] + values["fruitPoints"]["count"] <= 40
+    assert 0 < len(values["sightings"]["photos"]) <= 30
+    with pytest.raises(InputError, match="least_side_px and greatest_side_px: expected 1 ≤ least ≤ greatest"):
+        FolderOptions(greatest_side_px=100)
+
+
+def test_report_carries_as_many_crops_as_the_options_say(data: ReportData) -> None:
+    def crops(options: ReportOptions) -> int:
+        values = values_in(report_html(data, options))
+        return int((np.diff(values["sightings"]["cropStarts"].astype(int)) > 0).sum())
+
+    assert crops(ReportOptions(crops_per_fruit=1)) == len(data.fruits)
+    assert crops(ReportOptions(crops_mb=0)) == 0
+    assert crops(ReportOptions(crop_photos=0)) == 0
 
 
 def test_report_carries_up_to_three_crops_a_fruit_with_outlines(data: ReportData) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pomona.evaluate.fruits import Scores
-    from pomona.view import ViewServer
+    from pomona.view import FolderOptions, ViewServer
 
 AnyPath = str | PathLike[str]
 
@@ -77,15 +77,19 @@ class Survey(SurveySource):
             reason = error.strerror or error
             raise InputError(f"`port` {port}: {reason}: choose another, or none for a free one") from None
 
-    def export_view(self, folder: AnyPath, *, truth: AnyPath | None = None) -> Path:
+    def export_view(
+        self, folder: AnyPath, *, truth: AnyPath | None = None, options: FolderOptions | None = None
+    ) -> Path:
         """Write the page of this survey as a folder that opens from disk, with its photos; return the page's path.
 
-        Raises `SurveyError` where the folder holds something else.
+        `options` say how large photos and page are. Raises `SurveyError` where the folder holds something else.
         """
         from pomona.view import Corrector, export_folder
 
         corrector = Corrector.of(self, None if truth is None else Path(truth))
-        return export_folder(corrector.data, Path(folder), truth=corrector.truth, progress=self.progress)
+        return export_folder(
+            corrector.data, Path(folder), truth=corrector.truth, options=options, progress=self.progress
+        )
 
     def view(self, *, port: int = 0, truth: AnyPath | None = None) -> None:
         """Show the survey in the browser until Ctrl-C, then bring its tables up to date with what was corrected."""

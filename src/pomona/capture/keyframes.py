@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 
 from pomona.arrays import Array, ByteArray
+from pomona.errors import InputError
 
 _LEAST_POINTS = 8  # corners, of 300 that are looked for: a quartile of fewer says nothing
-_UNRANKED = (False, -1.0)
+_UNRANKED = (False, -1.0)  # below any frame's
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,21 @@ class KeyFrameOptions:
     most_per_s: float = 30.0
     work_side_px: int = 640
     jpeg_quality: int = 95
+
+    def __post_init__(self) -> None:
+        if not 0 < self.step < 1:
+            raise InputError(f"`step`: expected over 0 and below 1, found {self.step}")
+        if not 0 < self.earliest <= self.latest:
+            raise InputError(
+                f"`earliest` and `latest`: expected 0 < earliest ≤ latest, found {self.earliest}, {self.latest}"
+            )
+        if not 0 <= self.least_found <= 1:
+            raise InputError(f"`least_found`: expected 0 to 1, found {self.least_found}")
+        if not self.most_per_s > 0:
+            raise InputError(f"`most_per_s`: expected a positive number, found {self.most_per_s}")
+        for name, least in (("most_lost", 1), ("work_side_px", 64), ("jpeg_quality", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"`{name}`: expected at least {least}, found {getattr(self, name)}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ LABELS = {
     "results": "Tables and map",
     "report": "Report",
 }
-_QUIET_S = 30.0
+_QUIET_S = 30.0  # in a log, which has no bar: often enough to see that it works, without filling the log
 
 
 class TerminalProgress:

@@ -12,11 +12,13 @@ from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
+    from pomona.capture import KeyFrameOptions
     from pomona.dense.options import DenseOptions
     from pomona.filter.options import FilterOptions
     from pomona.fuse.object.options import ObjectOptions
     from pomona.fuse.paper.options import PaperOptions
     from pomona.measure.options import MeasureOptions
+    from pomona.report.options import ReportOptions
     from pomona.scale.options import ScaleOptions
     from pomona.segment.photo_detections import SegmentOptions
     from pomona.sfm.options import SfmOptions
@@ -47,8 +49,9 @@ class RunOptions:
     `filter_false_positives`: whether the support vector machine decides which fruits are dropped, with `filter_model`
     (None: the shipped one).
 
-    `segment`, `sfm`, `scale`, `object`, `paper`, `dense`, `filter`, `measure` are options of single stages, for those
-    who know them; what the options above say goes before.
+    `key_frames` says how the frames of a video are chosen. `segment`, `sfm`, `scale`, `object`, `paper`, `dense`,
+    `filter`, `measure`, `report` are options of single stages, for those who know them; what the options above say goes
+    before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -69,6 +72,7 @@ class RunOptions:
     engine: str = "auto"
     filter_false_positives: bool = True
     filter_model: Path | None = None
+    key_frames: KeyFrameOptions | None = None
     segment: SegmentOptions | None = None
     sfm: SfmOptions | None = None
     scale: ScaleOptions | None = None
@@ -77,6 +81,7 @@ class RunOptions:
     dense: DenseOptions | None = None
     filter: FilterOptions | None = None
     measure: MeasureOptions | None = None
+    report: ReportOptions | None = None
 
     def __post_init__(self) -> None:
         for name, known in (("method", METHODS), ("variant", VARIANTS), ("engine", ENGINES)):
@@ -121,6 +126,7 @@ class RunOptions:
             ),
             filter=self.filter or usual.filter,
             measure=(self.measure or usual.measure).tied(with_points=self.method == "paper"),
+            report=self.report or usual.report,
         )
 
     def _paper(self, usual: PaperOptions) -> PaperOptions:
@@ -190,6 +196,7 @@ class StageOptions:
     dense: DenseOptions
     filter: FilterOptions
     measure: MeasureOptions
+    report: ReportOptions
 
     @classmethod
     def usual(cls, run: RunOptions) -> StageOptions:
@@ -199,6 +206,7 @@ class StageOptions:
         from pomona.fuse.object.options import ObjectOptions
         from pomona.fuse.paper.options import PaperOptions
         from pomona.measure.options import MeasureOptions
+        from pomona.report.options import ReportOptions
         from pomona.scale.options import ScaleOptions
         from pomona.segment.photo_detections import SegmentOptions
         from pomona.sfm.options import SfmOptions
@@ -213,6 +221,7 @@ class StageOptions:
             dense=DenseOptions(),
             filter=FilterOptions(),
             measure=MeasureOptions(),
+            report=ReportOptions(),
         )
 
 
@@ -220,12 +229,18 @@ def _from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     """Return the options of which `plain` gave the entries."""
     assert is_dataclass(cls)
     known = {field.name: values[field.name] for field in fields(cls) if field.name in values}
-    usual = vars(StageOptions.usual(RunOptions())).values()
-    kinds = get_type_hints(cls, localns={type(options).__name__: type(options) for options in usual})
+    kinds = get_type_hints(cls, localns=_option_classes())
     try:
         return cls(**{name: _value(kinds[name], value) for name, value in known.items()})
     except (TypeError, ValueError, AttributeError) as error:
         raise FormatError(f"Options of {cls.__name__}: expected those of a run, but {error}") from None
+
+
+def _option_classes() -> dict[str, Any]:
+    from pomona.capture import KeyFrameOptions
+
+    of_stages = vars(StageOptions.usual(RunOptions())).values()
+    return {cls.__name__: cls for cls in (KeyFrameOptions, *map(type, of_stages))}
 
 
 def _value(kind: Any, value: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from pomona import __version__
@@ -17,8 +17,21 @@ from pomona.survey.files import write_file
 
 if TYPE_CHECKING:
     from pomona.corrections import Corrected
-    from pomona.report import ReportData
+    from pomona.pipeline.options import StageOptions
+    from pomona.report import ReportData, ReportOptions
     from pomona.scale.report import Placed
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What is shown, and how much of it."""
+
+    data: ReportData
+    options: ReportOptions
+
+
+def _options(options: StageOptions) -> ReportOptions:
+    return options.report
 
 
 def _gathered(
@@ -52,32 +65,35 @@ def _gathered(
     )
 
 
-def _as_found(gathered: ReportData) -> ReportData:
-    return gathered
+def _as_found(gathered: ReportData, *, options: ReportOptions) -> Report:
+    return Report(gathered, options)
 
 
-def _as_corrected(gathered: ReportData, corrected: Corrected, least_score: float) -> ReportData:
-    return replace(
+def _as_corrected(gathered: ReportData, corrected: Corrected, least_score: float, *, options: ReportOptions) -> Report:
+    shown = replace(
         gathered,
         observations=corrected.observations,
         masks=corrected.detections.at_least(least_score),
         corrections=corrected.applied,
     )
+    return Report(shown, options)
 
 
-def _save(data: ReportData, context: SurveyContext) -> Mapping[str, Any]:
+def _save(report: Report, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.report import write_contact_sheet, write_report
 
-    survey = context.survey
+    survey, data, options = context.survey, report.data, report.options
     write_file(
         survey.contact_sheet,
-        lambda path: write_contact_sheet(context.photos, data.cameras, data.fruits, data.observations, path),
+        lambda path: write_contact_sheet(
+            context.photos, data.cameras, data.fruits, data.observations, path, options=options.contact_sheet
+        ),
     )
-    write_file(survey.report, lambda path: write_report(data, path))
+    write_file(survey.report, lambda path: write_report(data, path, options=options))
     return {}
 
 
-def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) -> Stage[ReportData]:
+def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) -> Stage[Report]:
     """Return the stage that writes `report.html` and `contact_sheet.jpg` of `results`.
 
     Times and warnings of the run are shown in it, but a report is not written again for them.
@@ -97,10 +113,11 @@ def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) ->
     )
     store = Store(save=_save, outputs=lambda survey: (survey.report, survey.contact_sheet))
     if corrected is None:
-        return Stage(name="report", inputs={"gathered": gathered}, compute=_as_found, store=store)
+        return Stage(name="report", inputs={"gathered": gathered}, options=_options, compute=_as_found, store=store)
     return Stage(
         name="report",
         inputs={"gathered": gathered, "corrected": corrected, "least_score": Fact(SELECT, "least_score")},
+        options=_options,
         compute=_as_corrected,
         store=store,
     )

@@ -54,7 +54,7 @@ def run(
         survey.note(sources=paths, options=options.to_json())
         on_stage("photos")
         least = 1 if until in ("segment", "select") else 2
-        loaded, digests = load_photos(survey, paths, options.sides, recorder, min_photos=least)
+        loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
         skipped = tuple((file.name, file.reason) for file in loaded.skipped)
         survey.note(
             photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],

@@ -11,6 +11,7 @@ from typing import Any
 from pomona.corrections import Corrections
 from pomona.errors import InputError
 from pomona.photos import Photos
+from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import SourceValue
 from pomona.pipeline.stage import CORRECTIONS, DIGESTS, PHOTOS, SIDES, SKIPPED, Source
 from pomona.progress import Progress, track
@@ -20,7 +21,7 @@ from pomona.survey.files import write_file
 
 
 def load_photos(
-    survey: SurveyFolder, paths: Sequence[Path], sides: str, progress: Progress, *, min_photos: int
+    survey: SurveyFolder, paths: Sequence[Path], options: RunOptions, progress: Progress, *, min_photos: int
 ) -> tuple[Photos, dict[str, str]]:
     """Return the photos and the digests of their contents; a photo is read for its digest only when it is new."""
     from pomona import capture
@@ -29,7 +30,12 @@ def load_photos(
         if path.is_dir() and path.resolve() == survey.folder:
             raise InputError(f"{path} is the survey itself: give the folder of the photos")
     photos = capture.load_photos(
-        paths, sides=sides, frames_dir=survey.work("frames"), min_photos=min_photos, progress=progress
+        paths,
+        sides=options.sides,
+        frames_dir=survey.work("frames"),
+        min_photos=min_photos,
+        key_frames=options.key_frames,
+        progress=progress,
     )
     return photos, _digests(survey, photos, progress)
 

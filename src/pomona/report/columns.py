@@ -16,7 +16,7 @@ import numpy as np
 
 from pomona.report.contract import camel_case
 
-_ALIGNED = 8
+_ALIGNED = 8  # bytes: a typed array of a browser begins at a multiple of its items' size
 
 
 def as_bytes(value: Any) -> bytes:

@@ -28,31 +28,12 @@ from pomona.fruits import Fruits, Observations
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 from pomona.report.choose import choose_photos
+from pomona.report.options import ContactSheetOptions
 from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 _GAP_PX = 12
-_CAPTION_PX = 34
-_LEAST_WIDTH_PX = 900
-
-
-@dataclass(frozen=True, kw_only=True)
-class ContactSheetOptions:
-    """How many photos, in how many columns, and how large.
-
-    A photo is shown with its longer side at most `photo_side_px`; where the usual fruit would then be less than
-    `fruit_px` wide, a part of the photo is shown larger, around the fruits seen in it.
-    """
-
-    photos: int = 6
-    columns: int = 3
-    photo_side_px: int = 1200
-    fruit_px: int = 26
-    jpeg_quality: int = 88
-
-    def __post_init__(self) -> None:
-        for name in ("photos", "columns", "photo_side_px", "fruit_px", "jpeg_quality"):
-            if getattr(self, name) < 1:
-                raise InputError(f"ContactSheetOptions.{name}: expected at least 1, found {getattr(self, name)}")
+_CAPTION_PX = 34  # one line of text
+_LEAST_WIDTH_PX = 900  # the key to the colours fits in
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,12 @@ from pomona.errors import PomonaError
 from pomona.photos import Photo
 from pomona.report.choose import choose_photos
 from pomona.report.data import ReportData
+from pomona.report.options import ReportOptions
 from pomona.report.seen import Box, boxes_by_id, crop_box, each_observation
 
 CROP_SIDE_PX = 128
-_JPEG_QUALITY = 80
-# Of a crop, as the page's text.
+_JPEG_QUALITY = 80  # a little less than photos have: a report holds thousands of crops
+# About what a crop of leaves takes as the page's text; `crops_mb` holds by what each one really takes.
 _USUAL_BYTES = 5000
 
 
@@ -28,22 +29,20 @@ def crop_jpeg(pixels: ByteArray, scale: float, crop_px: Box, *, side_px: int = C
     return jpeg(cut(pixels, Square(x, y, max(1, width), side_px)), quality=_JPEG_QUALITY)
 
 
-def embedded_crops(
-    data: ReportData, *, per_fruit: int = 3, max_photos: int = 120, max_mb: float = 15.0
-) -> dict[int, bytes]:
-    """Return crops as JPEGs by detection id: of each fruit the largest few, from at most `max_photos` photos.
+def embedded_crops(data: ReportData, options: ReportOptions | None = None) -> dict[int, bytes]:
+    """Return crops as JPEGs by detection id: of each fruit the largest few, as many as `options` have room for.
 
-    Together they take at most `max_mb` of the page: of many fruits there are fewer of each. A photo that cannot be
-    read (any more) gives no crop.
+    A photo that cannot be read (any more) gives no crop.
     """
-    per_fruit = max(1, min(per_fruit, int(max_mb * 1e6 / (_USUAL_BYTES * max(1, len(data.fruits))))))
+    options = options or ReportOptions()
+    room = options.crops_mb * 1e6
+    per_fruit = max(1, min(options.crops_per_fruit, int(room / (_USUAL_BYTES * max(1, len(data.fruits))))))
     photos = data.photos.by_name()
-    chosen = set(choose_photos(data.photos, data.cameras, data.observations, max_photos))
+    chosen = set(choose_photos(data.photos, data.cameras, data.observations, options.crop_photos))
     wanted: dict[str, list[tuple[int, Box]]] = defaultdict(list)
     for photo, detection_id, box in _largest(data, chosen, per_fruit):
         wanted[photo].append((detection_id, crop_box(box)))
     crops: dict[int, bytes] = {}
-    room = max_mb * 1e6
     for name, entries in wanted.items():
         for detection_id, encoded in _crops_of(photos[name], entries):
             room -= len(encoded) * 4 / 3

@@ -18,6 +18,7 @@ from pomona.report.columns import as_base64
 from pomona.report.contract import Source, SurveyData
 from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
+from pomona.report.options import ReportOptions
 from pomona.report.plots import plots
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns
@@ -39,23 +40,29 @@ _FOOTERS: dict[Source, str] = {
 }
 
 
-def write_report(data: ReportData, path: Path) -> None:
+def write_report(data: ReportData, path: Path, *, options: ReportOptions | None = None) -> None:
     """Write the report of one survey as a self-contained page: totals, plots, table, and a 3D view that can be turned.
 
     The page opens from disk without a network: script and style are in it, and its content security policy lets the
-    browser fetch nothing and run no other script, whatever names files have. Where `data.masks` is given, up to three
-    crops of photos of each fruit are in it, of at most 15 MB together; all of it stays below some 35 MB.
+    browser fetch nothing and run no other script, whatever names files have. Where `data.masks` is given, crops of
+    photos of each fruit are in it. With the options by default, all of it stays below some 35 MB.
     """
-    path.write_text(report_html(data), encoding="utf-8")
+    path.write_text(report_html(data, options), encoding="utf-8")
 
 
-def report_html(data: ReportData) -> str:
+def report_html(data: ReportData, options: ReportOptions | None = None) -> str:
     """Return the page that `write_report` writes."""
-    crops = embedded_crops(data)
-    outlines = detection_columns(data, only=crops)
-    note = _NOTES["report"]
-    values = survey_data(data, SceneOptions(source="report", crops=crops, detections=outlines, photos_note=note))
-    return page_html(data, values)
+    options = options or ReportOptions()
+    crops = embedded_crops(data, options)
+    scene = SceneOptions(
+        source="report",
+        max_points=options.max_points,
+        max_sightings=options.max_sightings,
+        crops=crops,
+        detections=detection_columns(data, only=crops),
+        photos_note=_NOTES["report"],
+    )
+    return page_html(data, survey_data(data, scene))
 
 
 def page_html(data: ReportData, values: SurveyData, *, data_url: str = "") -> str:

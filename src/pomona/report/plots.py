@@ -13,7 +13,7 @@ from pomona.report.axes import row_axes
 from pomona.report.data import ReportData
 from pomona.report.svg import Axis, Bar, column_chart, nice_step, number, row_chart
 
-_MOST_BINS = 28
+_MOST_BINS = 28  # more columns are too narrow to be told apart
 _SIDE_COLOURS = ("sky", "leaf", "")
 
 

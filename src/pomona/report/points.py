@@ -12,7 +12,7 @@ from pomona.report.axes import scene_points
 from pomona.report.contract import U16, PackedCloud, packed
 from pomona.report.data import ReportData
 
-_STEPS = 65535
+_STEPS = 65535  # of a coordinate within the box: all that 16 bits tell apart
 
 
 @dataclass(frozen=True, eq=False)

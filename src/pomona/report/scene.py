@@ -25,15 +25,13 @@ from pomona.report.contract import (
     packed,
 )
 from pomona.report.data import ReportData
+from pomona.report.options import ReportOptions
 from pomona.report.points import Box, packed_cloud, sampled, shown_box
 from pomona.report.seen import sightings
 
-MAX_POINTS = 600_000
-"""Points that a report carries: 6.4 MB as text."""
-MAX_SIGHTINGS = 300_000
-"""The most observations that a report or folder holds: 9.6 MB as text."""
-# So many points say how high the ground is.
+# So many points say how high the ground is; sorting more would only take longer.
 _HEIGHTS = 500_000
+# Sizes of the ground's cells in metres, from a single branch to a field: what a person can count in.
 _GRIDS = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 
 
@@ -48,8 +46,8 @@ class SceneOptions:
     """
 
     source: Source = "report"
-    max_points: int | None = MAX_POINTS
-    max_sightings: int = MAX_SIGHTINGS
+    max_points: int | None = ReportOptions.max_points
+    max_sightings: int = ReportOptions.max_sightings
     crops: dict[int, bytes] | None = None
     files: dict[str, str] | None = None
     detections: DetectionColumns | None = None

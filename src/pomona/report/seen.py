@@ -15,9 +15,9 @@ from pomona.report.data import ReportData
 
 Box = tuple[float, float, float, float]
 """Four numbers in pixels: edges x0, y0, x1, y1 of a detection, or x, y, width, height of a crop."""
-# How much larger than the detection a crop is.
+# How much larger than the detection a crop is: leaves and neighbours beside the fruit say why it was cut or missed.
 _AROUND = 2.0
-_LEAST_CROP_PX = 24.0
+_LEAST_CROP_PX = 24.0  # fewer pixels are a blur on the page
 # An outline may leave out what is less than this off, or less than this share of the detection's size.
 _OUTLINE_OFF_PX, _OUTLINE_OFF = 0.6, 0.012
 

@@ -19,7 +19,7 @@ _SOURCES = {
     "none": "",
 }
 _BROUGHT_TOGETHER = {"markers": "", "gnss": "", "fruits": ", which brought the sides into one frame"}
-_MOST_WARNINGS_SHOWN = 8
+_MOST_WARNINGS_SHOWN = 8  # more are folded away, so that the view stays on the first screen
 
 
 def totals(data: ReportData) -> str:

@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-_LENGTH = 24
+_LENGTH = 24  # hexadecimal digits: 96 bits, which no two contents share by chance
 
 
 def plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pomona.errors import PomonaError, SurveyError
 
+# What the operating system says of a disk without room, and of one that must not be written to.
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 

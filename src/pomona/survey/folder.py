@@ -29,6 +29,7 @@ _WRITERS = {
     "report.html": "pomona report {survey}",
     "contact_sheet.jpg": "pomona report {survey}",
 }
+# What file managers leave in any folder: an empty one is empty for all that.
 _IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from pomona.cameras import Cameras
@@ -17,11 +18,18 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
     Raises `MissingFileError` where a folder is no longer there, and `InputError` where it has no photo, or where names
     fit several.
     """
-    from pomona.capture import load_photos
+    from pomona.capture import KeyFrameOptions, load_photos
 
+    options = survey.get("options", {})
     places = [folder] if folder else [Path(place) for place in survey.get("sources") or ()]
-    sides = "none" if folder else survey.get("options", {}).get("sides", "auto")
-    photos = load_photos(places, sides=sides, frames_dir=survey.work("frames"), min_photos=1)
+    chosen = options.get("key_frames") or {}
+    photos = load_photos(
+        places,
+        sides="none" if folder else options.get("sides", "auto"),
+        frames_dir=survey.work("frames"),
+        min_photos=1,
+        key_frames=KeyFrameOptions(**{f.name: chosen[f.name] for f in fields(KeyFrameOptions) if f.name in chosen}),
+    )
     return photos_named(photos, names)
 
 

@@ -20,10 +20,10 @@ from pomona.report.seen import Box, crop_box
 
 SIDES_PX = (1024, 2048, 4096, 8192)
 """The sizes of resized copies (longer side); `viewer/src/source.ts` asks for the same."""
-CROP_SIDE_PX = 256
+CROP_SIDE_PX = 256  # twice a report's, which has to carry all of its crops
 _PHOTO_QUALITY = 85
-_DECODED_BYTES = 400_000_000
-_ENCODED_BYTES = 200_000_000
+_DECODED_BYTES = 400_000_000  # ten photos of 13 megapixels: those that a person leafs through
+_ENCODED_BYTES = 200_000_000  # some hundred photos as JPEG
 
 _Value = TypeVar("_Value")
 

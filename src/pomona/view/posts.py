@@ -13,7 +13,7 @@ from pomona.report.contract import CorrectionAnswer
 from pomona.view.correct import Corrector, StaleError, request_from
 
 PATH = "/corrections"
-_MOST_BYTES = 64 * 1024
+_MOST_BYTES = 64 * 1024  # a correction takes some hundred bytes: what is longer is none
 
 
 class RefusedError(Exception):

@@ -15,7 +15,7 @@ from pomona.report import ReportData
 from pomona.report.contract import F32, U8, Rates, TruthData, packed
 from pomona.report.scene import origin_of
 
-_STEPS = 60
+_STEPS = 60  # of the slider: as many tables of scores go to the page
 # Scores are written with three digits; this is well below what they tell apart.
 _SLACK = 1e-6
 _CODES = {"matched": 1, "false": 2, "double": 3, "hidden": 4}

@@ -24,8 +24,8 @@ LEAF_VERTICES = 27
 """Of each leaf that `meshes.leaves` makes."""
 
 _LEAF_FOOT, _LEAF_TIP = 1, 25
-_BACK_ROW_M = (1.3, 4.0)
-_WIDEST_M = 8.0  # of the ground
+_BACK_ROW_M = (1.3, 4.0)  # behind the row, from the crowns nearly touching to a wide alley
+_WIDEST_M = 8.0  # of the ground beyond the row's ends: it reaches out of the picture
 
 
 @dataclass(frozen=True, eq=False)
