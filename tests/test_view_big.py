@@ -24,10 +24,6 @@ _ROW = "() => document.activeElement.closest('tr').getAttribute('aria-rowindex')
 _TO_THE_TOP = "() => { document.querySelector('#fruits').parentElement.scrollTop = 0; }"
 
 
-def _has_come(page: Any, piece: str) -> None:
-    page.wait_for_function(f"() => performance.getEntriesByName(new URL('data/points/{piece}.bin', location)).length")
-
-
 def _survey(fruits: int, per_side: int, scene_points: int) -> ReportData:
     cameras, found = row_cameras(per_side), row_fruits(fruits)
     return ReportData(

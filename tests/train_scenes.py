@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.train.samples import Sample, labels_from_ids
+from pomona.train.samples import Sample, boxes_of
 
 
 def discs(seed: int, size: int = 200, count: int = 6) -> tuple[np.ndarray, np.ndarray]:
@@ -32,7 +32,8 @@ def samples_of_discs(folder: Path, count: int = 6) -> list[Sample]:
     made = []
     for k in range(count):
         pixels, ids = discs(k)
-        labels, boxes = labels_from_ids(ids)
+        labels = ids.astype(np.int16)
+        boxes = boxes_of(labels, ids.max())
         cv2.imwrite(str(folder / f"{k}.png"), pixels[:, :, ::-1])
         cv2.imwrite(str(folder / f"{k}-labels.png"), labels.view(np.uint16))
         made.append(Sample(folder / f"{k}.png", folder / f"{k}-labels.png", boxes, f"g{k}", "rendered"))
@@ -47,7 +48,8 @@ def coco_folder(folder: Path, count: int) -> Path:
         pixels, ids = discs(k)
         cv2.imwrite(str(folder / f"{k}.png"), pixels[:, :, ::-1])
         images.append({"id": k + 1, "file_name": f"{k}.png", "width": 200, "height": 200})
-        labels, boxes = labels_from_ids(ids)
+        labels = ids.astype(np.int16)
+        boxes = boxes_of(labels, ids.max())
         for label, (x0, y0, x1, y1) in enumerate(boxes.tolist(), start=1):
             contours, _ = cv2.findContours((labels == label).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             polygon = contours[0].astype(float).reshape(-1).tolist()

@@ -86,17 +86,6 @@ class Sample:
         return np.asarray(stored).view(np.int16)
 
 
-def labels_from_ids(ids: npt.NDArray[np.uint16]) -> tuple[Labels, FloatArray]:
-    """Return labels 1 … n and boxes (n, 4) from an image of fruit ids (0: none)."""
-    found, inverse, counts = np.unique(ids, return_inverse=True, return_counts=True)
-    new = np.zeros(len(found), np.int16)
-    kept = (found > 0) & (counts >= FEWEST_PIXELS)
-    new[kept] = np.arange(1, kept.sum() + 1)
-    new[(found > 0) & ~kept] = IGNORED
-    labels = new[inverse.reshape(ids.shape)]
-    return labels, boxes_of(labels, int(kept.sum()))
-
-
 def boxes_of(labels: Labels, count: int) -> FloatArray:
     """Return the boxes (count, 4) of labels 1 … count; NaN where a label is not in the image."""
     boxes = np.full((count, 4), np.nan)

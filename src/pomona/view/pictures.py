@@ -52,11 +52,6 @@ class Kept(Generic[_Value]):
                 self._held -= self._size(self._values.popitem(last=False)[1])
         return value
 
-    @property
-    def held_bytes(self) -> int:
-        """How much is held now."""
-        return self._held
-
 
 def straightened(pixels: ByteArray, lens: Intrinsics) -> ByteArray:
     """Return a photo (resized or not) as a lens of the same focal lengths without distortion would have taken it."""
