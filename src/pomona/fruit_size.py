@@ -1,4 +1,18 @@
-"""How large the fruits of a survey are: what is assumed, and the one function that estimates it from fruits."""
+"""How large the fruits of a survey are: what is assumed, and the one function that estimates it from fruits.
+
+It is refined along a run, each time from what a stage knows better than the one before:
+
+1. assumed, by default or by a person, where nothing says more;
+2. from masks and the scene's points, before any fruit is known (`fruit_ranges`): `fuse` begins with it;
+3. from fruits that are well seen, fitted without a prior on their size, after the first round of `fuse`, which begins
+   anew where this differs by more than `ObjectOptions.same_size`;
+4. from all fruits as fused: `filter` takes features relative to it;
+5. from the fruits that `measure` measures well: the prior of those that leaves hide. Corrections and the page take the
+   median of the fruits as measured.
+
+No stage can take an earlier one's: on the bundled sample 2 to 5 are 84.5, 75.8, 75.3 and (as measured) 77.1 mm, and
+the filter's machine was trained on features relative to 4.
+"""
 
 from __future__ import annotations
 

@@ -104,6 +104,9 @@ def mask_rays(
 
     `only`: those that these observations are of. Within a photo they are sorted by where they are, so that what follows
     does not depend on the order they come in.
+
+    `fuse`, `filter` and `measure` each make their own, as they differ in detections, order of photos and number of rays
+    (16, 16 and 24). All three together take less than a second for 28 photos.
     """
     wanted = None if only is None else np.unique(only.detection_id)
     parts = []
