@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -48,12 +49,14 @@ def test_a_run_leaves_every_file_of_the_survey(fakes: Fakes, photos: Path, tmp_p
 
 
 def test_survey_json_tells_of_the_run(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    start = time.monotonic()
     run([photos], tmp_path / "out", RunOptions(fruit_diameter_m=0.08))
+    elapsed_s = time.monotonic() - start
     manifest = json.loads((tmp_path / "out" / "survey.json").read_text())
     assert manifest["options"]["fruit_diameter_m"] == 0.08
     assert list(manifest["stages"]) == list(STAGES)
     for record in manifest["stages"].values():
-        assert 0 <= record["wall_s"] < 60
+        assert 0 <= record["wall_s"] < elapsed_s + 0.001  # it is written with three digits
         assert 1 < record["peak_memory_mb"] < 100_000
     assert len({photo["digest"] for photo in manifest["photos"]}) == 4
     assert "a warning of fuse" in manifest["warnings"]

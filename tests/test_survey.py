@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import time
 from pathlib import Path
 from typing import NoReturn
 
@@ -144,11 +145,12 @@ def test_damaged_arrays_are_told_of(tmp_path: Path) -> None:
 
 
 def test_the_meter_measures() -> None:
+    start = time.monotonic()
     meter = Meter()
     before = meter.peak_memory_mb
     block = np.ones(8_000_000)  # 64 MB
     assert 50 < meter.peak_memory_mb - before + 8 < 200
-    assert 0 < meter.wall_s < 30
+    assert 0 < meter.wall_s < time.monotonic() - start
     del block
 
 
