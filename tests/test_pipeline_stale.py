@@ -24,6 +24,7 @@ from pomona.pipeline import STAGES, RunOptions, code, go_on, run
 from pomona.pipeline.code import engine_versions
 from pomona.pipeline.stage import Stage
 from pomona.pipeline.stages import stages_of
+from pomona.planting import PlantingOptions
 from pomona.report import ContactSheetOptions, ReportOptions
 from pomona.scale.options import ScaleOptions
 from pomona.segment.photo_detections import SegmentOptions
@@ -68,6 +69,18 @@ def copied_machine(folder: Path) -> dict[str, Any]:
     return {"filter_model": path}
 
 
+def weighed_pairs(folder: Path) -> dict[str, Any]:
+    path = folder / "pairs.csv"
+    path.write_text("diameter_mm,weight_g\n" + "".join(f"{d},{d**3 / 1900:.0f}\n" for d in range(60, 80, 2)))
+    return {"weights": path}
+
+
+def write_trunks(folder: Path) -> dict[str, Any]:
+    path = folder / "trunks.csv"
+    path.write_text("id,x,y\n7,0,0\n8,1.5,0\n")
+    return {"trees": path}
+
+
 def given_detections(folder: Path, label: str = "apple") -> dict[str, Any]:
     path = folder / "given.json"
     category = {"id": 1, "name": label}
@@ -96,7 +109,7 @@ GIVEN = [name for name in STAGES if name != "sfm"]
 Change = dict[str, Any] | Callable[[Path], dict[str, Any]]
 TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "sides": ({}, {"sides": "IMG_000[01]*,IMG_000[23]*"}, [name for name in STAGES if name != "select"]),
-    "method": ({}, PAPER, ["select", "scale", "fuse", "filter", "measure", "dense", "results", "report"]),
+    "method": ({}, PAPER, ["select", "scale", "fuse", "filter", "measure", "planting", "dense", "results", "report"]),
     "variant": (PAPER, {**PAPER, "variant": "text"}, ["fuse"]),
     "model": ({}, copied_weights, ["segment"]),
     "score_threshold": ({}, {"score_threshold": 0.6}, ["select", "scale", "fuse", "filter", "report"]),
@@ -111,6 +124,10 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "scale_bar": ({}, {"scale_bar": (0, 1, 0.85)}, ["scale"]),
     "marker_dictionary": ({}, {"marker_dictionary": "DICT_5X5_50"}, ["scale"]),
     "use_gnss": ({}, {"use_gnss": False}, ["scale"]),
+    "fruit": ({}, {"fruit": "plum"}, ["scale", "fuse", "measure", "results", "report"]),
+    "weights": ({}, weighed_pairs, ["measure", "results"]),
+    "trees": ({}, write_trunks, ["planting", "results", "report"]),
+    "tree_spacing": ({}, {"tree_spacing": 1.2}, ["planting", "results"]),
     "fruit_diameter_m": ({}, {"fruit_diameter_m": 0.06}, ["scale", "fuse"]),
     "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
     "filter_false_positives": ({}, {"filter_false_positives": False}, ["filter"]),
@@ -123,6 +140,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "paper": (PAPER, {**PAPER, "paper": PaperOptions(min_points=20)}, ["fuse"]),
     "dense": (PAPER, {**PAPER, "dense": DenseOptions(neighbours=5)}, ["dense"]),
     "filter": ({}, {"filter": FilterOptions(threshold=0.4)}, ["filter"]),
+    "planting": ({}, {"planting": PlantingOptions(between=0.2)}, ["planting", "results"]),
     "measure": ({}, {"measure": MeasureOptions(rays_per_photo=12)}, ["measure"]),
     "report": ({}, {"report": ReportOptions(contact_sheet=ContactSheetOptions(columns=2))}, ["report"]),
 }
@@ -234,28 +252,30 @@ SPACE = frozenset({"scale", "fuse", "filter", "measure", "dense"})
 HANDED = frozenset({"results", "report"})  # where fruits were corrected, these run what measures them anew, too
 ROOMS: dict[str, frozenset[str]] = {
     "arrays": ALL,
-    "cameras": ALL - {"segment", "select"},
+    "cameras": ALL - {"segment", "select", "planting"},
     "capture": frozenset({"segment", "sfm", "scale", "dense", "report"}),
     "corrections": HANDED,
     "data_frames": ALL,
     "dense": frozenset({"dense"}),
-    "detections": ALL - {"sfm"},
+    "detections": ALL - {"sfm", "planting"},
     "drawing": frozenset({"report"}),
     "errors": ALL,
     "filter": frozenset({"filter"}),
-    "formats": frozenset({"segment", "sfm", "scale", "dense"}) | HANDED,
+    "formats": frozenset({"segment", "sfm", "scale", "planting", "dense"}) | HANDED,
+    "fruit_kinds": frozenset({"measure"}) | HANDED,
     "fruit_ranges": frozenset({"scale", "fuse", "filter", "dense"}),
     "fruit_size": SPACE | HANDED,
-    "fruits": SPACE | HANDED,
-    "fuse": SPACE | HANDED,
-    "geometry": ALL - {"segment", "select"},
-    "intrinsics": ALL - {"segment", "select"},
+    "fruits": SPACE | {"planting"} | HANDED,
+    "fuse": SPACE | {"planting"} | HANDED,
+    "geometry": ALL - {"segment", "select", "planting"},
+    "intrinsics": ALL - {"segment", "select", "planting"},
     "label_image": frozenset({"fuse", "dense"}),
     "mask_rays": frozenset({"scale", "fuse", "filter", "measure"}) | HANDED,
     "measure": frozenset({"measure"}) | HANDED,
     "outlines": frozenset({"scale", "fuse", "filter", "measure"}) | HANDED,
     "photo_names": frozenset({"segment", "sfm"}),
     "photos": frozenset({"segment", "sfm", "scale", "dense", "measure"}) | HANDED,
+    "planting": frozenset({"planting"}) | HANDED,
     "progress": ALL,
     "report": frozenset({"report"}),
     "scale": frozenset({"scale", "report"}),
@@ -263,11 +283,13 @@ ROOMS: dict[str, frozenset[str]] = {
     "sfm": frozenset({"sfm", "scale", "report"}),
     "sphere_outlines": HANDED,
     "spheres": frozenset({"scale", "fuse", "filter"}),
-    "survey": ALL - {"select"},
+    "trees": frozenset({"planting"}) | HANDED,
+    "survey": ALL - {"select", "planting"},
 }
 # The pipeline's modules are those of the stages; each redoes its own, what they share redoes all.
 PIPELINE = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
     "pipeline/correct.py": HANDED,
+    "pipeline/planting.py": frozenset({"planting"}) | HANDED,
     "pipeline/fused_store.py": frozenset({"fuse", "filter", "measure", "dense"}),
     "pipeline/stage.py": ALL,
     "pipeline/runner.py": frozenset[str](),

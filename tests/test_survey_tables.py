@@ -54,7 +54,16 @@ def test_what_was_not_measured_is_an_empty_cell(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == FRUIT_COLUMNS
     empty = {name for name, cell in rows[1].items() if cell == ""}
-    assert empty == {"diameter_m", "diameter_sd_m", "visibility", "weight_g", "score", "tree_id"}
+    assert empty == {
+        "diameter_m",
+        "diameter_sd_m",
+        "visibility",
+        "weight_g",
+        "weight_sd_g",
+        "score",
+        "tree_id",
+        "other_tree_id",
+    }
     assert rows[1]["reason"] == "seen once, no size"
     assert rows[1]["x_m"] == "0.0"
 

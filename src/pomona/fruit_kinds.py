@@ -13,11 +13,16 @@ from pomona.errors import InputError
 
 @dataclass(frozen=True)
 class FruitKind:
-    """A kind of fruit: its usual widest diameter in metres, density in g/cm³, and the words for one and for many."""
+    """A kind of fruit: its usual widest diameter, density and shape, and the words for one and for many.
+
+    Diameters are metres, densities g/cm³; `height_to_width` is that of the ellipsoid as wide as the fruit with its
+    volume.
+    """
 
     name: str
     diameter_m: float
     density_g_cm3: float
+    height_to_width: float
     plural: str
 
     def counted(self, count: int) -> str:
@@ -25,22 +30,27 @@ class FruitKind:
         return f"{count} {self.name if count == 1 else self.plural}"
 
 
-# The density of apples is the median of 28 Story apples, weight over the ellipsoid of calliper diameter and height;
+# Density and shape of apples are medians of 26 Story apples, weight over the ellipsoid of calliper diameter and height;
 # the others are rounded figures in common use that the project has not measured.
 _KINDS = (
-    FruitKind("apple", 0.075, 0.92, "apples"),
-    FruitKind("pear", 0.065, 1.00, "pears"),
-    FruitKind("orange", 0.075, 0.95, "oranges"),
-    FruitKind("mandarin", 0.060, 0.90, "mandarins"),
-    FruitKind("lemon", 0.058, 0.95, "lemons"),
-    FruitKind("peach", 0.070, 0.97, "peaches"),
-    FruitKind("plum", 0.042, 1.03, "plums"),
-    FruitKind("cherry", 0.025, 1.05, "cherries"),
-    FruitKind("mango", 0.085, 1.02, "mangoes"),
-    FruitKind("kiwi", 0.050, 1.04, "kiwis"),
-    FruitKind("tomato", 0.065, 0.99, "tomatoes"),
+    FruitKind("apple", 0.075, 0.92, 0.97, "apples"),
+    FruitKind("pear", 0.065, 1.00, 1.25, "pears"),
+    FruitKind("orange", 0.075, 0.95, 0.97, "oranges"),
+    FruitKind("mandarin", 0.060, 0.90, 0.85, "mandarins"),
+    FruitKind("lemon", 0.058, 0.95, 1.25, "lemons"),
+    FruitKind("peach", 0.070, 0.97, 0.97, "peaches"),
+    FruitKind("plum", 0.042, 1.03, 1.05, "plums"),
+    FruitKind("cherry", 0.025, 1.05, 0.92, "cherries"),
+    FruitKind("mango", 0.085, 1.02, 1.25, "mangoes"),
+    FruitKind("kiwi", 0.050, 1.04, 1.25, "kiwis"),
+    FruitKind("tomato", 0.065, 0.99, 0.87, "tomatoes"),
 )
 FRUIT_KINDS: dict[str, FruitKind] = {kind.name: kind for kind in _KINDS}
+
+
+def many_of(name: str | None) -> str:
+    """Return what many fruits of this kind are called: "fruits" where it is None or no kind that is known."""
+    return FRUIT_KINDS[name].plural if name in FRUIT_KINDS else "fruits"
 
 
 def fruit_kind(name: str) -> FruitKind:
@@ -50,5 +60,5 @@ def fruit_kind(name: str) -> FruitKind:
         if wanted in (kind.name, kind.plural):
             return kind
     raise InputError(
-        f"fruit: expected one of {', '.join(FRUIT_KINDS)}, found '{name}'; of another fruit, give its usual diameter"
+        f"`fruit`: expected one of {', '.join(FRUIT_KINDS)}, found '{name}'; of another fruit, give its usual diameter"
     )

@@ -102,8 +102,9 @@ class Fruits:
     """n fruits. NaN is "not measured", and `reasons` (n,) then says why; it is "" where all is measured.
 
     `ids` (n,) positive and unique; `centers_in_world` (n, 3) metres; `diameters_m`, `diameter_sds_m`, `visibilities`
-    (0 to 1), `weights_g`, `scores` (0 to 1: probability that it is a fruit) and `views` (number of photos) are (n,);
-    `tree_ids` (0: none) and `sides` (which side's photos saw it; "both" for more than one) are (n,).
+    (0 to 1), `weights_g`, `weight_sds_g`, `scores` (0 to 1: probability that it is a fruit) and `views` (number of
+    photos) are (n,); `tree_ids` (0: none), `other_tree_ids` (of fruits between two trees the neighbour, else 0) and
+    `sides` (which side's photos saw it; "both" for more than one) are (n,).
     """
 
     ids: IntArray
@@ -117,23 +118,26 @@ class Fruits:
     tree_ids: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     sides: tuple[str, ...] = field(default_factory=_empty_strings)
     reasons: tuple[str, ...] = field(default_factory=_empty_strings)
+    weight_sds_g: FloatArray = field(default_factory=lambda: np.zeros(0))
+    other_tree_ids: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for name in ("diameter_sds_m", "visibilities", "weights_g"):
+        for name in ("diameter_sds_m", "visibilities", "weights_g", "weight_sds_g"):
             if len(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full(n, np.nan))
-        if len(self.tree_ids) == 0:
-            object.__setattr__(self, "tree_ids", np.zeros(n, np.int64))
+        for name in ("tree_ids", "other_tree_ids"):
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.zeros(n, np.int64))
         for name in ("sides", "reasons"):
             if len(getattr(self, name)) == 0:
                 object.__setattr__(self, name, ("",) * n)
             elif len(getattr(self, name)) != n:
                 raise InputError(f"Fruits.{name}: expected {n} entries, found {len(getattr(self, name))}")
         set_checked(self, "centers_in_world", (n, 3), np.float64)
-        for name in ("diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g"):
+        for name in ("diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g", "weight_sds_g"):
             set_checked(self, name, (n,), np.float64)
-        for name in ("ids", "views", "tree_ids"):
+        for name in ("ids", "views", "tree_ids", "other_tree_ids"):
             set_checked(self, name, (n,), np.int64)
         if n and (self.ids.min() < 1 or len(np.unique(self.ids)) != n):
             raise InputError("Fruits.ids: expected positive and unique ids")
@@ -160,6 +164,8 @@ class Fruits:
             self.tree_ids[idx],
             tuple(self.sides[i] for i in idx),
             tuple(self.reasons[i] for i in idx),
+            self.weight_sds_g[idx],
+            self.other_tree_ids[idx],
         )
 
     def to_pandas(self) -> Any:
@@ -176,5 +182,6 @@ class Fruits:
             "id": self.ids, "x_m": x_m, "y_m": y_m, "z_m": z_m, "diameter_m": self.diameters_m,
             "diameter_sd_m": self.diameter_sds_m, "visibility": self.visibilities, "weight_g": self.weights_g,
             "views": self.views, "score": self.scores, "tree_id": self.tree_ids, "side": self.sides,
-            "reason": self.reasons,
+            "reason": self.reasons, "weight_sd_g": self.weight_sds_g,
+            "other_tree_id": self.other_tree_ids,
         }  # fmt: skip

@@ -21,11 +21,12 @@ from pomona.datasets.values import BenchmarkOptions
 _Root = Annotated[Path, typer.Option("--root", metavar="DIR", help="The folder of the unpacked dataset.")]
 _Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where results and surveys are kept.")]
 _Trees = Annotated[int, typer.Option(metavar="N", help="Trees of the row, where the boxes' files do not say.")]
+_Diameter = Annotated[float, typer.Option(metavar="METRES", help="An average fruit.")]
 # How each field of `BenchmarkOptions` is called on the command line, and what it is there.
 _OPTIONS = {
     "model": ("model", shared.Model),
     "trees": ("trees", _Trees),
-    "fruit_diameter_m": ("fruit_diameter", shared.FruitDiameter),
+    "fruit_diameter_m": ("fruit_diameter", _Diameter),
 }
 
 benchmark = typer.Typer(

@@ -30,9 +30,22 @@ ScaleBar = Annotated[
     str | None, typer.Option(metavar="ID,ID,METRES", help="Two markers and the distance between their centres.")
 ]
 MarkerDictionary = Annotated[str, typer.Option(metavar="NAME", help="The ArUco dictionary of the markers.")]
-FruitDiameter = Annotated[
-    float, typer.Option(metavar="METRES", help="An average fruit; sets the scale where nothing better does.")
+Fruit = Annotated[
+    str | None, typer.Option(metavar="NAME", help="What grows there: apple, pear, orange, cherry, tomato, …")
 ]
+FruitDiameter = Annotated[
+    float | None,
+    typer.Option(
+        metavar="METRES",
+        help="An average fruit; sets the scale where nothing better does. Default: that of --fruit.",
+    ),
+]
+Weights = Annotated[
+    Path | None,
+    typer.Option(metavar="CSV", help="diameter_mm,weight_g: fruits that you weighed, for the weights of all."),
+]
+Trees = Annotated[Path | None, typer.Option(metavar="CSV", help="id,x,y: where trunks stand, in metres.")]
+TreeSpacing = Annotated[float | None, typer.Option(metavar="METRES", help="The planting distance, without trunks.")]
 Cameras = Annotated[
     Path | None,
     typer.Option(metavar="PATH", help="Cameras of COLMAP, Metashape, ODM, ... in place of structure from motion."),

@@ -32,6 +32,7 @@ LABELS = {
     "fuse": "Fruits in space",
     "filter": "False fruits out",
     "measure": "Sizes",
+    "planting": "Trees",
     "results": "Tables and map",
     "report": "Report",
 }

@@ -10,7 +10,6 @@ import typer
 from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.summary import show
-from pomona.fruit_size import DEFAULT_DIAMETER_M
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 
@@ -21,7 +20,11 @@ def run(
     markers: shared.Markers = None,
     scale_bar: shared.ScaleBar = None,
     marker_dictionary: shared.MarkerDictionary = "DICT_4X4_50",
-    fruit_diameter: shared.FruitDiameter = DEFAULT_DIAMETER_M,
+    fruit: shared.Fruit = None,
+    fruit_diameter: shared.FruitDiameter = None,
+    weights: shared.Weights = None,
+    trees: shared.Trees = None,
+    tree_spacing: shared.TreeSpacing = None,
     model: shared.Model = None,
     score_threshold: shared.ScoreThreshold = None,
     detections: shared.GivenDetections = None,
@@ -58,7 +61,11 @@ def run(
         scale_bar=shared.parse_scale_bar(scale_bar),
         marker_dictionary=marker_dictionary,
         use_gnss=gnss,
+        fruit=fruit,
         fruit_diameter_m=fruit_diameter,
+        weights=weights,
+        trees=trees,
+        tree_spacing=tree_spacing,
         engine=engine,
         filter_false_positives=filter,
         filter_model=filter_model,

@@ -53,9 +53,17 @@ def fuse(
     _go_on(survey, "filter", changed, as_json)
 
 
-def measure(survey: shared.SurveyArgument, as_json: shared.Json = False) -> None:
-    """Measure the fruits of a survey and write its tables, map and cloud."""
-    _go_on(survey, "results", {}, as_json)
+def measure(
+    survey: shared.SurveyArgument,
+    fruit: shared.Fruit = None,
+    weights: shared.Weights = None,
+    trees: shared.Trees = None,
+    tree_spacing: shared.TreeSpacing = None,
+    as_json: shared.Json = False,
+) -> None:
+    """Measure and weigh the fruits of a survey, bring them to their trees, and write tables, map and cloud."""
+    changed = {"fruit": fruit, "weights": weights, "trees": trees, "tree_spacing": tree_spacing}
+    _go_on(survey, "results", _given(changed), as_json)
 
 
 def report(survey: shared.SurveyArgument, as_json: shared.Json = False) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from pomona.cli.progress import LABELS
 from pomona.cli.wording import all_with_options, with_options
+from pomona.fruit_kinds import fruit_kind
 from pomona.pipeline import Summary
 
 _MOST_LISTED = 5  # of photos lost: `survey.json` and the report have all of them
@@ -30,11 +31,16 @@ def text_of(summary: Summary) -> str:
 
 def _headline(summary: Summary) -> str:
     if summary.fruits is not None:
-        plural = "" if summary.fruits == 1 else "s"
-        return f"{summary.fruits} fruit{plural} found" if summary.fruits else "No fruit found"
+        return f"{_counted(summary)} found" if summary.fruits else "No fruit found"
     if summary.photos_used is not None:
         return f"{summary.photos_used} of {summary.photos} photos placed"
     return f"{summary.detections} detections in {summary.photos} photos"
+
+
+def _counted(summary: Summary) -> str:
+    if summary.fruit is not None and summary.fruits is not None:
+        return fruit_kind(summary.fruit).counted(summary.fruits)
+    return "1 fruit" if summary.fruits == 1 else f"{summary.fruits} fruits"
 
 
 def _entries(summary: Summary) -> list[tuple[str, str]]:
@@ -45,6 +51,7 @@ def _entries(summary: Summary) -> list[tuple[str, str]]:
         *_listed("not placed", summary.lost),
         *_listed("skipped", summary.skipped),
         ("detections", detections),
+        ("weight", _weight(summary)),
         ("corrections", summary.corrections or ""),
         ("scale", summary.scale or ""),
         ("sides", "; ".join(summary.sides)),
@@ -53,6 +60,13 @@ def _entries(summary: Summary) -> list[tuple[str, str]]:
         ("report", str(summary.report) if summary.report else ""),
         ("folder", str(summary.survey)),
     ]
+
+
+def _weight(summary: Summary) -> str:
+    total = summary.weight
+    if total is None:
+        return ""
+    return f"{total.kg:.3g} kg ({total.low_kg:.3g} to {total.high_kg:.3g}, 95 %), by {total.source}"
 
 
 def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:

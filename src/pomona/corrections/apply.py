@@ -16,6 +16,7 @@ from pomona.corrections.masks import divided, joined, radius_px
 from pomona.detections import Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import Fruits, Observations
+from pomona.measure.allometry import weigh
 from pomona.sphere_outlines import centers_px
 
 _NOTHING_THERE = "there is no fruit"
@@ -42,7 +43,7 @@ class Applier:
             self._outcomes = (*self._outcomes, _apply_one(self._survey, correction))
         survey = self._survey
         return Corrected(
-            fruits=survey.fruits,
+            fruits=weigh(survey.fruits, self.found.measure.allometry, self.found.cameras.frame),
             observations=survey.observations,
             detections=SurveyDetections(dict(survey.detections)),
             made=dict(survey.made),
@@ -140,7 +141,6 @@ def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:
         centers_in_world=middle[None],
         scores=np.ones(1),
         tree_ids=first.tree_ids if first.tree_ids[0] else second.tree_ids,
-        weights_g=np.full(1, np.nan),
     )
     fruit = survey.seen_from(survey.measured(fruit, seen), seen.photo)
     survey.put(fruit, seen, "merged", at=at)

@@ -194,7 +194,7 @@ def joined_fruits(parts: Sequence[Fruits]) -> Fruits:
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in (
             "ids", "centers_in_world", "diameters_m", "scores", "views", "diameter_sds_m", "visibilities", "weights_g",
-            "tree_ids",
+            "weight_sds_g", "tree_ids", "other_tree_ids",
         )
     }  # fmt: skip
     columns |= {name: tuple(t for part in parts for t in getattr(part, name)) for name in ("sides", "reasons")}

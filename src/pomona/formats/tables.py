@@ -1,4 +1,4 @@
-"""`fruits.csv` and `observations.csv`: what was not measured is an empty cell, never 0 or -1."""
+"""`fruits.csv`, `observations.csv` and `trees.csv`: what was not measured is an empty cell, never 0 or -1."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ import numpy as np
 
 from pomona.errors import FormatError, MissingFileError
 from pomona.fruits import Fruits, Observations
+from pomona.trees import Trees
 
 FRUIT_COLUMNS = (
     "id", "x_m", "y_m", "z_m", "diameter_m", "diameter_sd_m", "visibility", "weight_g", "views", "score", "tree_id",
-    "side", "reason",
+    "side", "reason", "weight_sd_g", "other_tree_id",
 )  # fmt: skip
+TREE_COLUMNS = tuple(Trees.empty().columns())
 OBSERVATION_COLUMNS = ("fruit_id", "photo", "detection_id", "x_px", "y_px")
 
 Number = TypeVar("Number", int, float)
@@ -39,6 +41,8 @@ def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
             "tree_id": int(fruits.tree_ids[i]) or None,
             "side": fruits.sides[i],
             "reason": fruits.reasons[i],
+            "weight_sd_g": _rounded(fruits.weight_sds_g[i], 1),
+            "other_tree_id": int(fruits.other_tree_ids[i]) or None,
         }
         for i in range(len(fruits))
     ]
@@ -68,6 +72,8 @@ def read_fruits(path: Path) -> Fruits:
         tree_ids=np.array(column.whole("tree_id"), np.int64),
         sides=tuple(row.get("side") or "" for row in rows),
         reasons=tuple(row.get("reason") or "" for row in rows),
+        weight_sds_g=np.array(column.real("weight_sd_g"), float),
+        other_tree_ids=np.array(column.whole("other_tree_id"), np.int64),
     )
 
 
@@ -87,6 +93,38 @@ def read_observations(path: Path) -> Observations:
         tuple(row["photo"] for row in rows),
         np.array(column.whole("detection_id"), np.int64),
         np.array([column.real("x_px"), column.real("y_px")], float).T,
+    )
+
+
+def write_trees(path: Path, trees: Trees) -> None:
+    """Write `trees.csv`, a line a tree; the header alone where trees are not known."""
+    columns = trees.columns()
+    digits = {"fruits": 0, "weight_kg": 3, "weight_low_kg": 3, "weight_high_kg": 3}
+    rows = (
+        [
+            int(v) if isinstance(v, np.integer) else _rounded(v, digits.get(n, 4))
+            for n, v in zip(columns, row, strict=True)
+        ]
+        for row in zip(*columns.values(), strict=True)
+    )
+    _write(path, TREE_COLUMNS, rows)
+
+
+def read_trees(path: Path) -> Trees:
+    """Read `trees.csv`; raises what `read_fruits` raises."""
+    rows = _read(path, TREE_COLUMNS)
+    column = _Columns(path, rows)
+    real = {name: np.array(column.real(name), float) for name in TREE_COLUMNS}
+    return Trees(
+        ids=np.array(column.whole("id"), np.int64),
+        xy_in_world=np.stack([real["x_m"], real["y_m"]], axis=1),
+        fruits=np.array(column.whole("fruits"), np.int64),
+        fruits_low=np.array(column.whole("fruits_low"), np.int64),
+        fruits_high=np.array(column.whole("fruits_high"), np.int64),
+        diameters_m=real["diameter_m"],
+        weights_kg=real["weight_kg"],
+        weights_low_kg=real["weight_low_kg"],
+        weights_high_kg=real["weight_high_kg"],
     )
 
 

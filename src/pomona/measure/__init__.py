@@ -1,8 +1,18 @@
-"""How large each fruit is, where its centre is, how much of it can be seen, and from which side."""
+"""How large and heavy each fruit is, where its centre is, how much of it can be seen, and from which side."""
 
 from __future__ import annotations
 
+from pomona.measure.allometry import Allometry, allometry_of_kind, fit_allometry, total_weight, weigh
 from pomona.measure.measurement import measure, sides_of
 from pomona.measure.options import MeasureOptions
 
-__all__ = ["MeasureOptions", "measure", "sides_of"]
+__all__ = [
+    "Allometry",
+    "MeasureOptions",
+    "allometry_of_kind",
+    "fit_allometry",
+    "measure",
+    "sides_of",
+    "total_weight",
+    "weigh",
+]

@@ -13,6 +13,7 @@ from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits
 from pomona.fuse import Fused
 from pomona.mask_rays import MaskRays, mask_rays
+from pomona.measure.allometry import weigh
 from pomona.measure.options import MeasureOptions
 from pomona.measure.sphere_fit import FittedSphere, FruitEvidence, Prior, fit_sphere
 from pomona.photos import Photos
@@ -49,7 +50,7 @@ def measure(
     options: MeasureOptions | None = None,
     progress: Progress | None = None,
 ) -> Fruits:
-    """Return the fruits with centre, diameter and its standard deviation, visibility and, with `photos`, sides.
+    """Return the fruits with centre, diameter and its standard deviation, visibility, weight and, with `photos`, sides.
 
     `fused` are the fruits with the detections that saw them (`pomona.fuse`), `detections` those of all photos, in which
     the observations' ids are looked up, and `cameras` those in metres. The n fruits keep their ids and order; centres
@@ -69,7 +70,8 @@ def measure(
     alone = [_advanced(progress, _measure_one(one, masks, None, options)) for one in each]
     prior = _prior(alone, cameras.frame.up_is_known, options)
     measured = [_advanced(progress, _measure_one(one, masks, prior, options)) for one in each]
-    return _fruits(fused, _plausible(measured, options), photos, options)
+    fruits = _fruits(fused, _plausible(measured, options), photos, options)
+    return weigh(fruits, options.allometry, cameras.frame)
 
 
 def _advanced(progress: Progress, measured: _Measured) -> _Measured:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pomona.errors import InputError
+from pomona.measure.allometry import STORY_APPLES, Allometry
 
 TIE_OF_POINTS = 0.03
 """In rays: points of a cloud say themselves where a fruit is."""
@@ -25,7 +26,7 @@ class MeasureOptions:
     together say as much as `points_as_rays` rays of each photo: neighbouring points err together, and stereo flattens
     round things. `point_scale`, `inside_scale` and `outside_scale` are Cauchy scales, in shares of the radius: of
     points, of rays that pass inside the sphere, which are likely a leaf's edge, and of rays that pass outside, which
-    are an error of the mask.
+    are an error of the mask. `allometry` gives weights.
     """
 
     rays_per_photo: int = 24
@@ -42,6 +43,7 @@ class MeasureOptions:
     point_scale: float = 0.15
     inside_scale: float = 0.04
     outside_scale: float = 0.12
+    allometry: Allometry = STORY_APPLES
 
     def __post_init__(self) -> None:
         if self.rays_per_photo < 4 or self.points_per_fruit < 4:

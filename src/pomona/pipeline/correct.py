@@ -37,7 +37,7 @@ class FoundOptions:
 
 
 def _options(options: StageOptions) -> FoundOptions:
-    return FoundOptions(measure=options.measure, fruit_diameter_m=options.run.fruit_diameter_m)
+    return FoundOptions(measure=options.measure, fruit_diameter_m=options.run.usual_diameter_m)
 
 
 def _found(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruit_size import DEFAULT_DIAMETER_M
+from pomona.fruit_kinds import FRUIT_KINDS, FruitKind, fruit_kind
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from pomona.filter.options import FilterOptions
     from pomona.fuse.object.options import ObjectOptions
     from pomona.fuse.paper.options import PaperOptions
+    from pomona.measure.allometry import Allometry
     from pomona.measure.options import MeasureOptions
+    from pomona.planting.options import PlantingOptions
     from pomona.report.options import ReportOptions
     from pomona.scale.options import ScaleOptions
     from pomona.segment.photo_detections import SegmentOptions
@@ -43,15 +45,20 @@ class RunOptions:
     `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
     installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks, in place of a
     segmenter, and `classes`, those of it that are fruit (None: it has one). `cameras`: a reconstruction of another
-    program, used in place of structure from motion. `markers`, `scale_bar` (two ids, metres), `use_gnss`,
-    `fruit_diameter_m`: where metres come from, in this order. `variant` of the method "paper": to the letter of its
-    "text", or as its authors' "published-code" does it; None: what is best of both. `engine` makes the dense cloud.
-    `filter_false_positives`: whether the support vector machine decides which fruits are dropped, with `filter_model`
-    (None: the shipped one).
+    program, used in place of structure from motion. `fruit`: what grows there, a name of `FRUIT_KINDS`, which says how
+    wide and heavy fruits usually are and what they are called (None: as wide and heavy as apples); `fruit_diameter_m`
+    goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its weights. `markers`,
+    `scale_bar` (two ids, metres), `use_gnss`, the usual width: where metres come from, in this order. `variant` of the
+    method "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of
+    both. `engine` makes the dense cloud. `filter_false_positives`: whether the support vector machine decides which
+    fruits are dropped, with `filter_model` (None: the shipped one).
+
+    `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
+    hangs on; without either, trees are where fruits gather at equal distances, if they do.
 
     `key_frames` says how the frames of a video are chosen. `segment`, `sfm`, `scale`, `object`, `paper`, `dense`,
-    `filter`, `measure`, `report` are options of single stages, for those who know them; what the options above say goes
-    before.
+    `filter`, `measure`, `planting`, `report` are options of single stages, for those who know them; what the options
+    above say goes before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -68,7 +75,11 @@ class RunOptions:
     scale_bar: tuple[int, int, float] | None = None
     marker_dictionary: str = "DICT_4X4_50"
     use_gnss: bool = True
-    fruit_diameter_m: float = DEFAULT_DIAMETER_M
+    fruit: str | None = None
+    fruit_diameter_m: float | None = None
+    weights: Path | None = None
+    trees: Path | None = None
+    tree_spacing: float | None = None
     engine: str = "auto"
     filter_false_positives: bool = True
     filter_model: Path | None = None
@@ -81,6 +92,7 @@ class RunOptions:
     dense: DenseOptions | None = None
     filter: FilterOptions | None = None
     measure: MeasureOptions | None = None
+    planting: PlantingOptions | None = None
     report: ReportOptions | None = None
 
     def __post_init__(self) -> None:
@@ -92,7 +104,7 @@ class RunOptions:
             raise InputError(f"`variant` {self.variant} is of `method` paper, found `method` {self.method}")
         if self.classes is not None and self.detections is None:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
-        for name in ("detections", "cameras", "markers", "filter_model"):
+        for name in ("detections", "cameras", "markers", "weights", "trees", "filter_model"):
             path = getattr(self, name)
             if path is None:
                 continue
@@ -100,6 +112,24 @@ class RunOptions:
             if not getattr(self, name).exists():
                 raise MissingFileError(f"`{name}`: {path} does not exist")
         _ = self.of_stages  # wrong values are said before any work is done
+
+    @property
+    def kind(self) -> FruitKind:
+        """The kind of fruit; of an apple where none was given."""
+        return FRUIT_KINDS["apple"] if self.fruit is None else fruit_kind(self.fruit)
+
+    @property
+    def usual_diameter_m(self) -> float:
+        """How wide fruits are taken to be: what was given, else what is usual of the kind."""
+        return self.kind.diameter_m if self.fruit_diameter_m is None else self.fruit_diameter_m
+
+    @property
+    def allometry(self) -> Allometry:
+        """The weights of fruits by their diameters: of the pairs given, else of the kind."""
+        from pomona.measure.allometry import allometry_of_kind
+        from pomona.measure.weight_table import read_allometry
+
+        return allometry_of_kind(self.kind) if self.weights is None else read_allometry(self.weights)
 
     @property
     def of_stages(self) -> StageOptions:
@@ -114,20 +144,31 @@ class RunOptions:
                 markers=self.markers,
                 scale_bar=self.scale_bar,
                 marker_dictionary=self.marker_dictionary,
-                fruit_diameter_m=self.fruit_diameter_m,
+                fruit_diameter_m=self.usual_diameter_m,
                 use_gnss=self.use_gnss,
             ),
-            object=replace(self.object or usual.object, fruit_diameter_m=self.fruit_diameter_m),
+            object=replace(self.object or usual.object, fruit_diameter_m=self.usual_diameter_m),
             paper=self.paper or self._paper(usual.paper),
             dense=replace(
                 self.dense or usual.dense,
                 engine=self.engine,  # type: ignore[arg-type]
-                fruit_diameter_m=self.fruit_diameter_m,
+                fruit_diameter_m=self.usual_diameter_m,
             ),
             filter=self.filter or usual.filter,
-            measure=(self.measure or usual.measure).tied(with_points=self.method == "paper"),
+            measure=self._measure(usual.measure),
+            planting=self._planting(usual.planting),
             report=self.report or usual.report,
         )
+
+    def _measure(self, usual: MeasureOptions) -> MeasureOptions:
+        options = (self.measure or usual).tied(with_points=self.method == "paper")
+        return options if self.fruit is None and self.weights is None else replace(options, allometry=self.allometry)
+
+    def _planting(self, usual: PlantingOptions) -> PlantingOptions:
+        options = self.planting or usual
+        if self.trees is None and self.tree_spacing is None:
+            return options
+        return replace(options, trees=self.trees, spacing_m=self.tree_spacing)
 
     def _paper(self, usual: PaperOptions) -> PaperOptions:
         made = {"text": usual.as_printed, "published-code": usual.as_published_code}
@@ -136,7 +177,7 @@ class RunOptions:
         as_code = self.variant == "published-code" and self.score_threshold is None
         return replace(
             options,
-            eps_m=_EPS_DIAMETERS * self.fruit_diameter_m,
+            eps_m=_EPS_DIAMETERS * self.usual_diameter_m,
             min_score=options.min_score if as_code else 0.0,
         )
 
@@ -157,6 +198,10 @@ class RunOptions:
             from pomona.scale.marker_table import read_markers
 
             read_markers(self.markers)
+        if self.trees is not None:
+            from pomona.planting import read_trunks
+
+            read_trunks(self.trees)
         if self.filter_model is not None:
             from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, VIEW_FEATURE_NAMES, LinearSvm
 
@@ -196,6 +241,7 @@ class StageOptions:
     dense: DenseOptions
     filter: FilterOptions
     measure: MeasureOptions
+    planting: PlantingOptions
     report: ReportOptions
 
     @classmethod
@@ -206,6 +252,7 @@ class StageOptions:
         from pomona.fuse.object.options import ObjectOptions
         from pomona.fuse.paper.options import PaperOptions
         from pomona.measure.options import MeasureOptions
+        from pomona.planting.options import PlantingOptions
         from pomona.report.options import ReportOptions
         from pomona.scale.options import ScaleOptions
         from pomona.segment.photo_detections import SegmentOptions
@@ -221,6 +268,7 @@ class StageOptions:
             dense=DenseOptions(),
             filter=FilterOptions(),
             measure=MeasureOptions(),
+            planting=PlantingOptions(),
             report=ReportOptions(),
         )
 

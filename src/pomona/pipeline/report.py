@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from pomona import __version__
+from pomona.fruit_kinds import many_of
 from pomona.photos import Photos, Skipped
 from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
@@ -34,6 +35,10 @@ def _options(options: StageOptions) -> ReportOptions:
     return options.report
 
 
+def _words(options: StageOptions) -> str:
+    return many_of(options.run.fruit)
+
+
 def _gathered(
     photos: Photos,
     skipped: tuple[Skipped, ...],
@@ -42,6 +47,8 @@ def _gathered(
     selected: Selected,
     results: Results,
     run_log: RunLog,
+    *,
+    options: str,
 ) -> ReportData:
     from pomona.report import ReportData, StageTime
     from pomona.survey.facts import unregistered_from
@@ -59,6 +66,9 @@ def _gathered(
         masks=selected.trusted,
         lost=(*unregistered_from(unregistered), *placed.lost),
         scale=placed.report,
+        trees=results.trees,
+        fruit_words=options,
+        weight=results.weight,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(dict.fromkeys(warnings)),
         version=__version__,
@@ -109,6 +119,7 @@ def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) ->
             "results": results,
             "run_log": RUN_LOG,
         },
+        options=_words,
         compute=_gathered,
     )
     store = Store(save=_save, outputs=lambda survey: (survey.report, survey.contact_sheet))

@@ -12,6 +12,7 @@ from pomona.pipeline.dense import FRUIT_CLOUD, sphere_cloud_stage
 from pomona.pipeline.filter import filter_stage
 from pomona.pipeline.fuse import FUSE_BY_OBJECT, FUSE_BY_PAPER
 from pomona.pipeline.measure import measure_stage
+from pomona.pipeline.planting import planted_stage, planting_stage
 from pomona.pipeline.report import report_stage
 from pomona.pipeline.results import Results, results_stage
 from pomona.pipeline.scale import SCALE
@@ -43,13 +44,15 @@ def stages_of(method: str, *, corrected: bool) -> Stages:
     filtered = filter_stage(fuse)
     measured = measure_stage(filtered)
     middle: tuple[Stage[Any], ...]
+    trunks = planting_stage(measured)
     if method == "paper":
-        shown, middle = measured, (FRUIT_CLOUD, fuse, filtered, measured)
+        with_points, middle = measured, (FRUIT_CLOUD, fuse, filtered, measured, trunks)
     else:
-        shown = sphere_cloud_stage(measured)
-        middle = (fuse, filtered, measured, shown)
+        with_points = sphere_cloud_stage(measured)
+        middle = (fuse, filtered, measured, trunks, with_points)
+    shown = planted_stage(with_points, trunks)
     found = found_stage(shown)
     by_person = correct_stage(found) if corrected else None
-    results = results_stage(shown, by_person)
+    results = results_stage(shown, trunks, by_person)
     report = report_stage(results, by_person)
     return Stages((*first, *middle, results, report), shown, found, by_person, results)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.cameras import WorldFrame
+from pomona.measure.allometry import TotalWeight
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
 
@@ -34,14 +35,19 @@ class StageTime:
 
 @dataclass(frozen=True)
 class Summary:
-    """The end of a run. What a partial run did not come to is None. `sides` says how well the sides of the row agree;
-    `corrections` how many were applied; `lost` are photo names with reasons."""
+    """The end of a run. What a partial run did not come to is None.
+
+    `fruit` is the kind that the person named; `sides` says how well the sides of the row agree, `corrections` how many
+    were applied; `lost` are photo names with reasons.
+    """
 
     survey: Path
     photos: int
     detections: int | None
     photos_used: int | None
     fruits: int | None
+    fruit: str | None
+    weight: TotalWeight | None
     corrections: str | None
     scale: str | None
     approximate: bool | None
@@ -73,6 +79,8 @@ def summarise(
         detections=records["select"].info["detections"] if "select" in records else None,
         photos_used=int(scale.info["photos"]) if scale else None,
         fruits=int(results.info["fruits"]) if results else None,
+        weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
+        fruit=(survey.get("options") or {}).get("fruit"),
         corrections=_corrections(results.info) if results else None,
         scale=_scale(scale.info) if scale else None,
         approximate=bool(scale.info["frame"]["approximate"]) if scale else None,

@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from pomona.cameras import Cameras
 from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.measure.allometry import TotalWeight
 from pomona.photos import Photos
 from pomona.scale.report import ScaleReport
 from pomona.sfm.pieces import Unregistered
+from pomona.trees import Trees
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,8 @@ class ReportData:
     `detections` is their number in all photos (None: not known); `masks`, by photo, are those that may have become
     fruit, where outlines and crops are wanted. `corrections` is how many a person made that found their fruit. `scale`
     says how metres were found, where known.
-    `version` is Pomona's.
+    `trees` are the table of trees, none where they are not known; `fruit_words` is what many of the fruits are called,
+    `weight` that of all of them (None: not known). `version` is Pomona's.
     """
 
     title: str
@@ -45,6 +48,9 @@ class ReportData:
     corrections: int = 0
     lost: tuple[Unregistered, ...] = ()
     scale: ScaleReport | None = None
+    trees: Trees = field(default_factory=Trees.empty)
+    fruit_words: str = "fruits"
+    weight: TotalWeight | None = None
     stages: tuple[StageTime, ...] = ()
     warnings: tuple[str, ...] = ()
     version: str = ""

@@ -156,13 +156,10 @@ def _frusta(cameras: Cameras, middle: FloatArray, depth: float) -> FloatArray:
 
 
 def _trees(data: ReportData, middle: FloatArray, ground: float) -> TreePlaces:
-    """Where trees stand: below the middle of their fruits, as nothing else is known of them."""
-    fruits = data.fruits
-    ids = [int(tree) for tree in np.unique(fruits.tree_ids) if tree]
-    places = np.array([np.median(fruits.centers_in_world[fruits.tree_ids == tree], axis=0) for tree in ids])
-    places = places.reshape(-1, 3) - middle
-    places[:, 2] = ground
-    return TreePlaces(ids=ids, places=F32(packed(places, "<f4")))
+    """Where trees stand; those of which no place is known are left out."""
+    known = np.isfinite(data.trees.xy_in_world).all(axis=1)
+    places = np.column_stack([data.trees.xy_in_world[known] - middle[:2], np.full(int(known.sum()), ground)])
+    return TreePlaces(ids=data.trees.ids[known].tolist(), places=F32(packed(places, "<f4")))
 
 
 def _view(data: ReportData, axes: RowAxes, middle: FloatArray, box: Box) -> ViewHints:

@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from html import escape
-
-import numpy as np
 
 from pomona.report.data import ReportData
 
 
 def trees_table(data: ReportData) -> str:
-    """Return fruits and median diameter of each tree; nothing where trees are not known."""
-    fruits = data.fruits
-    if not fruits.tree_ids.any():
+    """Return fruits, size and weight of each tree with intervals; nothing where trees are not known."""
+    trees = data.trees
+    if not len(trees):
         return ""
-    factor, unit = (1000.0, "mm") if data.cameras.frame.metric else (1.0, "")
-    rows = []
-    for tree in np.unique(fruits.tree_ids):
-        mine = fruits.tree_ids == tree
-        sizes = fruits.diameters_m[mine & np.isfinite(fruits.diameters_m)] * factor
-        median = f"{np.median(sizes):.1f}" if len(sizes) else "–"
-        rows.append((str(tree) if tree else "none", str(int(mine.sum())), median))
-    heads = ("tree", "fruits", f"median diameter {unit}".strip())
-    return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}</div>'
+    rows = [
+        (
+            str(trees.ids[k]),
+            str(trees.fruits[k]),
+            f"{trees.fruits_low[k]} to {trees.fruits_high[k]}",
+            _number(1000 * trees.diameters_m[k], 1),
+            _number(trees.weights_kg[k], 1),
+            f"{trees.weights_low_kg[k]:.1f} to {trees.weights_high_kg[k]:.1f}" if trees.weights_kg[k] > 0 else "–",
+        )
+        for k in range(len(trees))
+    ]
+    on_none = int((data.fruits.tree_ids == 0).sum())
+    if on_none:
+        rows.append(("none", str(on_none), "", "", "", ""))
+    heads = ("tree", data.fruit_words, "95 %", "median diameter mm", "weight kg", "95 %")
+    note = "<p>Intervals are of what photos show: hidden fruits are not in them.</p>"
+    return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}{note}</div>'
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 
 
 def photos_table(data: ReportData) -> str:

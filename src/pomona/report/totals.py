@@ -24,7 +24,9 @@ _MOST_WARNINGS_SHOWN = 8  # more are folded away, so that the view stays on the 
 
 def totals(data: ReportData) -> str:
     """Return the cards with the survey's figures."""
-    return "".join([_fruits(data), _diameter(data), _photos(data), _scale(data), _sides(data), _time(data)])
+    return "".join(
+        [_fruits(data), _weight(data), _diameter(data), _photos(data), _scale(data), _sides(data), _time(data)]
+    )
 
 
 def _card(label: str, figure: str, more: str, kind: str = "") -> str:
@@ -44,7 +46,21 @@ def _fruits(data: ReportData) -> str:
         parts.append(f"seen {float(data.fruits.views.mean()):.1f} times each")
     if data.corrections:
         parts.append(f"{data.corrections:,} correction{'s' if data.corrections > 1 else ''} by hand")
-    return _card("Fruits", f"{len(data.fruits):,}", ", ".join(parts), "main")
+    return _card(data.fruit_words.capitalize(), f"{len(data.fruits):,}", ", ".join(parts), "main")
+
+
+def _weight(data: ReportData) -> str:
+    """The weight of all fruits with its interval; nothing where there is none."""
+    total = data.weight
+    if total is None:
+        return ""
+    digits = 1 if total.kg < 100 else 0
+    span = f"{total.low_kg:,.{digits}f} to {total.high_kg:,.{digits}f} kg (95 %) for the fruits found"
+    unweighed = len(data.fruits) - total.weighed
+    parts = [span, f"{total.mean_g:.0f} g each", f"by {total.source}"]
+    if unweighed:
+        parts.append(f"{unweighed:,} not measured, taken as the others")
+    return _card("Weight", f"{total.kg:,.{digits}f} <small>kg</small>", escape(", ".join(parts)))
 
 
 def _diameter(data: ReportData) -> str:

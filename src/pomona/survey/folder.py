@@ -26,6 +26,7 @@ _WRITERS = {
     "fruits.csv": "pomona measure {survey}",
     "fruits.geojson": "pomona measure {survey}",
     "observations.csv": "pomona measure {survey}",
+    "trees.csv": "pomona measure {survey}",
     "report.html": "pomona report {survey}",
     "contact_sheet.jpg": "pomona report {survey}",
 }
@@ -114,6 +115,11 @@ class SurveyFolder:
     def fruits(self) -> Path:
         """`fruits.csv`."""
         return self.folder / "fruits.csv"
+
+    @property
+    def trees(self) -> Path:
+        """`trees.csv`."""
+        return self.folder / "trees.csv"
 
     @property
     def geojson(self) -> Path:

@@ -17,6 +17,7 @@ from pomona.progress import Progress, Silent
 from pomona.survey.folder import SurveyFolder
 from pomona.survey.fused import fused_path, read_fused
 from pomona.survey.photos import photos_of, placeholder
+from pomona.trees import Trees
 
 if TYPE_CHECKING:
     from pomona.scale.report import ScaleReport
@@ -68,6 +69,14 @@ class SurveyReader:
 
         self.files.need(self.files.observations)
         return read_observations(self.files.observations)
+
+    @cached_property
+    def trees(self) -> Trees:
+        """The trees of `trees.csv`; none where they are not known."""
+        from pomona.formats.tables import read_trees
+
+        self.files.need(self.files.trees)
+        return read_trees(self.files.trees)
 
     @cached_property
     def detections(self) -> SurveyDetections:

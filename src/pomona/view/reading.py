@@ -5,11 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from pomona import __version__
+from pomona.fruit_kinds import many_of
 from pomona.fruits import FruitCloud
+from pomona.measure.allometry import TotalWeight
 from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.reader import SurveyReader
+from pomona.trees import Trees
 from pomona.view.masks import MasksByPhoto
 
 
@@ -30,7 +33,7 @@ def page_data(survey: SurveyReader) -> ReportData:
     files.need(files.cameras, files.fruits, files.observations)
     survey.progress.start("reading the survey")
     records = files.records
-    segment = records.get("select")
+    segment, results = records.get("select"), records.get("results")
     cloud = survey.cloud if files.cloud.is_file() else FruitCloud.empty()
     masks = MasksByPhoto(files.detections, survey.least_score) if files.detections.is_file() else None
     return ReportData(
@@ -43,9 +46,12 @@ def page_data(survey: SurveyReader) -> ReportData:
         cloud=cloud,
         detections=segment.info.get("detections") if segment else None,
         masks=masks,
-        corrections=_corrections(records.get("results")),
+        corrections=_corrections(results),
         lost=survey.unplaced,
         scale=survey.scale,
+        trees=survey.trees if files.trees.is_file() else Trees.empty(),
+        fruit_words=many_of((files.get("options") or {}).get("fruit")),
+        weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(files.get("warnings", ())),
         version=__version__,

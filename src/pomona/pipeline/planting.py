@@ -1,0 +1,64 @@
+"""Stage `planting`: where trunks stand, and the tree of each fruit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pomona.fuse.fused import Fused
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.stage import Stage, Store, SurveyContext
+from pomona.progress import Progress
+from pomona.trees import Trunks
+
+if TYPE_CHECKING:
+    from pomona.planting.options import PlantingOptions
+    from pomona.scale.report import Placed
+
+
+def _find(measured: Fused, placed: Placed, *, options: PlantingOptions, progress: Progress) -> Trunks:
+    from pomona.planting import find_trunks
+
+    if not placed.cameras.frame.metric:
+        if options.trees is not None or options.spacing_m is not None:
+            progress.warn("Fruits are on no tree: that needs metres (`markers`, `scale_bar` or `fruit_diameter_m`)")
+        return Trunks.unknown()
+    return find_trunks(measured.fruits, options, progress)
+
+
+def _save(trunks: Trunks, context: SurveyContext) -> Mapping[str, Any]:
+    return {"source": trunks.source, "ids": trunks.ids.tolist(), "xy_in_world": trunks.xy_in_world.tolist()}
+
+
+def _load(info: Mapping[str, Any], context: SurveyContext) -> Trunks:
+    xy_in_world = np.array(info["xy_in_world"], float).reshape(-1, 2)
+    return Trunks(np.array(info["ids"], np.int64), xy_in_world, info["source"])
+
+
+def planting_stage(measured: Stage[Fused]) -> Stage[Trunks]:
+    """Return the stage that finds the trunks of the row on which the fruits of `measured` hang."""
+    return Stage(
+        name="planting",
+        inputs={"measured": measured, "placed": SCALE},
+        options=lambda options: options.planting,
+        compute=_find,
+        store=Store(save=_save, load=_load),
+    )
+
+
+def _on_trees(measured: Fused, trunks: Trunks, *, options: PlantingOptions) -> Fused:
+    from pomona.planting import on_trees
+
+    return Fused(on_trees(measured.fruits, trunks, options), measured.observations, measured.cloud)
+
+
+def planted_stage(measured: Stage[Fused], trunks: Stage[Trunks]) -> Stage[Fused]:
+    """Return the fruits of `measured`, each on its tree."""
+    return Stage(
+        name="planted",
+        inputs={"measured": measured, "trunks": trunks},
+        options=lambda options: options.planting,
+        compute=_on_trees,
+    )

@@ -1,0 +1,134 @@
+"""Where trunks stand: as given, or where the fruits of a row gather at equal distances.
+
+Fruits of a tree hang about its trunk. Along the row, their positions modulo the planting distance are angles; how far
+these are from even is the length R of their mean vector (Rayleigh's test, Mardia & Jupp 2000, section 6.3.1), and its
+angle says where the trunks are. A distance that is not known is that of the largest R.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.errors import FormatError
+from pomona.fruits import Fruits
+from pomona.planting.options import PlantingOptions
+from pomona.planting.trunk_table import read_trunks
+from pomona.progress import Progress, Silent
+from pomona.trees import Trunks
+
+_TRIED_A_PERIOD = 16  # so many distances are tried between two which differ by one tree over the row's length
+_FEWEST_TREES = 3  # of fewer, no distance can be read off
+_STRAY = 0.15  # of the fruits that trees usually have: fewer are no tree
+_CLEARLY = 1.25  # by so much another distance must fit better than a given one to be said
+
+
+def find_trunks(fruits: Fruits, options: PlantingOptions | None = None, progress: Progress | None = None) -> Trunks:
+    """Return the trunks of the row on which n fruits hang, in metres; none where trees are not known.
+
+    Raises what `read_trunks` raises, and `FormatError` where the table's trunks are nowhere near the fruits.
+    """
+    options, progress = options or PlantingOptions(), progress or Silent()
+    if options.trees is not None:
+        return _given(read_trunks(options.trees), fruits, options)
+    if len(fruits) < 2:
+        return Trunks.unknown()
+    row = _Row.of(fruits.centers_in_world)
+    if options.spacing_m is not None:
+        _compare(row, options.spacing_m, options, progress)
+        return row.trunks(options.spacing_m, "spacing")
+    best = row.best_spacing(options)
+    if best is None or row.chance(best) * len(row.spacings(options)) > options.chance:
+        return Trunks.unknown()
+    return row.trunks(best, "fruits")
+
+
+def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions) -> Trunks:
+    if len(fruits):
+        away = np.linalg.norm(fruits.centers_in_world[:, None, :2] - trunks.xy_in_world, axis=2).min(axis=1)
+        if away.min() > options.longest_m:
+            raise FormatError(
+                f"{options.trees}: expected trunks in the survey's frame, near its fruits; found the nearest "
+                f"{away.min():.0f} m from any fruit"
+            )
+    return trunks
+
+
+def _compare(row: _Row, spacing_m: float, options: PlantingOptions, progress: Progress) -> None:
+    """Warn where fruits contradict the distance that was given."""
+    best = row.best_spacing(options)
+    if best is None or row.chance(best) * len(row.spacings(options)) > options.chance:
+        return
+    off_in_all = abs(row.length_m / best - row.length_m / spacing_m)
+    if off_in_all > 0.5 and row.gathered(best) > _CLEARLY * row.gathered(spacing_m):
+        progress.warn(
+            f"Trees {spacing_m:g} m apart (`tree_spacing`) do not fit the fruits, which gather every {best:.2f} m: "
+            "check the distance, or give the trunks' positions (`trees`)"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    """A row's fruits along its axis: `along_m` (n,), from `origin` (2,) in the unit direction `axis` (2,)."""
+
+    along_m: FloatArray
+    origin: FloatArray
+    axis: FloatArray
+
+    @classmethod
+    def of(cls, centers_in_world: FloatArray) -> _Row:
+        flat = centers_in_world[:, :2]
+        origin = np.median(flat, axis=0)
+        axis = np.linalg.svd(flat - origin, full_matrices=False)[2][0]
+        # Trees are numbered in the direction in which the larger coordinate grows.
+        axis = axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)
+        return cls((flat - origin) @ axis, origin, axis)
+
+    @property
+    def length_m(self) -> float:
+        """From the first fruit to the last."""
+        return float(np.ptp(self.along_m))
+
+    def mean_vector(self, spacing_m: float) -> complex:
+        """Return the mean of exp(2πi x / spacing), less that of fruits spread evenly from the first to the last.
+
+        Where the row's length is no whole number of spacings, even fruits have one, too.
+        """
+        first, last = 2j * np.pi * np.array([self.along_m.min(), self.along_m.max()]) / spacing_m
+        even = (np.exp(last) - np.exp(first)) / (last - first)
+        return complex(np.exp(2j * np.pi * self.along_m / spacing_m).mean() - even)
+
+    def gathered(self, spacing_m: float) -> float:
+        """Return how much fruits gather at this distance: 0 (not at all) to 1 (at points)."""
+        return abs(self.mean_vector(spacing_m))
+
+    def chance(self, spacing_m: float) -> float:
+        """Return the probability that fruits hanging anywhere gather as much, by Rayleigh's test."""
+        return float(np.exp(-len(self.along_m) * self.gathered(spacing_m) ** 2))
+
+    def spacings(self, options: PlantingOptions) -> FloatArray:
+        """Return the distances to try, evenly by the number of trees in the row."""
+        longest_m = min(options.longest_m, self.length_m / (_FEWEST_TREES - 0.5))
+        if longest_m <= options.shortest_m:
+            return np.zeros(0)
+        fewest, most = self.length_m / longest_m, self.length_m / options.shortest_m
+        return self.length_m / np.arange(fewest, most, 1 / _TRIED_A_PERIOD)
+
+    def best_spacing(self, options: PlantingOptions) -> float | None:
+        """Return the distance at which fruits gather most; None in a row too short for any."""
+        tried = self.spacings(options)
+        if not len(tried):
+            return None
+        return float(tried[np.argmax([self.gathered(s) for s in tried])])
+
+    def trunks(self, spacing_m: float, source: str) -> Trunks:
+        """Return trunks at this distance along the whole row, numbered from 1."""
+        phase_m = np.angle(self.mean_vector(spacing_m)) / (2 * np.pi) * spacing_m
+        numbers, counts = np.unique(np.round((self.along_m - phase_m) / spacing_m), return_counts=True)
+        # A few fruits beyond the row's last tree hang on its longest branches.
+        trees = numbers[counts >= _STRAY * np.median(counts)]
+        steps = np.arange(trees.min(), trees.max() + 1)
+        xy = self.origin + (phase_m + steps * spacing_m)[:, None] * self.axis
+        return Trunks(np.arange(1, len(steps) + 1), xy, source)  # type: ignore[arg-type]

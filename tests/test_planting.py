@@ -1,0 +1,170 @@
+"""Fruits come to their trees: by trunks given, by the planting distance, and by where they gather."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.cameras import WorldFrame
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.fruits import Fruits
+from pomona.measure.allometry import STORY_APPLES, weigh
+from pomona.planting import PlantingOptions, find_trunks, on_trees, read_trunks
+from pomona.planting.summary import trees_of
+from pomona.progress import Silent
+from pomona.trees import Trees, Trunks
+
+
+class Listening(Silent):
+    def __init__(self) -> None:
+        super().__init__()
+        self.warnings: list[str] = []
+
+    def warn(self, message: str) -> None:
+        self.warnings.append(message)
+
+
+def row(
+    trees: int, spacing_m: float, *, per_tree: int = 40, spread: float = 0.2, seed: int = 0, turned_deg: float = 30.0
+) -> tuple[Fruits, np.ndarray]:
+    """Fruits about trunks in a row that runs at an angle through (100, -50), and their true trees."""
+    rng = np.random.default_rng(seed)
+    true = np.repeat(np.arange(1, trees + 1), per_tree)
+    along = (true - 1) * spacing_m + np.clip(rng.normal(0, spread * spacing_m, len(true)), -0.5, 0.5) * 1.0
+    across = rng.normal(0, 0.25, len(true))
+    a = np.deg2rad(turned_deg)
+    x, y = 100 + along * np.cos(a) - across * np.sin(a), -50 + along * np.sin(a) + across * np.cos(a)
+    n = len(true)
+    centers = np.column_stack([x, y, rng.uniform(0.5, 3, n)])
+    fruits = Fruits(np.arange(1, n + 1), centers, np.full(n, 0.075), np.full(n, 0.95), np.full(n, 4), np.full(n, 0.002))
+    return fruits, true
+
+
+def trunks_of(trees: int, spacing_m: float, turned_deg: float = 30.0) -> Trunks:
+    a = np.deg2rad(turned_deg)
+    along = np.arange(trees) * spacing_m
+    return Trunks(np.arange(1, trees + 1), np.column_stack([100 + along * np.cos(a), -50 + along * np.sin(a)]))
+
+
+@pytest.mark.parametrize("options", [PlantingOptions(spacing_m=1.2), PlantingOptions()], ids=["distance", "nothing"])
+def test_trees_are_found_where_fruits_gather(options: PlantingOptions) -> None:
+    fruits, true = row(7, 1.2)
+    trunks = find_trunks(fruits, options)
+    assert len(trunks) == 7
+    assert trunks.spacing_m == pytest.approx(1.2, rel=0.02)
+    off = np.linalg.norm(trunks.xy_in_world - trunks_of(7, 1.2).xy_in_world, axis=1)
+    assert off.max() < 0.15
+    assert (on_trees(fruits, trunks).tree_ids == true).mean() > 0.95
+
+
+def test_trees_are_numbered_along_the_row_whatever_the_order_of_fruits() -> None:
+    fruits, _ = row(5, 1.0, turned_deg=200)  # runs towards smaller x
+    trunks = find_trunks(fruits, PlantingOptions(spacing_m=1.0))
+    assert trunks.ids.tolist() == [1, 2, 3, 4, 5]
+    assert (np.diff(trunks.xy_in_world[:, 0]) > 0).all()
+    shuffled = fruits[np.random.default_rng(1).permutation(len(fruits))]
+    assert np.allclose(find_trunks(shuffled, PlantingOptions(spacing_m=1.0)).xy_in_world, trunks.xy_in_world)
+
+
+def test_fruits_that_hang_anywhere_are_on_no_tree() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        centers = np.column_stack([rng.uniform(0, 12, 300), rng.normal(0, 0.3, 300), rng.uniform(0.5, 3, 300)])
+        fruits = Fruits(np.arange(1, 301), centers, np.full(300, 0.07), np.ones(300), np.full(300, 3))
+        assert find_trunks(fruits).source == "none"
+        assert not on_trees(fruits, find_trunks(fruits)).tree_ids.any()
+
+
+def test_a_wrong_distance_is_said() -> None:
+    fruits, _ = row(8, 1.2)
+    progress = Listening()
+    find_trunks(fruits, PlantingOptions(spacing_m=1.7), progress)
+    assert len(progress.warnings) == 1
+    assert "1.7 m apart" in progress.warnings[0]
+    assert "every 1.2" in progress.warnings[0]
+    progress = Listening()
+    find_trunks(fruits, PlantingOptions(spacing_m=1.21), progress)
+    assert progress.warnings == []
+
+
+def test_fruits_near_the_middle_of_two_trunks_are_flagged() -> None:
+    trunks = Trunks(np.array([4, 9]), np.array([[0.0, 0.0], [2.0, 0.0]]))
+    centers = np.array([[0.1, 0.3, 1], [0.9, -0.3, 1], [1.1, 0, 1], [1.3, 0, 1], [2.9, 0, 1], [9.0, 0, 1]])
+    fruits = Fruits(np.arange(1, 7), centers, np.full(6, 0.07), np.ones(6), np.full(6, 3))
+    placed = on_trees(fruits, trunks)
+    assert placed.tree_ids.tolist() == [4, 4, 9, 9, 9, 0]
+    assert placed.other_tree_ids.tolist() == [0, 9, 4, 0, 0, 0]
+
+
+def test_one_tree_has_all_fruits() -> None:
+    fruits, _ = row(1, 1.0)
+    placed = on_trees(fruits, Trunks(np.array([3]), np.array([[100.0, -50.0]])))
+    assert set(placed.tree_ids.tolist()) == {3}
+
+
+def test_the_table_of_trees_adds_up() -> None:
+    fruits, true = row(4, 1.2)
+    trunks = trunks_of(4, 1.2)
+    placed = weigh(on_trees(fruits, trunks), STORY_APPLES, WorldFrame("markers"))
+    trees = trees_of(placed, trunks, STORY_APPLES)
+    assert trees.ids.tolist() == [1, 2, 3, 4]
+    assert trees.fruits.sum() == len(fruits)
+    assert (trees.fruits_low <= trees.fruits).all()
+    assert (trees.fruits <= trees.fruits_high).all()
+    assert (trees.fruits_high - trees.fruits_low).max() < 0.3 * 40
+    assert trees.weights_kg.sum() == pytest.approx(np.nansum(placed.weights_g) / 1000, rel=1e-9)
+    assert (trees.weights_low_kg < trees.weights_kg).all()
+    assert (trees.weights_kg < trees.weights_high_kg).all()
+    assert trees.diameters_m == pytest.approx([0.075] * 4)
+    assert np.abs(trees.fruits - np.bincount(true)[1:]).max() <= 3
+
+
+def test_a_tree_without_fruits_has_none_and_weighs_nothing() -> None:
+    fruits, _ = row(1, 1.0, turned_deg=0)
+    trunks = Trunks(np.array([1, 2]), np.array([[100.0, -50.0], [104.0, -50.0]]))
+    trees = trees_of(on_trees(fruits, trunks), trunks, STORY_APPLES)
+    assert trees.fruits.tolist() == [40, 0]
+    assert trees.weights_kg[1] == 0
+    assert np.isnan(trees.diameters_m[1])
+
+
+def test_nothing_is_known_of_unknown_trees() -> None:
+    fruits, _ = row(3, 1.0)
+    assert len(trees_of(fruits, Trunks.unknown(), STORY_APPLES)) == 0
+    assert len(find_trunks(Fruits.empty())) == 0
+    assert len(Trees.empty()) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("id,x,y\n1,0,0\n1,1,0\n", "line 3, column id: tree 1 stands there twice"),
+        ("id,x,y\n0,0,0\n", "numbers above 0, found 0"),
+        ("id,x,y\n1,0,0\n2,0,0\n", "trees 1 and 2 stand at the same place"),
+        ("id,x\n1,0\n", "y missing"),
+        ("id,x,y\n", "at least one tree below the header"),
+        ("id,x,y\n1,zero,0\n", "line 2, column x: expected a number, found 'zero'"),
+    ],
+)
+def test_a_table_of_trunks_that_cannot_be_is_refused(tmp_path: Path, text: str, expected: str) -> None:
+    path = tmp_path / "trees.csv"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=expected):
+        read_trunks(path)
+
+
+def test_trunks_of_another_frame_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "trees.csv"
+    path.write_text("id,x,y\n1,0,0\n2,1,0\n")
+    fruits, _ = row(2, 1.0)  # about (100, -50)
+    with pytest.raises(FormatError, match=r"in the survey's frame, near its fruits; found the nearest 11[0-9] m"):
+        find_trunks(fruits, PlantingOptions(trees=path))
+
+
+def test_a_missing_table_and_a_distance_that_cannot_be_are_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="`trees`"):
+        read_trunks(tmp_path / "trees.csv")
+    with pytest.raises(InputError, match=r"`tree_spacing`: expected metres between 0.2 and 50, found 120"):
+        PlantingOptions(spacing_m=120)
