@@ -14,9 +14,12 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.intrinsics import Intrinsics
+from pomona.measure.allometry import STORY_APPLES, total_weight, weigh
 from pomona.photos import Photo, Photos, Skipped
+from pomona.planting.summary import trees_of
 from pomona.report import ReportData, StageTime
 from pomona.sfm.pieces import Unregistered
+from pomona.trees import Trees, Trunks
 
 
 def unpacked(content: bytes) -> Any:
@@ -124,8 +127,12 @@ def row_report(count: int = 240, scene_points: int = 20_000, title: str = "Row 7
     photos = row_photos(cameras)
     lost = Photo("east/IMG_9999.JPG", Path("photos/x.jpg"), 800, 600, side="east")
     photos = Photos((*photos.items, lost), skipped=(Skipped("west/half.JPG", "the image is truncated"),))
+    trunks = Trunks(np.array([1, 2, 3]), np.array([[-1.3, 0], [0, 0], [1.3, 0]]))
+    fruits = weigh(fruits, STORY_APPLES, cameras.frame)
     return ReportData(
         title=title,
+        trees=trees_of(fruits, trunks, STORY_APPLES) if count else Trees.empty(),
+        weight=total_weight(fruits, STORY_APPLES),
         photos=photos,
         cameras=cameras,
         fruits=fruits,

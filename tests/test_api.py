@@ -56,7 +56,7 @@ def test_options_of_stages_are_kept_for_later_stages(survey: pomona.Survey, tmp_
     options = RunOptions(
         object=ObjectOptions(rounds=2, baselines=(0.1, 0.4)),
         scale_bar=(0, 1, 0.85),
-        key_frames=KeyFrameOptions(step=0.1),
+        key_frames=KeyFrameOptions(move=0.1),
         report=ReportOptions(contact_sheet=ContactSheetOptions(columns=2)),
     )
     assert RunOptions.from_json(options.to_json()) == options

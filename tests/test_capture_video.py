@@ -48,13 +48,13 @@ def test_picture_move_is_measured_as_share_of_the_width() -> None:
 
 
 def test_key_frames_are_a_step_apart_however_fast_the_walk() -> None:
-    options = KeyFrameOptions(step=0.05)
+    options = KeyFrameOptions(move=0.05)
     for pixels_per_frame in (1.0, 2.0, 4.0):
         positions = list(np.arange(0, 30 * pixels_per_frame + 60, pixels_per_frame))
         chosen = [positions[frame.frame_idx] for frame in choose(frames_at(positions), options)]
         steps = np.diff(chosen) / WIDTH
-        assert steps.min() > 0.6 * options.step
-        assert steps.max() < 1.4 * options.step + pixels_per_frame / WIDTH
+        assert steps.min() > 0.6 * options.move
+        assert steps.max() < 1.4 * options.move + pixels_per_frame / WIDTH
 
 
 def test_standing_still_with_a_trembling_hand_gives_one_key_frame() -> None:
@@ -65,7 +65,7 @@ def test_standing_still_with_a_trembling_hand_gives_one_key_frame() -> None:
 def test_blurred_frames_are_passed_over() -> None:
     positions = list(np.arange(0, 90, 1.0))
     blurred = {i for i in range(90) if i % 4}
-    chosen = [frame.frame_idx for frame in choose(frames_at(positions, blurred), KeyFrameOptions(step=8 / WIDTH))]
+    chosen = [frame.frame_idx for frame in choose(frames_at(positions, blurred), KeyFrameOptions(move=8 / WIDTH))]
     assert 9 <= len(chosen) <= 14
     assert not blurred & set(chosen)
 
@@ -100,14 +100,14 @@ def test_a_video_becomes_photos_once(tmp_path: Path) -> None:
     again = load_photos([video], frames_dir=frames)
     assert again.names == photos.names
     assert [photo.path.stat().st_mtime_ns for photo in again] == made
-    fewer = load_photos([video], frames_dir=frames, key_frames=KeyFrameOptions(step=0.1))
+    fewer = load_photos([video], frames_dir=frames, key_frames=KeyFrameOptions(move=0.1))
     assert len(fewer) < len(photos)
     assert len(list(frames.glob("*.jpg"))) == len(fewer)
 
 
 def test_a_survey_finds_the_frames_that_its_run_chose(tmp_path: Path) -> None:
     video = write_video(tmp_path / "row.mp4", list(np.arange(0, 60, 1.5)))
-    survey, options = SurveyFolder.create(tmp_path / "out"), RunOptions(key_frames=KeyFrameOptions(step=0.1))
+    survey, options = SurveyFolder.create(tmp_path / "out"), RunOptions(key_frames=KeyFrameOptions(move=0.1))
     survey.note(sources=[video], options=options.to_json())
     photos, _ = load_photos_of_run(survey, [video], options, Silent(), min_photos=2)
     usual = load_photos([video], frames_dir=tmp_path / "frames")
@@ -121,7 +121,7 @@ def test_a_survey_finds_the_frames_that_its_run_chose(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"step": 0.0}, "`step`: expected over 0"),
+        ({"move": 0.0}, "`move`: expected over 0"),
         ({"earliest": 1.4}, "0 < earliest ≤ latest, found 1.4, 1.3"),
         ({"least_found": 1.5}, "`least_found`: expected 0 to 1"),
         ({"most_per_s": 0.0}, "`most_per_s`: expected a positive number"),

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from pipeline_fakes import Fakes, make_photos
-from pomona.errors import InputError, MissingFileError, SurveyError
-from pomona.formats.tables import read_fruits, read_observations
+from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
+from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.survey import SurveyFolder
 
@@ -242,3 +242,28 @@ def test_two_runs_at_once_do_not_mix(fakes: Fakes, photos: Path, tmp_path: Path)
     survey = SurveyFolder.create(tmp_path / "out")
     with survey.locked(), pytest.raises(SurveyError, match="Another run is working"):
         run([photos], tmp_path / "out")
+
+
+def test_fruits_come_to_the_trees_of_a_table(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    trunks = tmp_path / "trunks.csv"
+    trunks.write_text("id,x,y\n7,0,0.1\n8,1.5,0\n")
+    summary = run([photos], tmp_path / "out", RunOptions(trees=trunks, fruit="Plums"))
+    survey = SurveyFolder.open(tmp_path / "out")
+    assert read_fruits(survey.fruits).tree_ids.tolist() == [7]
+    trees = read_trees(survey.trees)
+    assert trees.ids.tolist() == [7, 8]
+    assert trees.fruits.tolist() == [1, 0]
+    assert trees.xy_in_world.tolist() == [[0, 0.1], [1.5, 0]]
+    assert summary.fruit == "plum"
+    trunks.write_text("id,x,y\n7,0,0.1\n8,0.1,0\n")
+    run([photos], tmp_path / "out", RunOptions(trees=trunks, fruit="Plums"))
+    assert read_fruits(survey.fruits).tree_ids.tolist() == [8]
+
+
+def test_a_mistake_in_the_table_of_trunks_is_said_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    (tmp_path / "trunks.csv").write_text("id,x,y\n7,0,zero\n")
+    with pytest.raises(FormatError, match="line 2, column y"):
+        run([photos], tmp_path / "out", RunOptions(trees=tmp_path / "trunks.csv"))
+    assert not fakes.calls
+    with pytest.raises(InputError, match="`tree_spacing`"):
+        RunOptions(tree_spacing=-1)

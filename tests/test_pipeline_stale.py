@@ -132,7 +132,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
     "filter_false_positives": ({}, {"filter_false_positives": False}, ["filter"]),
     "filter_model": ({}, copied_machine, ["filter"]),
-    "key_frames": ({}, {"key_frames": KeyFrameOptions(step=0.1)}, []),  # of photos there are none
+    "key_frames": ({}, {"key_frames": KeyFrameOptions(move=0.1)}, []),  # of photos there are none
     "segment": ({}, {"segment": SegmentOptions(sample_photos=5)}, ["segment"]),
     "sfm": ({}, {"sfm": SfmOptions(window=7)}, ["sfm"]),
     "scale": ({}, {"scale": ScaleOptions(refine=False)}, ["scale"]),

@@ -102,6 +102,30 @@ def test_totals_say_what_the_values_say(data: ReportData, text: str) -> None:
     assert "the image is truncated" in text
 
 
+def test_weight_is_shown_with_its_interval_and_where_it_is_from(data: ReportData, text: str) -> None:
+    total = data.weight
+    assert total is not None
+    assert f">{total.kg:.1f} <small>kg</small>" in text
+    assert f"{total.low_kg:.1f} to {total.high_kg:.1f} kg (95 %)" in text
+    assert "26 Story apples" in text
+    assert "1 not measured" in text
+
+
+def test_every_tree_has_a_line(data: ReportData, text: str) -> None:
+    table = text[text.index("<h2>Trees</h2>") :]
+    table = table[: table.index("</table>")]
+    assert table.count("<tr>") == 1 + len(data.trees)
+    for tree in range(len(data.trees)):
+        low, high = data.trees.fruits_low[tree], data.trees.fruits_high[tree]
+        assert f"{low} to {high}" in table
+    assert data.trees.fruits.sum() == len(data.fruits)
+
+
+def test_a_kind_of_fruit_is_called_by_its_name(data: ReportData, tmp_path: Path) -> None:
+    write_report(replace(data, fruit_words="cherries"), tmp_path / "report.html")
+    assert '<div class="label">Cherries</div>' in (tmp_path / "report.html").read_text()
+
+
 def test_nothing_is_fetched(text: str) -> None:
     page = _Page(text)
     for tag, attributes in page.elements:

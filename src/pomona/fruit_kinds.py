@@ -49,8 +49,8 @@ FRUIT_KINDS: dict[str, FruitKind] = {kind.name: kind for kind in _KINDS}
 
 
 def many_of(name: str | None) -> str:
-    """Return what many fruits of this kind are called: "fruits" where it is None or no kind that is known."""
-    return FRUIT_KINDS[name].plural if name in FRUIT_KINDS else "fruits"
+    """Return what many fruits of this kind are called; "fruits" where no kind was named."""
+    return "fruits" if name is None else fruit_kind(name).plural
 
 
 def fruit_kind(name: str) -> FruitKind:

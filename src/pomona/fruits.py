@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -185,3 +185,24 @@ class Fruits:
             "reason": self.reasons, "weight_sd_g": self.weight_sds_g,
             "other_tree_id": self.other_tree_ids,
         }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TotalWeight:
+    """The weight of all fruits found, in kilograms, with the ends of its 95 % interval.
+
+    `weighed` of the fruits were measured; to the others the mean of these, `mean_g`, was given. `source` is that of
+    the allometry.
+    """
+
+    kg: float
+    low_kg: float
+    high_kg: float
+    mean_g: float
+    weighed: int
+    source: str
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any] | None) -> TotalWeight | None:
+        """Return the weight of which the facts of the stage `results` hold the entries; None where they are None."""
+        return None if values is None else cls(**values)

@@ -19,15 +19,15 @@ _UNRANKED = (False, -1.0)  # below any frame's
 class KeyFrameOptions:
     """How key frames are chosen.
 
-    `step` is the wanted move of the picture between key frames, as a share of its width or height. Foliage looks
+    `move` is the wanted move of the picture between key frames, as a share of its width or height. Foliage looks
     different from every step, so that it is small: 2 % is 7 cm where the picture is 3.5 m wide. The sharpest frame
-    is taken whose move lies between `earliest` and `latest` times the step, or sooner where fewer than `least_found`
+    is taken whose move lies between `earliest` and `latest` times that, or sooner where fewer than `least_found`
     of the picture's corners can be found again; after `most_lost` frames in which they cannot, a key frame is taken
     (a cut, a jump). `most_per_s` bounds the frames looked at, `work_side_px` the size at
     which they are.
     """
 
-    step: float = 0.02
+    move: float = 0.02
     earliest: float = 0.7
     latest: float = 1.3
     least_found: float = 0.75
@@ -37,8 +37,8 @@ class KeyFrameOptions:
     jpeg_quality: int = 95
 
     def __post_init__(self) -> None:
-        if not 0 < self.step < 1:
-            raise InputError(f"`step`: expected over 0 and below 1, found {self.step}")
+        if not 0 < self.move < 1:
+            raise InputError(f"`move`: expected over 0 and below 1, found {self.move}")
         if not 0 < self.earliest <= self.latest:
             raise InputError(
                 f"`earliest` and `latest`: expected 0 < earliest ≤ latest, found {self.earliest}, {self.latest}"
@@ -79,7 +79,7 @@ def choose(frames: Iterable[Frame], options: KeyFrameOptions) -> Iterator[Frame]
     best: Frame | None = None
     best_rank = _UNRANKED
     points: Array = np.zeros((0, 1, 2), np.float32)
-    earliest, latest, lost = 0.0, 0.5 * options.step, 0
+    earliest, latest, lost = 0.0, 0.5 * options.move, 0
     for frame in frames:
         if key is None:
             key = best = frame
@@ -97,7 +97,7 @@ def choose(frames: Iterable[Frame], options: KeyFrameOptions) -> Iterator[Frame]
             yield best
             key, points = best, corners(best.grey)
             best, best_rank = None, _UNRANKED
-            earliest, latest, lost = options.earliest * options.step, options.latest * options.step, 0
+            earliest, latest, lost = options.earliest * options.move, options.latest * options.move, 0
     if best is not None:
         yield best
 

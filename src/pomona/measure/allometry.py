@@ -6,9 +6,7 @@ scattered about it there is `exp(s² / 2)` higher (Baskerville 1972, doi:10.1139
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.errors import InputError
 from pomona.fruit_kinds import FruitKind
-from pomona.fruits import Fruits
+from pomona.fruits import Fruits, TotalWeight
 
 FEWEST_PAIRS = 5
 """With fewer pairs of diameter and weight, the scatter about the curve is not known."""
@@ -155,27 +153,6 @@ def weigh(fruits: Fruits, allometry: Allometry, frame: WorldFrame) -> Fruits:
     alone = allometry.single_sds(fruits.diameters_m, np.nan_to_num(fruits.diameter_sds_m))
     shares = np.hypot(alone, allometry.shared_sds(fruits.diameters_m))
     return replace(fruits, weights_g=weights_g, weight_sds_g=weights_g * shares)
-
-
-@dataclass(frozen=True)
-class TotalWeight:
-    """The weight of all fruits found, in kilograms, with the ends of its 95 % interval.
-
-    `weighed` of the fruits were measured; to the others the mean of these, `mean_g`, was given. `source` is that of
-    the allometry.
-    """
-
-    kg: float
-    low_kg: float
-    high_kg: float
-    mean_g: float
-    weighed: int
-    source: str
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any] | None) -> TotalWeight | None:
-        """Return the weight of which the facts of the stage `results` hold the entries; None where they are None."""
-        return None if values is None else cls(**values)
 
 
 def total_weight(fruits: Fruits, allometry: Allometry) -> TotalWeight | None:

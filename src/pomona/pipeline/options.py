@@ -104,6 +104,8 @@ class RunOptions:
             raise InputError(f"`variant` {self.variant} is of `method` paper, found `method` {self.method}")
         if self.classes is not None and self.detections is None:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
+        if self.fruit is not None:
+            object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
         for name in ("detections", "cameras", "markers", "weights", "trees", "filter_model"):
             path = getattr(self, name)
             if path is None:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pomona.cameras import WorldFrame
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.measure.allometry import TotalWeight, total_weight
+from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.stage import Input, Stage, Store, SurveyContext
 from pomona.progress import Progress
@@ -47,7 +46,7 @@ def _as_found(placed: Placed, measured: Fused, trunks: Trunks, *, options: Allom
     progress.start("writing tables, map and cloud")
     scene = scene_cloud(placed.cameras, measured.cloud)
     trees = _trees(measured.fruits, trunks, options)
-    weight = total_weight(measured.fruits, options)
+    weight = _weight(measured.fruits, options)
     return Results(measured.fruits, measured.observations, scene, trees, placed.cameras.frame, weight)
 
 
@@ -65,9 +64,15 @@ def _as_corrected(
         scene_cloud(placed.cameras, corrected.relabelled(measured.cloud)),
         _trees(corrected.fruits, trunks, options),
         placed.cameras.frame,
-        total_weight(corrected.fruits, options),
+        _weight(corrected.fruits, options),
         {"all": count, "lost": count - corrected.applied},
     )
+
+
+def _weight(fruits: Fruits, allometry: Allometry) -> TotalWeight | None:
+    from pomona.measure.allometry import total_weight
+
+    return total_weight(fruits, allometry)
 
 
 def _trees(fruits: Fruits, trunks: Trunks, allometry: Allometry) -> Trees:

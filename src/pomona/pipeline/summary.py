@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.cameras import WorldFrame
-from pomona.measure.allometry import TotalWeight
+from pomona.fruits import TotalWeight
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
 

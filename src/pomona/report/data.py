@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras
 from pomona.detections import Detections
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.measure.allometry import TotalWeight
+from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.photos import Photos
 from pomona.scale.report import ScaleReport
 from pomona.sfm.pieces import Unregistered

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from pomona import __version__
 from pomona.fruit_kinds import many_of
-from pomona.fruits import FruitCloud
-from pomona.measure.allometry import TotalWeight
+from pomona.fruits import FruitCloud, TotalWeight
 from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
 from pomona.survey import StageRecord, SurveyFolder
