@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
+from pomona.adjustment.bundle import point_errors_px
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.scale.aruco import Sighting
-from pomona.scale.bundle_adjustment import point_errors_px
 from pomona.scale.upright import leveling_rotation
 from pomona.sfm.pieces import Piece
 

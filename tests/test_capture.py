@@ -300,7 +300,25 @@ def test_natural_key_counts_as_people_do() -> None:
 )  # fmt: skip
 def test_focal_length(exif: Exif, size: tuple[int, int], expected: float | None) -> None:
     found = focal_px(exif, *size)
-    assert found is None if expected is None else found == pytest.approx(expected, rel=1e-4)
+    assert found is None if expected is None else found is not None and found[0] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("exif", "share"),
+    [
+        # Whole millimetres are uniform over one: 1 / sqrt(12) / 26 = 1.11 %; and 1 % for a lens that is nominal.
+        (Exif(focal_35mm=26.0), 0.01495),
+        (Exif(focal_35mm=100.0), 0.01041),
+        (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0), 0.01565),
+        # Tenths and hundredths say more.
+        (Exif(focal_mm=5.4, plane_width_mm=6.4), 0.01134),
+        (Exif(focal_mm=4.25, plane_width_mm=5.64), 0.01002),
+    ],
+)  # fmt: skip
+def test_focal_lengths_are_as_exact_as_they_were_written(exif: Exif, share: float) -> None:
+    found = focal_px(exif, 4000, 3000)
+    assert found is not None
+    assert found[1] / found[0] == pytest.approx(share, rel=2e-3)
 
 
 @pytest.mark.parametrize(

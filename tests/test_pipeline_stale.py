@@ -251,6 +251,7 @@ ALL = frozenset(STAGES)
 SPACE = frozenset({"scale", "fuse", "filter", "measure", "dense"})
 HANDED = frozenset({"results", "report"})  # where fruits were corrected, these run what measures them anew, too
 ROOMS: dict[str, frozenset[str]] = {
+    "adjustment": frozenset({"sfm", "scale", "report"}),
     "arrays": ALL,
     "cameras": ALL - {"segment", "select", "planting"},
     "capture": frozenset({"segment", "sfm", "scale", "dense", "report"}),

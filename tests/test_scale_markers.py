@@ -20,7 +20,6 @@ from pomona.photos import Photo
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.aruco import find_markers
-from pomona.scale.bundle_adjustment import share_lenses
 from pomona.scale.marker_table import read_markers
 from pomona.scale.triangulation import triangulate
 from pomona.sfm import Reconstruction
@@ -194,18 +193,6 @@ def test_triangulation_leaves_out_a_wrong_pixel_and_tells_of_too_few() -> None:
     assert np.flatnonzero(~found.inliers).tolist() == [3]
     assert triangulate(EAST, [2, 2], xy[[2, 2]], most_error_px=3.0) == "seen in one photo only"
     assert "no two photos agree" in str(triangulate(EAST, [2, 3], xy[[2, 3]], most_error_px=3.0))
-
-
-def test_lenses_of_one_camera_are_shared_unless_it_zoomed() -> None:
-    def lens(focal: float) -> Intrinsics:
-        return Intrinsics("SIMPLE_RADIAL", 864, 1296, np.array([focal, 432, 648, 0.0]))
-
-    poses = np.tile(np.eye(3, 4), (6, 1, 1))
-    cameras = Cameras(tuple("abcdef"), (lens(1400), lens(1410), lens(1700)), np.array([0, 1, 1, 1, 2, 2]), poses)
-    shared = share_lenses(cameras, dict.fromkeys("abcdef", "one camera"))
-    assert [shared.intrinsics_of(i).focal_px for i in range(6)] == [1410] * 4 + [1700] * 2
-    apart = share_lenses(cameras, dict(zip("abcdef", "xyyyyy", strict=True)))
-    assert [apart.intrinsics_of(i).focal_px for i in range(6)] == [1400] + [1410] * 3 + [1700] * 2
 
 
 def plate_photo(path: Path, marker_id: int, corners_px: np.ndarray, size: tuple[int, int]) -> Photo:

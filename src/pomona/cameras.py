@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -164,4 +165,29 @@ def concatenate(parts: Sequence[Cameras], frame: WorldFrame) -> Cameras:
         track_photo_idx=np.concatenate([p.track_photo_idx + o for p, o in zip(parts, photo_offset[:-1], strict=True)]),
         track_xy_px=np.concatenate([p.track_xy_px for p in parts]),
         frame=frame,
+    )
+
+
+def split(cameras: Cameras, lengths: Sequence[int]) -> list[Cameras]:
+    """Undo `concatenate` of cameras that have these numbers of photos."""
+    ends = np.cumsum([0, *lengths])
+    return [_part(cameras, int(start), int(end)) for start, end in pairwise(ends)]
+
+
+def _part(cameras: Cameras, start: int, end: int) -> Cameras:
+    in_part = (cameras.track_photo_idx >= start) & (cameras.track_photo_idx < end)
+    points, point_idx = np.unique(cameras.track_point_idx[in_part], return_inverse=True)
+    lenses, lens_idx = np.unique(cameras.intrinsics_idx[start:end], return_inverse=True)
+    return Cameras(
+        photos=cameras.photos[start:end],
+        intrinsics=tuple(cameras.intrinsics[i] for i in lenses),
+        intrinsics_idx=lens_idx,
+        cam_from_world=cameras.cam_from_world[start:end],
+        points_in_world=cameras.points_in_world[points],
+        points_rgb=cameras.points_rgb[points],
+        points_error_px=cameras.points_error_px[points],
+        track_point_idx=point_idx,
+        track_photo_idx=cameras.track_photo_idx[in_part] - start,
+        track_xy_px=cameras.track_xy_px[in_part],
+        frame=cameras.frame,
     )

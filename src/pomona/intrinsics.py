@@ -62,6 +62,16 @@ class Intrinsics:
         return float(self.opencv_params[:2].mean())
 
     @property
+    def focal_idx(self) -> tuple[int, ...]:
+        """Which of `params` are focal lengths."""
+        return tuple(i for i, slots in enumerate(_OPENCV_SLOTS[self.model]) if min(slots) < 2)
+
+    @property
+    def distortion_idx(self) -> tuple[int, ...]:
+        """Which of `params` are distortion."""
+        return tuple(i for i, slots in enumerate(_OPENCV_SLOTS[self.model]) if min(slots) > 3)
+
+    @property
     def matrix(self) -> FloatArray:
         """K (3, 3), the paper's equation 2, principal point in COLMAP's convention."""
         fx, fy, cx, cy = self.opencv_params[:4]

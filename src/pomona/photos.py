@@ -14,6 +14,9 @@ from pomona.errors import InputError
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".heic", ".heif", ".webp", ".bmp"})
 """Suffixes, in lower case, of the files that are taken for photos."""
 
+# A focal length whose source says nothing of how exact it is: as good as EXIF is in most cameras.
+_USUAL_FOCAL_SD = 0.015
+
 
 @dataclass(frozen=True)
 class Gnss:
@@ -29,8 +32,9 @@ class Photo:
     """One photo, upright: `width_px` × `height_px` are after EXIF orientation has been applied.
 
     `name` is unique in the survey, a POSIX path such as `east/IMG_0001.JPG`; every file of the survey folder refers to
-    the photo by it. `focal_px` is None where neither EXIF nor a sensor table gives it. Photos with the same
-    `camera_key` were taken with the same camera, lens, zoom and size, and share intrinsics.
+    the photo by it. `focal_px` is None where neither EXIF nor a sensor table gives it; `focal_sd_px` is the standard
+    deviation of what they give, which is nominal and rounded. Photos with the same `camera_key` were taken with the
+    same camera, lens, zoom and size, and share intrinsics.
     """
 
     name: str
@@ -43,12 +47,22 @@ class Photo:
     orientation: int = 1
     taken_at: datetime | None = None
     gnss: Gnss | None = None
+    focal_sd_px: float | None = None
 
     def __post_init__(self) -> None:
         if self.width_px <= 0 or self.height_px <= 0:
             raise InputError(f"Photo {self.name}: expected a positive size, found {self.width_px} × {self.height_px}")
         if self.focal_px is not None and not self.focal_px > 0:
             raise InputError(f"Photo {self.name}: expected a positive focal length, found {self.focal_px}")
+        if self.focal_sd_px is not None and not self.focal_sd_px > 0:
+            raise InputError(f"Photo {self.name}: expected a positive standard deviation, found {self.focal_sd_px}")
+
+    @property
+    def focal(self) -> tuple[float, float] | None:
+        """The focal length and its standard deviation, in pixels; None where it is not known."""
+        if self.focal_px is None:
+            return None
+        return self.focal_px, self.focal_sd_px or _USUAL_FOCAL_SD * self.focal_px
 
 
 @dataclass(frozen=True)

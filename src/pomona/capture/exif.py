@@ -19,6 +19,8 @@ _LENS_MODEL, _SERIAL = 0xA434, 0xA431
 # By the value of FocalPlaneResolutionUnit.
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
+# How far lenses are from their nominal focal length, and a sensor's imaged part from its nominal width: a share.
+_NOMINAL = 0.01
 
 
 @dataclass(frozen=True)
@@ -63,28 +65,36 @@ def parse_exif(base: Mapping[int, Any], details: Mapping[int, Any], gps: Mapping
     )
 
 
-def focal_px(exif: Exif, width_px: int, height_px: int) -> float | None:
-    """Return the focal length in pixels of a photo of this size, or None where EXIF does not lead to one.
+def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] | None:
+    """Return the focal length of a photo of this size and its standard deviation, in pixels, or None.
 
     A known sensor width gives the most exact value, then the sensor width that the camera itself writes (focal plane
     resolution), then the 35 mm equivalent, which is rounded to whole millimetres. The equivalent overrules the two
     others where they disagree by more than 10 %: it alone knows of digital zoom, crops and a phone's other lenses.
     Photos may have been resized, so millimetres are related to the longer side or, for the 35 mm equivalent, to the
-    diagonal, by which CIPA's guideline DCG-001 defines it.
+    diagonal, by which CIPA's guideline DCG-001 defines it. None where EXIF does not lead to a focal length.
     """
     equivalent = None
     if exif.focal_35mm is not None:
-        equivalent = exif.focal_35mm / _DIAGONAL_35MM_MM * math.hypot(width_px, height_px)
+        focal = exif.focal_35mm / _DIAGONAL_35MM_MM * math.hypot(width_px, height_px)
+        equivalent = focal, focal * _sd(exif.focal_35mm)
     if exif.focal_mm is not None:
         for sensor_mm in (sensor_width_mm(exif.make, exif.model), exif.plane_width_mm):
             if sensor_mm is None:
                 continue
             focal = exif.focal_mm / sensor_mm * max(width_px, height_px)
             if equivalent is None and not _zoomed(exif):
-                return focal
-            if equivalent is not None and abs(focal / equivalent - 1) < 0.1:
-                return focal
+                return focal, focal * _sd(exif.focal_mm)
+            if equivalent is not None and abs(focal / equivalent[0] - 1) < 0.1:
+                return focal, focal * _sd(exif.focal_mm)
     return equivalent
+
+
+def _sd(focal_mm: float) -> float:
+    """The standard deviation of a focal length, as a share of it: lenses are not quite what they are called, and EXIF
+    rounds to whole, tenths or hundredths of millimetres."""
+    step_mm = next((step for step in (1.0, 0.1, 0.01) if abs(focal_mm / step - round(focal_mm / step)) < 1e-6), 0.0)
+    return math.hypot(_NOMINAL, step_mm / math.sqrt(12) / focal_mm)
 
 
 def _zoomed(exif: Exif) -> bool:

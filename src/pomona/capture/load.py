@@ -119,17 +119,19 @@ def _photo(file: _Found) -> Photo:
     exif = header.exif
     size = f"{header.width_px}x{header.height_px}"
     key = f"video {file.video} {size}" if file.video else f"{_camera(exif)} {size}"
+    focal = focal_px(exif, header.width_px, header.height_px)
     return Photo(
         name=file.name,
         path=file.path,
         width_px=header.width_px,
         height_px=header.height_px,
         side=file.group,
-        focal_px=focal_px(exif, header.width_px, header.height_px),
+        focal_px=focal[0] if focal else None,
         camera_key=key,
         orientation=exif.orientation,
         taken_at=exif.taken_at,
         gnss=exif.gnss,
+        focal_sd_px=focal[1] if focal else None,
     )
 
 

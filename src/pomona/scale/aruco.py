@@ -17,6 +17,9 @@ from pomona.errors import InputError
 from pomona.photos import Photo
 from pomona.progress import Progress
 
+CENTER_SD_PX = 0.1
+"""How exactly a plate's centre is measured, each coordinate (0.08 px RMS in rendered photos)."""
+
 # Around where a plate was found in the small photo, as a share of its size: room for its white margin.
 _MARGIN = 0.6
 # Corners found in the whole photo farther than this share of the plate's size from the first ones are of another plate.

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pomona.adjustment.bundle import KnownPoint, adjust, can_be_adjusted, feature_noise_px, is_no_worse
+from pomona.adjustment.lenses import credible_focals, share_lenses
 from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.errors import InputError
 from pomona.geometry import Similarity, on_one_line, robust_similarity
-from pomona.photos import Photos
-from pomona.scale.aruco import Sighting, find_markers
-from pomona.scale.bundle_adjustment import can_be_adjusted, hold_markers, point_errors_px, share_lenses, split
+from pomona.photos import Photo, Photos
+from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
@@ -79,9 +80,8 @@ def place_by_markers(
     tied = {idx: placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()}
     if options.refine and all(fit.up_is_known for fit in fits.values()):
         loose = [idx for idx, cameras in tied.items() if can_be_adjusted(cameras)]
-        keys = {photo.name: photo.camera_key for photo in photos}
         placement.progress.start("Refining cameras on the markers")
-        refined = refine([tied[i] for i in loose], [fits[i] for i in loose], places, keys) if loose else []
+        refined = refine([tied[i] for i in loose], [fits[i] for i in loose], places, photos.by_name()) if loose else []
         tied |= dict(zip(loose, refined, strict=True))
     for idx, cameras in tied.items():
         fit = fits[idx]
@@ -171,7 +171,10 @@ def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping
 
 
 def refine(
-    pieces: Sequence[Cameras], fits: Sequence[MarkerFit], places: Mapping[int, FloatArray], keys: Mapping[str, str]
+    pieces: Sequence[Cameras],
+    fits: Sequence[MarkerFit],
+    places: Mapping[int, FloatArray],
+    photos: Mapping[str, Photo],
 ) -> list[Cameras]:
     """Return the fitted pieces, already in the markers' frame, after one bundle adjustment of all with the markers.
 
@@ -181,13 +184,16 @@ def refine(
     """
     sightings = [sighting for fit in fits for sighting in fit.sightings]
     before = concatenate(pieces, WorldFrame())
-    shared = share_lenses(before, keys)
+    shared = share_lenses(before, photos)
+    focals = credible_focals(shared, photos)
+    noise_px = feature_noise_px(before)
     best = before
     # Three numbers for each marker and piece, of which a similarity of each piece takes seven.
     freedom = max(1, 3 * sum(len(fit.used) for fit in fits) - 7 * len(fits))
     sigma_m = max(_LEAST_SIGMA_M, float(np.sqrt(sum(f.rms_m**2 * len(f.used) for f in fits) / freedom)))
     for _ in range(_ROUNDS):
-        refined = hold_markers(shared, sightings, places, sigma_m=sigma_m)
+        known = _known_points(shared, sightings, places, sigma_m)
+        refined = adjust(shared, noise_px=noise_px, known=known, focals=focals)
         if refined is None or not _is_better(refined, before, sightings, places):
             break
         best = refined
@@ -197,6 +203,22 @@ def refine(
             break
         sigma_m = fitted_m
     return split(best, [len(piece) for piece in pieces])
+
+
+def _known_points(
+    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray], sigma_m: float
+) -> list[KnownPoint]:
+    index = {name: i for i, name in enumerate(cameras.photos)}
+    return [
+        KnownPoint(
+            place=places[marker_id],
+            sd_m=sigma_m,
+            photo_idx=np.array([index[s.photo] for s in seen]),
+            xy_px=np.array([s.center_px for s in seen]),
+            sd_px=CENTER_SD_PX,
+        )
+        for marker_id, seen in by_marker(sightings).items()
+    ]
 
 
 def marker_offsets(cameras: Cameras, fit: MarkerFit, places: Mapping[int, FloatArray]) -> dict[int, float]:
@@ -226,13 +248,7 @@ def _is_better(
         reprojection_errors_px(before, sightings, places),
         reprojection_errors_px(refined, sightings, places),
     )
-    scene_before, scene = _scene_px(before), _scene_px(refined)
-    return bool(np.sqrt((seen**2).mean()) < np.sqrt((seen_before**2).mean()) and scene <= 1.1 * scene_before + 0.05)
-
-
-def _scene_px(cameras: Cameras) -> float:
-    errors_px = point_errors_px(cameras)
-    return float(np.nanmean(errors_px)) if np.isfinite(errors_px).any() else 0.0
+    return bool((seen**2).mean() < (seen_before**2).mean() and is_no_worse(refined, before))
 
 
 def scale_by_bar(placement: Placement, sightings: Sequence[Sighting], options: ScaleOptions) -> None:

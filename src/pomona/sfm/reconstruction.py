@@ -21,6 +21,7 @@ from pomona.sfm.engine import Overlap
 from pomona.sfm.features import Features, extract
 from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.models import Model, read_models
+from pomona.sfm.one_lens import with_one_lens
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pairs import candidate_pairs
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
@@ -72,7 +73,7 @@ def reconstruct(
             lost += side_lost
     if not pieces:
         raise ReconstructionError(_nothing_placed(lost))
-    return Reconstruction(tuple(pieces), tuple(lost))
+    return Reconstruction(tuple(with_one_lens(pieces, photos, progress)), tuple(lost))
 
 
 def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistered]:

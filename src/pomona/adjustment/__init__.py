@@ -1,0 +1,1 @@
+"""Least squares of cameras: bundle adjustment with what is known beforehand, and what it leaves uncertain."""

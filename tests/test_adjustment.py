@@ -1,0 +1,160 @@
+"""Adjustment of cameras with what is known beforehand: shared lenses, EXIF's focal length, covariances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.adjustment.bundle import adjust, feature_noise_px
+from pomona.adjustment.lenses import frames_of, known_focals, lens_votes, lenses_apart, share_lenses
+from pomona.arrays import FloatArray
+from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.photos import Photo, Photos
+from pomona.progress import Silent
+from pomona.sfm.models import Model
+from pomona.sfm.one_lens import with_one_lens
+from pomona.sfm.pieces import Piece
+from pomona.sfm.selection import take
+from scale_scenes import FOCAL, HEIGHT, LENS, WIDTH, photographed, photos_of, seeing, some_frame
+
+NOISE_PX = 0.2
+
+
+def zoomed(cameras: Cameras, factor: float) -> Cameras:
+    """The same photos taken with a longer lens."""
+    lens = replace(LENS, params=LENS.params * [factor, 1, 1, 1])
+    longer = replace(cameras, intrinsics=(lens,))
+    return seeing(longer, cameras.points_in_world, NOISE_PX, np.random.default_rng(9))
+
+
+def believing(cameras: Cameras, factor: float) -> Cameras:
+    """The photos with a lens that is off by a factor, and the scene drawn apart in depth, which looks alike."""
+    lens = replace(cameras.intrinsics[0], params=cameras.intrinsics[0].params * [factor, 1, 1, 1])
+    away = cameras.points_in_world - [0, cameras.centers_in_world[:, 1].mean(), 0]
+    drawn = cameras.points_in_world + away * [0, factor - 1, 0]
+    return replace(cameras, intrinsics=(lens,), points_in_world=drawn)
+
+
+def paired(cameras: Cameras) -> Cameras:
+    """The cameras with the points alone that two photos or more see, as mapping gives them."""
+    every = np.ones(len(cameras), bool)
+    return take(Model(cameras, np.arange(len(cameras)), np.ones(len(cameras))), every).cameras
+
+
+def facts(cameras: Cameras, *, focal_px: float | None = None, key: str = "one camera") -> dict[str, Photo]:
+    """What is known of the photos before they are placed."""
+    return {name: Photo(name, Path(name), WIDTH, HEIGHT, "", focal_px, key) for name in cameras.photos}
+
+
+def flat(side: str, *, seed: int) -> Cameras:
+    """Photos, all held alike, of a scene 2 cm deep: focal length trades against distance."""
+    cameras = photographed(side, seed=seed)
+    sign = 1.0 if side != "east" else -1.0
+    rotation = np.array([[sign, 0, 0], [0, 0, -1], [0, sign, 0]])
+    centers = cameras.centers_in_world * [1, 0, 1] - [0, 2.5 * sign, 0]
+    poses = [np.column_stack([rotation, -rotation @ center]) for center in centers]
+    scene = cameras.points_in_world * [1, 0.02, 1]
+    return seeing(replace(cameras, cam_from_world=np.array(poses)), scene, NOISE_PX, np.random.default_rng(seed))
+
+
+def focal_errors(cameras: Cameras, truth: float = FOCAL) -> FloatArray:
+    return np.array([lens.focal_px / truth - 1 for lens in cameras.intrinsics])
+
+
+EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)
+
+
+def test_sides_vote_for_one_focal_length() -> None:
+    both = concatenate([believing(EAST, 1.02), believing(WEST, 0.99)], WorldFrame())
+    known = facts(EAST) | facts(WEST)
+    shared = share_lenses(both, known)
+    assert len(shared.intrinsics) == 1
+    assert FOCAL * 0.99 < shared.intrinsics[0].focal_px < FOCAL * 1.02
+    adjusted = adjust(shared, noise_px=NOISE_PX)
+    assert adjusted is not None
+    assert 0 < abs(focal_errors(adjusted)[0]) < 0.004
+
+
+def test_other_cameras_and_other_zooms_keep_their_lens() -> None:
+    both = concatenate([EAST, WEST], WorldFrame())
+    assert len(share_lenses(both, facts(EAST) | facts(WEST, key="another camera")).intrinsics) == 2
+    zoom = concatenate([EAST, zoomed(WEST, 1.2)], WorldFrame())
+    shared = share_lenses(zoom, facts(EAST) | facts(WEST))
+    assert [round(lens.focal_px / FOCAL, 2) for lens in shared.intrinsics] == [1.0, 1.2]
+    (sentence,) = lenses_apart(shared, facts(EAST) | facts(WEST))
+    assert "1395 pixels in east/000.jpg to east/007.jpg (8 photos)" in sentence
+    assert "1674 pixels in west/000.jpg to west/007.jpg (8 photos)" in sentence
+    assert lenses_apart(both, facts(EAST) | facts(WEST, key="another camera")) == []
+
+
+def test_exif_that_photos_contradict_is_named_and_not_believed() -> None:
+    piece = Piece("east", paired(EAST).transformed(some_frame(1)), 0.3)
+    for factor, said in ((1.01, []), (1 / 1.4, ["996 pixels, but the photos show 139"])):
+        photos = Photos(tuple(facts(EAST, focal_px=FOCAL * factor).values()))
+        progress = Silent()
+        (adjusted,) = with_one_lens([piece], photos, progress)
+        assert 0 < abs(focal_errors(adjusted.cameras)[0]) < 0.005
+        assert len(progress.warnings) == len(said)
+        assert all(words in warning for words, warning in zip(said, progress.warnings, strict=True))
+
+
+def test_exif_is_the_median_of_the_photos_of_a_lens() -> None:
+    known = facts(EAST, focal_px=FOCAL * 1.01)
+    assert known_focals(EAST, known) == [(pytest.approx(FOCAL * 1.01), pytest.approx(0.015))]
+    assert known_focals(EAST, facts(EAST)) == [None]
+
+
+def test_where_the_scene_is_too_flat_exif_decides() -> None:
+    sides = [flat("east", seed=1), flat("west", seed=2)]
+    known = {name: photo for side in sides for name, photo in facts(side, focal_px=FOCAL * 1.004).items()}
+    both = share_lenses(concatenate([believing(sides[0], 1.03), believing(sides[1], 1.06)], WorldFrame()), known)
+    by_photos = adjust(both, noise_px=NOISE_PX)
+    by_exif = adjust(both, noise_px=NOISE_PX, focals=known_focals(both, known))
+    assert by_photos is not None
+    assert by_exif is not None
+    assert len(by_exif.intrinsics) == 1
+    assert 0.0005 < abs(focal_errors(by_exif)[0]) < 0.008
+    assert abs(focal_errors(by_exif)[0]) < abs(focal_errors(by_photos)[0])
+
+
+def test_exif_does_not_bend_what_photos_know() -> None:
+    known = facts(EAST, focal_px=FOCAL * 1.02)
+    adjusted = adjust(EAST, noise_px=NOISE_PX, focals=known_focals(EAST, known))
+    assert adjusted is not None
+    assert 0 < abs(focal_errors(adjusted)[0]) < 0.004
+
+
+def test_pieces_leave_mapping_with_one_lens() -> None:
+    pieces = [
+        Piece("east", believing(paired(EAST), 1.02).transformed(some_frame(1)), 0.3),
+        Piece("west", believing(paired(WEST), 0.99).transformed(some_frame(2)), 0.3),
+    ]
+    progress = Silent()
+    east, west = with_one_lens(pieces, photos_of(EAST, WEST), progress)
+    assert progress.warnings == []
+    assert [east.side, west.side] == ["east", "west"]
+    assert east.cameras.photos == EAST.photos
+    assert east.cameras.intrinsics[0].params.tolist() == west.cameras.intrinsics[0].params.tolist()
+    assert 0 < abs(focal_errors(east.cameras)[0]) < 0.004
+    assert 0 < east.mean_reprojection_error_px < 0.5
+
+
+def test_standard_deviations_are_those_of_repeated_adjustments() -> None:
+    focals, sds = [], []
+    for seed in range(24):
+        seen = seeing(EAST, EAST.points_in_world, NOISE_PX, np.random.default_rng(seed))
+        adjusted = adjust(seen, noise_px=NOISE_PX)
+        assert adjusted is not None
+        focals.append(np.log(adjusted.intrinsics[0].focal_px))
+        sds.append(lens_votes(adjusted).sds[0])
+    # 24 estimates give a standard deviation to 15 %.
+    assert np.std(focals, ddof=1) == pytest.approx(np.mean(sds), rel=0.45)
+    assert abs(np.mean(focals) - np.log(FOCAL)) < 4 * np.mean(sds) / np.sqrt(24)
+
+
+def test_photos_are_in_one_frame_where_points_connect_them() -> None:
+    assert frames_of(concatenate([EAST, WEST], WorldFrame())).tolist() == [0] * 8 + [1] * 8
+    assert feature_noise_px(EAST) == pytest.approx(NOISE_PX, rel=0.1)
