@@ -35,7 +35,6 @@ from pomona.fuse import object, paper
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
-from pomona.pipeline.select import SelectOptions
 from pomona.segment import load_segmenter, segment_photos
 from pomona.synth.truth import write_masks_as_coco
 
@@ -150,7 +149,7 @@ def joined(kind: str, method: str, row: Path, detections: SurveyDetections, came
     run = RunOptions(method="object" if method == "object" else "paper")
     options = run.of_stages
     if kind == SEGMENTER:
-        _, least_score = SelectOptions.of(run).thresholds(load_segmenter(None).traits.score_threshold)
+        _, least_score = options.select.thresholds(load_segmenter(None).traits.score_threshold)
         detections = detections.at_least(least_score)
     begun = time.monotonic()
     svm = filters.load(filters.shipped(run.method))

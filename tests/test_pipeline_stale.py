@@ -22,6 +22,7 @@ from pomona.fuse.paper.options import PaperOptions
 from pomona.measure import MeasureOptions
 from pomona.pipeline import STAGES, RunOptions, code, go_on, run
 from pomona.pipeline.code import engine_versions
+from pomona.pipeline.select import SelectOptions
 from pomona.pipeline.stage import Stage
 from pomona.pipeline.stages import stages_of
 from pomona.planting import PlantingOptions
@@ -134,6 +135,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "filter_model": ({}, copied_machine, ["filter"]),
     "key_frames": ({}, {"key_frames": KeyFrameOptions(move=0.1)}, []),  # of photos there are none
     "segment": ({}, {"segment": SegmentOptions(sample_photos=5)}, ["segment"]),
+    "select": ({}, {"select": SelectOptions(trusted_share=0.9)}, ["select", "scale", "fuse", "filter", "report"]),
     "sfm": ({}, {"sfm": SfmOptions(window=7)}, ["sfm"]),
     "scale": ({}, {"scale": ScaleOptions(refine=False)}, ["scale"]),
     "object": ({}, {"object": ObjectOptions(rounds=2)}, ["scale", "fuse"]),

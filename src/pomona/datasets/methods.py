@@ -22,7 +22,6 @@ from pomona.fuse import Fused, object, paper
 from pomona.fuse.paper.projection import MIN_DLT_POINTS
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
-from pomona.pipeline.select import SelectOptions
 from pomona.progress import Progress
 
 OBJECT = "object"
@@ -67,7 +66,7 @@ def found_by_methods(
 def _by_object(given: Given, fruit_diameter_m: float, progress: Progress) -> Fruits:
     run = RunOptions(fruit_diameter_m=fruit_diameter_m)
     options = run.of_stages
-    _, least_score = SelectOptions.of(run).thresholds(given.least_score)
+    _, least_score = options.select.thresholds(given.least_score)
     detections = given.detections.at_least(least_score)
     fused = object.fuse(detections, given.cameras, options=options.object, progress=progress)
     if len(fused.fruits) == 0:

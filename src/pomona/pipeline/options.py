@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pomona.fuse.paper.options import PaperOptions
     from pomona.measure.allometry import Allometry
     from pomona.measure.options import MeasureOptions
+    from pomona.pipeline.select import SelectOptions
     from pomona.planting.options import PlantingOptions
     from pomona.report.options import ReportOptions
     from pomona.scale.options import ScaleOptions
@@ -56,9 +57,9 @@ class RunOptions:
     `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
     hangs on; without either, trees are where fruits gather at equal distances, if they do.
 
-    `key_frames` says how the frames of a video are chosen. `segment`, `sfm`, `scale`, `object`, `paper`, `dense`,
-    `filter`, `measure`, `planting`, `report` are options of single stages, for those who know them; what the options
-    above say goes before.
+    `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
+    `dense`, `filter`, `measure`, `planting`, `report` are options of single stages, for those who know them; what the
+    options above say goes before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -85,6 +86,7 @@ class RunOptions:
     filter_model: Path | None = None
     key_frames: KeyFrameOptions | None = None
     segment: SegmentOptions | None = None
+    select: SelectOptions | None = None
     sfm: SfmOptions | None = None
     scale: ScaleOptions | None = None
     object: ObjectOptions | None = None
@@ -140,6 +142,7 @@ class RunOptions:
         return StageOptions(
             run=self,
             segment=replace(self.segment or usual.segment, score_threshold=self.score_threshold),
+            select=self._select(usual.select),
             sfm=self.sfm or usual.sfm,
             scale=replace(
                 self.scale or usual.scale,
@@ -171,6 +174,11 @@ class RunOptions:
         if self.trees is None and self.tree_spacing is None:
             return options
         return replace(options, trees=self.trees, spacing_m=self.tree_spacing)
+
+    def _select(self, usual: SelectOptions) -> SelectOptions:
+        chosen = replace(self.select or usual, score_threshold=self.score_threshold)
+        # The paper's method trusts no detection that does not count in its photo.
+        return replace(chosen, trusted_share=1.0) if self.method == "paper" else chosen
 
     def _paper(self, usual: PaperOptions) -> PaperOptions:
         made = {"text": usual.as_printed, "published-code": usual.as_published_code}
@@ -236,6 +244,7 @@ class StageOptions:
 
     run: RunOptions
     segment: SegmentOptions
+    select: SelectOptions
     sfm: SfmOptions
     scale: ScaleOptions
     object: ObjectOptions
@@ -254,6 +263,7 @@ class StageOptions:
         from pomona.fuse.object.options import ObjectOptions
         from pomona.fuse.paper.options import PaperOptions
         from pomona.measure.options import MeasureOptions
+        from pomona.pipeline.select import SelectOptions
         from pomona.planting.options import PlantingOptions
         from pomona.report.options import ReportOptions
         from pomona.scale.options import ScaleOptions
@@ -263,6 +273,7 @@ class StageOptions:
         return cls(
             run=run,
             segment=SegmentOptions(),
+            select=SelectOptions(),
             sfm=SfmOptions(),
             scale=ScaleOptions(),
             object=ObjectOptions(),

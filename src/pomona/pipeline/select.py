@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pomona.detections import SurveyDetections
+from pomona.errors import InputError
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
-
-if TYPE_CHECKING:
-    from pomona.pipeline.options import RunOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +32,9 @@ class SelectOptions:
     score_threshold: float | None = None
     trusted_share: float = 0.8
 
-    @classmethod
-    def of(cls, run: RunOptions) -> SelectOptions:
-        """Return those of a run: the paper's method trusts no detection that does not count in its photo."""
-        return cls(score_threshold=run.score_threshold, trusted_share=1.0 if run.method == "paper" else 0.8)
+    def __post_init__(self) -> None:
+        if not 0 < self.trusted_share <= 1:
+            raise InputError(f"SelectOptions.trusted_share: expected over 0, up to 1, found {self.trusted_share}")
 
     def thresholds(self, model_threshold: float) -> tuple[float, float]:
         """Return the scores from which detections count, and from which they may become fruits."""
@@ -70,7 +67,7 @@ def _save(selected: Selected, context: SurveyContext) -> Mapping[str, Any]:
 SELECT = Stage(
     name="select",
     inputs={"segmented": SEGMENT},
-    options=lambda options: SelectOptions.of(options.run),
+    options=lambda options: options.select,
     compute=_select,
     store=Store(save=_save),
 )
