@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 CAMERA_MODEL = "SIMPLE_RADIAL"
 # Global mapping begins with so many tracks a photo, and triangulates the others when all photos have their places.
 _TRACKS_TO_START = 300
+# A join of pieces is first off by so much that many points are not found; they are with the adjusted poses.
+_ADJUSTMENTS = 2
 pycolmap.logging.minloglevel = 2
 pycolmap.logging.logtostderr = True
 
@@ -211,6 +213,7 @@ def map_incremental(
         ba_global_max_refinements=3,
     )
     settings.mapper.init_min_tri_angle = options.first_pair_angle_deg
+    settings.mapper.abs_pose_min_num_inliers = options.least_known_points
     settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
     pycolmap.set_random_seed(options.seed)
     pycolmap.incremental_mapping(
@@ -233,6 +236,45 @@ def map_global(path: Path, out: Path, options: SfmOptions) -> None:
     mapper.bundle_adjustment.ceres.solver_options.max_num_iterations = 50
     pycolmap.set_random_seed(options.seed)
     pycolmap.global_mapping(path, path.parent, out, settings)
+
+
+def adjust_poses(
+    path: Path, out: Path, poses: Mapping[int, FloatArray], params: Mapping[int, FloatArray], options: SfmOptions
+) -> None:
+    """Triangulate the matches in the database from poses that are nearly right, adjust all, and write `out`/0.
+
+    `poses` maps photos to [R | t], `params` cameras to their parameters, in working pixels. Points that only two photos
+    see count, too: where a walk turns a corner there are few others.
+    """
+    reconstruction = pycolmap.Reconstruction()
+    with pycolmap.Database.open(path) as database:
+        for i, values in params.items():
+            camera = database.read_camera(i + 1)
+            camera.params = values
+            reconstruction.add_camera_with_trivial_rig(camera)
+        for i, pose in poses.items():
+            image = database.read_image(i + 1)
+            reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
+    settings = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=options.min_matches,
+        num_threads=options.threads or -1,
+        random_seed=options.seed,
+        extract_colors=False,
+    )
+    settings.triangulation.ignore_two_view_tracks = False
+    settings.triangulation.random_seed = settings.mapper.random_seed = options.seed
+    adjustment = pycolmap.BundleAdjustmentOptions()
+    adjustment.print_summary = False
+    adjustment.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    folder = out / "0"
+    folder.mkdir(parents=True, exist_ok=True)
+    for _ in range(_ADJUSTMENTS):
+        reconstruction = pycolmap.triangulate_points(reconstruction, path, path.parent, folder, True, settings)
+        pycolmap.bundle_adjustment(reconstruction, adjustment)
+    pycolmap.ObservationManager(reconstruction).filter_all_points3D(
+        settings.mapper.filter_max_reproj_error, settings.mapper.filter_min_tri_angle
+    )
+    reconstruction.write(folder)
 
 
 def open_models(folder: Path) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Mapping in a process of its own: it can be stopped at once, and if COLMAP dies it dies alone."""
+"""Mapping and adjusting in a process of its own: it can be stopped at once, and if COLMAP dies it dies alone."""
 
 from __future__ import annotations
 
@@ -7,28 +7,36 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
 
 from pomona.sfm.options import Mapper, SfmOptions
+
+Task = Mapper | Literal["joining"]
 
 _RUN = "import sys; from pomona.sfm.mapping_process import main; main(sys.argv[1:])"
 
 
 class MappingProcess:
-    """A mapper at work in another process."""
+    """A mapper at work in another process, or an adjustment of what was joined.
 
-    def __init__(
-        self, mapper: Mapper, database: Path, out: Path, options: SfmOptions, fixed: Sequence[int] = ()
-    ) -> None:
+    `details` can be written as JSON: for a mapper the cameras that are fixed, for joining the poses [R | t] of photos
+    and the parameters of cameras, as pairs of index and numbers.
+    """
+
+    def __init__(self, task: Task, database: Path, out: Path, options: SfmOptions, details: Any = ()) -> None:
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir(parents=True)
-        self.mapper = mapper
         self.out = out
         self._log = out.with_suffix(".log")
+        told = out.with_suffix(".json")  # an argument would be too long for the poses of a long row
+        told.write_text(json.dumps(details), encoding="utf-8")
         with self._log.open("wb") as log:
-            arguments = [mapper, str(database), str(out), json.dumps(asdict(options)), json.dumps(list(fixed))]
+            arguments = [task, str(database), str(out), json.dumps(asdict(options)), str(told)]
             self._process = subprocess.Popen(
                 [sys.executable, "-c", _RUN, *arguments], stdout=subprocess.PIPE, stderr=log, text=True
             )
@@ -64,15 +72,17 @@ class MappingProcess:
 
 
 def main(arguments: list[str]) -> None:
-    """Run one mapper (MAPPER DATABASE OUT OPTIONS_JSON FIXED_JSON), printing a line for each photo that it places."""
+    """Run one task (TASK DATABASE OUT OPTIONS_JSON DETAILS_FILE), printing a line for each photo that it places."""
     from pomona.sfm import engine
 
-    mapper, database, out, options_json, fixed_json = arguments
-    values = json.loads(options_json)
+    task, database, out, options_json, told = arguments
+    values, details = json.loads(options_json), json.loads(Path(told).read_text(encoding="utf-8"))
     options = SfmOptions(**{**values, "mappers": tuple(values["mappers"])})
-    if mapper == "global":
+    if task == "global":
         engine.map_global(Path(database), Path(out), options)
+    elif task == "incremental":
+        engine.map_incremental(Path(database), Path(out), options, details, lambda: print("photo", flush=True))
     else:
-        engine.map_incremental(
-            Path(database), Path(out), options, json.loads(fixed_json), lambda: print("photo", flush=True)
-        )
+        poses = {photo: np.array(pose) for photo, pose in details["poses"]}
+        params = {camera: np.array(numbers) for camera, numbers in details["params"]}
+        engine.adjust_poses(Path(database), Path(out), poses, params, options)

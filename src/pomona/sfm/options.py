@@ -28,6 +28,8 @@ class SfmOptions:
     `least_explained`: pieces whose cameras explain a smaller share of their photos' matches are accidents, and dropped.
     `first_pair_angle_deg`: least angle of rays for the pair that incremental mapping starts from. COLMAP's default is
     16; photos taken at short steps along a row, or frames of a video, seldom match foliage under such an angle.
+    `least_known_points`: incremental mapping places a photo that sees at least so many points which have a place.
+    COLMAP's default is 30; where a walk turns a corner there are fewer, and wrong places are found out afterwards.
     `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `selection`).
     `good_enough`: a result with this much support (0 to 1, see `selection`) ends the search for a better one.
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
@@ -46,6 +48,7 @@ class SfmOptions:
     min_piece_photos: int = 3
     least_explained: float = 0.3
     first_pair_angle_deg: float = 6.0
+    least_known_points: int = 15
     mappers: tuple[Mapper, ...] = get_args(Mapper)
     good_enough: float = 0.95
     focal_prior: float = 1.2
@@ -60,6 +63,7 @@ class SfmOptions:
             "enough_tracks": 100,
             "min_matches": 8,
             "min_piece_photos": 3,
+            "least_known_points": 6,
         }
         for field in fields(self):
             value = getattr(self, field.name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,18 +13,22 @@ from typing import TypeVar
 
 import numpy as np
 
+from pomona.arrays import FloatArray
 from pomona.errors import InputError, MissingFileError, ReconstructionError
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.sfm import engine
-from pomona.sfm.engine import Overlap
+from pomona.sfm.engine import CAMERA_MODEL, Overlap
 from pomona.sfm.features import Features, extract
+from pomona.sfm.joining import Group, Scene, join_groups
 from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.models import Model, read_models
 from pomona.sfm.one_lens import with_one_lens
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pairs import candidate_pairs
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
+from pomona.sfm.seams import parted
 from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
@@ -145,6 +149,7 @@ def _map(
         models = read_models(folder, workspace.cameras, workspace.colours)
         mapped |= {int(photo) for model in models for photo in model.photo_idx}
         models = distinct(models, workspace.options.min_piece_photos)
+        models = _held_together(models, overlaps, keypoints, workspace.options)
         shares = explained(models, overlaps, keypoints)
         models = credible(models, overlaps, shares, workspace.options.least_explained)
         supported = support(explained(models, overlaps, keypoints), overlaps)
@@ -152,6 +157,7 @@ def _map(
             best, most = models, supported
         if most >= workspace.options.good_enough:
             break
+    best = _joined(workspace, best, overlaps, keypoints, label, progress)
     placed = frozenset(int(photo) for model in best for photo in model.photo_idx)
     sharpness = [np.nan if i in unreadable else workspace.sharpness(i) for i in range(count)]
     features = np.array([len(xy) for xy in keypoints])
@@ -159,6 +165,84 @@ def _map(
         workspace.photos, features, np.array(sharpness), unreadable, overlaps, placed, frozenset(mapped - placed)
     )
     return best, evidence
+
+
+def _held_together(
+    models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: Sequence[FloatArray], options: SfmOptions
+) -> list[Model]:
+    """Return the models without the seams that matches contradict; parts that are too small are left out."""
+    shares = explained(models, overlaps, keypoints)
+    parts = [part for model in models for part in parted(model, overlaps, shares, options.min_matches)]
+    return sorted(
+        (part for part in parts if len(part.photo_idx) >= options.min_piece_photos), key=lambda m: -len(m.photo_idx)
+    )
+
+
+def _joined(
+    workspace: Workspace,
+    models: list[Model],
+    overlaps: Sequence[Overlap],
+    keypoints: Sequence[FloatArray],
+    label: str,
+    progress: Progress,
+) -> list[Model]:
+    """Bring pieces, and photos without a place, together by the matches between them; adjust what was joined.
+
+    What was joined is kept where its cameras explain more of the matches than the pieces did.
+    """
+    if not models or sum(len(model.photo_idx) for model in models[:1]) == len(workspace.photos):
+        return models
+    lenses = _lenses(workspace, models)
+    camera_of = [image.camera_idx for image in workspace.images]
+    rays = [lenses[camera_of[i]].cam_from_px(xy) for i, xy in enumerate(keypoints)]
+    focals_px = np.array([lenses[c].focal_px * workspace.cameras[c].scale for c in camera_of])
+    placed = {int(photo) for model in models for photo in model.photo_idx}
+    groups = [Group.of_model(model) for model in models]
+    groups += [Group.of_photo(i) for i in range(len(workspace.photos)) if i not in placed]
+    found = [g for g in join_groups(groups, Scene(overlaps, rays, focals_px)) if len(g.poses) > 1]
+    if len(found) == len(models) and sum(len(g.poses) for g in found) == len(placed):
+        return models
+    adjusted: list[Model] = []
+    for number, group in enumerate(found):
+        same = [model for model in models if set(model.photo_idx.tolist()) == group.poses.keys()]
+        adjusted += same or _adjusted(workspace, group, lenses, number, label, progress)
+    adjusted = _held_together(adjusted, overlaps, keypoints, workspace.options)
+    before, after = (support(explained(each, overlaps, keypoints), overlaps) for each in (models, adjusted))
+    return adjusted if after > before else models
+
+
+def _lenses(workspace: Workspace, models: Sequence[Model]) -> dict[int, Intrinsics]:
+    """The lens of each camera as the largest model has it; as EXIF has it where none has."""
+    lenses = {}
+    for i, camera in enumerate(workspace.cameras):
+        params = np.array([camera.focal_px, camera.width_px / 2, camera.height_px / 2, 0.0])
+        lenses[i] = Intrinsics(CAMERA_MODEL, camera.width_px, camera.height_px, params)
+    for model in reversed(models):
+        for i, photo in enumerate(model.photo_idx):
+            lenses[workspace.images[photo].camera_idx] = model.cameras.intrinsics_of(i)
+    return lenses
+
+
+def _adjusted(
+    workspace: Workspace, group: Group, lenses: Mapping[int, Intrinsics], number: int, label: str, progress: Progress
+) -> list[Model]:
+    """Adjust a group that was joined; no model where that fails."""
+    used = sorted({workspace.images[photo].camera_idx for photo in group.poses})
+    scales = {i: np.array([workspace.cameras[i].scale] * 3 + [1.0]) for i in used}
+    details = {
+        "poses": [[photo, pose.tolist()] for photo, pose in sorted(group.poses.items())],
+        "params": [[i, (lenses[i].params * scales[i]).tolist()] for i in used],
+    }
+    progress.start(f"Joining pieces{label}")
+    out = workspace.folder / f"joined-{number}"
+    process = MappingProcess("joining", workspace.database, out, workspace.options, details)
+    with ExitStack() as stack:
+        stack.callback(process.stop)
+        failure = process.wait()
+    if failure is not None:
+        progress.warn(f"Pieces were not joined{label}: {failure}")
+        return []
+    return read_models(out, workspace.cameras, workspace.colours)
 
 
 def _run_mappers(workspace: Workspace, overlaps: Sequence[Overlap], label: str, progress: Progress) -> Iterator[Path]:

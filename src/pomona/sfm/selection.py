@@ -13,9 +13,9 @@ from pomona.sfm.engine import Overlap
 from pomona.sfm.models import Model
 
 # Two cameras that are right explain a match to within the error (working px) that verification allowed it: COLMAP's.
-_TOLERANCE_PX = 4.0
+TOLERANCE_PX = 4.0
 # Overlaps of this many matches and more weigh the same.
-_FULL_WEIGHT = 100
+FULL_WEIGHT = 100
 
 
 def explained(models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: Sequence[FloatArray]) -> FloatArray:
@@ -38,7 +38,7 @@ def explained(models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: S
                 first, second = rays[overlap.first][overlap.idx[:, 0]], rays[overlap.second][overlap.idx[:, 1]]
                 pose1, pose2 = model.cameras.cam_from_world[[i, j]]
                 error_px = (focals_px[i] + focals_px[j]) / 2 * sampson_distance(pose1, pose2, first, second)
-                shares[k] = np.clip(1 - (error_px / _TOLERANCE_PX) ** 2, 0, None).mean()
+                shares[k] = np.clip(1 - (error_px / TOLERANCE_PX) ** 2, 0, None).mean()
     return shares
 
 
@@ -49,7 +49,7 @@ def support(shares: FloatArray, overlaps: Sequence[Overlap]) -> float:
     themselves minimise. Overlaps of 100 matches and more weigh the same, else a few photos rich in matches would
     decide; smaller ones weigh less, because the smallest that pass verification are often accidents.
     """
-    weights = np.array([min(len(overlap.idx), _FULL_WEIGHT) for overlap in overlaps], float)
+    weights = np.array([min(len(overlap.idx), FULL_WEIGHT) for overlap in overlaps], float)
     return float((weights * shares).sum() / weights.sum()) if len(weights) else 0.0
 
 
