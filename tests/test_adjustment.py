@@ -17,7 +17,7 @@ from pomona.progress import Silent
 from pomona.sfm.models import Model
 from pomona.sfm.one_lens import with_one_lens
 from pomona.sfm.pieces import Piece
-from pomona.sfm.selection import take
+from pomona.sfm.selection import take, well_held
 from scale_scenes import FOCAL, HEIGHT, LENS, WIDTH, photographed, photos_of, seeing, some_frame
 
 NOISE_PX = 0.2
@@ -153,6 +153,22 @@ def test_standard_deviations_are_those_of_repeated_adjustments() -> None:
     # 24 estimates give a standard deviation to 15 %.
     assert np.std(focals, ddof=1) == pytest.approx(np.mean(sds), rel=0.45)
     assert abs(np.mean(focals) - np.log(FOCAL)) < 4 * np.mean(sds) / np.sqrt(24)
+
+
+def test_photos_that_few_points_hold_lose_their_place() -> None:
+    cameras = paired(EAST)
+    few = (cameras.track_photo_idx == 3) & (np.cumsum(cameras.track_photo_idx == 3) > 11)
+    held = replace(
+        cameras,
+        track_point_idx=cameras.track_point_idx[~few],
+        track_photo_idx=cameras.track_photo_idx[~few],
+        track_xy_px=cameras.track_xy_px[~few],
+    )
+    model = Model(held, np.arange(8), np.ones(8))
+    (kept,) = well_held([model], 12, 3)
+    assert kept.photo_idx.tolist() == [0, 1, 2, 4, 5, 6, 7]
+    assert [len(m.photo_idx) for m in well_held([model], 11, 3)] == [8]
+    assert well_held([model], 12, 8) == []
 
 
 def test_photos_are_in_one_frame_where_points_connect_them() -> None:

@@ -19,13 +19,17 @@ from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
+from pomona.scale.accuracy import free_center_sds, warn_of_vague_places
 from pomona.scale.aruco import find_markers
 from pomona.scale.marker_table import read_markers
+from pomona.scale.placement import Placement
 from pomona.scale.triangulation import triangulate
-from pomona.sfm import Reconstruction
+from pomona.sfm import Piece, Reconstruction
 from scale_scenes import (
+    HEIGHT,
     LENS,
     PLACES,
+    WIDTH,
     as_piece,
     marker_table,
     photographed,
@@ -55,6 +59,11 @@ def test_both_sides_come_into_the_markers_frame(monkeypatch: pytest.MonkeyPatch,
     assert 0 < report.markers_rms_mm < 2
     assert [(r.marker_id, r.side) for r in report.markers] == [(i, s) for s in ("east", "west") for i in range(6)]
     assert all(0 < r.reprojection_px < 0.6 for r in report.markers)
+    assert report.accuracy is not None
+    # What it says of itself is what it is, to a factor of two (16 photos that share what the markers are off by).
+    assert 0.5 < report.accuracy.position_sd_mm / (1000 * rms_m(placed.cameras, EAST, WEST)) < 2
+    assert 0 < report.accuracy.scale_sd < 0.001
+    assert 0.1 < report.left_out_rms_mm < 4
     for scale, seed in zip(report.pieces, (3, 4), strict=True):
         assert scale.metres_per_unit == pytest.approx(1 / some_frame(seed).scale, rel=2e-3)
 
@@ -125,6 +134,46 @@ def test_a_marker_that_the_table_has_elsewhere_is_left_out(monkeypatch: pytest.M
     assert [r.marker_id for r in placed.report.markers if not r.used] == [3, 3]
     assert all(re.search(r"marker 3 was left out: seen 0\.(3[5-9]|4[0-5])", warning) for warning in progress.warnings)
     assert len(progress.warnings) == 2
+
+
+@pytest.mark.parametrize(("ids", "off_m"), [((0, 1, 2, 3), 0.02), ((0, 1, 2, 3, 4, 5), 0.01)])
+def test_a_marker_that_the_fit_hides_is_named_with_the_photos_that_see_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, ids: tuple[int, ...], off_m: float
+) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    places = {i: PLACES[i] for i in ids} | {3: (1.9, 0.45 + off_m, 0.9)}
+    progress = Silent()
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", places))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    (warning,) = progress.warnings
+    assert re.match(r"Marker 3 is seen (1|2)[0-9] mm from its place in the table", warning)
+    assert "east/006.jpg" in warning
+    assert "Measure it again, or take it out of the table" in warning
+    # The fit itself hides most of it; seen by all else, the marker is farther off than it is.
+    off_mm = {r.marker_id: r.left_out_mm for r in placed.report.markers}[3]
+    assert 1000 * off_m < off_mm < 1300 * off_m
+    assert placed.report.markers_rms_mm < 0.5 * off_mm
+    assert placed.report.accuracy is not None
+    assert placed.report.accuracy.position_sd_mm > 6
+
+
+def test_photos_that_few_points_hold_are_named() -> None:
+    # The last photo sees a few points near each other, and stands anywhere about them.
+    near = np.linalg.norm(WEST.track_xy_px - [WIDTH / 2, HEIGHT / 2], axis=1) < 150
+    kept = (WEST.track_photo_idx < 7) | near
+    loose = replace(
+        WEST,
+        track_point_idx=WEST.track_point_idx[kept],
+        track_photo_idx=WEST.track_photo_idx[kept],
+        track_xy_px=WEST.track_xy_px[kept],
+    )
+    sds_m = free_center_sds(loose, [None])
+    assert sds_m[7] > 0.05
+    assert 0 < sds_m[:7].max() < 0.02
+    placement = Placement([Piece("west", loose, 0.3)], Silent())
+    warn_of_vague_places(placement, loose.photos, sds_m, fruit_diameter_m=0.075)
+    (note,) = placement.notes
+    assert note.startswith("The places of 1 photos are uncertain: west/007.jpg (±")
 
 
 def test_a_table_of_another_row_is_refused_by_the_photos(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -268,7 +268,7 @@ def test_a_work_folder_keeps_what_still_holds(
 def test_every_option_has_its_place_in_the_work_folder(tmp_path: Path) -> None:
     """An option that is forgotten there would leave old features or matches behind."""
     of_mapping = {"enough_tracks", "min_piece_photos", "least_explained", "first_pair_angle_deg", "mappers"}
-    of_mapping |= {"good_enough", "threads", "least_known_points"}
+    of_mapping |= {"good_enough", "threads", "least_known_points", "least_points"}
     Workspace(tmp_path / "w", photos(3), SfmOptions())
     settings = json.loads((tmp_path / "w" / "settings.json").read_text())
     named = [*settings["features"]["options"], *settings["matches"]["options"], *of_mapping]

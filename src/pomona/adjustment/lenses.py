@@ -10,9 +10,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pomona.adjustment.bundle import feature_noise_px
-from pomona.adjustment.normal_equations import Weights, covariance
+from pomona.adjustment.normal_equations import Weights, focal_sds
 from pomona.arrays import FloatArray, IntArray, set_checked
-from pomona.cameras import Cameras
+from pomona.cameras import Cameras, split
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 
@@ -20,6 +20,8 @@ from pomona.photos import Photo
 _CONTRADICTION = 4.0
 # ... and by more than this share: lenses also breathe with focus, and their stabilisation moves them.
 _ALIKE_FOCAL = 0.03
+# Normal equations of so many photos fit into 100 MB.
+_PHOTOS_AT_ONCE = 300
 # Nobody knows a focal length better than this, whatever formal precision says.
 _LEAST_SD = 1e-4
 
@@ -45,16 +47,27 @@ def frames_of(cameras: Cameras) -> IntArray:
 
 
 def lens_votes(cameras: Cameras) -> LensVotes:
-    """Return what photos say of each lens by their own points, without EXIF and markers."""
-    weights = Weights(
-        track_sds_px=np.full(len(cameras.track_point_idx), feature_noise_px(cameras)),
-        log_focal_sds=np.full(len(cameras.intrinsics), np.inf),
-        known_idx=np.zeros(0, np.int64),
-        known_sds_m=np.zeros(0),
-        free_frames=frames_of(cameras),
-    )
-    sds = np.sqrt(np.diag(covariance(cameras, weights).log_focals))
-    return LensVotes(np.array([lens.focal_px for lens in cameras.intrinsics]), sds)
+    """Return what photos say of each lens by their own points, without EXIF and markers.
+
+    Long rows are taken in parts: what points say that photos of two parts see is lost, which is little.
+    """
+    information = np.zeros(len(cameras.intrinsics))
+    starts = range(0, len(cameras), _PHOTOS_AT_ONCE)
+    for start, part in zip(starts, split(cameras, _part_sizes(len(cameras))), strict=True):
+        lenses = np.unique(cameras.intrinsics_idx[start : start + len(part)])
+        weights = Weights(
+            track_sds_px=np.full(len(part.track_point_idx), feature_noise_px(cameras)),
+            log_focal_sds=np.full(len(lenses), np.inf),
+            known_idx=np.zeros(0, np.int64),
+            known_sds_m=np.zeros(0),
+            free_frames=frames_of(part),
+        )
+        information[lenses] += 1 / focal_sds(part, weights) ** 2
+    return LensVotes(np.array([lens.focal_px for lens in cameras.intrinsics]), information**-0.5)
+
+
+def _part_sizes(photos: int) -> list[int]:
+    return [min(_PHOTOS_AT_ONCE, photos - start) for start in range(0, photos, _PHOTOS_AT_ONCE)]
 
 
 def share_lenses(cameras: Cameras, photos: Mapping[str, Photo], *, trust_exif: bool = False) -> Cameras:

@@ -112,7 +112,11 @@ def _scale(info: Mapping[str, Any]) -> str:
     frame = WorldFrame(info["frame"]["scale_source"], bool(info["frame"]["approximate"]))
     text = _SOURCES[frame.scale_source]
     residuals = [m["residual_mm"] for m in info["report"]["markers"] if m["used"] and m["residual_mm"] is not None]
-    if frame.scale_source == "markers" and residuals:
+    accuracy = info["report"]["accuracy"]
+    if accuracy:
+        scale_percent, position_mm = 100 * accuracy["scale_sd"], accuracy["position_sd_mm"]
+        text += f" (scale ± {scale_percent:.2g} %, positions ± {position_mm:.1f} mm)"
+    elif frame.scale_source == "markers" and residuals:
         rms_mm = math.sqrt(sum(r * r for r in residuals) / len(residuals))
         text += f" (residual {rms_mm:.1f} mm)"
     return text + (", approximate" if frame.approximate and frame.metric else "")

@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.fruits import BOTH_SIDES
 from pomona.report.data import ReportData
+from pomona.scale.report import ScaleReport
 
 _SOURCES = {
     "markers": "from markers",
@@ -88,11 +89,20 @@ def _scale(data: ReportData) -> str:
         return _card("Scale", '<span class="badge">not known</span>', "lengths are in arbitrary units")
     badge = '<span class="badge">approximate</span>' if frame.approximate else ""
     more = [_SOURCES[frame.scale_source]]
-    if data.scale is not None and math.isfinite(data.scale.markers_rms_mm):
-        more.append(f"residual {data.scale.markers_rms_mm:.1f} mm")
+    if data.scale is not None:
+        more += _exactness(data.scale)
     if data.scale is not None and not data.scale.sides_are_tied:
         more.append("sides are not tied to each other")
     return _card("Scale", f"metres {badge}".strip(), escape(", ".join(more)))
+
+
+def _exactness(scale: ScaleReport) -> list[str]:
+    """How exact the cameras are: by what was not fitted where that is known, else by the fit."""
+    if scale.accuracy is not None:
+        exact = f"± {100 * scale.accuracy.scale_sd:.2g} %, positions ± {scale.accuracy.position_sd_mm:.1f} mm"
+        check = scale.left_out_rms_mm
+        return [exact, *([f"markers left out in turn: {check:.1f} mm off"] if math.isfinite(check) else [])]
+    return [f"residual {scale.markers_rms_mm:.1f} mm"] if math.isfinite(scale.markers_rms_mm) else []
 
 
 def _sides(data: ReportData) -> str:

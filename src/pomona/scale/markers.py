@@ -14,6 +14,7 @@ from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.errors import InputError
 from pomona.geometry import Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
+from pomona.scale.accuracy import MOST_ASSESSED, assess, warn_of_marker, warn_of_vague_places
 from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
@@ -79,16 +80,45 @@ def place_by_markers(
         return None
     tied = {idx: placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()}
     if options.refine and all(fit.up_is_known for fit in fits.values()):
-        loose = [idx for idx, cameras in tied.items() if can_be_adjusted(cameras)]
         placement.progress.start("Refining cameras on the markers")
-        refined = refine([tied[i] for i in loose], [fits[i] for i in loose], places, photos.by_name()) if loose else []
-        tied |= dict(zip(loose, refined, strict=True))
+        loose = [idx for idx, cameras in tied.items() if can_be_adjusted(cameras)]
+        tied |= _refine(placement, {i: (tied[i], fits[i]) for i in loose}, places, photos.by_name(), options)
     for idx, cameras in tied.items():
         fit = fits[idx]
         placement.in_world[idx] = cameras
-        placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places)
+        placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places, placement.left_out_mm)
         _check_units(placement, idx, places, cameras.centers_in_world)
     return WorldFrame("markers", approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
+
+
+def _refine(
+    placement: Placement,
+    fitted: Mapping[int, tuple[Cameras, MarkerFit]],
+    places: Mapping[int, FloatArray],
+    photos: Mapping[str, Photo],
+    options: ScaleOptions,
+) -> dict[int, Cameras]:
+    """Refine pieces on the markers, say how exact they are, and warn of what contradicts the rest."""
+    if not fitted:
+        return {}
+    pieces, fits = zip(*fitted.values(), strict=True)
+    refined = refine(pieces, fits, places, photos)
+    if len(refined.cameras) <= MOST_ASSESSED:
+        _assess(placement, refined, credible_focals(refined.cameras, photos), options)
+    return dict(zip(fitted, split(refined.cameras, [len(piece) for piece in pieces]), strict=True))
+
+
+def _assess(
+    placement: Placement, refined: Refined, focals: list[tuple[float, float] | None], options: ScaleOptions
+) -> None:
+    noise_px = feature_noise_px(refined.cameras)
+    assessment = assess(refined.cameras, refined.known, noise_px=noise_px, focals=focals)
+    placement.accuracy = assessment.accuracy
+    placement.left_out_mm = {marker.marker_id: marker.offset_mm for marker in assessment.left_out}
+    placement.assessed |= set(refined.cameras.photos)
+    diameter_m = options.fruit_diameter_m
+    warn_of_vague_places(placement, refined.cameras.photos, assessment.center_sds_m, diameter_m)
+    warn_of_marker(placement, refined.cameras, assessment.left_out, refined.known, diameter_m)
 
 
 def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
@@ -175,12 +205,12 @@ def refine(
     fits: Sequence[MarkerFit],
     places: Mapping[int, FloatArray],
     photos: Mapping[str, Photo],
-) -> list[Cameras]:
+) -> Refined:
     """Return the fitted pieces, already in the markers' frame, after one bundle adjustment of all with the markers.
 
     How exactly the places are known is estimated from the photos: at first as well as the pieces fit them rigidly,
-    then, as the adjustment unbends the pieces, as well as it fits them (variance components). The pieces are returned
-    unchanged where the markers would not be seen better, or the scene worse.
+    then, as the adjustment unbends the pieces, as well as it fits them (variance components). The pieces stay as they
+    are where the markers would not be seen better, or the scene worse.
     """
     sightings = [sighting for fit in fits for sighting in fit.sightings]
     before = concatenate(pieces, WorldFrame())
@@ -193,7 +223,7 @@ def refine(
     sigma_m = max(_LEAST_SIGMA_M, float(np.sqrt(sum(f.rms_m**2 * len(f.used) for f in fits) / freedom)))
     for _ in range(_ROUNDS):
         known = _known_points(shared, sightings, places, sigma_m)
-        refined = adjust(shared, noise_px=noise_px, known=known, focals=focals)
+        refined = adjust(shared, noise_px=noise_px, known=list(known.values()), focals=focals)
         if refined is None or not _is_better(refined, before, sightings, places):
             break
         best = refined
@@ -202,15 +232,23 @@ def refine(
         if fitted_m > _ENOUGH * sigma_m:
             break
         sigma_m = fitted_m
-    return split(best, [len(piece) for piece in pieces])
+    return Refined(best, known)
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Pieces after one adjustment: their photos in order, and the markers, by id, as they were weighed last."""
+
+    cameras: Cameras
+    known: Mapping[int, KnownPoint]
 
 
 def _known_points(
     cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray], sigma_m: float
-) -> list[KnownPoint]:
+) -> dict[int, KnownPoint]:
     index = {name: i for i, name in enumerate(cameras.photos)}
-    return [
-        KnownPoint(
+    return {
+        marker_id: KnownPoint(
             place=places[marker_id],
             sd_m=sigma_m,
             photo_idx=np.array([index[s.photo] for s in seen]),
@@ -218,7 +256,7 @@ def _known_points(
             sd_px=CENTER_SD_PX,
         )
         for marker_id, seen in by_marker(sightings).items()
-    ]
+    }
 
 
 def marker_offsets(cameras: Cameras, fit: MarkerFit, places: Mapping[int, FloatArray]) -> dict[int, float]:
@@ -227,15 +265,22 @@ def marker_offsets(cameras: Cameras, fit: MarkerFit, places: Mapping[int, FloatA
     return {i: float(np.linalg.norm(m.triangulated.point - places[i])) for i, m in found.items()}
 
 
-def residuals_of(cameras: Cameras, side: str, fit: MarkerFit, places: Mapping[int, FloatArray]) -> list[MarkerResidual]:
-    """Return how each marker fits a piece that is in the markers' frame."""
+def residuals_of(
+    cameras: Cameras,
+    side: str,
+    fit: MarkerFit,
+    places: Mapping[int, FloatArray],
+    left_out_mm: Mapping[int, float],
+) -> list[MarkerResidual]:
+    """Return how each marker fits a piece that is in the markers' frame; `left_out_mm` see `MarkerResidual`."""
     offsets = marker_offsets(cameras, fit, places)
     residuals = []
     for i, marker in fit.used.items():
         errors_px = reprojection_errors_px(cameras, marker.sightings, places)
         rms_px = float(np.sqrt((errors_px**2).mean()))
         offset_mm = 1000 * offsets.get(i, float("nan"))
-        residuals.append(MarkerResidual(i, side, len(marker.sightings), offset_mm, rms_px))
+        without_mm = left_out_mm.get(i, float("nan"))
+        residuals.append(MarkerResidual(i, side, len(marker.sightings), offset_mm, rms_px, left_out_mm=without_mm))
     nan = float("nan")
     residuals += [MarkerResidual(i, side, 0, nan, nan, used=False, reason=why) for i, why in fit.unused.items()]
     return sorted(residuals, key=lambda r: r.marker_id)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras, ScaleSource
 from pomona.progress import Progress
-from pomona.scale.report import MarkerResidual, PieceScale, SideTie
+from pomona.scale.report import Accuracy, MarkerResidual, PieceScale, SideTie
 from pomona.sfm.pieces import Piece
 
 
@@ -17,7 +17,9 @@ class Placement:
 
     `in_world` holds the cameras of pieces that are in the world frame by measurement ("tied" in the report);
     `metres_per_unit` the scales known, whether or not the piece has a place; `scales` where both came from;
-    `failures` why sources gave none; `ties` how sides agree on fruits that both see.
+    `failures` why sources gave none; `ties` how sides agree on fruits that both see; `accuracy` and `left_out_mm` what
+    the adjustment on markers says of itself (`MarkerResidual.left_out_mm`, by marker id), and `assessed` of which
+    photos.
     """
 
     pieces: Sequence[Piece]
@@ -30,6 +32,9 @@ class Placement:
     unseen_markers: tuple[int, ...] = ()
     notes: list[str] = field(default_factory=list)
     ties: list[SideTie] = field(default_factory=list)
+    accuracy: Accuracy | None = None
+    left_out_mm: dict[int, float] = field(default_factory=dict)
+    assessed: set[str] = field(default_factory=set)
 
     def warn(self, message: str) -> None:
         """Warn the person, and keep the message for the survey."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,7 +17,8 @@ class MarkerResidual:
     """How one marker fits in one piece: millimetres between its known and its triangulated place, pixels in photos.
 
     `residual_mm` is NaN where the marker's place is not known (a scale bar). `used` is False where it was left out as
-    wrong, with the `reason`.
+    wrong, with the `reason`. `left_out_mm` is how far from its known place everything else has the marker: what its
+    residual would be if it had not been fitted; NaN where cameras were not adjusted on markers.
     """
 
     marker_id: int
@@ -26,6 +28,7 @@ class MarkerResidual:
     reprojection_px: float
     used: bool = True
     reason: str = ""
+    left_out_mm: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,18 @@ class PieceScale:
     source: ScaleSource
     metres_per_unit: float
     rms_mm: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How exact cameras adjusted on markers are, by their normal equations (one standard deviation).
+
+    `position_sd_mm` is of a camera's place (all three coordinates, root mean square over the photos); `scale_sd` of
+    lengths among the cameras, as a share.
+    """
+
+    position_sd_mm: float
+    scale_sd: float
 
 
 TiedBy = Literal["markers", "gnss", "fruits"]
@@ -73,12 +88,17 @@ class ScaleReport:
     tied_pieces: int = 0
     notes: tuple[str, ...] = ()
     ties: tuple[SideTie, ...] = ()
+    accuracy: Accuracy | None = None
 
     @property
     def markers_rms_mm(self) -> float:
         """Root mean square residual of the markers used, in millimetres; NaN where none has a known place."""
-        residuals = np.array([m.residual_mm for m in self.markers if m.used and np.isfinite(m.residual_mm)])
-        return float(np.sqrt((residuals**2).mean())) if len(residuals) else float("nan")
+        return _rms([marker.residual_mm for marker in self.markers if marker.used])
+
+    @property
+    def left_out_rms_mm(self) -> float:
+        """Root mean square of how far markers are seen from their places when left out one by one; NaN without."""
+        return _rms(list({m.marker_id: m.left_out_mm for m in self.markers if m.used}.values()))
 
     @property
     def sides_are_tied(self) -> bool:
@@ -93,3 +113,8 @@ class Placed:
     cameras: Cameras
     lost: tuple[Unregistered, ...] = ()
     report: ScaleReport = ScaleReport()
+
+
+def _rms(values: Sequence[float]) -> float:
+    finite = np.array([value for value in values if np.isfinite(value)])
+    return float(np.sqrt((finite**2).mean())) if len(finite) else float("nan")

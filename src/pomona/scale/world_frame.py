@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pomona.adjustment.lenses import credible_focals
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import SurveyDetections
@@ -13,6 +14,7 @@ from pomona.errors import ReconstructionError
 from pomona.geometry import Similarity
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
+from pomona.scale.accuracy import MOST_ASSESSED, free_center_sds, warn_of_vague_places
 from pomona.scale.fruit_size import scale_by_fruit_size
 from pomona.scale.gnss import place_by_gnss
 from pomona.scale.marker_table import read_markers
@@ -64,9 +66,23 @@ def place_in_world(
         frame = place_by_gnss(placement, photos, options)
     scale_by_fruit_size(placement, detections, options)
     _scale_by_distance(placement)
+    _assess_places(placement, photos, options)
     if find_fruits is not None:
         align_sides(placement, frame, find_fruits, least_common=options.least_common_fruits)
     return _assemble(placement, frame, options)
+
+
+def _assess_places(placement: Placement, photos: Photos, options: ScaleOptions) -> None:
+    """Warn of photos whose places beside the others are vague, in pieces that were not adjusted on markers."""
+    for idx, piece in enumerate(placement.pieces):
+        cameras = piece.cameras
+        in_metres = idx in placement.scales and placement.scales[idx].source != "none"
+        if not in_metres or set(cameras.photos) <= placement.assessed:
+            continue
+        if len(cameras) > MOST_ASSESSED or not len(cameras.track_point_idx):
+            continue
+        sds_m = placement.metres_per_unit[idx] * free_center_sds(cameras, credible_focals(cameras, photos.by_name()))
+        warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
 
 
 def _scale_by_distance(placement: Placement) -> None:
@@ -132,6 +148,7 @@ def _assemble(placement: Placement, frame: WorldFrame | None, options: ScaleOpti
         tied_pieces=len(placement.in_world),
         notes=tuple(placement.notes),
         ties=tuple(placement.ties),
+        accuracy=placement.accuracy,
     )
     return Placed(concatenate(parts, frame), tuple(lost), report)
 

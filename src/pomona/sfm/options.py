@@ -25,6 +25,8 @@ class SfmOptions:
     `enough_tracks`: mapping uses about so many points of each photo where there are more.
     `min_matches`: fewer verified matches than this do not make two photos overlap.
     `min_piece_photos`: smaller pieces of a broken reconstruction are not to be trusted, and dropped.
+    `least_points`: photos that see fewer points of their piece than this have no place: six degrees of freedom need
+    three points, and some of them are wrong.
     `least_explained`: pieces whose cameras explain a smaller share of their photos' matches are accidents, and dropped.
     `first_pair_angle_deg`: least angle of rays for the pair that incremental mapping starts from. COLMAP's default is
     16; photos taken at short steps along a row, or frames of a video, seldom match foliage under such an angle.
@@ -46,6 +48,7 @@ class SfmOptions:
     enough_tracks: int = 1000
     min_matches: int = 20
     min_piece_photos: int = 3
+    least_points: int = 12
     least_explained: float = 0.3
     first_pair_angle_deg: float = 6.0
     least_known_points: int = 15
@@ -64,6 +67,7 @@ class SfmOptions:
             "min_matches": 8,
             "min_piece_photos": 3,
             "least_known_points": 6,
+            "least_points": 3,
         }
         for field in fields(self):
             value = getattr(self, field.name)

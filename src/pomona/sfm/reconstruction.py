@@ -29,7 +29,7 @@ from pomona.sfm.options import SfmOptions
 from pomona.sfm.pairs import candidate_pairs
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.sfm.seams import parted
-from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support
+from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support, well_held
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
@@ -149,6 +149,7 @@ def _map(
         models = read_models(folder, workspace.cameras, workspace.colours)
         mapped |= {int(photo) for model in models for photo in model.photo_idx}
         models = distinct(models, workspace.options.min_piece_photos)
+        models = well_held(models, workspace.options.least_points, workspace.options.min_piece_photos)
         models = _held_together(models, overlaps, keypoints, workspace.options)
         shares = explained(models, overlaps, keypoints)
         models = credible(models, overlaps, shares, workspace.options.least_explained)

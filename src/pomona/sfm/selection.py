@@ -66,6 +66,20 @@ def distinct(models: Sequence[Model], least_photos: int) -> list[Model]:
     return sorted(kept, key=lambda m: -len(m.photo_idx))
 
 
+def well_held(models: Sequence[Model], least_points: int, least_photos: int) -> list[Model]:
+    """Return the models without the photos that see fewer than `least_points` points, which hold them nowhere."""
+    kept: list[Model] = []
+    for model in models:
+        while True:
+            points = np.bincount(model.cameras.track_photo_idx, minlength=len(model.photo_idx))
+            if points.min(initial=least_points) >= least_points or len(model.photo_idx) < least_photos:
+                break
+            model = take(model, points >= least_points)
+        if len(model.photo_idx) >= least_photos:
+            kept.append(model)
+    return kept
+
+
 def credible(
     models: Sequence[Model], overlaps: Sequence[Overlap], shares: FloatArray, least_explained: float
 ) -> list[Model]:

@@ -78,7 +78,7 @@ def _reason(
     if blurred:
         return f"{soft}: at most {count} matches, with {name}", _SHARPER
     if i in evidence.dropped:
-        return "it could be placed with too few other photos only, and not beside the rest", _CLOSER
+        return "it could be placed by too few points, or with too few other photos only, not beside the rest", _CLOSER
     if not known:
         others = ", ".join(evidence.photos[j].name for j in sorted(partners)[:3])
         return f"it overlaps only with photos that have no place either ({others})", _CLOSER

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pomona.cameras import WorldFrame
-from pomona.scale.report import MarkerResidual, PieceScale, ScaleReport, SideTie
+from pomona.scale.report import Accuracy, MarkerResidual, PieceScale, ScaleReport, SideTie
 from pomona.sfm.pieces import Unregistered
 
 
@@ -34,6 +34,7 @@ def scale_report_from(values: Mapping[str, Any]) -> ScaleReport:
         tied_pieces=int(values["tied_pieces"]),
         notes=tuple(values["notes"]),
         ties=tuple(SideTie(**_nan(entry)) for entry in values["ties"]),
+        accuracy=Accuracy(**_nan(values["accuracy"])) if values["accuracy"] else None,
     )
 
 
