@@ -51,13 +51,17 @@ def samples(tmp_path: Path) -> list[Sample]:
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An untrained network proposes a thousand fruits and finds hundreds, which takes seconds."""
+    """An untrained network proposes a thousand fruits and finds hundreds, and two thirds of its weights are in one head
+    of boxes: that takes seconds."""
     build = detectors.build_mask_rcnn
 
     def small(arch: str, classes: int) -> Any:
+        faster_rcnn = torchvision.models.detection.faster_rcnn
         network = build(arch, classes)
         network.rpn._post_nms_top_n = {"training": 50, "testing": 50}
         network.roi_heads.detections_per_img = 8
+        network.roi_heads.box_head = faster_rcnn.TwoMLPHead(256 * 7 * 7, 64)
+        network.roi_heads.box_predictor = faster_rcnn.FastRCNNPredictor(64, classes)
         return network
 
     monkeypatch.setattr(detectors, "build_mask_rcnn", small)
