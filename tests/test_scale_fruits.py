@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -230,6 +231,29 @@ def test_markers_leave_little_which_fruits_make_less() -> None:
     (tie,) = placement.ties
     assert tie.tied_by == "markers"
     assert 0 < tie.moved_mm < 30
+
+
+@pytest.mark.parametrize(("ratio", "named"), [(1.0, 0), (1.02, 0), (1.06, 1)])
+@pytest.mark.parametrize("source", ["markers", "fruit-diameter"])
+def test_sides_whose_fruits_differ_in_size_are_named(ratio: float, named: int, source: str) -> None:
+    placement = both_in_metres(source)
+    placement.in_world = {0: EAST, 1: WEST}
+    for idx in (0, 1):
+        placement.set_scale(idx, source, 1.0, rms_mm=5.0)  # type: ignore[arg-type]
+    of_row = finder(fruits_on_a_row(90, 2.0), {"east": 0.6, "west": 0.6})
+
+    def find(cameras: Cameras) -> Fruits:
+        found = of_row(cameras)
+        scatter = np.random.default_rng(len(found)).normal(1, 0.06, len(found))
+        larger = ratio if cameras.photos[0].startswith("west") else 1.0
+        return replace(found, diameters_m=DIAMETER_M * larger * scatter)
+
+    align_sides(placement, WorldFrame("markers", False, True), find)
+    warnings = [note for note in placement.notes if "the scale of one of them is off by about" in note]
+    # A scale that comes from the fruits says nothing about their size.
+    assert len(warnings) == (named if source == "markers" else 0)
+    said = r"Side east has fruits of [\d.]+ mm, Side west of [\d.]+ mm \(medians\): .* off by about [4-8] %"
+    assert all(re.match(said, warning) for warning in warnings)
 
 
 def test_the_stage_tells_of_ties_and_no_longer_of_sides_apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

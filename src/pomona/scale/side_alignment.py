@@ -27,16 +27,19 @@ _ROUNDS = 3
 _ROBUST_ROUNDS, _TAIL = 8, 2.0
 # Two centres are of one fruit where they are nearer than this many diameters.
 _SAME_FRUIT = 0.5
+# Fruits of two pieces have different sizes beyond this share and so many standard deviations.
+_SAME_SIZE, _CONTRADICTION = 0.03, 4.0
 _SOURCES = ("markers", "scale-bar", "gnss", "fruit-diameter")  # of metres, the best first
 
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """A piece in metres, level: its fruits' centres (n, 3) and their usual diameter."""
+    """A piece in metres, level: its fruits' centres (n, 3), their usual diameter, and how well that is known."""
 
     cameras: Cameras
     centers: FloatArray
     diameter_m: float
+    diameter_sd_m: float = float("nan")
 
     @property
     def sight(self) -> FloatArray:
@@ -49,6 +52,7 @@ class _Side:
             self.cameras.transformed(target_from_world),
             target_from_world.apply(self.centers),
             self.diameter_m * target_from_world.scale,
+            self.diameter_sd_m * target_from_world.scale,
         )
 
 
@@ -69,6 +73,7 @@ def align_sides(
     for idx in metric:
         sides[idx] = _side(placement, idx, find_fruits)
         placement.progress.advance()
+    _warn_of_sizes(placement, sides)
     exact = frame is not None and frame.scale_source == "markers"
     fixed = [i for i in metric if i in placement.in_world] if exact else []
     if exact:
@@ -89,8 +94,28 @@ def _side(placement: Placement, idx: int, find_fruits: FindFruits) -> _Side:
         cameras = piece.transformed(Similarity(placement.metres_per_unit[idx], np.eye(3), np.zeros(3)))
         cameras = cameras.transformed(row_frame(cameras))
     fruits = find_fruits(cameras.transformed(Similarity.identity(), WorldFrame(placement.scales[idx].source)))
-    diameter_m = float(np.median(fruits.diameters_m)) if len(fruits) else float("nan")
-    return _Side(cameras, fruits.centers_in_world, diameter_m)
+    if not len(fruits):
+        return _Side(cameras, fruits.centers_in_world, float("nan"))
+    diameter_m = float(np.median(fruits.diameters_m))
+    # The median of n values is known to 1.25 of their standard deviations over the root of n.
+    sd_m = 1.2533 * _spread(fruits.diameters_m) / np.sqrt(len(fruits))
+    return _Side(cameras, fruits.centers_in_world, diameter_m, sd_m)
+
+
+def _warn_of_sizes(placement: Placement, sides: dict[int, _Side]) -> None:
+    """Warn where pieces with metres of their own have fruits of different size: one of their scales is wrong."""
+    measured = [i for i in sides if placement.scales[i].source != "fruit-diameter" and len(sides[i].centers)]
+    for i, j in combinations(measured, 2):
+        one, other = sides[i], sides[j]
+        ratio = one.diameter_m / other.diameter_m
+        sd = np.hypot(one.diameter_sd_m / one.diameter_m, other.diameter_sd_m / other.diameter_m)
+        if abs(np.log(ratio)) > max(_SAME_SIZE, _CONTRADICTION * sd):
+            placement.warn(
+                f"{placement.name(i)} has fruits of {1000 * one.diameter_m:.1f} mm, {placement.name(j)} of "
+                f"{1000 * other.diameter_m:.1f} mm (medians): the scale of one of them is off by about "
+                f"{100 * abs(ratio - 1):.0f} %, if the fruits are alike. Check the markers that each sees, and whether "
+                "its photos were cropped or zoomed"
+            )
 
 
 def _meet_halfway(placement: Placement, tied: Sequence[int], sides: dict[int, _Side], least_common: int) -> None:
