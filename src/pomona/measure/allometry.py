@@ -79,7 +79,7 @@ STORY_APPLES = Allometry(
     scatter=0.1204,
     weight_sd=0.0236,
     exponent_sd=0.286,
-    source="26 Story apples, 58 to 83 mm, weighed and measured with callipers",
+    source="26 Story apples",
 )
 """Fitted to the table of GRAP-UdL-AT/ak_sw_benchmarker (MIT licence); a test fits it again."""
 
@@ -96,7 +96,7 @@ def allometry_of_kind(kind: FruitKind) -> Allometry:
         scatter=_PRESET_SD,
         weight_sd=_PRESET_SHARED_SD,
         exponent_sd=0.0,
-        source=f"usual density and shape of {kind.plural}, not measured for Pomona",
+        source=f"the usual shape and density of {kind.plural}",
     )
 
 

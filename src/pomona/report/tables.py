@@ -29,7 +29,7 @@ def trees_table(data: ReportData) -> str:
     if on_none:
         rows.append(("none", str(on_none), "", "", "", ""))
     heads = ("tree", data.fruit_words, "95 %", "median diameter mm", "weight kg", "95 %")
-    note = "<p>Intervals are of what photos show: hidden fruits are not in them.</p>"
+    note = "<p><small>Intervals are of what photos show: hidden fruits are not in them.</small></p>"
     return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}{note}</div>'
 
 

@@ -56,11 +56,10 @@ def _weight(data: ReportData) -> str:
     if total is None:
         return ""
     digits = 1 if total.kg < 100 else 0
-    span = f"{total.low_kg:,.{digits}f} to {total.high_kg:,.{digits}f} kg (95 %) for the fruits found"
-    unweighed = len(data.fruits) - total.weighed
-    parts = [span, f"{total.mean_g:.0f} g each", f"by {total.source}"]
-    if unweighed:
-        parts.append(f"{unweighed:,} not measured, taken as the others")
+    parts = [f"{total.low_kg:,.{digits}f} to {total.high_kg:,.{digits}f} kg (95 %)"]
+    parts.append(f"{total.mean_g:.0f} g each by {total.source}")
+    if unweighed := len(data.fruits) - total.weighed:
+        parts.append(f"{unweighed:,} not measured")
     return _card("Weight", f"{total.kg:,.{digits}f} <small>kg</small>", escape(", ".join(parts)))
 
 
