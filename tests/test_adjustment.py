@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.adjustment.bundle import adjust, feature_noise_px
+from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px
 from pomona.adjustment.lenses import frames_of, known_focals, lens_votes, lenses_apart, share_lenses
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
@@ -169,6 +169,14 @@ def test_photos_that_few_points_hold_lose_their_place() -> None:
     assert kept.photo_idx.tolist() == [0, 1, 2, 4, 5, 6, 7]
     assert [len(m.photo_idx) for m in well_held([model], 11, 3)] == [8]
     assert well_held([model], 12, 8) == []
+
+
+def test_one_weak_photo_does_not_keep_a_piece_from_being_adjusted() -> None:
+    weak = EAST.track_photo_idx != 3
+    tracks = {name: getattr(EAST, name) for name in ("track_point_idx", "track_photo_idx", "track_xy_px")}
+    assert can_be_adjusted(EAST)
+    assert can_be_adjusted(replace(EAST, **{name: track[weak] for name, track in tracks.items()}))
+    assert not can_be_adjusted(replace(EAST, **{name: track[:0] for name, track in tracks.items()}))
 
 
 def test_photos_are_in_one_frame_where_points_connect_them() -> None:

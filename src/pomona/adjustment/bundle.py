@@ -53,13 +53,13 @@ class KnownPoint:
 
 
 def can_be_adjusted(cameras: Cameras) -> bool:
-    """Say whether every photo sees scene points enough to hold it.
+    """Say whether most photos see scene points enough to hold them.
 
     Where cameras come without points, as exact ones of another program do, markers alone hold each photo by what it
     sees of them, and their noise would bend what was right: such cameras are moved as a whole only.
     """
     points = np.bincount(cameras.track_photo_idx, minlength=len(cameras))
-    return bool(len(points) and points.min() >= _LEAST_POINTS)
+    return bool(len(points) and np.median(points) >= _LEAST_POINTS)
 
 
 def adjust(
