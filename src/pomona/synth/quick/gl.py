@@ -134,8 +134,8 @@ class Painter:
         for unit, texture in enumerate((*layers, behind, self._sky, sun)):
             texture.use(unit)
         self._square.render(moderngl.TRIANGLE_STRIP)
-        # A pixel at the very edge of a triangle may have no normal, thus no light; it must not blacken the exposure.
-        light = np.nan_to_num(np.frombuffer(result.read(), np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+        # At the very edge of a triangle, colours and normals are extrapolated: light may come out below 0, or none.
+        light = np.maximum(np.nan_to_num(np.frombuffer(result.read(), np.float32), nan=0.0, posinf=0.0), 0)
         light = light.reshape(*size[::-1], 4)[::-1, :, :3]
         ids = np.frombuffer(layers[0].read(), np.float32).reshape(*size[::-1], 4)[::-1, :, 3]
         for thing in (*layers, depth, frame, behind, result, picture, sun):
