@@ -76,7 +76,8 @@ def named_photos(warnings: Sequence[str], photos: Sequence[str], sides: Sequence
         for first, last in re.findall(r"(\S+?) (?:to|–) (\S+?\.jpg)", text):
             ends = [i for i, name in enumerate(photos) if name in (first, f"{first}.jpg", last)]
             found |= set(photos[ends[0] : ends[-1] + 1]) if len(ends) > 1 else set()
-        found |= {name for name, side in zip(photos, sides, strict=True) if side and f"ide {side}" in text}
+        if "was left out" not in text:  # that says something of a marker, nothing of the photos
+            found |= {name for name, side in zip(photos, sides, strict=True) if side and f"ide {side}" in text}
     return found
 
 
