@@ -233,6 +233,43 @@ def test_markers_leave_little_which_fruits_make_less() -> None:
     assert 0 < tie.moved_mm < 30
 
 
+@pytest.mark.parametrize(
+    ("off_m", "named"), [((0.0, 0.0, 0.0), 0), ((0.006, 0.0, -0.004), 0), ((0.15, 0.0, 0.0), 1), ((0.1, -0.05, 0.1), 1)]
+)
+@pytest.mark.parametrize("of_one_side", [False, True])
+def test_markers_that_were_moved_between_sides_are_found_by_the_fruits(
+    off_m: tuple[float, float, float], named: int, of_one_side: bool
+) -> None:
+    placement = both_in_metres("markers")
+    if of_one_side:  # two pieces of it
+        placement.pieces = [replace(piece, side="row") for piece in placement.pieces]
+    placement.in_world = {0: EAST, 1: WEST.transformed(Similarity(1.0, np.eye(3), np.array(off_m)))}
+    placement.metres_per_unit = {0: 1.0, 1: 1.0}
+    for idx in (0, 1):
+        placement.set_scale(idx, "markers", 1.0, rms_mm=1.0)
+    align_sides(placement, WorldFrame("markers", False, True), finder(fruits_on_a_row(90, 2.0), {
+        "east": 0.6, "west": 0.6}))  # fmt: skip
+    notes = [note for note in placement.notes if "were moved between the sides" in note]
+    assert len(notes) == named
+    if named:
+        apart_mm = float(re.search(r"fruits in common, (\d+) mm apart", notes[0])[1])  # type: ignore[index]
+        assert apart_mm == pytest.approx(1000 * np.linalg.norm(off_m), abs=25)
+
+
+def test_sides_on_markers_that_share_no_fruit_are_not_said_to_be_apart() -> None:
+    placement = both_in_metres("markers")
+    placement.in_world = {0: EAST, 1: WEST}
+    for idx in (0, 1):
+        placement.set_scale(idx, "markers", 1.0, rms_mm=1.0)
+    rows = {"east": fruits_on_a_row(90, 2.1, seed=1), "west": fruits_on_a_row(90, 2.1, seed=2)}
+
+    def find(cameras: Cameras) -> Fruits:
+        return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
+
+    align_sides(placement, WorldFrame("markers", False, True), find)
+    assert not [note for note in placement.notes if "were moved between the sides" in note]
+
+
 @pytest.mark.parametrize(("ratio", "named"), [(1.0, 0), (1.02, 0), (1.06, 1)])
 @pytest.mark.parametrize("source", ["markers", "fruit-diameter"])
 def test_sides_whose_fruits_differ_in_size_are_named(ratio: float, named: int, source: str) -> None:

@@ -77,7 +77,9 @@ def align_sides(
     exact = frame is not None and frame.scale_source == "markers"
     fixed = [i for i in metric if i in placement.in_world] if exact else []
     if exact:
-        _meet_halfway(placement, [i for i in fixed if len(sides[i].centers)], sides, least_common)
+        with_fruits = [i for i in fixed if len(sides[i].centers)]
+        _meet_halfway(placement, with_fruits, sides, least_common)
+        _warn_of_places(placement, with_fruits, sides, least_common)
     else:
         scales = placement.scales
         fixed = [min(metric, key=lambda i: (_SOURCES.index(scales[i].source), -len(placement.pieces[i].cameras)))]
@@ -137,6 +139,32 @@ def _meet_halfway(placement: Placement, tied: Sequence[int], sides: dict[int, _S
             placement.ties.append(_tie(placement, i, j, "markers", sides, moved_m))
     for idx in tied:
         placement.in_world[idx] = sides[idx].cameras
+
+
+def _warn_of_places(placement: Placement, tied: Sequence[int], sides: dict[int, _Side], least_common: int) -> None:
+    """Warn where pieces that the markers brought together have the same fruits, but at different places.
+
+    Each piece may fit its own markers well: of some that were moved between the sides, residuals tell nothing.
+    """
+    for i, j in combinations(tied, 2):
+        one, other = sides[i], sides[j]
+        if _correspondences(one, other, least_common) is not None:
+            continue
+        found = register(one.centers, other.centers, one.diameter_m, least_common=least_common)
+        if found is None:
+            continue
+        moved_m = _moved_m(one, one.moved(found.target_from_source))
+        if moved_m > _SAME_FRUIT * one.diameter_m:
+            placement.warn(
+                f"{_named(placement, i)} and {_named(placement, j)} have {len(found.pairs)} fruits in common, "
+                f"{1000 * moved_m:.0f} mm apart: the markers that one of them sees are not where the table has them, "
+                "or were moved between the sides. Measure them again; until then fruits seen from both count twice"
+            )
+
+
+def _named(placement: Placement, idx: int) -> str:
+    photos = placement.pieces[idx].cameras.photos
+    return f"{placement.name(idx)} ({photos[0]} to {photos[-1]})"
 
 
 def _register_to(
