@@ -98,6 +98,13 @@ def test_fruits_near_the_middle_of_two_trunks_are_flagged() -> None:
     assert placed.other_tree_ids.tolist() == [0, 9, 4, 0, 0, 0]
 
 
+def test_fruits_above_each_other_are_no_row() -> None:
+    centers = np.array([[1.0, 2.0, 0.5], [1.0, 2.0, 1.5], [1.0, 2.0, 2.5]])
+    fruits = Fruits(np.arange(1, 4), centers, np.full(3, 0.07), np.ones(3), np.full(3, 3))
+    for options in (PlantingOptions(), PlantingOptions(spacing_m=1.0)):
+        assert find_trunks(fruits, options).source == "none"
+
+
 def test_one_tree_has_all_fruits() -> None:
     fruits, _ = row(1, 1.0)
     placed = on_trees(fruits, Trunks(np.array([3]), np.array([[100.0, -50.0]])))

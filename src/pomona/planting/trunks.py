@@ -36,6 +36,8 @@ def find_trunks(fruits: Fruits, options: PlantingOptions | None = None, progress
     if len(fruits) < 2:
         return Trunks.unknown()
     row = _Row.of(fruits.centers_in_world)
+    if row.length_m == 0:
+        return Trunks.unknown()
     if options.spacing_m is not None:
         _compare(row, options.spacing_m, options, progress)
         return row.trunks(options.spacing_m, "spacing")
