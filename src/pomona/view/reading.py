@@ -7,11 +7,13 @@ from pathlib import Path
 from pomona import __version__
 from pomona.fruit_kinds import many_of
 from pomona.fruits import FruitCloud, TotalWeight
+from pomona.measure.allometry import STORY_APPLES
+from pomona.planting.summary import trees_of
 from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.reader import SurveyReader
-from pomona.trees import Trees
+from pomona.trees import Trees, Trunks
 from pomona.view.masks import MasksByPhoto
 
 
@@ -48,13 +50,20 @@ def page_data(survey: SurveyReader) -> ReportData:
         corrections=_corrections(results),
         lost=survey.unplaced,
         scale=survey.scale,
-        trees=survey.trees if files.trees.is_file() else Trees.empty(),
+        trees=_trees(survey),
         fruit_words=many_of((files.get("options") or {}).get("fruit")),
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(files.get("warnings", ())),
         version=__version__,
     )
+
+
+def _trees(survey: SurveyReader) -> Trees:
+    """The table of trees; of a survey that has none, the trees that its fruits name, which stand below them."""
+    if survey.files.trees.is_file():
+        return survey.trees
+    return trees_of(survey.fruits, Trunks.unknown(), STORY_APPLES)
 
 
 def _corrections(record: StageRecord | None) -> int:
