@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
@@ -42,14 +43,12 @@ def find_trunks(fruits: Fruits, options: PlantingOptions | None = None, progress
         _compare(row, options.spacing_m, options, progress)
         return row.trunks(options.spacing_m, "spacing")
     best = row.best_spacing(options)
-    if best is None or row.chance(best) * len(row.spacings(options)) > options.chance:
-        return Trunks.unknown()
-    return row.trunks(best, "fruits")
+    return Trunks.unknown() if best is None else row.trunks(best, "fruits")
 
 
 def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions) -> Trunks:
     if len(fruits):
-        away = np.linalg.norm(fruits.centers_in_world[:, None, :2] - trunks.xy_in_world, axis=2).min(axis=1)
+        away = np.asarray(cKDTree(trunks.xy_in_world).query(fruits.centers_in_world[:, :2])[0])
         if away.min() > options.longest_m:
             raise FormatError(
                 f"{options.trees}: expected trunks in the survey's frame, near its fruits; found the nearest "
@@ -61,7 +60,7 @@ def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions) -> Trunks:
 def _compare(row: _Row, spacing_m: float, options: PlantingOptions, progress: Progress) -> None:
     """Warn where fruits contradict the distance that was given."""
     best = row.best_spacing(options)
-    if best is None or row.chance(best) * len(row.spacings(options)) > options.chance:
+    if best is None:
         return
     off_in_all = abs(row.length_m / best - row.length_m / spacing_m)
     if off_in_all > 0.5 and row.gathered(best) > _CLEARLY * row.gathered(spacing_m):
@@ -119,11 +118,12 @@ class _Row:
         return self.length_m / np.arange(fewest, most, 1 / _TRIED_A_PERIOD)
 
     def best_spacing(self, options: PlantingOptions) -> float | None:
-        """Return the distance at which fruits gather most; None in a row too short for any."""
+        """Return the distance at which fruits gather most; None where that may be chance, or in too short a row."""
         tried = self.spacings(options)
         if not len(tried):
             return None
-        return float(tried[np.argmax([self.gathered(s) for s in tried])])
+        best = float(tried[np.argmax([self.gathered(s) for s in tried])])
+        return best if self.chance(best) * len(tried) <= options.chance else None
 
     def trunks(self, spacing_m: float, source: str) -> Trunks:
         """Return trunks at this distance along the whole row, numbered from 1."""
