@@ -181,4 +181,9 @@ def test_one_weak_photo_does_not_keep_a_piece_from_being_adjusted() -> None:
 
 def test_photos_are_in_one_frame_where_points_connect_them() -> None:
     assert frames_of(concatenate([EAST, WEST], WorldFrame())).tolist() == [0] * 8 + [1] * 8
-    assert feature_noise_px(EAST) == pytest.approx(NOISE_PX, rel=0.1)
+
+
+def test_noise_of_features_is_what_it_was_before_points_were_fitted_to_it() -> None:
+    adjusted = adjust(EAST, noise_px=NOISE_PX)
+    assert adjusted is not None
+    assert feature_noise_px(adjusted) == pytest.approx(NOISE_PX, rel=0.1)

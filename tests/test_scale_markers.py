@@ -10,11 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.geometry import estimate_similarity, robust_similarity
+from pomona.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.progress import Silent
@@ -22,6 +23,7 @@ from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.accuracy import free_center_sds, warn_of_vague_places
 from pomona.scale.aruco import find_markers
 from pomona.scale.marker_table import read_markers
+from pomona.scale.markers import MarkerFit, fit_markers
 from pomona.scale.placement import Placement
 from pomona.scale.triangulation import triangulate
 from pomona.sfm import Piece, Reconstruction
@@ -174,6 +176,32 @@ def test_photos_that_few_points_hold_are_named() -> None:
     warn_of_vague_places(placement, loose.photos, sds_m, fruit_diameter_m=0.075)
     (note,) = placement.notes
     assert note.startswith("The places of 1 photos are uncertain: west/007.jpg (±")
+
+
+def test_a_marker_that_one_photo_sees_says_how_a_piece_is_turned_about_the_line_of_two() -> None:
+    # The row leans by 5 degrees about the line of markers 0 and 1, which people who hold cameras level do not show.
+    axis = np.subtract(PLACES[1], PLACES[0]) / np.linalg.norm(np.subtract(PLACES[1], PLACES[0]))
+    lean = Rotation.from_rotvec(np.radians(5) * axis).as_matrix()
+    leaning = Similarity(1.0, lean, PLACES[0] - lean @ PLACES[0])
+    places = {i: leaning.apply(np.array([PLACES[i]]))[0] for i in (0, 1, 2)}
+    two = sighted([EAST], {i: PLACES[i] for i in (0, 1)})
+    once = sighted([EAST], {2: PLACES[2]})[:1]
+    held, fixed = (fit_markers(EAST, seen, places) for seen in (two, two + once))
+    assert isinstance(held, MarkerFit)
+    assert isinstance(fixed, MarkerFit)
+    true = leaning.apply(EAST.centers_in_world)
+    held_m, fixed_m = (np.abs(f.world_from_piece.apply(EAST.centers_in_world) - true).max() for f in (held, fixed))
+    assert not held.up_is_known
+    assert held_m > 0.1
+    assert fixed.up_is_known
+    assert fixed.seen_once == tuple(once)
+    assert 0 < fixed_m < 0.02
+    # Seen elsewhere than where the table has it by any turn about the line, it says nothing.
+    astray = [replace(once[0], corners_px=np.add(once[0].corners_px, [40.0, -26.0]))]
+    unheeded = fit_markers(EAST, two + astray, places)
+    assert isinstance(unheeded, MarkerFit)
+    assert not unheeded.up_is_known
+    assert unheeded.unused == {2: "seen in one photo only"}
 
 
 def test_a_table_of_another_row_is_refused_by_the_photos(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import bsr_array, csr_array, hstack
 
+from pomona.adjustment.bundle import TAIL
 from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.intrinsics import Intrinsics
@@ -141,7 +142,7 @@ def focal_sds(cameras: Cameras, weights: Weights) -> FloatArray:
 
 
 def covariance(cameras: Cameras, weights: Weights) -> Covariance:
-    """Return how uncertain adjusted cameras are; the wrong observations among their tracks count little (soft L1)."""
+    """Return how uncertain adjusted cameras are; the wrong observations among their tracks count little (Cauchy)."""
     normal, gauge = _normal_equations(cameras, weights)
     n, size = len(cameras), len(normal)
     centers = (6 * np.arange(n)[:, None] + [3, 4, 5]).ravel()
@@ -217,8 +218,10 @@ def _design(cameras: Cameras, weights: Weights) -> tuple[csr_array, csr_array]:
     for i in range(len(cameras)):
         here = np.flatnonzero(cameras.track_photo_idx == i)
         of_photo, of_lens, of_point, off_px = _derivatives(cameras, i, here)
-        loss = (1 + (off_px**2).sum(1)) ** -0.25  # the root of the weight of soft L1 with a scale of one pixel
-        weight = (loss / np.asarray(weights.track_sds_px)[here])[:, None, None]
+        sds_px = np.asarray(weights.track_sds_px)[here]
+        loss = (1 + (off_px**2).sum(1) / (TAIL * sds_px) ** 2) ** -0.5  # the root of the weight in the adjustment
+        loss[np.isin(cameras.track_point_idx[here], weights.known_idx)] = 1.0  # as `left_out` takes them
+        weight = (loss / sds_px)[:, None, None]
         start = starts[cameras.intrinsics_idx[i]]
         both = np.concatenate([of_photo, of_lens], axis=2) * weight
         column = np.concatenate([6 * i + np.arange(6), start + np.arange(of_lens.shape[2])])

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from pomona.adjustment.bundle import KnownPoint, feature_noise_px
 from pomona.adjustment.lenses import frames_of
@@ -18,14 +19,17 @@ from pomona.scale.report import Accuracy
 MOST_ASSESSED = 1500
 """The normal equations of more photos than this take gigabytes."""
 
-# A photo whose place is vaguer than this, and a marker seen farther than this from where the others have it, are told
-# of: in diameters of a fruit. Two fruits side by side become one, and a fruit two, from about the first on.
-_VAGUE_PLACE, _WRONG_MARKER = 0.4, 0.2
-# A marker that is half as far off is told of, too, where that is more than so many standard deviations.
-_CONTRADICTION = 2.5
+# A photo that may be farther off than this is told of (in fruit diameters), and lengths that may be off by more than
+# this share. From 0.4 on, two fruits side by side become one, and a fruit two.
+_VAGUE_PLACE, _VAGUE_SCALE = 0.4, 0.01
+# What 95 % of errors are below, in standard deviations: of a length, and of a place (all three directions together).
+_SURE, _SURE_PLACE = 2.0, 1.61
+# A marker that is seen farther than this (in fruit diameters) from where the others have it is told of, where that is
+# more than two standard deviations; and one half as far off, where chance would do that in less than one survey of ten.
+_WRONG_MARKER, _CHANCE = 0.2, 0.1
 # Markers are measured to this by tape: where the adjustment finds their places worse, something is wrong with one.
 _MEASURED_SD_M = 0.003
-# More names than this are not read.
+# More photos of one marker than this are not read.
 _MOST_NAMES = 6
 
 
@@ -60,7 +64,9 @@ def assess(
     measured = replace(weights, known_sds_m=np.minimum(weights.known_sds_m, _MEASURED_SD_M))
     checked = left_out(seeing, measured, covariance(seeing, measured))
     offsets_mm = 1000 * np.linalg.norm(checked.offsets_m, axis=1)
-    markers = [LeftOutMarker(*entry) for entry in zip(known, offsets_mm, checked.contradictions, strict=True)]
+    entries = zip(known.items(), offsets_mm, checked.contradictions, strict=True)
+    # One photo alone does not tell where a marker is.
+    markers = [LeftOutMarker(i, mm, sds) for (i, marker), mm, sds in entries if len(set(marker.photo_idx)) > 1]
     return Assessment(_accuracy(cameras, found), found.center_sds, tuple(markers))
 
 
@@ -118,16 +124,31 @@ def _shares(focals: Sequence[tuple[float, float] | None]) -> FloatArray:
 def warn_of_vague_places(
     placement: Placement, photos: Sequence[str], center_sds_m: FloatArray, fruit_diameter_m: float
 ) -> None:
-    """Name the photos (n,) whose places are uncertain, and say what to do."""
-    vague = np.flatnonzero(~(center_sds_m < _VAGUE_PLACE * fruit_diameter_m))
+    """Name all photos (n,) whose places are uncertain, and say what to do."""
+    vague = np.flatnonzero(~(_SURE_PLACE * center_sds_m < _VAGUE_PLACE * fruit_diameter_m))
     if not len(vague):
         return
-    worst = vague[np.argsort(-center_sds_m[vague])]
-    listed = ", ".join(f"{photos[i]} (± {1000 * center_sds_m[i]:.0f} mm)" for i in worst[:_MOST_NAMES])
-    more = f" and {len(vague) - _MOST_NAMES} more" if len(vague) > _MOST_NAMES else ""
+    runs = np.split(vague, np.flatnonzero(np.diff(vague) > 1) + 1)
+    listed = ", ".join(_run_of_photos([photos[i] for i in run], 1000 * center_sds_m[run]) for run in runs)
     placement.warn(
-        f"The places of {len(vague)} photos are uncertain: {listed}{more}. Few points hold them: take photos at "
+        f"The places of {len(vague)} photos are uncertain: {listed}. Few points hold them: take photos at "
         "shorter steps there, or set up markers that they see"
+    )
+
+
+def _run_of_photos(names: Sequence[str], sds_mm: FloatArray) -> str:
+    """Photos in a row, with how uncertain the worst of them is."""
+    ends = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    return f"{ends} (± {sds_mm.max():.0f} mm)"
+
+
+def warn_of_vague_scale(placement: Placement, accuracy: Accuracy) -> None:
+    """Say that lengths are uncertain, and what to do."""
+    if _SURE * accuracy.scale_sd < _VAGUE_SCALE:
+        return
+    placement.warn(
+        f"The scale is uncertain (± {100 * accuracy.scale_sd:.1f} %), and with it the fruits' sizes: set up more "
+        "markers, farther from each other, that more photos see"
     )
 
 
@@ -140,10 +161,13 @@ def warn_of_marker(
 ) -> None:
     """Name the marker that contradicts the others most, and the photos that see it, and say what to do."""
     most_mm = 1000 * _WRONG_MARKER * fruit_diameter_m
+    # Each marker has three directions to deviate in, either way.
+    no_chance = float(norm.isf(_CHANCE / (2 * 3 * max(len(checked), 1))))
     wrong = [
         marker
         for marker in checked
-        if marker.offset_mm > (0.5 if marker.deviations > _CONTRADICTION else 1.0) * most_mm
+        if (marker.offset_mm > most_mm and marker.deviations > _SURE)
+        or (marker.offset_mm > most_mm / 2 and marker.deviations > no_chance)
     ]
     if not wrong:
         return

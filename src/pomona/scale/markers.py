@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import KnownPoint, adjust, can_be_adjusted, feature_noise_px, is_no_worse
 from pomona.adjustment.lenses import credible_focals, share_lenses
@@ -14,14 +16,20 @@ from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.errors import InputError
 from pomona.geometry import Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
-from pomona.scale.accuracy import MOST_ASSESSED, assess, warn_of_marker, warn_of_vague_places
+from pomona.scale.accuracy import MOST_ASSESSED, assess, warn_of_marker, warn_of_vague_places, warn_of_vague_scale
 from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
 from pomona.scale.report import MarkerResidual
-from pomona.scale.triangulation import TriangulatedMarker, reprojection_errors_px, triangulate_markers
-from pomona.scale.upright import estimate_upright_similarity, up_direction
+from pomona.scale.triangulation import (
+    TriangulatedMarker,
+    reprojection_errors_px,
+    reprojection_offsets_px,
+    tolerance_px,
+    triangulate_markers,
+)
+from pomona.scale.upright import estimate_upright_similarity, tilt_sds_m, up_direction
 
 # Residuals above this share of the markers' spread mean that the table and the photos do not belong together.
 _MOST_RESIDUAL = 0.1
@@ -79,13 +87,16 @@ def place_by_markers(
     if not fits:
         return None
     tied = {idx: placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()}
-    if options.refine and all(fit.up_is_known for fit in fits.values()):
+    loose = [idx for idx, cameras in tied.items() if fits[idx].up_is_known and can_be_adjusted(cameras)]
+    if options.refine and loose:
         placement.progress.start("Refining cameras on the markers")
-        loose = [idx for idx, cameras in tied.items() if can_be_adjusted(cameras)]
         tied |= _refine(placement, {i: (tied[i], fits[i]) for i in loose}, places, photos.by_name(), options)
     for idx, cameras in tied.items():
         fit = fits[idx]
         placement.in_world[idx] = cameras
+        if not fit.up_is_known:
+            sds_m = tilt_sds_m(cameras, np.array([places[i] for i in fit.used]))
+            warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
         placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places, placement.left_out_mm)
         _check_units(placement, idx, places, cameras.centers_in_world)
     return WorldFrame("markers", approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
@@ -118,6 +129,7 @@ def _assess(
     placement.assessed |= set(refined.cameras.photos)
     diameter_m = options.fruit_diameter_m
     warn_of_vague_places(placement, refined.cameras.photos, assessment.center_sds_m, diameter_m)
+    warn_of_vague_scale(placement, assessment.accuracy)
     warn_of_marker(placement, refined.cameras, assessment.left_out, refined.known, diameter_m)
 
 
@@ -146,7 +158,8 @@ def _check_units(placement: Placement, idx: int, places: dict[int, FloatArray], 
 class MarkerFit:
     """One piece in the markers' frame: which markers were `used`, the others with a reason, the residual RMS (m).
 
-    `up_is_known` is False where markers did not fix the rotation, and the cameras' own up completed it.
+    `up_is_known` is False where markers did not fix the rotation, and the cameras' own up completed it. `seen_once`: of
+    markers that one photo sees where the table has them.
     """
 
     world_from_piece: Similarity
@@ -154,11 +167,12 @@ class MarkerFit:
     unused: Mapping[int, str]
     rms_m: float
     up_is_known: bool
+    seen_once: tuple[Sighting, ...] = ()
 
     @property
     def sightings(self) -> list[Sighting]:
-        """The sightings of the markers used."""
-        return [sighting for marker in self.used.values() for sighting in marker.sightings]
+        """The sightings of the markers used, and of those seen once."""
+        return [*(sighting for marker in self.used.values() for sighting in marker.sightings), *self.seen_once]
 
 
 def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]) -> MarkerFit | str:
@@ -197,7 +211,47 @@ def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping
         if not is_inlier
     }
     used = {i: found[i] for i in ids if i not in wrong}
-    return MarkerFit(similarity, used, {**failed, **wrong}, rms_m, up_is_known)
+    fit = MarkerFit(similarity, used, {**failed, **wrong}, rms_m, up_is_known)
+    return _with_seen_once(cameras, fit, [s for s in sightings if s.marker_id in failed], places)
+
+
+def _with_seen_once(
+    cameras: Cameras, fit: MarkerFit, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+) -> MarkerFit:
+    """Return the fit with those markers that one photo sees where the table has them.
+
+    Such a marker is not triangulated, but where it is seen says how a piece is turned about the line of the others.
+    """
+    here = by_marker([s for s in sightings if s.photo in cameras.photos and s.marker_id in places])
+    once = [seen[0] for seen in here.values() if len(seen) == 1]
+    fixed = fit
+    if not fit.up_is_known and not on_one_line(
+        np.array([places[i] for i in [*fit.used, *(s.marker_id for s in once)]])
+    ):
+        fixed = replace(fit, world_from_piece=_turned(cameras, fit, once, places), up_is_known=True)
+    errors_px = reprojection_errors_px(cameras.transformed(fixed.world_from_piece), once, places)
+    agree = {s.marker_id: s for s, e in zip(once, errors_px, strict=True) if e < tolerance_px(cameras)}
+    if fixed is not fit and on_one_line(np.array([places[i] for i in [*fit.used, *agree]])):
+        return fit
+    unused = {i: why for i, why in fit.unused.items() if i not in agree}
+    return replace(fixed, unused=unused, seen_once=tuple(agree.values()))
+
+
+def _turned(cameras: Cameras, fit: MarkerFit, once: Sequence[Sighting], places: Mapping[int, FloatArray]) -> Similarity:
+    """Return the fit turned about the line of its markers until those that one photo sees are seen best."""
+    line = np.array([places[i] for i in fit.used])
+    middle = line.mean(0)
+    along = np.linalg.svd(line - middle)[2][0]
+
+    def turned(angle: FloatArray) -> Similarity:
+        turn = Rotation.from_rotvec(angle[0] * along).as_matrix()
+        return Similarity(1.0, turn, middle - turn @ middle).compose(fit.world_from_piece)
+
+    def offsets_px(angle: FloatArray) -> FloatArray:
+        offsets = reprojection_offsets_px(cameras.transformed(turned(angle)), once, places)
+        return np.asarray(np.nan_to_num(offsets, nan=1e3)).ravel()
+
+    return turned(least_squares(offsets_px, np.zeros(1), loss="soft_l1").x)
 
 
 def refine(
@@ -208,9 +262,9 @@ def refine(
 ) -> Refined:
     """Return the fitted pieces, already in the markers' frame, after one bundle adjustment of all with the markers.
 
-    How exactly the places are known is estimated from the photos: at first as well as the pieces fit them rigidly,
-    then, as the adjustment unbends the pieces, as well as it fits them (variance components). The pieces stay as they
-    are where the markers would not be seen better, or the scene worse.
+    How exactly the places are known, and plates are seen, is estimated from the photos: at first as well as the pieces
+    fit them rigidly, then, as the adjustment unbends the pieces, as well as it fits them (variance components). The
+    pieces stay as they are where the markers would not be seen better, or the scene worse.
     """
     sightings = [sighting for fit in fits for sighting in fit.sightings]
     before = concatenate(pieces, WorldFrame())
@@ -221,18 +275,28 @@ def refine(
     # Three numbers for each marker and piece, of which a similarity of each piece takes seven.
     freedom = max(1, 3 * sum(len(fit.used) for fit in fits) - 7 * len(fits))
     sigma_m = max(_LEAST_SIGMA_M, float(np.sqrt(sum(f.rms_m**2 * len(f.used) for f in fits) / freedom)))
+    center_sd_px = _center_sd_px([marker for fit in fits for marker in fit.used.values()])
     for _ in range(_ROUNDS):
-        known = _known_points(shared, sightings, places, sigma_m)
+        known = _known_points(shared, sightings, places, sigma_m, center_sd_px)
         refined = adjust(shared, noise_px=noise_px, known=list(known.values()), focals=focals)
         if refined is None or not _is_better(refined, before, sightings, places):
             break
         best = refined
-        offsets_m = np.array([offset for fit in fits for offset in marker_offsets(refined, fit, places).values()])
+        seen = [triangulate_markers(refined, fit.sightings)[0] for fit in fits]
+        offsets_m = np.array([offset for found in seen for offset in _offsets_m(found, places).values()])
         fitted_m = max(_LEAST_SIGMA_M, float(np.sqrt((offsets_m**2).sum() / freedom)))
-        if fitted_m > _ENOUGH * sigma_m:
+        fitted_px = _center_sd_px([marker for found in seen for marker in found.values()])
+        if fitted_m > _ENOUGH * sigma_m and fitted_px > _ENOUGH * center_sd_px:
             break
-        sigma_m = fitted_m
+        sigma_m, center_sd_px = fitted_m, fitted_px
     return Refined(best, known)
+
+
+def _center_sd_px(seen: Sequence[TriangulatedMarker]) -> float:
+    """Return the standard deviation of a coordinate of a plate's centre, as photos agree on where plates are."""
+    counts = np.array([int(marker.triangulated.inliers.sum()) for marker in seen])
+    squares = np.array([marker.triangulated.rms_px**2 for marker in seen]) * counts
+    return max(CENTER_SD_PX, float(np.sqrt(squares.sum() / max(1, (2 * counts - 3).sum()))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +308,11 @@ class Refined:
 
 
 def _known_points(
-    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray], sigma_m: float
+    cameras: Cameras,
+    sightings: Sequence[Sighting],
+    places: Mapping[int, FloatArray],
+    sigma_m: float,
+    center_sd_px: float,
 ) -> dict[int, KnownPoint]:
     index = {name: i for i, name in enumerate(cameras.photos)}
     return {
@@ -253,7 +321,7 @@ def _known_points(
             sd_m=sigma_m,
             photo_idx=np.array([index[s.photo] for s in seen]),
             xy_px=np.array([s.center_px for s in seen]),
-            sd_px=CENTER_SD_PX,
+            sd_px=center_sd_px,
         )
         for marker_id, seen in by_marker(sightings).items()
     }
@@ -261,8 +329,11 @@ def _known_points(
 
 def marker_offsets(cameras: Cameras, fit: MarkerFit, places: Mapping[int, FloatArray]) -> dict[int, float]:
     """Return how far, in metres, each marker used is triangulated from its place by cameras in the markers' frame."""
-    found, _ = triangulate_markers(cameras, fit.sightings)
-    return {i: float(np.linalg.norm(m.triangulated.point - places[i])) for i, m in found.items()}
+    return _offsets_m(triangulate_markers(cameras, fit.sightings)[0], places)
+
+
+def _offsets_m(found: Mapping[int, TriangulatedMarker], places: Mapping[int, FloatArray]) -> dict[int, float]:
+    return {i: float(np.linalg.norm(marker.triangulated.point - places[i])) for i, marker in found.items()}
 
 
 def residuals_of(
@@ -282,6 +353,9 @@ def residuals_of(
         without_mm = left_out_mm.get(i, float("nan"))
         residuals.append(MarkerResidual(i, side, len(marker.sightings), offset_mm, rms_px, left_out_mm=without_mm))
     nan = float("nan")
+    for sighting in fit.seen_once:
+        error_px = float(reprojection_errors_px(cameras, [sighting], places)[0])
+        residuals.append(MarkerResidual(sighting.marker_id, side, 1, nan, error_px))
     residuals += [MarkerResidual(i, side, 0, nan, nan, used=False, reason=why) for i, why in fit.unused.items()]
     return sorted(residuals, key=lambda r: r.marker_id)
 

@@ -59,9 +59,16 @@ def reprojection_errors_px(
     cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
 ) -> FloatArray:
     """Return how far (k,) each sighting's centre is from where its known place projects, in pixels."""
+    return np.asarray(np.linalg.norm(reprojection_offsets_px(cameras, sightings, places), axis=1))
+
+
+def reprojection_offsets_px(
+    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+) -> FloatArray:
+    """Return where (k, 2) the known place of each sighting projects, from the centre that was seen, in pixels."""
     index = {name: i for i, name in enumerate(cameras.photos)}
-    errors = [cameras.project(index[s.photo], places[s.marker_id][None])[0][0] - s.center_px for s in sightings]
-    return np.asarray(np.linalg.norm(np.array(errors).reshape(-1, 2), axis=1))
+    offsets = [cameras.project(index[s.photo], places[s.marker_id][None])[0][0] - s.center_px for s in sightings]
+    return np.array(offsets).reshape(-1, 2)
 
 
 def tolerance_px(cameras: Cameras) -> float:

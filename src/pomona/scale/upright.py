@@ -11,6 +11,8 @@ from pomona.geometry import Similarity
 
 # How much a photo's own up counts against its horizon: people tilt cameras up and down, and seldom sideways.
 _PITCH_WEIGHT = 0.05
+# Nobody holds cameras more nearly upright than this, in radians.
+_LEAST_ROLL = 0.005
 
 
 def up_direction(cameras: Cameras) -> FloatArray:
@@ -25,6 +27,21 @@ def up_direction(cameras: Cameras) -> FloatArray:
     up = np.linalg.solve(normal, -_PITCH_WEIGHT * y_axes.mean(0))
     length = np.linalg.norm(up)
     return np.asarray(up / length if length > 1e-9 else -y_axes[0])
+
+
+def tilt_sds_m(cameras: Cameras, on_line: FloatArray) -> FloatArray:
+    """Return how far off (n,) leveled cameras may be that `up_direction` turned about a line through points (m, 3).
+
+    Horizons scatter as they do from photo to photo. How far up people look is one habit, the same in all photos.
+    """
+    along = np.linalg.svd(on_line - on_line.mean(0))[2][0]
+    x_axes, tilted = cameras.cam_from_world[:, 0, :3], np.cross(along, [0.0, 0.0, 1.0])
+    tilted /= max(float(np.linalg.norm(tilted)), 1e-9)
+    roll = max(_LEAST_ROLL, float(np.sqrt((x_axes[:, 2] ** 2).mean())))
+    told = ((x_axes @ tilted) ** 2).sum() + _PITCH_WEIGHT
+    apart = cameras.centers_in_world - on_line.mean(0)
+    distances = np.linalg.norm(apart - np.outer(apart @ along, along), axis=1)
+    return np.asarray(distances * roll / np.sqrt(told))
 
 
 def leveling_rotation(up: FloatArray) -> FloatArray:

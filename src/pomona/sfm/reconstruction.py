@@ -285,8 +285,9 @@ def _warn_of_lost(pieces: Sequence[Piece], lost: Sequence[Unregistered], label: 
     if len(pieces) > 1:
         sizes = ", ".join(str(len(piece.cameras)) for piece in pieces)
         progress.warn(
-            f"The photos{label} fall into {len(pieces)} pieces that could not be joined ({sizes} photos): there is too "
-            "little overlap between them. Markers or GNSS can still bring them together."
+            f"The photos{label} fall into {len(pieces)} pieces ({sizes} photos) that their own matches do not join: "
+            "there is too little overlap between them. Markers, GNSS or fruits seen from both can; where nothing does, "
+            "pieces that were set beside each other, or left out, are named."
         )
     for photo in lost:
         progress.warn(f"Photo {photo.photo} has no place: {photo.reason}. {photo.advice}")
