@@ -57,6 +57,7 @@ def test_what_was_not_measured_is_an_empty_cell(tmp_path: Path) -> None:
     assert empty == {
         "diameter_m",
         "diameter_sd_m",
+        "height_m",
         "visibility",
         "weight_g",
         "weight_sd_g",

@@ -101,10 +101,11 @@ def _empty_strings() -> tuple[str, ...]:
 class Fruits:
     """n fruits. NaN is "not measured", and `reasons` (n,) then says why; it is "" where all is measured.
 
-    `ids` (n,) positive and unique; `centers_in_world` (n, 3) metres; `diameters_m`, `diameter_sds_m`, `visibilities`
-    (0 to 1), `weights_g`, `weight_sds_g`, `scores` (0 to 1: probability that it is a fruit) and `views` (number of
-    photos) are (n,); `tree_ids` (0: none), `other_tree_ids` (of fruits between two trees the neighbour, else 0) and
-    `sides` (which side's photos saw it; "both" for more than one) are (n,).
+    `ids` (n,) positive and unique; `centers_in_world` (n, 3) metres; `diameters_m`, the greatest across the stalk's
+    axis, `diameter_sds_m`, `heights_m` along that axis, `visibilities` (0 to 1), `weights_g`, `weight_sds_g`, `scores`
+    (0 to 1: probability that it is a fruit) and `views` (number of photos) are (n,); `tree_ids` (0: none),
+    `other_tree_ids` (of fruits between two trees the neighbour, else 0) and `sides` (which side's photos saw it; "both"
+    for more than one) are (n,).
     """
 
     ids: IntArray
@@ -120,10 +121,11 @@ class Fruits:
     reasons: tuple[str, ...] = field(default_factory=_empty_strings)
     weight_sds_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     other_tree_ids: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    heights_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for name in ("diameter_sds_m", "visibilities", "weights_g", "weight_sds_g"):
+        for name in ("diameter_sds_m", "heights_m", "visibilities", "weights_g", "weight_sds_g"):
             if len(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full(n, np.nan))
         for name in ("tree_ids", "other_tree_ids"):
@@ -135,7 +137,9 @@ class Fruits:
             elif len(getattr(self, name)) != n:
                 raise InputError(f"Fruits.{name}: expected {n} entries, found {len(getattr(self, name))}")
         set_checked(self, "centers_in_world", (n, 3), np.float64)
-        for name in ("diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g", "weight_sds_g"):
+        for name in (
+            "diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g", "weight_sds_g", "heights_m",
+        ):  # fmt: skip
             set_checked(self, name, (n,), np.float64)
         for name in ("ids", "views", "tree_ids", "other_tree_ids"):
             set_checked(self, name, (n,), np.int64)
@@ -166,6 +170,7 @@ class Fruits:
             tuple(self.reasons[i] for i in idx),
             self.weight_sds_g[idx],
             self.other_tree_ids[idx],
+            self.heights_m[idx],
         )
 
     def to_pandas(self) -> Any:
@@ -183,7 +188,7 @@ class Fruits:
             "diameter_sd_m": self.diameter_sds_m, "visibility": self.visibilities, "weight_g": self.weights_g,
             "views": self.views, "score": self.scores, "tree_id": self.tree_ids, "side": self.sides,
             "reason": self.reasons, "weight_sd_g": self.weight_sds_g,
-            "other_tree_id": self.other_tree_ids,
+            "other_tree_id": self.other_tree_ids, "height_m": self.heights_m,
         }  # fmt: skip
 
 

@@ -15,7 +15,9 @@ from pomona.corrections.masks import drawn_mask, free_detection
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
-from pomona.measure import measure
+from pomona.measure import MeasureOptions, measure
+
+_SAME_SHAPE = 0.005  # the spread of height to width, as a share, where the shape is taken to be the survey's
 
 
 class EditedSurvey:
@@ -153,7 +155,7 @@ class EditedSurvey:
         if len(photos) < 2:
             return fruit
         typical_m = self.found.size.diameter_m
-        options = self.found.measure
+        options = self._of_usual_shape()
         fused = Fused(fruit, seen, FruitCloud.empty())
         new = measure(fused, SurveyDetections(photos), self.found.cameras, options=options)
         away = float(np.linalg.norm(new.centers_in_world[0] - fruit.centers_in_world[0]))
@@ -164,6 +166,17 @@ class EditedSurvey:
         ):
             return fruit
         return new
+
+    def _of_usual_shape(self) -> MeasureOptions:
+        """Return options that take a fruit to be as high for its width as the survey's.
+
+        Masks that a person divided have the same edge in all photos, which looks like a narrow fruit's.
+        """
+        options, fruits = self.found.measure, self.found.fruits
+        ratios = (fruits.heights_m / fruits.diameters_m)[np.isfinite(fruits.heights_m)]
+        usual = float(np.median(ratios)) if len(ratios) else options.kind.height_to_width
+        kind = replace(options.kind, height_to_width=usual)
+        return replace(options, kind=kind, ratio_sd=_SAME_SHAPE, single_ratio_sd=_SAME_SHAPE)
 
     def of_typical_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
         """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour."""
@@ -194,7 +207,7 @@ def joined_fruits(parts: Sequence[Fruits]) -> Fruits:
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in (
             "ids", "centers_in_world", "diameters_m", "scores", "views", "diameter_sds_m", "visibilities", "weights_g",
-            "weight_sds_g", "tree_ids", "other_tree_ids",
+            "weight_sds_g", "tree_ids", "other_tree_ids", "heights_m",
         )
     }  # fmt: skip
     columns |= {name: tuple(t for part in parts for t in getattr(part, name)) for name in ("sides", "reasons")}

@@ -16,7 +16,7 @@ from pomona.trees import Trees
 
 FRUIT_COLUMNS = (
     "id", "x_m", "y_m", "z_m", "diameter_m", "diameter_sd_m", "visibility", "weight_g", "views", "score", "tree_id",
-    "side", "reason", "weight_sd_g", "other_tree_id",
+    "side", "reason", "weight_sd_g", "other_tree_id", "height_m",
 )  # fmt: skip
 TREE_COLUMNS = tuple(Trees.empty().columns())
 OBSERVATION_COLUMNS = ("fruit_id", "photo", "detection_id", "x_px", "y_px")
@@ -43,6 +43,7 @@ def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
             "reason": fruits.reasons[i],
             "weight_sd_g": _rounded(fruits.weight_sds_g[i], 1),
             "other_tree_id": int(fruits.other_tree_ids[i]) or None,
+            "height_m": _rounded(fruits.heights_m[i], 4),
         }
         for i in range(len(fruits))
     ]
@@ -74,6 +75,7 @@ def read_fruits(path: Path) -> Fruits:
         reasons=tuple(row.get("reason") or "" for row in rows),
         weight_sds_g=np.array(column.real("weight_sd_g"), float),
         other_tree_ids=np.array(column.whole("other_tree_id"), np.int64),
+        heights_m=np.array(column.real("height_m"), float),
     )
 
 

@@ -1,12 +1,13 @@
-"""Each fruit's centre, diameter, visibility and sides, from its points and from the masks that saw it."""
+"""Each fruit's centre, diameter, height, visibility and sides, from its points and from the masks that saw it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import Array, BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_size import FruitSize, size_of_fruits
@@ -15,30 +16,27 @@ from pomona.fuse import Fused
 from pomona.mask_rays import MaskRays, mask_rays
 from pomona.measure.allometry import weigh
 from pomona.measure.options import MeasureOptions
-from pomona.measure.sphere_fit import FittedSphere, FruitEvidence, Prior, fit_sphere
+from pomona.measure.spheroid_fit import Evidence, Fitted, Prior, fit_spheroids
+from pomona.measure.spheroids import Spheroids
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 
-
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """One fruit measured; NaN with a reason where it could not be."""
-
-    center: FloatArray
-    diameter_m: float
-    sd_m: float
-    visibility: float
-    reason: str
-    sphere: FittedSphere | None = None
+_ANY_SIZE = 0.3  # the spread of widths, as a share, before any fruit is measured
+_LEAST_SPREAD = 0.02  # fruits of one survey differ at least so much
+_GUESSED_UP = 0.2  # radians: how far the cameras' mean up may be from up
+_NOISES = (0.3, 6.0)  # how many times the usual noise the masks of a survey may have
+_POINT_NOISE = 0.06  # radii: stereo flattens round things
+_MEDIAN_OF_BELL = 0.6745  # standard deviations: the median distance from the mean
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """One fruit as the fusion has it: its centre (3,), and what is seen of it: masks (k,), points and rays."""
+    """What is seen of n fruits: masks (k,) by their indices, sorted by fruit, and `points` (m, 3) by fruit."""
 
-    center: FloatArray
+    fruit_idx: IntArray
     mask_idx: IntArray
-    evidence: FruitEvidence
+    points: dict[int, FloatArray]
+    views: IntArray
 
 
 def measure(
@@ -50,124 +48,269 @@ def measure(
     options: MeasureOptions | None = None,
     progress: Progress | None = None,
 ) -> Fruits:
-    """Return the fruits with centre, diameter and its standard deviation, visibility, weight and, with `photos`, sides.
+    """Return the fruits with centre, diameter and its standard deviation, height, visibility, weight and sides.
 
     `fused` are the fruits with the detections that saw them (`pomona.fuse`), `detections` those of all photos, in which
-    the observations' ids are looked up, and `cameras` those in metres. The n fruits keep their ids and order; centres
-    (n, 3) and diameters (n,) are metres in the cameras' frame.
+    the observations' ids are looked up, and `cameras` those in metres; sides need `photos`. The n fruits keep their ids
+    and order; centres (n, 3) and lengths (n,) are metres in the cameras' frame.
 
-    A sphere is fitted to the fruit's points and to the outlines of its masks together, since of most fruits only one
-    side is seen, and leaves hide part of that. `visibility` is the share of the fruit's disc that the photo which
-    shows most of it shows. A fruit that no sphere fits keeps its centre, and has NaN and a reason.
+    A spheroid is fitted to the fruit's points and to the outlines of its masks together, first by itself, then with
+    what the well-seen fruits of the survey say of the others. `visibility` is the share of the fruit's disc that the
+    photo which shows most of it shows. A fruit that is hidden too far to be measured keeps its centre, and has NaN and
+    a reason.
     """
     options = (options or MeasureOptions()).tied(with_points=len(fused.cloud) > 0)
     progress = progress or Silent()
     if len(fused.fruits) == 0:
         return fused.fruits
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_photo, only=fused.observations)
-    each = _all_seen(fused, masks, options)
-    progress.start("measure", 2 * len(each))
-    alone = [_advanced(progress, _measure_one(one, masks, None, options)) for one in each]
-    prior = _prior(alone, cameras.frame.up_is_known, options)
-    measured = [_advanced(progress, _measure_one(one, masks, prior, options)) for one in each]
-    fruits = _fruits(fused, _plausible(measured, options), photos, options)
+    seen = _all_seen(fused, masks, options)
+    widths_m, reasons = _first_widths(fused, seen, masks)
+    progress.start("measure", 2)
+    fitting = np.array([not reason for reason in reasons])
+    if fitting.any():
+        fitted = _fit(fused, seen, masks, cameras, widths_m / 2, fitting, options, progress)
+        fruits = _fruits(
+            fused, fitted, fitting, reasons, _visibilities(fitted.spheroids, seen, masks, fitting), options
+        )
+    else:
+        fruits = replace(fused.fruits, diameters_m=np.full(len(reasons), np.nan), reasons=tuple(reasons))
+    if photos is not None:
+        fruits = replace(fruits, sides=sides_of(fused, photos))
     return weigh(fruits, options.allometry, cameras.frame)
 
 
-def _advanced(progress: Progress, measured: _Measured) -> _Measured:
-    progress.advance()
-    return measured
-
-
-def _prior(measured: list[_Measured], up_is_known: bool, options: MeasureOptions) -> Prior:
-    """Return what the fruits that are well seen say of the others: their size, and how flat they are.
-
-    Apples hang upright and are wider than high, so a sphere would measure them too small.
-    """
-    clear = [m for m in measured if m.sphere and m.visibility >= options.clear_visibility]
-    if len(clear) < options.fewest_clear:
-        return Prior()
-    spheres = [m.sphere for m in clear if m.sphere]
-    radius = size_of_fruits(np.array([2 * sphere.radius for sphere in spheres]), FruitSize()).radius_m
-    if not up_is_known:
-        return Prior(0.0, radius, options.prior_rays)
-    off = np.concatenate([s.off_radii[s.touching] for s in spheres])
-    z_square = np.concatenate([s.off_z[s.touching] for s in spheres]) ** 2
-    slope, level = np.polyfit(z_square, off, 1)
-    flattening = float(np.clip(-slope / level, 0, options.most_flattening))
-    return Prior(flattening, radius * float(level), options.prior_rays)
-
-
-def _all_seen(fused: Fused, masks: MaskRays, options: MeasureOptions) -> list[_Seen]:
+def _all_seen(fused: Fused, masks: MaskRays, options: MeasureOptions) -> _Seen:
     """Return what is seen of each fruit; detections in photos without a camera are of no use."""
     fruit_idx, mask_idx = masks.seen(fused.observations, fused.fruits.ids)
-    points = _points(fused.cloud, options)
-    result = []
-    for i, fruit_id in enumerate(fused.fruits.ids.tolist()):
-        mine = mask_idx[fruit_idx == i]
-        outlines = [np.zeros((0, 3)), *(masks.outline_of(k) for k in mine.tolist())]
-        eyes = np.repeat(masks.eyes_in_world[masks.photo_idx[mine]], [len(rays) for rays in outlines[1:]], axis=0)
-        views = len(np.unique(masks.photo_idx[mine]))
-        evidence = FruitEvidence(points.get(fruit_id, np.zeros((0, 3))), eyes, np.concatenate(outlines), views)
-        result.append(_Seen(fused.fruits.centers_in_world[i], mine, evidence))
-    return result
+    order = np.lexsort((mask_idx, fruit_idx))
+    fruit_idx, mask_idx = fruit_idx[order], mask_idx[order]
+    pairs = np.unique(np.column_stack([fruit_idx, masks.photo_idx[mask_idx]]), axis=0)
+    views = np.bincount(pairs[:, 0], minlength=len(fused.fruits))
+    place_of = {fruit_id: i for i, fruit_id in enumerate(fused.fruits.ids.tolist())}
+    points = {place_of[i]: xyz for i, xyz in _points(fused.cloud, options).items() if i in place_of and len(xyz) >= 4}
+    return _Seen(fruit_idx, mask_idx, points, views)
 
 
 def _points(cloud: FruitCloud, options: MeasureOptions) -> dict[int, FloatArray]:
     """Return at most `points_per_fruit` points (m, 3) of each fruit, evenly from all of them, by id."""
     result = {}
     for fruit_id, idx in cloud.by_fruit():
-        step = max(1, len(idx) // options.points_per_fruit)
+        step = max(1, -(-len(idx) // options.points_per_fruit))
         result[fruit_id] = cloud.points_in_world[idx[::step]]
     return result
 
 
-def _measure_one(seen: _Seen, masks: MaskRays, prior: Prior | None, options: MeasureOptions) -> _Measured:
-    center, evidence = seen.center, seen.evidence
-    nothing = _Measured(center, np.nan, np.nan, np.nan, "")
-    if evidence.views == 0:
-        return replace(nothing, reason="no mask of it in a photo with a camera")
-    if len(evidence.points) < 4 and evidence.views < 2:
-        return replace(nothing, reason="seen in one photo only, and without points: its distance is not known")
-    widths_m = masks.extents[seen.mask_idx] * masks.depths(center, seen.mask_idx)
-    # Most masks are partly hidden, and a few hold two fruits.
-    radius = float(np.percentile(widths_m, 75)) / 2
-    if not radius > 0:
-        return replace(nothing, reason="its points lie behind the cameras that saw it")
-    sphere = fit_sphere(evidence, center=center, radius=radius, prior=prior, options=options)
-    if sphere is None:
-        return replace(nothing, reason="no sphere fits its points and outlines")
-    disc_m2 = np.pi * sphere.radius**2 * (1 - (prior.flattening if prior else 0.0))
-    shown = (masks.areas[seen.mask_idx] * masks.depths(sphere.center, seen.mask_idx) ** 2 / disc_m2).max()
-    return _Measured(sphere.center, 2 * sphere.radius, 2 * sphere.radius_sd, min(1.0, float(shown)), "", sphere)
+def _first_widths(fused: Fused, seen: _Seen, masks: MaskRays) -> tuple[FloatArray, list[str]]:
+    """Return how wide each fruit is at first sight (n,), and why it cannot be measured, "" where it can."""
+    places = fused.fruits.centers_in_world
+    mask_widths_m = masks.extents[seen.mask_idx] * masks.depths(places[seen.fruit_idx], seen.mask_idx)
+    widths_m, reasons = np.full(len(places), np.nan), []
+    bounds = np.searchsorted(seen.fruit_idx, np.arange(len(places) + 1))
+    for i, (low, high) in enumerate(pairwise(bounds.tolist())):
+        reason = ""
+        if seen.views[i] == 0:
+            reason = "no mask of it in a photo with a camera"
+        elif i not in seen.points and seen.views[i] < 2:
+            reason = "seen in one photo only, and without points: its distance is not known"
+        else:
+            # Most masks are partly hidden, and a few hold two fruits.
+            widths_m[i] = np.percentile(mask_widths_m[low:high], 75)
+            if not widths_m[i] > 0:
+                reason = "its points lie behind the cameras that saw it"
+        reasons.append(reason)
+    return widths_m, reasons
 
 
-def _plausible(measured: list[_Measured], options: MeasureOptions) -> list[_Measured]:
-    """Take back diameters that are far from the survey's median."""
-    median_m = size_of_fruits(np.array([m.diameter_m for m in measured]), FruitSize()).diameter_m
-    low_m, high_m = options.smallest * median_m, options.largest * median_m
-    return [
-        m
-        if m.reason or low_m <= m.diameter_m <= high_m
-        else replace(
-            m, diameter_m=np.nan, sd_m=np.nan, visibility=np.nan,
-            reason=f"a sphere of {1000 * m.diameter_m:.0f} mm fits, far from the median of {1000 * median_m:.0f} mm",
+def _fit(
+    fused: Fused,
+    seen: _Seen,
+    masks: MaskRays,
+    cameras: Cameras,
+    radii_m: FloatArray,
+    fitting: BoolArray,
+    options: MeasureOptions,
+    progress: Progress,
+) -> Fitted:
+    """Return the spheroids of the fruits that can be fitted: by themselves, then with what all have in common."""
+    n = int(fitting.sum())
+    up_is_known = cameras.frame.up_is_known
+    frame = _frame(np.array([0, 0, 1.0]) if up_is_known else -cameras.cam_from_world[:, 1, :3].mean(axis=0))
+    start = Spheroids(
+        fused.fruits.centers_in_world[fitting],
+        radii_m[fitting],
+        np.full(n, options.kind.height_to_width),
+        np.zeros((n, 2)),
+        frame,
+    )
+    assert options.place_radii is not None
+    prior = Prior(
+        radius_m=float(np.median(start.radii)),
+        radius_sd=_ANY_SIZE,
+        ratio=options.kind.height_to_width,
+        ratio_sd=float(np.hypot(options.ratio_sd, options.single_ratio_sd)),
+        tilt_sd=options.tilt_sd if up_is_known else float(np.hypot(options.tilt_sd, _GUESSED_UP)),
+        place_radii=options.place_radii,
+    )
+    evidence = _evidence(seen, masks, cameras, start, fitting, options)
+    alone = fit_spheroids(start, evidence, prior)
+    progress.advance()
+    if n >= options.fewest_clear:  # of fewer, noise is not told from what is wrong with a fruit
+        evidence = _as_noisy_as_it_is(alone, evidence)
+        alone = fit_spheroids(start, evidence, prior)
+        alone = fit_spheroids(start, evidence, _prior_of_all(alone, prior, options))
+    progress.advance()
+    return alone
+
+
+def _frame(up: FloatArray) -> FloatArray:
+    """Return a rotation (3, 3) whose last row points up."""
+    across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    rows = np.array([across, np.cross(up, across), up])
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def _evidence(
+    seen: _Seen, masks: MaskRays, cameras: Cameras, start: Spheroids, fitting: BoolArray, options: MeasureOptions
+) -> Evidence:
+    """Return the rays along the outlines of the fruits' masks, and the points on them, each group for one fruit."""
+    number = np.cumsum(fitting) - 1
+    mine = fitting[seen.fruit_idx]
+    of, mask_idx = number[seen.fruit_idx[mine]], seen.mask_idx[mine]
+    rays = masks.outlines[mask_idx]
+    photo_idx = masks.photo_idx[mask_idx]
+    focals_px = np.array([cameras.intrinsics_of(i).focal_px for i in range(len(cameras.photos))])
+    pixels_m = masks.depths(start.centers[of], mask_idx) / focals_px[photo_idx]
+    typical_m = float(np.median(start.radii))
+    # Of a small mask's few pixels, each is a ray more than once.
+    says = np.minimum(options.independent, masks.edge_counts[mask_idx] / 2) / options.rays_per_photo
+    # Photos beside each other show the same bumps, leaves and shadows: their masks err together.
+    counts = np.bincount(of, minlength=len(start))[of]
+    says /= 1 + (counts - 1) * options.photos_together
+    parts: list[tuple[Array, ...]] = [
+        (
+            of,
+            np.repeat(masks.eyes_in_world[photo_idx][:, None], rays.shape[1], axis=1),
+            rays,
+            np.repeat(says[:, None], rays.shape[1], axis=1),
+            np.hypot(options.pixel_noise * pixels_m, options.shape_noise * typical_m),
+            np.ones(len(of)),
         )
-        for m in measured
-    ]  # fmt: skip
+    ]
+    for i, points in seen.points.items():
+        if fitting[i]:
+            parts.append(_point_groups(int(number[i]), points, typical_m, options))
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    order = np.argsort(columns[0], kind="stable")
+    return Evidence(*(column[order] for column in columns))
 
 
-def _fruits(fused: Fused, measured: list[_Measured], photos: Photos | None, options: MeasureOptions) -> Fruits:
-    diameters_m = np.array([m.diameter_m for m in measured])
-    sds_m = np.hypot([m.sd_m for m in measured], options.relative_sd * diameters_m)
+def _point_groups(number: int, points: FloatArray, typical_m: float, options: MeasureOptions) -> tuple[Array, ...]:
+    """Return the points of one fruit in groups as large as those of rays, the last filled up with what says nothing."""
+    k = options.rays_per_photo
+    groups = -(-len(points) // k)
+    places = np.concatenate([points, np.repeat(points[:1], groups * k - len(points), axis=0)])
+    weights = np.zeros(groups * k)
+    weights[: len(points)] = options.points_as_masks * options.independent / len(points)
+    return (
+        np.full(groups, number),
+        places.reshape(groups, k, 3),
+        np.zeros((groups, k, 3)),
+        weights.reshape(groups, k),
+        np.full(groups, _POINT_NOISE * typical_m),
+        np.ones(groups),
+    )
+
+
+def _as_noisy_as_it_is(fitted: Fitted, evidence: Evidence) -> Evidence:
+    """Return the evidence with the noise of its outlines: rays that pass outside tell it, which no leaf explains.
+
+    Where outlines are noisy they are wrong in whole pieces, in several photos alike, so each ray says less: of places
+    and sizes, and even less of how exact these are.
+    """
+    is_ray = (evidence.weights > 0) & (np.abs(evidence.rays).sum(axis=2) > 0)
+    off = (fitted.distances_m / evidence.noises_m[:, None])[is_ray & (fitted.distances_m > 0)]
+    if len(off) == 0:
+        return evidence
+    noise = float(np.clip(np.median(off) / _MEDIAN_OF_BELL, *_NOISES))
+    rough = max(noise, 1.0)
+    weights = np.where(is_ray, evidence.weights / rough**2, evidence.weights)
+    return replace(evidence, noises_m=noise * evidence.noises_m, weights=weights, trust=evidence.trust / rough**2)
+
+
+def _prior_of_all(alone: Fitted, prior: Prior, options: MeasureOptions) -> Prior:
+    """Return what the fruits that are seen well say of the others: how wide, and how high for that, they are."""
+    variances = alone.covariances[:, 3, 3]
+    sds = np.sqrt(variances)
+    clear = sds <= max(options.clear_sd, float(np.percentile(sds, 100 * options.clear_share)))
+    if clear.sum() < options.fewest_clear:
+        return prior
+    logs = np.log(alone.spheroids.radii[clear])
+    middle = float(np.median(logs))
+    spread2 = (1.4826 * float(np.median(np.abs(logs - middle)))) ** 2 - float(variances[clear].mean())
+    # What the prior itself said of each ratio is taken out before they are put together.
+    known = 1 / alone.covariances[clear, 4, 4]
+    said = np.maximum(known - prior.ratio_sd**-2, 1e-6)
+    off = np.log(alone.spheroids.ratios[clear] / prior.ratio) * known / said
+    weights = 1 / (1 / said + options.single_ratio_sd**2)
+    total = float(weights.sum()) + options.ratio_sd**-2
+    return replace(
+        prior,
+        radius_m=float(np.exp(middle)),
+        radius_sd=max(float(np.sqrt(max(spread2, 0.0))), _LEAST_SPREAD),
+        ratio=prior.ratio * float(np.exp((weights * off).sum() / total)),
+        ratio_sd=options.single_ratio_sd,
+    )
+
+
+def _visibilities(spheroids: Spheroids, seen: _Seen, masks: MaskRays, fitting: BoolArray) -> FloatArray:
+    """Return the share (n,) of its disc that the photo shows which shows most of a fruit."""
+    mine = fitting[seen.fruit_idx]
+    of, mask_idx = (np.cumsum(fitting) - 1)[seen.fruit_idx[mine]], seen.mask_idx[mine]
+    discs_m2 = spheroids.disc_areas(masks.rays[mask_idx], of)
+    shares = masks.areas[mask_idx] * masks.depths(spheroids.centers[of], mask_idx) ** 2 / discs_m2
+    most = np.zeros(len(spheroids))
+    np.maximum.at(most, of, shares)
+    return np.asarray(np.minimum(most, 1.0))
+
+
+def _fruits(
+    fused: Fused,
+    fitted: Fitted,
+    fitting: BoolArray,
+    reasons: list[str],
+    visibilities: FloatArray,
+    options: MeasureOptions,
+) -> Fruits:
+    """Return the fruits as measured; sizes that are far from the others', or hardly known, are taken back."""
+    diameters_m = 2 * fitted.spheroids.radii
+    heights_m = diameters_m * fitted.spheroids.ratios
+    sds = np.hypot(np.sqrt(fitted.covariances[:, 3, 3]), options.relative_sd)
+    median_m = size_of_fruits(diameters_m, FruitSize()).diameter_m
+    far = (diameters_m < options.smallest * median_m) | (diameters_m > options.largest * median_m)
+    vague = fitted.own_sds > options.largest_sd
+    for k, i in enumerate(np.flatnonzero(fitting).tolist()):
+        if far[k]:
+            reasons[i] = f"{1000 * diameters_m[k]:.0f} mm would fit, far from the median of {1000 * median_m:.0f} mm"
+        elif vague[k]:
+            reasons[i] = f"hidden too far: its width is not known to {100 * options.largest_sd:g} %"
+    centers = fused.fruits.centers_in_world.copy()
+    centers[fitting] = fitted.spheroids.centers
+    good = ~(far | vague)
+
+    def of_all(values: FloatArray, known: BoolArray = good) -> FloatArray:
+        every = np.full(len(fitting), np.nan)
+        every[np.flatnonzero(fitting)[known]] = values[known]
+        return every
+
     return replace(
         fused.fruits,
-        centers_in_world=np.array([m.center for m in measured]),
-        diameters_m=diameters_m,
-        diameter_sds_m=sds_m,
-        visibilities=np.array([m.visibility for m in measured]),
-        sides=fused.fruits.sides if photos is None else sides_of(fused, photos),
-        reasons=tuple(m.reason for m in measured),
+        centers_in_world=centers,
+        diameters_m=of_all(diameters_m),
+        diameter_sds_m=of_all(sds * diameters_m),
+        heights_m=of_all(heights_m),
+        visibilities=of_all(visibilities, ~far),
+        reasons=tuple(reasons),
     )
 
 

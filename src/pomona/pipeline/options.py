@@ -167,6 +167,8 @@ class RunOptions:
 
     def _measure(self, usual: MeasureOptions) -> MeasureOptions:
         options = (self.measure or usual).tied(with_points=self.method == "paper")
+        if self.fruit is not None:
+            options = replace(options, kind=self.kind)
         return options if self.fruit is None and self.weights is None else replace(options, allometry=self.allometry)
 
     def _planting(self, usual: PlantingOptions) -> PlantingOptions:
