@@ -1,13 +1,14 @@
 """Sort the real tiles into those to train on and those to measure on, by photo and tree.
 
-python benchmarks/fruit_tiles.py OUT [--unlabelled MODEL.onnx]
+python benchmarks/fruit_tiles.py OUT [--unlabelled MODEL.onnx] [--masks MODEL.onnx]
 
 Writes OUT/train/SET and OUT/val/SET, each a COCO file and a link to the set's images, as `pomona train OUT` and
 `benchmarks/train_fruit.py --tiles OUT` take them. Held out are photos by their names, 15 %, as in `pomona train`;
 tiles of other photos of the same trees are left out of both.
 
 In the tiles only the near tree is labelled. With --unlabelled, what that segmenter finds with confidence in tiles to
-train on where there is no box is written as a crowd: to find it is neither right nor wrong.
+train on where there is no box is written as a crowd: to find it is neither right nor wrong. With --masks, boxes to
+train on that a segmenter finds get its masks.
 """
 
 import argparse
@@ -17,16 +18,19 @@ from pathlib import Path
 
 import numpy as np
 from pycocotools import mask as coco_mask
+from scipy.optimize import linear_sum_assignment
 
 from pomona.capture import load_photos
-from pomona.detections import Detections
+from pomona.detections import Detections, SurveyDetections
 from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.box_overlap import overlapping_pairs
+from pomona.segment.box_overlap import overlapping_pairs, pair_iou
 from pomona.train.samples import group_of
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 HELD_OUT = 0.15
 SCALE = 0.62  # at which the tiles' fruits are as wide as the network reads best
+LIKELY = 0.2  # a score from which a detection in a labelled box shows that fruit's mask
+SAME_BOX = 0.5  # intersection over union
 SURE = 0.6  # a score from which a detection without a box is taken for a fruit that was not labelled
 MOST_COVERED = 0.25  # of a detection's box by a labelled one
 
@@ -65,11 +69,42 @@ def sides(sets: dict[str, dict]) -> dict[str, dict[str, list[dict]]]:
     return found
 
 
-def unlabelled(folder: Path, coco: dict, images: list[dict], model: Path) -> list[dict]:
-    """Annotations to ignore: what the segmenter is sure of where there is no box."""
+def found_by(model: Path, folder: Path, images: list[dict], score: float) -> SurveyDetections:
     photos = load_photos([folder / "images" / image["file_name"] for image in images], min_photos=1)
-    options = SegmentOptions(scale=SCALE, score_threshold=SURE, kept_share=1)
-    found = segment_photos(photos, load_segmenter(model), options=options)
+    options = SegmentOptions(scale=SCALE, score_threshold=score, kept_share=1)
+    return segment_photos(photos, load_segmenter(model), options=options)
+
+
+def masks_of_boxes(annotations: list[dict], images: list[dict], found: SurveyDetections) -> list[dict]:
+    """The annotations; those whose box a detection has, one to one, with the detection's mask."""
+    result = []
+    for image in images:
+        mine = [a for a in annotations if a["image_id"] == image["id"]]
+        detections = found[image["file_name"]]
+        labelled = np.array([a["bbox"] for a in mine], float).reshape(-1, 4)
+        labelled[:, 2:] += labelled[:, :2]
+        shapes = {}
+        overlap = np.zeros((len(mine), len(detections)))
+        pairs = overlapping_pairs(labelled, detections.boxes_px)
+        overlap[pairs] = pair_iou(labelled[pairs[0]], detections.boxes_px[pairs[1]])
+        for i, j in zip(*linear_sum_assignment(-overlap), strict=True):
+            if overlap[i, j] >= SAME_BOX:
+                shapes[i] = packed_mask(detections, j)
+        result += [a | shapes.get(i, {}) for i, a in enumerate(mine)]
+    return result
+
+
+def packed_mask(found: Detections, k: int) -> dict:
+    full = np.zeros((found.height_px, found.width_px), np.uint8)
+    left, top, right, bottom = found.masks[k].box_px
+    full[top:bottom, left:right] = found.masks[k].pixels
+    packed = coco_mask.encode(np.asfortranarray(full))
+    segmentation = {"size": packed["size"], "counts": packed["counts"].decode()}
+    return {"area": float(full.sum()), "segmentation": segmentation}
+
+
+def unlabelled(coco: dict, images: list[dict], found: SurveyDetections) -> list[dict]:
+    """Annotations to ignore: what the segmenter is sure of where there is no box."""
     result = []
     for image in images:
         boxes = [a["bbox"] for a in coco["annotations"] if a["image_id"] == image["id"]]
@@ -91,12 +126,7 @@ def beside(found: Detections, labelled: np.ndarray) -> list[dict]:
     shapes = []
     for k in np.flatnonzero(covered < MOST_COVERED):
         x0, y0, x1, y1 = (float(v) for v in boxes[k])
-        full = np.zeros((found.height_px, found.width_px), np.uint8)
-        left, top, right, bottom = found.masks[k].box_px
-        full[top:bottom, left:right] = found.masks[k].pixels
-        packed = coco_mask.encode(np.asfortranarray(full))
-        shape = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": float(full.sum())}
-        shapes.append(shape | {"segmentation": {"size": packed["size"], "counts": packed["counts"].decode()}})
+        shapes.append({"bbox": [x0, y0, x1 - x0, y1 - y0], **packed_mask(found, k)})
     return shapes
 
 
@@ -104,6 +134,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--unlabelled", type=Path, metavar="MODEL.onnx")
+    parser.add_argument("--masks", type=Path, metavar="MODEL.onnx")
     arguments = parser.parse_args()
     folders = tile_sets()
     sets = {name: labels_of(folder) for name, folder in folders.items()}
@@ -113,7 +144,10 @@ def main() -> None:
             annotations = [a for a in sets[name]["annotations"] if a["image_id"] in ids]
             ignored = []
             if arguments.unlabelled and part == "train":
-                ignored = unlabelled(folders[name], sets[name], images, arguments.unlabelled)
+                ignored = unlabelled(sets[name], images, found_by(arguments.unlabelled, folders[name], images, SURE))
+            if arguments.masks and part == "train":
+                found = found_by(arguments.masks, folders[name], images, LIKELY)
+                annotations = masks_of_boxes(annotations, images, found)
             annotations = [{**a, "id": k} for k, a in enumerate([*annotations, *ignored], start=1)]
             to = arguments.out / part / name
             to.mkdir(parents=True, exist_ok=True)
