@@ -76,6 +76,7 @@ class Fakes:
         monkeypatch.setattr("pomona.dense.sphere_cloud", self._sphere_cloud)
         monkeypatch.setattr("pomona.fuse.object.fuse", self._fuse)
         monkeypatch.setattr("pomona.fuse.paper.fuse", self._fuse)
+        monkeypatch.setattr("pomona.second_look.look_again", self._look_again)
         monkeypatch.setattr("pomona.filter.apply", self._filter)
         monkeypatch.setattr("pomona.filter.apply_to_views", self._filter)
         monkeypatch.setattr("pomona.measure.measure", self._measure)
@@ -116,6 +117,10 @@ class Fakes:
         )
         fruits = Fruits([1], [[0, 0, 2]], [0.07], [np.nan], [len(sightings)], sides=("row",), reasons=("not tried",))
         return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64)))
+
+    def _look_again(self, fused, detections, photos, cameras, *, options, progress):
+        self.count("second_look")
+        return fused
 
     def _filter(self, fused, *given, options):
         self.count("filter")

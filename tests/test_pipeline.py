@@ -15,7 +15,7 @@ from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.survey import SurveyFolder
 
-ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "filter": 1, "measure": 1, "report": 1}
+ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_the_papers_method_makes_a_cloud_first_and_goes_on_where_it_can(
     run([photos], tmp_path / "out")
     summary = run([photos], tmp_path / "out", RunOptions(method="paper"))
     # Sides are not brought together by fruits, and other detections are trusted: cameras alone are the same.
-    assert stages_run(fakes) == {**dict.fromkeys(ONCE, 2), "sfm": 1}
+    assert stages_run(fakes) == {**dict.fromkeys(ONCE, 2), "sfm": 1, "second_look": 1}
     kept = [stage.name for stage in summary.stages if stage.kept]
     assert kept == ["segment", "sfm"]
     again = run([photos], tmp_path / "out", RunOptions(method="paper"))

@@ -28,6 +28,7 @@ from pomona.pipeline.stages import stages_of
 from pomona.planting import PlantingOptions
 from pomona.report import ContactSheetOptions, ReportOptions
 from pomona.scale.options import ScaleOptions
+from pomona.second_look import SecondLookOptions
 from pomona.segment.photo_detections import SegmentOptions
 from pomona.sfm.options import SfmOptions
 from pomona.survey import SurveyFolder
@@ -104,16 +105,17 @@ def given_cameras(folder: Path) -> dict[str, Any]:
 
 
 PAPER = {"method": "paper"}
+SELECTED = ["select", "scale", "fuse", "second_look", "filter", "report"]
 GIVEN = [name for name in STAGES if name != "sfm"]
 # Each option: what a run before it had (None: the defaults), what is changed, and the stages that see it. The stand-ins
 # of the stages give the same whatever they get, so that what comes after them is kept.
 Change = dict[str, Any] | Callable[[Path], dict[str, Any]]
 TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "sides": ({}, {"sides": "IMG_000[01]*,IMG_000[23]*"}, [name for name in STAGES if name != "select"]),
-    "method": ({}, PAPER, ["select", "scale", "fuse", "filter", "measure", "planting", "dense", "results", "report"]),
+    "method": ({}, PAPER, [n for n in STAGES if n not in ("segment", "sfm", "second_look")]),
     "variant": (PAPER, {**PAPER, "variant": "text"}, ["fuse"]),
     "model": ({}, copied_weights, ["segment"]),
-    "score_threshold": ({}, {"score_threshold": 0.6}, ["select", "scale", "fuse", "filter", "report"]),
+    "score_threshold": ({}, {"score_threshold": 0.6}, SELECTED),
     "detections": ({}, given_detections, GIVEN),
     "classes": (
         {},
@@ -131,11 +133,13 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "tree_spacing": ({}, {"tree_spacing": 1.2}, ["planting", "results"]),
     "fruit_diameter_m": ({}, {"fruit_diameter_m": 0.06}, ["scale", "fuse"]),
     "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
+    "second_look": ({}, {"second_look": False}, ["second_look"]),
+    "looking": ({}, {"looking": SecondLookOptions(peaks=4)}, ["second_look"]),
     "filter_false_positives": ({}, {"filter_false_positives": False}, ["filter"]),
     "filter_model": ({}, copied_machine, ["filter"]),
     "key_frames": ({}, {"key_frames": KeyFrameOptions(move=0.1)}, []),  # of photos there are none
     "segment": ({}, {"segment": SegmentOptions(sample_photos=5)}, ["segment"]),
-    "select": ({}, {"select": SelectOptions(trusted_share=0.9)}, ["select", "scale", "fuse", "filter", "report"]),
+    "select": ({}, {"select": SelectOptions(trusted_share=0.9)}, SELECTED),
     "sfm": ({}, {"sfm": SfmOptions(window=7)}, ["sfm"]),
     "scale": ({}, {"scale": ScaleOptions(refine=False)}, ["scale"]),
     "object": ({}, {"object": ObjectOptions(rounds=2)}, ["scale", "fuse"]),
@@ -250,13 +254,13 @@ def test_the_manifest_says_which_engines_ran(fakes: Fakes, photos: Path, tmp_pat
 
 # Which stages run code of which rooms, read off the imports by a person. Rooms that are not here are reached by none.
 ALL = frozenset(STAGES)
-SPACE = frozenset({"scale", "fuse", "filter", "measure", "dense"})
+SPACE = frozenset({"scale", "fuse", "second_look", "filter", "measure", "dense"})
 HANDED = frozenset({"results", "report"})  # where fruits were corrected, these run what measures them anew, too
 ROOMS: dict[str, frozenset[str]] = {
     "adjustment": frozenset({"sfm", "scale", "report"}),
     "arrays": ALL,
     "cameras": ALL - {"segment", "select", "planting"},
-    "capture": frozenset({"segment", "sfm", "scale", "dense", "report"}),
+    "capture": frozenset({"segment", "sfm", "scale", "second_look", "dense", "report"}),
     "corrections": HANDED,
     "data_frames": ALL,
     "dense": frozenset({"dense"}),
@@ -266,26 +270,28 @@ ROOMS: dict[str, frozenset[str]] = {
     "filter": frozenset({"filter"}),
     "formats": frozenset({"segment", "sfm", "scale", "planting", "dense"}) | HANDED,
     "fruit_kinds": frozenset({"measure"}) | HANDED,
-    "fruit_ranges": frozenset({"scale", "fuse", "filter", "dense"}),
+    "fruit_ranges": frozenset({"scale", "fuse", "second_look", "filter", "dense"}),
     "fruit_size": SPACE | HANDED,
     "fruits": SPACE | {"planting"} | HANDED,
     "fuse": SPACE | {"planting"} | HANDED,
     "geometry": ALL - {"segment", "select", "planting"},
     "intrinsics": ALL - {"segment", "select", "planting"},
     "label_image": frozenset({"fuse", "dense"}),
-    "mask_rays": frozenset({"scale", "fuse", "filter", "measure"}) | HANDED,
+    "mask_rays": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
     "measure": frozenset({"measure"}) | HANDED,
-    "outlines": frozenset({"scale", "fuse", "filter", "measure"}) | HANDED,
+    "onnx_file": frozenset({"segment", "second_look"}),
+    "outlines": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
     "photo_names": frozenset({"segment", "sfm"}),
-    "photos": frozenset({"segment", "sfm", "scale", "dense", "measure"}) | HANDED,
+    "photos": frozenset({"segment", "sfm", "scale", "second_look", "dense", "measure"}) | HANDED,
     "planting": frozenset({"planting"}) | HANDED,
     "progress": ALL,
     "report": frozenset({"report"}),
     "scale": frozenset({"scale", "report"}),
+    "second_look": frozenset({"second_look"}),
     "segment": frozenset({"segment"}),
     "sfm": frozenset({"sfm", "scale", "report"}),
     "sphere_outlines": HANDED,
-    "spheres": frozenset({"scale", "fuse", "filter"}),
+    "spheres": frozenset({"scale", "fuse", "second_look", "filter"}),
     "trees": frozenset({"planting"}) | HANDED,
     "survey": ALL - {"select", "planting"},
 }
@@ -293,11 +299,12 @@ ROOMS: dict[str, frozenset[str]] = {
 PIPELINE = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
     "pipeline/correct.py": HANDED,
     "pipeline/planting.py": frozenset({"planting"}) | HANDED,
-    "pipeline/fused_store.py": frozenset({"fuse", "filter", "measure", "dense"}),
+    "pipeline/fused_store.py": frozenset({"fuse", "second_look", "filter", "measure", "dense"}),
     "pipeline/stage.py": ALL,
     "pipeline/runner.py": frozenset[str](),
     "report/static/viewer.js": frozenset({"report"}),
     "filter/weights/object_svm.json": frozenset({"filter"}),
+    "second_look/weights/second_look.onnx": frozenset({"second_look"}),
     "segment/weights/fruit.onnx": frozenset({"segment"}),
     "demo/markers.csv": frozenset[str](),
 }

@@ -14,6 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 ByteArray = npt.NDArray[np.uint8]
+Float32Array = npt.NDArray[np.float32]
 
 
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: Any) -> Array:

@@ -30,6 +30,7 @@ LABELS = {
     "scale": "Metres",
     "dense": "Cloud of the fruits",
     "fuse": "Fruits in space",
+    "second_look": "Second look",
     "filter": "False fruits out",
     "measure": "Sizes",
     "planting": "Trees",

@@ -37,6 +37,9 @@ def run(
         str, typer.Option(metavar="auto|opencv|patchmatch", help="What makes the dense cloud; patchmatch needs a GPU.")
     ] = "auto",
     gnss: Annotated[bool, typer.Option(help="Whether GNSS positions in the photos may set metres and place.")] = True,
+    second_look: Annotated[
+        bool, typer.Option(help="Whether fruits are looked at again in all photos, to place them better.")
+    ] = True,
     filter: Annotated[bool, typer.Option("--filter/--no-filter", help="Whether false fruits are dropped.")] = True,
     filter_model: Annotated[
         Path | None, typer.Option(metavar="JSON", help="A support vector machine of your own for that.")
@@ -67,6 +70,7 @@ def run(
         trees=trees,
         tree_spacing=tree_spacing,
         engine=engine,
+        second_look=second_look,
         filter_false_positives=filter,
         filter_model=filter_model,
     )

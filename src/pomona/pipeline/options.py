@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pomona.planting.options import PlantingOptions
     from pomona.report.options import ReportOptions
     from pomona.scale.options import ScaleOptions
+    from pomona.second_look.options import SecondLookOptions
     from pomona.segment.photo_detections import SegmentOptions
     from pomona.sfm.options import SfmOptions
 
@@ -51,15 +52,16 @@ class RunOptions:
     goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its weights. `markers`,
     `scale_bar` (two ids, metres), `use_gnss`, the usual width: where metres come from, in this order. `variant` of the
     method "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of
-    both. `engine` makes the dense cloud. `filter_false_positives`: whether the support vector machine decides which
-    fruits are dropped, with `filter_model` (None: the shipped one).
+    both. `engine` makes the dense cloud. `second_look`: whether fruits of the method "object" are looked at again in
+    all photos. `filter_false_positives`: whether the support vector machine decides which fruits are dropped, with
+    `filter_model` (None: the shipped one).
 
     `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
     hangs on; without either, trees are where fruits gather at equal distances, if they do.
 
     `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
-    `dense`, `filter`, `measure`, `planting`, `report` are options of single stages, for those who know them; what the
-    options above say goes before.
+    `dense`, `looking` (of the second look), `filter`, `measure`, `planting`, `report` are options of single stages, for
+    those who know them; what the options above say goes before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -82,6 +84,7 @@ class RunOptions:
     trees: Path | None = None
     tree_spacing: float | None = None
     engine: str = "auto"
+    second_look: bool = True
     filter_false_positives: bool = True
     filter_model: Path | None = None
     key_frames: KeyFrameOptions | None = None
@@ -92,6 +95,7 @@ class RunOptions:
     object: ObjectOptions | None = None
     paper: PaperOptions | None = None
     dense: DenseOptions | None = None
+    looking: SecondLookOptions | None = None
     filter: FilterOptions | None = None
     measure: MeasureOptions | None = None
     planting: PlantingOptions | None = None
@@ -159,6 +163,7 @@ class RunOptions:
                 engine=self.engine,  # type: ignore[arg-type]
                 fruit_diameter_m=self.usual_diameter_m,
             ),
+            looking=self.looking or usual.looking,
             filter=self.filter or usual.filter,
             measure=self._measure(usual.measure),
             planting=self._planting(usual.planting),
@@ -252,6 +257,7 @@ class StageOptions:
     object: ObjectOptions
     paper: PaperOptions
     dense: DenseOptions
+    looking: SecondLookOptions
     filter: FilterOptions
     measure: MeasureOptions
     planting: PlantingOptions
@@ -269,6 +275,7 @@ class StageOptions:
         from pomona.planting.options import PlantingOptions
         from pomona.report.options import ReportOptions
         from pomona.scale.options import ScaleOptions
+        from pomona.second_look.options import SecondLookOptions
         from pomona.segment.photo_detections import SegmentOptions
         from pomona.sfm.options import SfmOptions
 
@@ -281,6 +288,7 @@ class StageOptions:
             object=ObjectOptions(),
             paper=PaperOptions(),
             dense=DenseOptions(),
+            looking=SecondLookOptions(),
             filter=FilterOptions(),
             measure=MeasureOptions(),
             planting=PlantingOptions(),

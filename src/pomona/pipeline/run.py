@@ -68,7 +68,9 @@ def run(
             on_stage=on_stage,
             warnings=recorder.warnings,
         )
-        for stage in stages_of(options.method, corrected=bool(corrections)).in_order:
+        stages = stages_of(options.method, corrected=bool(corrections)).in_order
+        survey.forget_records_but([stage.name for stage in stages])
+        for stage in stages:
             runner.ensure(stage)
             if stage.name == until:
                 break

@@ -16,6 +16,7 @@ from pomona.pipeline.planting import planted_stage, planting_stage
 from pomona.pipeline.report import report_stage
 from pomona.pipeline.results import Results, results_stage
 from pomona.pipeline.scale import SCALE
+from pomona.pipeline.second_look import second_look_stage
 from pomona.pipeline.segment import SEGMENT
 from pomona.pipeline.select import SELECT
 from pomona.pipeline.sfm import SFM
@@ -40,16 +41,17 @@ class Stages:
 def stages_of(method: str, *, corrected: bool) -> Stages:
     """Return the stages of a run by `method`; `corrected` says whether the survey has corrections."""
     first = (SEGMENT, SELECT, SFM, SCALE)
-    fuse = FUSE_BY_PAPER if method == "paper" else FUSE_BY_OBJECT
-    filtered = filter_stage(fuse)
-    measured = measure_stage(filtered)
+    fuse: tuple[Stage[Fused], ...]
     middle: tuple[Stage[Any], ...]
+    fuse = (FUSE_BY_PAPER,) if method == "paper" else (FUSE_BY_OBJECT, second_look_stage(FUSE_BY_OBJECT))
+    filtered = filter_stage(fuse[-1])
+    measured = measure_stage(filtered)
     trunks = planting_stage(measured)
     if method == "paper":
-        with_points, middle = measured, (FRUIT_CLOUD, fuse, filtered, measured, trunks)
+        with_points, middle = measured, (FRUIT_CLOUD, *fuse, filtered, measured, trunks)
     else:
         with_points = sphere_cloud_stage(measured)
-        middle = (fuse, filtered, measured, trunks, with_points)
+        middle = (*fuse, filtered, measured, trunks, with_points)
     shown = planted_stage(with_points, trunks)
     found = found_stage(shown)
     by_person = correct_stage(found) if corrected else None

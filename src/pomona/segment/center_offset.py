@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import ByteArray
+from pomona.arrays import ByteArray, Float32Array
 from pomona.errors import FormatError
-from pomona.segment.decode import DecodeOptions, Float32Array, Maps, decode
-from pomona.segment.onnx_file import OnnxFile, positive_numbers
+from pomona.onnx_file import OnnxFile, positive_numbers
+from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
 
 KIND = "center-offset"

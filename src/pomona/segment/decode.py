@@ -11,14 +11,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from pomona.arrays import BoolArray, FloatArray, set_checked
+from pomona.arrays import BoolArray, Float32Array, FloatArray, set_checked
 from pomona.detections import Mask
 from pomona.segment.box_overlap import non_maximum_suppression, overlapping_pairs
 from pomona.segment.protocol import TileDetections
-
-Float32Array = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True)

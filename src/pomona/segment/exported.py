@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from pomona.errors import FormatError
+from pomona.onnx_file import OnnxFile, Tensor
 from pomona.segment.fruit_classes import fruit_columns
-from pomona.segment.onnx_file import OnnxFile, Tensor
-from pomona.segment.protocol import TileByTile, name_of_file
+from pomona.segment.protocol import SegmenterTraits, TileByTile, name_of_file
 
 
 class ExportedSegmenter(TileByTile):
@@ -35,7 +35,7 @@ class ExportedSegmenter(TileByTile):
         count, names = self._read_layout(file.with_fixed_shapes(found, self._input_px))
         self._fruits = fruit_columns(file.path, count, names, classes)
         # Tiles of the network's own size, so that the photo's scale is kept.
-        traits = file.traits(tile_px=min(self._input_px), score_threshold=self.usual_score_threshold)
+        traits = traits_of(file, tile_px=min(self._input_px), score_threshold=self.usual_score_threshold)
         name = ":".join([self.kind, name_of_file(file.path), "+".join(map(str, self._fruits))])
         super().__init__(name, traits, score_floor)
 
@@ -52,3 +52,21 @@ class ExportedSegmenter(TileByTile):
     @abstractmethod
     def _read_layout(self, outputs: Sequence[Tensor]) -> tuple[int, Mapping[int, str]]:
         """Note what reading the outputs takes; return how many classes there are, and their names where known."""
+
+
+def traits_of(file: OnnxFile, *, tile_px: int, score_threshold: float) -> SegmenterTraits:
+    """Return the traits of a network that takes tiles of `tile_px`.
+
+    Metadata `pomona.typical_fruit_px` and `pomona.score_threshold`, which anybody may add to a file, are heeded.
+    """
+    typical: float | None = None
+    if "pomona.typical_fruit_px" in file.metadata:
+        (typical,) = file.numbers("pomona.typical_fruit_px", 1)
+    if "pomona.score_threshold" in file.metadata:
+        (score_threshold,) = file.numbers("pomona.score_threshold", 1)
+    if score_threshold > 1:
+        raise FormatError(f"{file.path}: metadata pomona.score_threshold: expected 0 to 1, found {score_threshold:g}")
+    # A quarter of a tile: fruits up to that width are seen whole by one of two tiles; larger ones are joined.
+    return SegmenterTraits(
+        score_threshold=score_threshold, typical_fruit_px=typical, tile_px=tile_px, min_overlap_px=tile_px // 4
+    )

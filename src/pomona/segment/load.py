@@ -99,8 +99,8 @@ def _load_onnx(path: Path, classes: Sequence[str], score_floor: float | None) ->
 
     `classes`: which are fruit, by name or number; empty: worked out.
     """
+    from pomona.onnx_file import OnnxFile
     from pomona.segment.center_offset import KIND, CenterOffsetSegmenter
-    from pomona.segment.onnx_file import OnnxFile
     from pomona.segment.rf_detr_seg import RfDetrSegmenter
     from pomona.segment.yolo_seg import YoloSegmenter
 

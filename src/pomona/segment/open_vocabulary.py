@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
+from pomona.arrays import ByteArray, Float32Array, FloatArray
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
 from pomona.segment.box_overlap import non_maximum_suppression
-from pomona.segment.decode import Float32Array
 from pomona.segment.placement import Placement, corners, with_masks
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
+from pomona.arrays import ByteArray, Float32Array, FloatArray
 from pomona.detections import Mask
-from pomona.segment.decode import Float32Array
 from pomona.segment.protocol import TileDetections
 from pomona.segment.resize import resized_pixels
 

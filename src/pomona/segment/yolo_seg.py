@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
+from pomona.arrays import ByteArray, Float32Array, FloatArray
 from pomona.errors import FormatError
+from pomona.onnx_file import OnnxFile, Tensor
 from pomona.segment.box_overlap import non_maximum_suppression
-from pomona.segment.decode import Float32Array
 from pomona.segment.exported import ExportedSegmenter
-from pomona.segment.onnx_file import OnnxFile, Tensor
 from pomona.segment.placement import Placement, corners, with_masks
 from pomona.segment.protocol import TileDetections
 

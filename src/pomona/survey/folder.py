@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -176,6 +176,13 @@ class SurveyFolder:
         self._manifest["stages"].pop(stage, None)
         self._manifest["stages"][stage] = record.to_json()
         self._write()
+
+    def forget_records_but(self, stages: Collection[str]) -> None:
+        """Forget what is known of stages that are not among these: of another method, they say nothing of this one."""
+        if others := self._manifest["stages"].keys() - set(stages):
+            for stage in others:
+                del self._manifest["stages"][stage]
+            self._write()
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:

@@ -214,9 +214,11 @@ class SurveyReader:
     @cached_property
     def before_filter(self) -> tuple[Fruits, Observations] | None:
         """The fruits before the filter, with what saw them; None where the survey has not kept those of its tables."""
-        if not fused_path(self.files, "fuse").is_file():
+        record = self._finished("second_look")
+        stage = "second_look" if record is not None and fused_path(self.files, "second_look").is_file() else "fuse"
+        if not fused_path(self.files, stage).is_file():
             return None
-        before = read_fused(self.files, "fuse")
+        before = read_fused(self.files, stage)
         kept = set(self.fruits.ids.tolist()) <= set(before.fruits.ids.tolist())
         return (before.fruits, before.observations) if kept else None
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from pomona.arrays import Float32Array
 from pomona.train.crop import Crop
 from pomona.train.network import STRIDE
 from pomona.train.samples import IGNORED, Labels
-
-Float32Array = npt.NDArray[np.float32]
 
 _SPREAD = 0.54 / 6  # standard deviation of a centre's bump, of the box's side (Liu 2020, TTFNet)
 _CORE = 0.3  # a box is learnt where its bump is higher than this

@@ -81,10 +81,18 @@ def place_sds_m(
 
     That is nearly always along the sight: of a fruit that is seen from one place alone nobody knows how far away it is.
     """
+    largest = np.linalg.eigvalsh(place_covariances(spheres, matches, masks, radius_m, options))[:, -1]
+    result: FloatArray = np.sqrt(largest)
+    return result
+
+
+def place_covariances(
+    spheres: Spheres, matches: Matches, masks: MaskRays, radius_m: float, options: ObjectOptions
+) -> FloatArray:
+    """Return the covariances (n, 3, 3), in square metres, of the centres that `fit_spheres` gives."""
     normal, _ = _Equations(spheres, matches, masks, radius_m, options, options.radius_spread).at(spheres)
     normal[:, [0, 1, 2], [0, 1, 2]] += 1 / _UNKNOWN**2
-    largest = np.linalg.eigvalsh(np.linalg.inv(normal)[:, :3, :3])[:, -1]
-    result: FloatArray = radius_m * np.sqrt(largest)
+    result: FloatArray = radius_m**2 * np.linalg.inv(normal)[:, :3, :3]
     return result
 
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from pomona.arrays import FloatArray
+from pomona.arrays import Float32Array, FloatArray
 from pomona.errors import MissingExtraError
 from pomona.synth.quick import shaders
 from pomona.synth.quick.lights import Lighting
@@ -27,7 +26,6 @@ except ImportError as missing:
         "run: pip install 'pomona[synth]'"
     ) from missing
 
-Float32Array = npt.NDArray[np.float32]
 
 _SUN_MAP_PX, _SKY_MAP_PX = 2048, 512
 

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import Array
+from pomona.arrays import Array, Float32Array
 from pomona.errors import FormatError, MissingFileError
-from pomona.segment.decode import Float32Array
-from pomona.segment.protocol import SegmenterTraits
 
 _FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
@@ -105,25 +103,6 @@ class OnnxFile:
     def numbers(self, key: str, count: int) -> list[float]:
         """Return the positive numbers of a metadata entry, separated by commas; raises `FormatError`."""
         return positive_numbers(self.path, self.metadata, key, count)
-
-    def traits(self, *, tile_px: int, score_threshold: float) -> SegmenterTraits:
-        """Return the traits of a network that takes tiles of `tile_px`.
-
-        Metadata `pomona.typical_fruit_px` and `pomona.score_threshold`, which anybody may add to a file, are heeded.
-        """
-        typical: float | None = None
-        if "pomona.typical_fruit_px" in self.metadata:
-            (typical,) = self.numbers("pomona.typical_fruit_px", 1)
-        if "pomona.score_threshold" in self.metadata:
-            (score_threshold,) = self.numbers("pomona.score_threshold", 1)
-        if score_threshold > 1:
-            raise FormatError(
-                f"{self.path}: metadata pomona.score_threshold: expected 0 to 1, found {score_threshold:g}"
-            )
-        # A quarter of a tile: fruits up to that width are seen whole by one of two tiles; larger ones are joined.
-        return SegmenterTraits(
-            score_threshold=score_threshold, typical_fruit_px=typical, tile_px=tile_px, min_overlap_px=tile_px // 4
-        )
 
 
 def positive_numbers(path: Path, entries: Mapping[str, str], key: str, count: int) -> list[float]:

@@ -1,0 +1,49 @@
+"""Stage `second_look`: fruits are looked at again in all photos that should show them, and moved to where these say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pomona.fuse.fused import Fused
+from pomona.photos import Photos
+from pomona.pipeline.fused_store import fused_store
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.select import SELECT, Selected
+from pomona.pipeline.stage import PHOTOS, Stage
+from pomona.progress import Progress
+
+if TYPE_CHECKING:
+    from pomona.pipeline.options import StageOptions
+    from pomona.scale.report import Placed
+    from pomona.second_look.options import SecondLookOptions
+
+
+def _choice(options: StageOptions) -> SecondLookOptions | None:
+    return options.looking if options.run.second_look else None
+
+
+def _look(
+    fused: Fused,
+    selected: Selected,
+    placed: Placed,
+    photos: Photos,
+    *,
+    options: SecondLookOptions | None,
+    progress: Progress,
+) -> Fused:
+    if options is None or len(fused.fruits) == 0:
+        return fused
+    from pomona import second_look
+
+    return second_look.look_again(fused, selected.trusted, photos, placed.cameras, options=options, progress=progress)
+
+
+def second_look_stage(fused: Stage[Fused]) -> Stage[Fused]:
+    """Return the stage that looks at the fruits of `fused` again."""
+    return Stage(
+        name="second_look",
+        inputs={"fused": fused, "selected": SELECT, "placed": SCALE, "photos": PHOTOS},
+        options=_choice,
+        compute=_look,
+        store=fused_store("second_look"),
+    )

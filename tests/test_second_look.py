@@ -1,0 +1,256 @@
+"""The second look: crops of one scale, which photos are looked at, and fruits moved to where all photos show them."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fuse_scenes import cameras_in_a_row, detections_of, seen_pixels
+from pomona.arrays import ByteArray, Float32Array, FloatArray
+from pomona.cameras import Cameras
+from pomona.capture.images import write_jpeg
+from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Fused
+from pomona.fuse.object import fuse
+from pomona.photos import Photo, Photos
+from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
+from pomona.second_look.crops import CropPlaces, cut
+from pomona.second_look.evidence import find_sights
+from pomona.segment import load_segmenter
+from pomona.spheres import Spheres
+
+DIAMETER_M = 0.075
+CENTERS = np.array([[-0.25, 0.0, 0.1], [0.0, 0.05, -0.15], [0.22, -0.05, 0.05]])
+
+
+class Discs(CentersNetwork):
+    """Knows a fruit's centre by the whole disc, which the photos of these tests show in blue."""
+
+    def __init__(self) -> None:
+        self.radius_px, self.side_px, self.stride = 8.0, 56, 2
+        reach = np.arange(-8, 9)
+        self._disc = (reach[:, None] ** 2 + reach**2 <= 64).astype(np.float32)
+
+    def centers(self, crops: ByteArray) -> Float32Array:
+        filled = [cv2.filter2D(c[:, :, 2].astype(np.float32) / 255, -1, self._disc / self._disc.sum()) for c in crops]
+        peaks = [np.clip((map_ - 0.85) / 0.1, 0, 1) ** 2 for map_ in filled]
+        return np.array([cv2.resize(p, (28, 28), interpolation=cv2.INTER_AREA) for p in peaks], np.float32)
+
+
+class Blind(Discs):
+    """Sees nothing anywhere."""
+
+    def centers(self, crops: ByteArray) -> Float32Array:
+        return np.zeros((len(crops), 28, 28), np.float32)
+
+
+def photos_of(cameras: Cameras, folder: Path, centers: FloatArray, diameters_m: FloatArray) -> Photos:
+    found = []
+    for k, name in enumerate(cameras.photos):
+        discs = np.any(seen_pixels(cameras, k, centers, diameters_m), axis=0)
+        pixels = np.where(discs[:, :, None], np.array([120, 60, 255]), np.array([90, 120, 0])).astype(np.uint8)
+        write_jpeg(folder / name, pixels)
+        found.append(Photo(name, folder / name, pixels.shape[1], pixels.shape[0]))
+    return Photos(tuple(found))
+
+
+def half_hidden(cameras: Cameras, detections: SurveyDetections) -> SurveyDetections:
+    """Ragged masks of the left part of fruits, without the edge: spheres fitted to them lie wrong."""
+    by_photo = {}
+    for k, name in enumerate(cameras.photos):
+        found, masks = detections[name], []
+        for mask in found.masks:
+            padded = np.pad(mask.pixels.astype(np.uint8), 1)
+            pixels = cv2.erode(padded, np.ones((5, 5), np.uint8))[1:-1, 1:-1].astype(bool)
+            pixels[:, round(mask.width_px * (0.6 - 0.02 * k)) :] = False
+            masks.append(Mask.from_pixels(pixels, mask.x_px, mask.y_px))
+        by_photo[name] = Detections(name, found.width_px, found.height_px, tuple(masks), found.scores, found.ids)
+    return SurveyDetections(by_photo)
+
+
+def misplaced(detections: SurveyDetections, cameras: Cameras) -> Fused:
+    """The fruits of these masks, of the right size, beside and behind where they are."""
+    fused = fuse(detections, cameras)
+    off = DIAMETER_M * np.array([[0.3, 0.4, -0.2], [-0.35, -0.5, 0.1], [-0.2, 0.5, 0.25]])
+    sizes = np.full(len(CENTERS), DIAMETER_M)
+    return replace(fused, fruits=replace(fused.fruits, centers_in_world=CENTERS + off, diameters_m=sizes))
+
+
+def errors_m(fused: Fused) -> FloatArray:
+    apart = np.linalg.norm(fused.fruits.centers_in_world[:, None] - CENTERS[None], axis=2)
+    result: FloatArray = apart.min(0)
+    return result
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> tuple[Cameras, SurveyDetections, Photos]:
+    cameras, sizes = cameras_in_a_row(8, step_m=0.1), np.full(len(CENTERS), DIAMETER_M)
+    return (
+        cameras,
+        half_hidden(cameras, detections_of(cameras, CENTERS, sizes)),
+        photos_of(cameras, tmp_path, CENTERS, sizes),
+    )
+
+
+def test_a_crop_of_the_photos_own_scale_is_its_pixels() -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
+    crops = cut(pixels, CropPlaces(np.array([[40.0, 30.0], [4.0, 30.0]]), np.ones(2)), 20, 80)
+    np.testing.assert_array_equal(crops[0], pixels[20:40, 30:50])
+    np.testing.assert_array_equal(crops[1][:, 6:], pixels[20:40, :14])
+    assert (crops[1][:, :6] == 0).all()
+
+
+@pytest.mark.parametrize("scale", [0.11, 0.4, 0.9, 1.7])
+@pytest.mark.parametrize("read_at", [1.0, 0.5])
+def test_a_place_is_where_the_crop_says(scale: float, read_at: float) -> None:
+    """A disc in the photo is found in the crop where `in_crop` has its centre, whatever scales photo and crop have."""
+    pixels = np.zeros((600, 800, 3), np.uint8)
+    radius_px, center = 6 / scale, np.array([412.3, 305.8])
+    columns, rows = np.arange(800) + 0.5, np.arange(600)[:, None] + 0.5
+    pixels[:] = 255 * np.clip(radius_px + 0.5 - np.hypot(columns - center[0], rows - center[1]), 0, 1)[:, :, None]
+    read = cv2.resize(pixels, None, fx=read_at, fy=read_at, interpolation=cv2.INTER_AREA)
+    places = CropPlaces(np.array([[405.0, 300.0]]), np.array([scale]))
+    crop = cut(np.asarray(read, np.uint8), places, 56, 800)[0, :, :, 0].astype(float)
+    mass = crop / crop.sum()
+    middle = [(mass.sum(0) * (np.arange(56) + 0.5)).sum(), (mass.sum(1) * (np.arange(56) + 0.5)).sum()]
+    np.testing.assert_allclose(middle, places.in_crop(0, center[None], 56)[0], atol=0.12)
+
+
+def test_photos_are_looked_at_that_stand_where_others_saw_the_fruit() -> None:
+    """The slow way: every photo of every sphere is asked by itself."""
+    cameras, options = cameras_in_a_row(12, step_m=0.25), SecondLookOptions(near_deg=20, farther=1.2)
+    rng = np.random.default_rng(3)
+    spheres = Spheres.alike(rng.uniform((-1, -0.2, -0.3), (1, 0.4, 0.3), (15, 3)), DIAMETER_M / 2)
+    sphere_idx = np.repeat(np.arange(15), 2)
+    photo_idx = rng.integers(0, 12, 30)
+    sights = find_sights(spheres, sphere_idx, photo_idx, cameras, options)
+    eyes, expected = cameras.centers_in_world, set()
+    for i, center in enumerate(spheres.centers_in_world):
+        seen = [center - eyes[k] for k in photo_idx[sphere_idx == i]]
+        for k in range(12):
+            xy_px, depth = cameras.project(k, center[None])
+            sight = center - eyes[k]
+            cosine = max(sight @ s / np.linalg.norm(sight) / np.linalg.norm(s) for s in seen)
+            near = np.linalg.norm(sight) <= 1.2 * max(np.linalg.norm(s) for s in seen)
+            inside = depth[0] > 0 and (xy_px > 0).all() and (xy_px < [320, 240]).all()
+            if inside and near and cosine > np.cos(np.radians(20)):
+                expected.add((i, k))
+    assert set(zip(sights.sphere_idx.tolist(), sights.photo_idx.tolist(), strict=True)) == expected
+    assert 20 < len(expected) < 15 * 12
+    assert (np.diff(sights.photo_idx) >= 0).all()
+
+
+def test_fruits_half_hidden_go_where_photos_show_them(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    cameras, detections, photos = scene
+    fused = misplaced(detections, cameras)
+    looked = look_again(fused, detections, photos, cameras, network=Discs())
+    assert len(looked.fruits) == len(CENTERS)
+    assert errors_m(fused).min() > 0.5 * DIAMETER_M
+    assert errors_m(looked).max() < 0.2 * DIAMETER_M  # nearly all of it along the sight
+    assert np.abs((looked.fruits.centers_in_world - CENTERS)[:, [0, 2]]).max() < 0.1 * DIAMETER_M
+    np.testing.assert_array_equal(looked.fruits.ids, fused.fruits.ids)
+    np.testing.assert_array_equal(looked.observations.detection_id, fused.observations.detection_id)
+
+
+def test_where_nothing_is_seen_fruits_stay(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    cameras, detections, photos = scene
+    fused = misplaced(detections, cameras)
+    looked = look_again(fused, detections, photos, cameras, network=Blind())
+    np.testing.assert_allclose(looked.fruits.centers_in_world, fused.fruits.centers_in_world, atol=1e-12)
+
+
+def test_the_order_of_photos_does_not_matter(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    cameras, detections, photos = scene
+    fused = misplaced(detections, cameras)
+    turned = replace(
+        cameras,
+        photos=cameras.photos[::-1],
+        intrinsics_idx=cameras.intrinsics_idx[::-1],
+        cam_from_world=cameras.cam_from_world[::-1],
+    )
+    one = look_again(fused, detections, photos, cameras, network=Discs())
+    other = look_again(fused, detections, Photos(tuple(photos)[::-1]), turned, network=Discs())
+    np.testing.assert_allclose(other.fruits.centers_in_world, one.fruits.centers_in_world, atol=0.02 * DIAMETER_M)
+
+
+def test_two_fruits_that_are_one_become_one(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    """A second fruit that has the last photos' masks, and lies beside, goes where the first is, and out."""
+    cameras, detections, photos = scene
+    fused = misplaced(detections, cameras)
+    first = int(fused.fruits.ids[0])
+    late = np.array([photo in cameras.photos[5:] for photo in fused.observations.photo])
+    ids = np.where((fused.observations.fruit_id == first) & late, 99, fused.observations.fruit_id)
+    old, center = fused.fruits, fused.fruits.centers_in_world[0] + [-0.1 * DIAMETER_M, -0.1 * DIAMETER_M, 0]
+    doubled = Fused(
+        Fruits(
+            [*old.ids, 99], np.vstack([old.centers_in_world, center]), [*old.diameters_m, DIAMETER_M],
+            [*old.scores, 0.9], [*old.views, 3],
+        ),
+        replace(fused.observations, fruit_id=ids),
+        FruitCloud.empty(),
+    )  # fmt: skip
+    once = SecondLookOptions(reach=((1.0, 2.0),), held=(8.0,))  # later, the one explains what the other sees
+    looked = look_again(doubled, detections, photos, cameras, network=Discs(), options=once)
+    assert len(looked.fruits) == len(CENTERS)
+    assert len({first, 99} & set(looked.fruits.ids.tolist())) == 1
+    assert set(looked.observations.fruit_id.tolist()) == set(looked.fruits.ids.tolist())
+
+
+def test_no_fruits_need_no_look(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    cameras, detections, photos = scene
+    nothing = Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
+    assert len(look_again(nothing, detections, photos, cameras).fruits) == 0
+
+
+def test_a_photo_that_is_gone_is_named(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    cameras, detections, photos = scene
+    next(iter(photos)).path.unlink()
+    with pytest.raises(MissingFileError, match=r"000\.jpg"):
+        look_again(fuse(detections, cameras), detections, photos, cameras, network=Discs())
+
+
+def test_the_shipped_network_sees_a_plain_round_fruit_at_its_centre() -> None:
+    network = CentersNetwork()
+    pixels = np.random.default_rng(1).integers(20, 70, (56, 56, 3), np.uint8)
+    pixels[:, :, 1] += 20
+    columns, rows = np.arange(56) + 0.5, np.arange(56)[:, None] + 0.5
+    away = np.hypot(columns - 31, rows - 25)
+    lit = np.sqrt(np.clip(1 - (away / 8) ** 2, 0, 1))[:, :, None]
+    pixels = np.where(away[:, :, None] < 8, np.array([210, 40, 40]) * (0.35 + 0.65 * lit), pixels).astype(np.uint8)
+    bare = np.random.default_rng(2).integers(20, 70, (56, 56, 3), np.uint8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        maps = network.centers(np.stack([cv2.GaussianBlur(pixels, (3, 3), 0), cv2.GaussianBlur(bare, (3, 3), 0)]))
+    assert maps.shape == (2, 28, 28)
+    row, column = np.unravel_index(maps[0].argmax(), (28, 28))
+    assert maps[0].max() > 0.3
+    assert np.hypot(2 * column + 1 - 31, 2 * row + 1 - 25) < 2.5
+    assert maps[1].mean() < 0.02
+
+
+def test_another_network_is_refused() -> None:
+    segmenter = Path(load_segmenter.__code__.co_filename).parent / "weights" / "fruit.onnx"
+    with pytest.raises(FormatError, match=r"second-look.*center-offset"):
+        CentersNetwork(segmenter)
+    with pytest.raises(MissingFileError, match=r"none\.onnx"):
+        CentersNetwork(Path("none.onnx"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"near_deg": 0}, "near_deg"), ({"farther": 0}, "farther"), ({"missing": 1}, "missing"),
+        ({"peaks": 0}, "peaks"), ({"rays_per_mask": 3}, "rays_per_mask"), ({"held": (8.0,)}, "held"),
+        ({"steps": ()}, "steps"), ({"reach": ((0.1, 2.0), (1.5, 3.0))}, "reach"),
+    ],
+)  # fmt: skip
+def test_wrong_options_are_named(wrong: dict[str, object], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        SecondLookOptions(**wrong)  # type: ignore[arg-type]
