@@ -262,9 +262,10 @@ def test_damaged_work_is_done_again(fakes: Fakes, tmp_path: Path) -> None:
     run([photos], tmp_path / "out")
     (tmp_path / "out" / "work" / "dense.npz").write_bytes(b"broken")
     (tmp_path / "out" / "work" / "fuse.npz").write_bytes(b"broken")
+    (tmp_path / "out" / "work" / "second_look.npz").write_bytes(b"broken")
     summary = run([photos], tmp_path / "out", RunOptions(filter_false_positives=False))
     assert summary.fruits == 1
-    assert (fakes.calls["fuse"], fakes.calls["sfm"]) == (2, 1)
+    assert (fakes.calls["fuse"], fakes.calls["second_look"], fakes.calls["sfm"]) == (2, 2, 1)
 
 
 def test_photos_of_other_sizes_and_depths(fakes: Fakes, tmp_path: Path) -> None:
