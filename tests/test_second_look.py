@@ -20,6 +20,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.fuse.object import fuse
 from pomona.photos import Photo, Photos
+from pomona.progress import Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
 from pomona.second_look.crops import CropPlaces, cut
 from pomona.second_look.evidence import find_sights
@@ -214,6 +215,26 @@ def test_a_photo_that_is_gone_is_named(scene: tuple[Cameras, SurveyDetections, P
     next(iter(photos)).path.unlink()
     with pytest.raises(MissingFileError, match=r"000\.jpg"):
         look_again(fuse(detections, cameras), detections, photos, cameras, network=Discs())
+
+
+def test_a_photo_that_cannot_be_decoded_is_left_out_with_a_warning(
+    scene: tuple[Cameras, SurveyDetections, Photos],
+) -> None:
+    cameras, detections, photos = scene
+    damaged = photos.names[2]
+    next(photo for photo in photos if photo.name == damaged).path.write_bytes(b"no photo any more")
+    heard: list[str] = []
+
+    class Listening(Silent):
+        def warn(self, message: str) -> None:
+            heard.append(message)
+
+    fused = misplaced(detections, cameras)
+    looked = look_again(fused, detections, photos, cameras, network=Discs(), progress=Listening())
+    assert errors_m(looked).sum() < 0.5 * errors_m(fused).sum()
+    (warning,) = heard
+    assert damaged in warning
+    assert "not looked at again" in warning
 
 
 def test_the_shipped_network_sees_a_plain_round_fruit_at_its_centre() -> None:

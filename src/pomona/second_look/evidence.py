@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import Float32Array, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, Float32Array, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
+from pomona.errors import InputError
 from pomona.photos import Photos
 from pomona.progress import Progress
 from pomona.second_look.crops import CropPlaces, cut
@@ -37,6 +38,11 @@ class Sights:
         set_checked(self, "photo_idx", (k,), np.int64)
         set_checked(self, "centers_px", (k, 2), np.float64)
         set_checked(self, "radii_px", (k,), np.float64)
+
+    def __getitem__(self, selection: BoolArray) -> Sights:
+        return Sights(
+            self.sphere_idx[selection], self.photo_idx[selection], self.centers_px[selection], self.radii_px[selection]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,22 +144,27 @@ def _in_pictures(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, ca
 
 
 def look(sights: Sights, photos: Photos, cameras: Cameras, network: CentersNetwork, progress: Progress) -> Evidence:
-    """Return what photos show at the sights.
+    """Return what photos show at the sights; without those of photos that cannot be decoded, of which it warns.
 
-    Raises `MissingFileError` or `InputError` naming a photo that cannot be read any more.
+    Raises `MissingFileError` naming a photo that is gone.
     """
     scales = network.radius_px / np.maximum(sights.radii_px, 1e-9)
     cells = network.side_px // network.stride
     maps = np.zeros((len(scales), cells, cells), np.float32)
-    by_name = {photo.name: photo for photo in photos}
-    names = np.unique(sights.photo_idx).tolist()
-    progress.start("looking again", len(names))
-    for photo_idx in names:
+    looked = np.zeros(len(scales), dtype=bool)
+    by_name, photo_indices = photos.by_name(), np.unique(sights.photo_idx).tolist()
+    progress.start("looking again", len(photo_indices))
+    for photo_idx in photo_indices:
         mine = np.flatnonzero(sights.photo_idx == photo_idx)
         photo = by_name[cameras.photos[photo_idx]]
         scale = min(1.0, _FINER * float(np.median(scales[mine])))
-        pixels = read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
-        places = CropPlaces(sights.centers_px[mine], scales[mine])
-        maps[mine] = network.centers(cut(pixels, places, network.side_px, photo.width_px))
+        try:
+            pixels = read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+        except InputError as error:
+            progress.warn(f"{photo.name} is not looked at again: {error}")
+        else:
+            places = CropPlaces(sights.centers_px[mine], scales[mine])
+            maps[mine] = network.centers(cut(pixels, places, network.side_px, photo.width_px))
+            looked[mine] = True
         progress.advance()
-    return Evidence(sights, scales, maps, float(network.stride))
+    return Evidence(sights[looked], scales[looked], maps[looked], float(network.stride))
