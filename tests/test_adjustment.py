@@ -142,6 +142,22 @@ def test_pieces_leave_mapping_with_one_lens() -> None:
     assert 0 < east.mean_reprojection_error_px < 0.5
 
 
+@pytest.mark.parametrize("factor", [1.08, 1.2, 1.4])
+def test_a_zoom_that_exif_does_not_mention_is_found(factor: float) -> None:
+    """EXIF says one focal length of both pieces: a lens between the two would please it, and no photo."""
+    west = zoomed(WEST, factor)
+    pieces = [
+        Piece("east", paired(EAST).transformed(some_frame(1)), 0.3),
+        Piece("west", paired(west).transformed(some_frame(2)), 0.3),
+    ]
+    known = facts(EAST, focal_px=FOCAL * 1.004) | facts(west, focal_px=FOCAL * 1.004)
+    progress = Silent()
+    found = with_one_lens(pieces, Photos(tuple(known.values())), progress)
+    assert 0 < abs(focal_errors(found[0].cameras)[0]) < 0.01
+    assert 0 < abs(focal_errors(found[1].cameras, FOCAL * factor)[0]) < 0.02
+    assert any("different focal lengths" in warning for warning in progress.warnings)
+
+
 def test_standard_deviations_are_those_of_repeated_adjustments() -> None:
     focals, sds = [], []
     for seed in range(24):

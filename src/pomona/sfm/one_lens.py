@@ -13,6 +13,10 @@ from pomona.progress import Progress
 from pomona.sfm.pieces import Piece
 from pomona.sfm.selection import mean_error_px
 
+# Where EXIF makes lenses one that photos have apart, matches agree as well with it as with these, but for so much,
+# which is chance: beyond, it was another zoom, and the photos are believed.
+_MORE_NOISE = 1.05
+
 
 def with_one_lens(pieces: Sequence[Piece], photos: Photos, progress: Progress) -> list[Piece]:
     """Return the pieces, each in its own frame, after an adjustment in which lenses are shared and EXIF is heard.
@@ -27,6 +31,10 @@ def with_one_lens(pieces: Sequence[Piece], photos: Photos, progress: Progress) -
     adjusted = _adjusted(joined, known, trust_exif=True)
     if adjusted is None or wrong_focals(adjusted, known):
         adjusted = _adjusted(joined, known, trust_exif=False)
+    elif len(adjusted.intrinsics) < len(share_lenses(joined, known).intrinsics):
+        apart = _adjusted(joined, known, trust_exif=False)
+        if apart is not None and feature_noise_px(adjusted) > _MORE_NOISE * feature_noise_px(apart):
+            adjusted = apart
     for sentence in [*wrong_focals(adjusted or joined, known), *lenses_apart(adjusted or joined, known)]:
         progress.warn(sentence)
     if adjusted is None:
