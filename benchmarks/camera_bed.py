@@ -73,7 +73,7 @@ def named_photos(warnings: Sequence[str], photos: Sequence[str], sides: Sequence
     found: set[str] = set()
     for text in warnings:
         found |= {name for name in photos if name in text or Path(name).stem in re.findall(r"\w+", text)}
-        for first, last in re.findall(r"(\S+?) (?:to|–) (\S+?\.jpg)", text):
+        for first, last in re.findall(r"([\w./-]+) (?:to|–) ([\w./-]+\.jpg)", text):
             ends = [i for i, name in enumerate(photos) if name in (first, f"{first}.jpg", last)]
             found |= set(photos[ends[0] : ends[-1] + 1]) if len(ends) > 1 else set()
         if "was left out" not in text:  # that says something of a marker, nothing of the photos
