@@ -119,6 +119,13 @@ def _residuals_of(source: FloatArray, target: FloatArray, triple: list[int]) -> 
     return np.asarray(np.linalg.norm(similarity.apply(source) - target, axis=1))
 
 
+def frame_along(direction: FloatArray) -> FloatArray:
+    """Return a rotation (3, 3) whose last row points along a direction (3,); the others lie across it."""
+    across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    rows = np.array([across, np.cross(direction, across), direction])
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
 def offsets_from_rays(points: FloatArray, origins: FloatArray, rays: FloatArray) -> FloatArray:
     """Return the vectors (..., 3) from the nearest points on rays to points.
 

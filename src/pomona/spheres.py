@@ -41,6 +41,11 @@ class Spheres:
         )
 
     @classmethod
+    def of_fruits(cls, centers_in_world: FloatArray, diameters_m: FloatArray, radius_m: float) -> Spheres:
+        """Return the spheres of fruits; those whose diameter is not known (NaN) have the usual `radius_m`."""
+        return cls(centers_in_world, np.where(np.isfinite(diameters_m), diameters_m / 2, radius_m))
+
+    @classmethod
     def alike(cls, centers_in_world: FloatArray, radius_m: float) -> Spheres:
         """Return spheres of one size."""
         return cls(centers_in_world, np.full(len(centers_in_world), radius_m))

@@ -33,8 +33,7 @@ def view_features(
     options = options or FilterOptions()
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_mask, only=fused.observations)
     size = size_of_fruits(fused.fruits.diameters_m, FruitSize())
-    radii_m = fused.fruits.diameters_m / 2
-    spheres = Spheres(fused.fruits.centers_in_world, np.where(np.isfinite(radii_m), radii_m, size.radius_m))
+    spheres = Spheres.of_fruits(fused.fruits.centers_in_world, fused.fruits.diameters_m, size.radius_m)
     sphere_idx, mask_idx = masks.seen(fused.observations, fused.fruits.ids)
     n = len(spheres)
     views = np.maximum(np.bincount(sphere_idx, minlength=n), 1)
@@ -67,8 +66,7 @@ def _place_sds(
     spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays, size: FruitSize
 ) -> FloatArray:
     """Return how well it is known where each fruit is (n,): standard deviations in diameters of the fruits."""
-    shares = shares_of(spheres, sphere_idx, mask_idx, masks)
-    matches = Matches(sphere_idx, mask_idx, np.zeros(len(shares)), shares)
+    matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
     return place_sds_m(spheres, matches, masks, size.radius_m, ObjectOptions()) / size.diameter_m
 
 

@@ -13,6 +13,7 @@ from pomona.detections import SurveyDetections
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits
 from pomona.fuse import Fused
+from pomona.geometry import frame_along
 from pomona.mask_rays import MaskRays, mask_rays
 from pomona.measure.allometry import weigh
 from pomona.measure.options import MeasureOptions
@@ -135,7 +136,7 @@ def _fit(
     """Return the spheroids of the fruits that can be fitted: by themselves, then with what all have in common."""
     n = int(fitting.sum())
     up_is_known = cameras.frame.up_is_known
-    frame = _frame(np.array([0, 0, 1.0]) if up_is_known else -cameras.cam_from_world[:, 1, :3].mean(axis=0))
+    frame = frame_along(np.array([0, 0, 1.0]) if up_is_known else -cameras.cam_from_world[:, 1, :3].mean(axis=0))
     start = Spheroids(
         fused.fruits.centers_in_world[fitting],
         radii_m[fitting],
@@ -161,13 +162,6 @@ def _fit(
         alone = fit_spheroids(start, evidence, _prior_of_all(alone, prior, options))
     progress.advance()
     return alone
-
-
-def _frame(up: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) whose last row points up."""
-    across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    rows = np.array([across, np.cross(up, across), up])
-    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
 def _evidence(

@@ -8,6 +8,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray, set_checked
 from pomona.cameras import Cameras
+from pomona.geometry import frame_along
 from pomona.second_look.evidence import Evidence
 from pomona.second_look.options import SecondLookOptions
 from pomona.spheres import Spheres
@@ -50,7 +51,8 @@ def refined(
         mine = order[bounds[i] : bounds[i + 1]]
         if len(mine) == 0:
             continue
-        axes = _axes(start - eyes[evidence.sights.photo_idx[mine]])
+        sights = start - eyes[evidence.sights.photo_idx[mine]]
+        axes = frame_along((sights / np.linalg.norm(sights, axis=1, keepdims=True)).mean(0))
         for grid in grids:
             tried = centers[i] + radius_m * grid @ axes
             likely = _log_likelihood(evidence.at(mine, tried, cameras), options)
@@ -77,15 +79,6 @@ def _log_likelihood(shown: FloatArray, options: SecondLookOptions) -> FloatArray
     missing = options.missing
     result: FloatArray = options.photo_weight * np.log((missing + shown) / (missing + _NOTHING)).sum(0)
     return result
-
-
-def _axes(sights: FloatArray) -> FloatArray:
-    """Return two unit directions across the mean of the sights (m, 3) and that along it, as rows (3, 3)."""
-    along = (sights / np.linalg.norm(sights, axis=1, keepdims=True)).mean(0)
-    along /= max(float(np.linalg.norm(along)), 1e-12)
-    aside = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-    aside /= np.linalg.norm(aside)
-    return np.stack([aside, np.cross(along, aside), along])
 
 
 def _grid(across: float, along: float, step: float) -> FloatArray:

@@ -11,7 +11,7 @@ from pomona.detections import SurveyDetections
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 from pomona.fuse.object import ObjectOptions
-from pomona.fuse.object.matches import Matches, shares_of
+from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.refinement import place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.mask_rays import mask_rays
@@ -46,12 +46,10 @@ def look_again(
         return fused
     network = network or CentersNetwork()
     size = size_of_fruits(fruits.diameters_m, FruitSize())
-    radii_m = fruits.diameters_m / 2
-    spheres = Spheres(fruits.centers_in_world, np.where(np.isfinite(radii_m), radii_m, size.radius_m))
+    spheres = Spheres.of_fruits(fruits.centers_in_world, fruits.diameters_m, size.radius_m)
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_mask, only=fused.observations)
     sphere_idx, mask_idx = masks.seen(fused.observations, fruits.ids)
-    shares = shares_of(spheres, sphere_idx, mask_idx, masks)
-    matches = Matches(sphere_idx, mask_idx, np.zeros(len(shares)), shares)
+    matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
     covariances = place_covariances(spheres, matches, masks, size.radius_m, ObjectOptions())
     prior = Prior(spheres, covariances, size.radius_m)
     sights = find_sights(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options)

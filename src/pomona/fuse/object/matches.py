@@ -40,6 +40,12 @@ class Matches:
         return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
 
     @classmethod
+    def known(cls, spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays) -> Matches:
+        """Return pairs (k,) of which it is known that they belong together."""
+        shares = shares_of(spheres, sphere_idx, mask_idx, masks)
+        return cls(sphere_idx, mask_idx, np.zeros(len(shares)), shares)
+
+    @classmethod
     def joined(cls, parts: Sequence[Matches]) -> Matches:
         """Return the pairs of all parts, one part after the other."""
         parts = [*parts, cls.none()]
