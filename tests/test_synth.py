@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -275,3 +276,33 @@ def test_a_tiny_row_is_rendered_and_its_masks_lie_on_its_fruits(tmp_path):
     assert 0.78 < np.median(found[:, 2]) < 1.05
     again = render_row(options, tmp_path / "again")
     assert (again / "truth/masks/east_000.png").read_bytes() == (out / "truth/masks/east_000.png").read_bytes()
+
+
+def test_a_row_some_weeks_later_has_the_same_fruits_grown_and_fewer_of_them():
+    later = replace(SMALL, days_later=30, grow_m=0.012, grow_sd_m=0.002, drop_share=0.25)
+    before, after = lay_out_row(SMALL), lay_out_row(later)
+    one, other = before.fruits, after.fruits
+    assert len(other.ids) == 30
+    assert set(other.ids) < set(one.ids)
+    same = np.isin(one.ids, other.ids)
+    assert np.array_equal(one.trees[same], other.trees)
+    growth = other.diameters_m - one.diameters_m[same]
+    assert growth.mean() == pytest.approx(0.012, abs=0.001)
+    assert 0.001 < growth.std() < 0.003
+    # They hang lower by half of it, but for those that push each other aside.
+    moved = other.centres_in_world - one.centres_in_world[same]
+    assert np.median(moved[:, 2] + growth / 2) == pytest.approx(0, abs=1e-9)
+    assert np.linalg.norm(moved, axis=1).max() < 0.03
+    gaps = np.linalg.norm(other.centres_in_world[:, None] - other.centres_in_world[None], axis=-1)
+    np.fill_diagonal(gaps, 9)
+    assert (gaps > (other.diameters_m[:, None] + other.diameters_m) / 2).all()
+    assert np.array_equal(before.woods[0].lines[0], after.woods[0].lines[0])
+    walks = [np.array([c.centre_in_world for c in row_cameras(options)]) for options in (SMALL, later)]
+    assert 0.02 < np.linalg.norm(walks[0] - walks[1], axis=1).mean() < 0.2  # by hand, another time
+
+
+def test_growth_without_days_and_shares_beyond_reason_are_errors():
+    for wrong in ({"grow_m": 0.01}, {"drop_share": 0.2}, {"days_later": 9, "drop_share": 1.0},
+                  {"days_later": 9, "grow_m": float("nan")}, {"days_later": -1}):  # fmt: skip
+        with pytest.raises(InputError, match=next(iter(reversed(wrong)))):
+            RowOptions(**wrong)

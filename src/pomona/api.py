@@ -18,7 +18,9 @@ from pomona.survey import SurveyFolder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from datetime import date
 
+    from pomona.change import Comparison
     from pomona.evaluate.fruits import Scores
     from pomona.view import FolderOptions, ViewServer
 
@@ -160,6 +162,34 @@ def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress |
     if survey.record_of("results") is not None:
         bring_up_to_date(survey, progress)
     return Survey(survey, photos_folder=None if photos is None else Path(photos), progress=progress)
+
+
+def compare(
+    before: AnyPath | Survey,
+    after: AnyPath | Survey,
+    *,
+    out: AnyPath | None = None,
+    dates: tuple[date, date] | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Find the fruits of one survey of a row in a later one: growth, and which are gone; return the `Comparison`.
+
+    The surveys may be in any frames. `dates` are those of the two, where their photos do not say them. `out` is a
+    folder for tables, plot and page. Raises `InputError` where they have nothing in common, `MissingFileError` for a
+    survey that has no fruits yet, and `SurveyError` where `out` holds something else.
+    """
+    from pomona.change import compare_surveys
+    from pomona.change.page import write_comparison
+    from pomona.view.reading import page_data
+
+    surveys = [s if isinstance(s, Survey) else open(s, progress=progress) for s in (before, after)]
+    found = compare_surveys(surveys[0], surveys[1], dates=dates)
+    for warning in found.warnings:
+        surveys[1].progress.warn(warning)
+    if out is not None:
+        names = surveys[0].folder.name, surveys[1].folder.name
+        write_comparison(found, page_data(surveys[1]), names, Path(out))
+    return found
 
 
 def sample_folder() -> Path:

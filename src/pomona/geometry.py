@@ -53,8 +53,10 @@ class Similarity:
         )
 
 
-def estimate_similarity(points_in_source: FloatArray, points_in_target: FloatArray) -> Similarity:
-    """Return the least-squares `target_from_source` of n ≥ 3 point pairs, each (n, 3).
+def estimate_similarity(
+    points_in_source: FloatArray, points_in_target: FloatArray, *, rigid: bool = False
+) -> Similarity:
+    """Return the least-squares `target_from_source` of n ≥ 3 point pairs, each (n, 3); `rigid`: of scale 1.
 
     Source: Umeyama 1991, equations 40 to 43.
 
@@ -70,7 +72,7 @@ def estimate_similarity(points_in_source: FloatArray, points_in_target: FloatArr
         raise InputError("A similarity needs points that do not lie on one line")
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
     rotation = u @ np.diag(sign) @ vt
-    scale = float((singular * sign).sum() / (source_centred**2).sum(1).mean())
+    scale = 1.0 if rigid else float((singular * sign).sum() / (source_centred**2).sum(1).mean())
     return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
 
 

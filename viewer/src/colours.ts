@@ -2,7 +2,7 @@
 
 import { median, type Fruit } from "./payload";
 
-export type ColourBy = "fruit" | "diameter" | "score" | "views" | "side" | "tree" | "truth";
+export type ColourBy = "fruit" | "diameter" | "score" | "views" | "side" | "tree" | "truth" | "growth" | "change";
 export type Rgb = [number, number, number];
 
 export const APPLE: Rgb = [0.79, 0.16, 0.16];
@@ -37,14 +37,15 @@ export function ramp(t: number): Rgb {
 export const css = (rgb: Rgb): string => `rgb(${rgb.map((v) => Math.round(v * 255)).join(" ")})`;
 export const rampCss = (): string => `linear-gradient(90deg, ${VIRIDIS.map(css).join(", ")})`;
 
-function byNumber(fruits: Fruit[], value: (fruit: Fruit) => number): Colouring {
-  const finite = fruits.map(value).filter(Number.isFinite).sort((a, b) => a - b);
+/** By what each fruit has, `of` it. */
+export function byNumber(values: number[], of: (fruit: Fruit) => number): Colouring {
+  const finite = values.filter(Number.isFinite).sort((a, b) => a - b);
   if (!finite.length) return { of: () => UNKNOWN };
   // The extreme 2 % would leave all others in one colour.
   const low = finite[Math.floor(0.02 * (finite.length - 1))]!;
   const high = finite[Math.ceil(0.98 * (finite.length - 1))]!;
   const span = high - low || 1;
-  return { of: (fruit) => ramp((value(fruit) - low) / span), range: [low, high] };
+  return { of: (fruit) => ramp((of(fruit) - low) / span), range: [low, high] };
 }
 
 function byName(fruits: Fruit[], name: (fruit: Fruit) => string): Colouring {
@@ -54,10 +55,11 @@ function byName(fruits: Fruit[], name: (fruit: Fruit) => string): Colouring {
 }
 
 export function colouring(by: ColourBy, fruits: Fruit[]): Colouring {
+  const number = (of: (fruit: Fruit) => number): Colouring => byNumber(fruits.map(of), of);
   switch (by) {
-    case "diameter": return byNumber(fruits, (f) => f.diameter);
-    case "score": return byNumber(fruits, (f) => f.score);
-    case "views": return byNumber(fruits, (f) => f.views);
+    case "diameter": return number((f) => f.diameter);
+    case "score": return number((f) => f.score);
+    case "views": return number((f) => f.views);
     case "side": return byName(fruits, (f) => f.side);
     case "tree": return byName(fruits, (f) => (f.tree ? `tree ${f.tree}` : ""));
     default: return { of: () => APPLE };

@@ -137,6 +137,19 @@ export interface TruthData {
 }
 
 /**
+ * n fruits of an earlier survey, laid over this one's, and the growth of these (NaN: not known).
+ *
+ * `later`: the index of the same fruit now, −1 for none. `in_view` (n,): photos of now show the place.
+ */
+export interface EarlierFruits {
+  centers: F32;
+  diameters: F32;
+  later: number[];
+  inView: U8;
+  growth: F32;
+}
+
+/**
  * Where to look: `toward` is the direction from the fruits to where most photos were taken from (unit, in 3D).
  *
  * `along` and `across` are the row's axes, horizontal and of unit length; `across` points to most of the cameras.
@@ -238,5 +251,6 @@ export interface SurveyData {
   trees: TreePlaces;
   view: ViewHints;
   truth: TruthData | null;
+  earlier: EarlierFruits | null;
   corrections: CorrectionState | null;
 }

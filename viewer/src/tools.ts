@@ -2,8 +2,9 @@
 
 import * as three from "three";
 import type { SurveyData } from "./contract";
-import { css, rampCss, type ColourBy, type Colouring } from "./colours";
+import { colouring, css, rampCss, type ColourBy, type Colouring } from "./colours";
 import { element, find, say } from "./dom";
+import { byChange, byGrowth } from "./earlier";
 import { Filter, type Limits } from "./filter";
 import { Measure } from "./measure";
 import type { Look } from "./navigation";
@@ -22,7 +23,7 @@ export class Tools {
   private readonly truth: TruthLayer | null;
   private readonly choice = find<HTMLSelectElement>("#colour-by");
 
-  constructor(private readonly view: View, private readonly data: SurveyData, fruits: Fruit[], private readonly box: HTMLElement) {
+  constructor(private readonly view: View, private readonly data: SurveyData, private readonly fruits: Fruit[], private readonly box: HTMLElement) {
     this.measure = new Measure(view, box, data.unit);
     this.filter = new Filter(data, fruits);
     this.truth = data.truth ? new TruthLayer(data.truth, fruits.length) : null;
@@ -42,6 +43,11 @@ export class Tools {
       this.choice.prepend(new Option("truth", "truth"));
       this.choice.value = "truth";
     }
+    if (this.data.earlier) {
+      this.choice.prepend(new Option("growth", "growth"), new Option("change", "change"));
+      this.choice.value = "change";
+      find("#earlier-layer").hidden = false;
+    }
     this.choice.addEventListener("change", () => this.colour());
     this.filter.onChange = (shown, planes, limits) => this.filtered(shown, planes, limits);
     this.filter.changed();
@@ -55,10 +61,18 @@ export class Tools {
 
   private colour(): void {
     const by = this.choice.value as ColourBy;
-    const colours = by === "truth" && this.truth ? this.view.colour(this.truth.colouring()) : this.view.colourBy(by);
+    const colours = this.view.colour(this.colouring(by));
     // The truth's panel is its own legend.
     fillLegend(find("#legend"), this.data, by, by === "truth" ? { of: colours.of } : colours);
     if (this.truth) this.truth.object.visible = by === "truth";
+  }
+
+  private colouring(by: ColourBy): Colouring {
+    const { earlier } = this.data;
+    if (by === "truth" && this.truth) return this.truth.colouring();
+    if (by === "change" && earlier) return byChange(earlier);
+    if (by === "growth" && earlier) return byGrowth(earlier);
+    return colouring(by, this.fruits);
   }
 
   private filtered(shown: boolean[], planes: three.Plane[], limits: Limits): void {
@@ -118,6 +132,7 @@ export class Tools {
 }
 
 function formatted(data: SurveyData, by: ColourBy, value: number): string {
+  if (by === "growth") return data.metric ? `${(1000 * value).toFixed(1)} mm` : value.toPrecision(3);
   if (by === "diameter") return data.metric ? `${(1000 * value).toFixed(0)} mm` : value.toPrecision(3);
   return by === "score" ? value.toFixed(2) : value.toFixed(0);
 }

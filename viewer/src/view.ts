@@ -2,7 +2,8 @@
 
 import * as three from "three";
 import type { SurveyData } from "./contract";
-import { colouring, type ColourBy, type Colouring } from "./colours";
+import type { Colouring } from "./colours";
+import { earlierFruits } from "./earlier";
 import { Frusta, FruitBalls, ground, halo, sightLines } from "./layers";
 import { Navigation } from "./navigation";
 import type { Fruit, Photo } from "./payload";
@@ -10,7 +11,7 @@ import { LATER, PointCloud } from "./points";
 import { row } from "./row";
 import type { PhotoSource } from "./source";
 
-export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "row" | "ground";
+export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "row" | "ground" | "earlier";
 export type Picked = { fruit: number } | { camera: number } | null;
 
 const CLICK_PX = 5;
@@ -83,6 +84,7 @@ export class View {
       cameras: this.frusta.object,
       row: row(data),
       ground: ground(data),
+      earlier: data.earlier ? earlierFruits(data.earlier, data.fruits.centers) : new three.Group(),
     };
     this.world.add(...Object.values(this.layers), this.extra, this.halo);
     this.world.traverse(staysOnTop);
@@ -105,10 +107,6 @@ export class View {
   showFruits(shown: boolean[]): void {
     this.balls.show(shown);
     this.draw();
-  }
-
-  colourBy(by: ColourBy): Colouring {
-    return this.colour(colouring(by, this.fruits));
   }
 
   colour(colours: Colouring): Colouring {

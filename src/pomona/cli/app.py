@@ -8,6 +8,7 @@ import typer
 
 from pomona import __version__
 from pomona.cli.benchmark import benchmark
+from pomona.cli.compare import compare
 from pomona.cli.demo import demo
 from pomona.cli.evaluate import evaluate
 from pomona.cli.export import export
@@ -44,6 +45,6 @@ def common(
     """Photographs of an orchard row in, every fruit out."""
 
 
-for command in (run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, train, synth):
+for command in (run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, compare, train, synth):
     app.command()(reporting_errors(command))
 app.add_typer(benchmark, name="benchmark")

@@ -29,6 +29,18 @@ def synth(
     wind: Annotated[
         float, typer.Option(metavar="METRES", help="How far leaves move between rough photos (standard deviation).")
     ] = 0.0,
+    days_later: Annotated[
+        int, typer.Option(metavar="DAYS", help="The row of this seed so many days later, walked along again.")
+    ] = 0,
+    grow_mm: Annotated[
+        float, typer.Option(metavar="MM", help="By how much fruits have grown since. [--days-later]")
+    ] = 0.0,
+    grow_sd_mm: Annotated[
+        float, typer.Option(metavar="MM", help="How different they are in it (standard deviation). [--days-later]")
+    ] = 0.0,
+    drop_share: Annotated[
+        float, typer.Option(metavar="SHARE", help="Of the fruits, so many are gone since, from 0 to 1. [--days-later]")
+    ] = 0.0,
 ) -> None:
     """Render a row of apple trees from both sides, every fruit and camera known (needs the extra `synth`)."""
     from pomona.synth import RowOptions, render_row
@@ -45,6 +57,10 @@ def synth(
         distance_m=distance,
         rough=rough,
         wind_m=wind,
+        days_later=days_later,
+        grow_m=grow_mm / 1000,
+        grow_sd_m=grow_sd_mm / 1000,
+        drop_share=drop_share,
     )
     try:
         with TerminalProgress() as progress:

@@ -16,6 +16,8 @@ OTHER_NAMES = {
     "min_visible_px": "--min-visible",
     "step_m": "--step",
     "wind_m": "--wind",
+    "grow_m": "--grow-mm",
+    "grow_sd_m": "--grow-sd-mm",
 }
 # Parameters whose option has the same name, with hyphens.
 SAME_NAMES = frozenset(
@@ -25,6 +27,7 @@ SAME_NAMES = frozenset(
         "truth", "match", "worst", "to", "port", "arch", "weights", "preset", "steps", "epochs", "batch",
         "learning_rate", "copy_paste", "check_every", "patience", "held_out", "split_by", "workers", "seed", "trees",
         "fruits_per_tree", "variety", "light", "photos_per_side", "photos_round_end", "rough", "second_look",
+        "days_later", "drop_share", "dates",
     )
 )  # fmt: skip
 

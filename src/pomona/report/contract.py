@@ -161,6 +161,20 @@ class TruthData:
 
 
 @dataclasses.dataclass(frozen=True)
+class EarlierFruits:
+    """n fruits of an earlier survey, laid over this one's, and the growth of these (NaN: not known).
+
+    `later`: the index of the same fruit now, −1 for none. `in_view` (n,): photos of now show the place.
+    """
+
+    centers: F32
+    diameters: F32
+    later: list[int]
+    in_view: U8
+    growth: F32
+
+
+@dataclasses.dataclass(frozen=True)
 class ViewHints:
     """Where to look: `toward` is the direction from the fruits to where most photos were taken from (unit, in 3D).
 
@@ -268,6 +282,7 @@ class SurveyData:
     trees: TreePlaces
     view: ViewHints
     truth: TruthData | None
+    earlier: EarlierFruits | None
     corrections: CorrectionState | None
 
 

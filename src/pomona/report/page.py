@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from html import escape
 from importlib.resources import files
@@ -65,27 +66,50 @@ def report_html(data: ReportData, options: ReportOptions | None = None) -> str:
     return page_html(data, survey_data(data, scene))
 
 
-def page_html(data: ReportData, values: SurveyData, *, data_url: str = "") -> str:
-    """Return the page of one survey with `values` in it, or with the address where its script finds them."""
+@dataclass(frozen=True, kw_only=True)
+class Sections:
+    """The parts of the page that are made here, as HTML."""
+
+    subtitle: str
+    totals: str
+    notices: str
+    colour_choices: str
+    plots: str
+    tables: str
+    photos: str = ""
+
+    @classmethod
+    def of(cls, data: ReportData) -> Sections:
+        """Return those of a survey's report."""
+        return cls(
+            subtitle=escape(_subtitle(data)),
+            totals=totals(data),
+            notices=notices(data.warnings),
+            colour_choices=_colour_choices(data),
+            plots=plots(data),
+            tables=trees_table(data) + stage_times(data),
+            photos=photos_table(data),
+        )
+
+
+def page_html(data: ReportData, values: SurveyData, *, data_url: str = "", sections: Sections | None = None) -> str:
+    """Return the page of one survey with `values` in it, or with the address where its script finds them.
+
+    `sections` are those of its report, if no others are given.
+    """
+    sections = sections or Sections.of(data)
     script = _static("viewer.js").replace("</script", "<\\/script")
     source = values.source
     return Template(_ROOM.joinpath("template.html").read_text(encoding="utf-8")).substitute(
         source=source,
         policy=policy(source),
         title=escape(data.title),
-        subtitle=escape(_subtitle(data)),
         version=escape(data.version),
         style=_static("viewer.css"),
         script=script,
-        totals=totals(data),
-        notices=notices(data),
-        colour_choices=_colour_choices(data),
         view_note=escape(_view_note(data, values)),
         left_out=escape(_left_out(data, values)),
-        plots=plots(data),
-        trees=trees_table(data),
-        stages=stage_times(data),
-        photos=photos_table(data),
+        **vars(sections),
         data_url=f' data-url="{escape(data_url)}"' if data_url else "",
         payload="" if data_url else as_base64(values),
         footer=escape(f"Made by Pomona {data.version}".strip() + ". " + _FOOTERS[source]),

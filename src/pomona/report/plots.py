@@ -24,6 +24,11 @@ def plots(data: ReportData) -> str:
         figures += [diameters(data), along_row(data), heights(data)]
     if len(data.observations):
         figures.append(photos(data))
+    return framed(figures)
+
+
+def framed(figures: Sequence[str]) -> str:
+    """Return figures, each in a sheet of its own; empty ones are left out."""
     return "".join(f'<figure class="sheet">{figure}</figure>' for figure in figures if figure)
 
 
@@ -32,15 +37,15 @@ def diameters(data: ReportData) -> str:
     factor, unit = (1000.0, "mm") if data.cameras.frame.metric else (1.0, "units")
     values = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)] * factor
     if not len(values):
-        return f"{_caption('Diameters')}<p class='note'>No diameter could be measured.</p>"
+        return f"{caption('Diameters')}<p class='note'>No diameter could be measured.</p>"
     edges = bin_edges(values)
     middle = float(np.median(values))
     mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
-    bars = _bars(values, edges, unit)
+    bars = bars_of(values, edges, unit)
     unmeasured = len(data.fruits) - len(values)
     note = f"{unmeasured} not measured" if unmeasured else ""
-    return _caption("Diameters", note) + column_chart(
-        bars, Axis(name=f"diameter, {unit}", ticks=_ticks(edges)), mark=mark
+    return caption("Diameters", note) + column_chart(
+        bars, Axis(name=f"diameter, {unit}", ticks=ticks_at(edges)), mark=mark
     )
 
 
@@ -51,18 +56,18 @@ def along_row(data: ReportData) -> str:
     unit = _length_unit(data)
     edges = bin_edges(places, _MOST_BINS)
     chart = column_chart(
-        _bars(places, edges, unit, "leaf"), Axis(name=f"{unit} from the first fruit", ticks=_ticks(edges))
+        bars_of(places, edges, unit, "leaf"), Axis(name=f"{unit} from the first fruit", ticks=ticks_at(edges))
     )
-    return _caption("Fruits along the row") + chart
+    return caption("Fruits along the row") + chart
 
 
 def heights(data: ReportData) -> str:
     """Return how many fruits hang at which height (z of the world frame)."""
     values, unit = data.fruits.centers_in_world[:, 2], _length_unit(data)
     edges = bin_edges(values, 14)
-    axis = Axis(name=f"z, {unit}", ticks=_ticks(edges))
+    axis = Axis(name=f"z, {unit}", ticks=ticks_at(edges))
     note = "" if data.cameras.frame.up_is_known else "which way is up is a guess"
-    return _caption("Fruits by height", note) + row_chart(_bars(values, edges, unit, "leaf"), axis)
+    return caption("Fruits by height", note) + row_chart(bars_of(values, edges, unit, "leaf"), axis)
 
 
 def photos(data: ReportData) -> str:
@@ -83,7 +88,7 @@ def photos(data: ReportData) -> str:
     step = max(1, round(nice_step(len(items), 8)))
     ticks = [(((i or 1) - 0.5) / per_bar, str(i or 1)) for i in range(0, len(items) + 1, step)]
     axis = Axis(name="photo, in order" + (f" ({named})" if len(sides) > 1 else ""), ticks=ticks)
-    return _caption("Fruits seen in each photo") + column_chart(bars, axis)
+    return caption("Fruits seen in each photo") + column_chart(bars, axis)
 
 
 def bin_edges(values: FloatArray, bins: int | None = None) -> FloatArray:
@@ -101,13 +106,14 @@ def bin_edges(values: FloatArray, bins: int | None = None) -> FloatArray:
     return edges
 
 
-def _bars(values: FloatArray, edges: FloatArray, unit: str, colour: str = "") -> list[Bar]:
+def bars_of(values: FloatArray, edges: FloatArray, unit: str, colour: str = "") -> list[Bar]:
+    """Return a bar for each class between edges: how many of the values are in it."""
     counts, _ = np.histogram(values, edges)
     spans = zip(counts, edges[:-1], edges[1:], strict=True)
     return [Bar(float(n), f"{number(a)} to {number(b)} {unit}: {n} fruits", colour) for n, a, b in spans]
 
 
-def _ticks(edges: FloatArray) -> Sequence[tuple[float, str]]:
+def ticks_at(edges: FloatArray) -> Sequence[tuple[float, str]]:
     """Labels at round numbers, at most about eight."""
     width = float(edges[1] - edges[0])
     step = nice_step(float(edges[-1] - edges[0]), 8)
@@ -120,6 +126,7 @@ def _length_unit(data: ReportData) -> str:
     return "m" if data.cameras.frame.metric else "units"
 
 
-def _caption(title: str, note: str = "") -> str:
+def caption(title: str, note: str = "") -> str:
+    """Return a figure's caption, with a note in small letters."""
     small = f" <small>{escape(note)}</small>" if note else ""
     return f"<figcaption>{escape(title)}{small}</figcaption>"

@@ -14,6 +14,7 @@ from pomona.report.contract import (
     U32,
     CorrectionState,
     DetectionColumns,
+    EarlierFruits,
     FruitColumns,
     PhotoColumns,
     Source,
@@ -52,6 +53,7 @@ class SceneOptions:
     files: dict[str, str] | None = None
     detections: DetectionColumns | None = None
     truth: TruthData | None = None
+    earlier: EarlierFruits | None = None
     corrections: CorrectionState | None = None
     photos_note: str = ""
 
@@ -90,6 +92,7 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
         trees=_trees(data, middle, hints.ground),
         view=hints,
         truth=options.truth,
+        earlier=options.earlier,
         corrections=options.corrections,
     )
 

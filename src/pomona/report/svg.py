@@ -108,3 +108,18 @@ def _text(x: float, y: float, text: str, anchor: str = "middle", kind: str = "")
 def _svg(parts: Sequence[str], name: str) -> str:
     view = f"0 0 {WIDTH:g} {HEIGHT:g}"
     return f'<svg class="plot" viewBox="{view}" role="img" aria-label="{escape(name)}">{"".join(parts)}</svg>'
+
+
+# The colours of the page's style sheet in the light, for a chart in a file of its own.
+_STYLE = (
+    "<style>text{font:12px system-ui,sans-serif;fill:#66706a}.bar{fill:#b8322a}.bar.leaf{fill:#4f7d5a}"
+    ".bar.sky{fill:#5b7fa6}.grid{stroke:#e2ded2}.mark{stroke:#1f2723;stroke-dasharray:4 3}"
+    ".mark-label{fill:#1f2723}</style>"
+)
+
+
+def standalone(chart: str) -> str:
+    """Return a chart as a file of its own, with its colours."""
+    start, _, rest = chart.partition(">")
+    size = f' xmlns="http://www.w3.org/2000/svg" width="{2 * WIDTH:g}" height="{2 * HEIGHT:g}"'
+    return f"{start}{size}>{_STYLE}{rest}\n"

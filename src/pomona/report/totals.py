@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -30,7 +31,7 @@ def totals(data: ReportData) -> str:
     )
 
 
-def _card(label: str, figure: str, more: str, kind: str = "") -> str:
+def card(label: str, figure: str, more: str, kind: str = "") -> str:
     """A card; `figure` and `more` are HTML."""
     named = f"sheet total {kind}".strip()
     return (
@@ -47,7 +48,7 @@ def _fruits(data: ReportData) -> str:
         parts.append(f"seen {float(data.fruits.views.mean()):.1f} times each")
     if data.corrections:
         parts.append(f"{data.corrections:,} correction{'s' if data.corrections > 1 else ''} by hand")
-    return _card(data.fruit_words.capitalize(), f"{len(data.fruits):,}", ", ".join(parts), "main")
+    return card(data.fruit_words.capitalize(), f"{len(data.fruits):,}", ", ".join(parts), "main")
 
 
 def _weight(data: ReportData) -> str:
@@ -60,17 +61,17 @@ def _weight(data: ReportData) -> str:
     parts.append(f"{total.mean_g:.0f} g each by {total.source}")
     if unweighed := len(data.fruits) - total.weighed:
         parts.append(f"{unweighed:,} not measured")
-    return _card("Weight", f"{total.kg:,.{digits}f} <small>kg</small>", escape(", ".join(parts)))
+    return card("Weight", f"{total.kg:,.{digits}f} <small>kg</small>", escape(", ".join(parts)))
 
 
 def _diameter(data: ReportData) -> str:
     sizes = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)]
     if not len(sizes):
-        return _card("Median diameter", "–", "none measured")
+        return card("Median diameter", "–", "none measured")
     if not data.cameras.frame.metric:
-        return _card("Median diameter", f"{np.median(sizes):.3g} <small>units</small>", "no scale is known")
+        return card("Median diameter", f"{np.median(sizes):.3g} <small>units</small>", "no scale is known")
     low, middle, high = 1000 * np.percentile(sizes, [25, 50, 75])
-    return _card("Median diameter", f"{middle:.1f} <small>mm</small>", f"half lie between {low:.0f} and {high:.0f} mm")
+    return card("Median diameter", f"{middle:.1f} <small>mm</small>", f"half lie between {low:.0f} and {high:.0f} mm")
 
 
 def _photos(data: ReportData) -> str:
@@ -79,20 +80,20 @@ def _photos(data: ReportData) -> str:
     parts = [f'<a href="#lost">{lost} without a place</a>'] if lost else []
     if data.photos.skipped:
         parts.append(f'<a href="#lost">{len(data.photos.skipped)} not readable</a>')
-    return _card("Photos used", f"{used:,} <small>of {given:,}</small>", ", ".join(parts) or "all of them have a place")
+    return card("Photos used", f"{used:,} <small>of {given:,}</small>", ", ".join(parts) or "all of them have a place")
 
 
 def _scale(data: ReportData) -> str:
     frame = data.cameras.frame
     if not frame.metric:
-        return _card("Scale", '<span class="badge">not known</span>', "lengths are in arbitrary units")
+        return card("Scale", '<span class="badge">not known</span>', "lengths are in arbitrary units")
     badge = '<span class="badge">approximate</span>' if frame.approximate else ""
     more = [_SOURCES[frame.scale_source]]
     if data.scale is not None:
         more += _exactness(data.scale)
     if data.scale is not None and not data.scale.sides_are_tied:
         more.append("sides are not tied to each other")
-    return _card("Scale", f"metres {badge}".strip(), escape(", ".join(more)))
+    return card("Scale", f"metres {badge}".strip(), escape(", ".join(more)))
 
 
 def _exactness(scale: ScaleReport) -> list[str]:
@@ -112,7 +113,7 @@ def _sides(data: ReportData) -> str:
     tie = max(ties, key=lambda tie: tie.fruits)
     seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
     more = f"{seen_from_both:,} fruits seen from both, {tie.fruits:,} of them placed by each side alone"
-    return _card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
+    return card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 
 def _time(data: ReportData) -> str:
@@ -121,14 +122,14 @@ def _time(data: ReportData) -> str:
     total_s = sum(stage.wall_s for stage in data.stages)
     peaks = [stage.peak_memory_mb for stage in data.stages if stage.peak_memory_mb is not None]
     more = f"at most {max(peaks) / 1000:.1f} GB of memory" if peaks else f"{len(data.stages)} stages"
-    return _card("Computing time", duration(total_s), more)
+    return card("Computing time", duration(total_s), more)
 
 
-def notices(data: ReportData) -> str:
+def notices(warnings: Sequence[str]) -> str:
     """Return the warnings in a box, the first few open to the eye; nothing where there are none."""
-    if not data.warnings:
+    if not warnings:
         return ""
-    items = [f"<li>{escape(warning)}</li>" for warning in data.warnings]
+    items = [f"<li>{escape(warning)}</li>" for warning in warnings]
     shown, folded = items[:_MOST_WARNINGS_SHOWN], items[_MOST_WARNINGS_SHOWN:]
     more = f"<details><summary>{len(folded)} more</summary><ul>{''.join(folded)}</ul></details>" if folded else ""
     return f'<section class="sheet notices"><h2>Please note</h2><ul>{"".join(shown)}</ul>{more}</section>'

@@ -17,6 +17,7 @@ from pomona.report.contract import (
     CorrectionRequest,
     CorrectionState,
     DetectionColumns,
+    EarlierFruits,
     FruitColumns,
     PackedCloud,
     PhotoColumns,
@@ -36,7 +37,8 @@ from pomona.report.contract import (
 
 _INTERFACES = (
     PackedCloud, PointPiece, FruitColumns, PhotoColumns, Sightings, DetectionColumns, SeenFruit, TreePlaces, Rates,
-    TruthData, ViewHints, CorrectionState, PhotoMark, CorrectionRequest, CorrectionAnswer, SightLines, SurveyData,
+    TruthData, EarlierFruits, ViewHints, CorrectionState, PhotoMark, CorrectionRequest, CorrectionAnswer, SightLines,
+    SurveyData,
 )  # fmt: skip
 _COLUMNS = {U8: "Uint8Array", U16: "Uint16Array", U32: "Uint32Array", F32: "Float32Array"}
 _CHOICES = {"Source": Source, "CorrectionKind": CorrectionKind}

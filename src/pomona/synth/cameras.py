@@ -57,7 +57,7 @@ def row_cameras(options: RowOptions) -> tuple[RowCamera, ...]:
 
 def _side_cameras(options: RowOptions, side: Side) -> list[RowCamera]:
     east = side == "east"
-    rng = options.rng(10 if east else 11)
+    rng = options.visit_rng(10 if east else 11)
     walk = _along(options)
     cameras = []
     for i, along in enumerate(walk if east else -walk):
@@ -73,7 +73,7 @@ def _along(options: RowOptions) -> FloatArray:
 
 def _end_cameras(options: RowOptions) -> list[RowCamera]:
     """Round the end at the row's last tree, on half an ellipse, as wide as gives the photos the walk's steps."""
-    rng = options.rng(12)
+    rng = options.visit_rng(12)
     start_x = options.length_m / 2 + _along(options)[-1]
     turn = np.linspace(0, np.pi, 721)  # east to west
     wanted_m = (options.photos_round_end + 1) * options.step_m

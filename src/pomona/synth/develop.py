@@ -18,8 +18,8 @@ _EXIF_IFD, _MAKE, _MODEL, _SOFTWARE, _FOCAL, _FOCAL_35MM, _TAKEN, _ORIENTATION =
 
 def develop(render: Path, photo: Path, options: RowOptions, *, number: int) -> None:
     """Write the `number`-th photo of a row from its render (PNG)."""
-    rng = options.rng(1000 + number)
-    setting = options.rng(900)  # one camera setting for the whole row
+    rng = options.visit_rng(1000 + number)
+    setting = options.visit_rng(900)  # one camera setting for the whole row
     balance, saturation = np.exp(setting.normal(0, 0.035, 3)), setting.uniform(1.0, 1.3)
     with Image.open(render) as image:
         soft = image.convert("RGB").filter(ImageFilter.GaussianBlur(0.35))
@@ -33,7 +33,7 @@ def develop(render: Path, photo: Path, options: RowOptions, *, number: int) -> N
 
 
 def _exif(options: RowOptions, number: int) -> Image.Exif:
-    taken = datetime(2024, 9, 1, 10) + timedelta(days=options.seed % 40, seconds=3 * number)
+    taken = datetime(2024, 9, 1, 10) + timedelta(days=options.seed % 40 + options.days_later, seconds=3 * number)
     exif = Image.Exif()
     exif[_MAKE], exif[_MODEL], exif[_SOFTWARE], exif[_ORIENTATION] = "Pomona", "Rendered APS-C", "pomona synth", 1
     details = exif.get_ifd(_EXIF_IFD)

@@ -11,10 +11,13 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.synth.meshes import Mesh, blades, leaves, tube, unit
 from pomona.synth.options import RowOptions
 
+_GAP_M = 0.0005  # between fruits, at least
+_PUSHES = 200  # so many rounds at most until grown fruits do not touch any more
+
 
 @dataclass(frozen=True, eq=False)
 class Fruits:
-    """The true fruits: ids 1..n, their trees 1..t, centres (n, 3) and diameters (n,) in metres."""
+    """The true fruits: ids (fewer than 1..n where some dropped), trees 1..t, centres (n, 3), diameters (n,), metres."""
 
     ids: IntArray
     trees: IntArray
@@ -59,7 +62,10 @@ def lay_out_row(options: RowOptions) -> Row:
     woods = tuple(
         _grow_wood(np.array([i * options.spacing_m, 0.0, 0.0]), options.rng(100 + i)) for i in range(options.trees)
     )
-    fruits, stems = _hang_fruits(woods, options)
+    fruits, spurs = _hang_fruits(woods, options)
+    if options.days_later:
+        fruits, spurs = _later(fruits, spurs, options)
+    stems = _stems(spurs, fruits)
     plates = place_plates(options)
     foliage = tuple(
         _grow_leaves(wood, fruits, options.leaves_per_tree, options.rng(200 + i)) for i, wood in enumerate(woods)
@@ -130,12 +136,15 @@ class _Twigs:
 # ---- fruits ----------------------------------------------------------------------------------------------------------
 
 
-def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, Mesh | None]:
-    """Hang fruits under branches, a third of them in clusters; none touches wood, plates or another fruit's inside."""
+def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, FloatArray]:
+    """Hang fruits under branches, a third of them in clusters, and say from where: (n, 3).
+
+    None touches wood, plates or another fruit's inside.
+    """
     centres: list[FloatArray] = []
     sizes: list[float] = []
     trees: list[int] = []
-    stems: list[Mesh] = []
+    spurs: list[FloatArray] = []
     timber = cKDTree(np.concatenate([_dense(line) for wood in woods for line in wood.lines]))
     trunks = cKDTree(np.concatenate([_dense(wood.lines[0]) for wood in woods]))
     for tree, wood in enumerate(woods):
@@ -155,12 +164,43 @@ def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, 
                 centres.append(centre)
                 sizes.append(size)
                 trees.append(tree + 1)
-                stems.append(_stem(spur, centre + np.array([0, 0, 0.32 * size])))
+                spurs.append(spur)
                 placed += 1
     fruits = Fruits(
         np.arange(1, len(sizes) + 1), np.array(trees, int), np.array(centres).reshape(-1, 3), np.array(sizes, float)
     )
-    return fruits, Mesh.joined(stems) if stems else None
+    return fruits, np.array(spurs).reshape(-1, 3)
+
+
+def _later(fruits: Fruits, spurs: FloatArray, options: RowOptions) -> tuple[Fruits, FloatArray]:
+    """Return the fruits that are left after `days_later`, grown, with their ids and from where they hang.
+
+    Their tops stay where they are, and those that have come to touch push each other aside.
+    """
+    rng, n = options.rng(310), len(fruits.ids)
+    grown_m = np.maximum(rng.normal(options.grow_m, options.grow_sd_m, n), 0.0)
+    sizes_m = fruits.diameters_m + grown_m
+    centres = fruits.centres_in_world - np.outer(grown_m / 2, [0, 0, 1])
+    left = np.sort(rng.permutation(n)[round(options.drop_share * n) :])
+    pushed = _pushed_apart(centres[left], sizes_m[left])
+    return Fruits(fruits.ids[left], fruits.trees[left], pushed, sizes_m[left]), spurs[left]
+
+
+def _pushed_apart(centres: FloatArray, sizes_m: FloatArray) -> FloatArray:
+    """Return centres (n, 3) of balls moved until none is in another; each of two gives way by half."""
+    centres = centres.copy()
+    for _ in range(_PUSHES):
+        pairs = cKDTree(centres).query_pairs(float(sizes_m.max(initial=0.0)), output_type="ndarray")
+        apart = centres[pairs[:, 1]] - centres[pairs[:, 0]]
+        away_m = np.linalg.norm(apart, axis=1)
+        lack_m = sizes_m[pairs].mean(axis=1) + _GAP_M - away_m
+        touching = lack_m > 1e-6
+        if not touching.any():
+            break
+        push = unit(apart[touching]) * (lack_m[touching] / 2)[:, None]
+        np.add.at(centres, pairs[touching, 0], -push)
+        np.add.at(centres, pairs[touching, 1], push)
+    return centres
 
 
 def _dense(line: FloatArray) -> FloatArray:
@@ -176,7 +216,13 @@ def _hangs_free(centre: FloatArray, size: float, centres: list[FloatArray], size
     if not centres:
         return True
     gaps = np.linalg.norm(np.array(centres) - centre, axis=1) - (np.array(sizes) + size) / 2
-    return bool(gaps.min() > 0.0005)
+    return bool(gaps.min() > _GAP_M)
+
+
+def _stems(spurs: FloatArray, fruits: Fruits) -> Mesh | None:
+    tops = fruits.centres_in_world + np.outer(0.32 * fruits.diameters_m, [0, 0, 1])
+    stems = [_stem(spur, top) for spur, top in zip(spurs, tops, strict=True)]
+    return Mesh.joined(stems) if stems else None
 
 
 def _stem(spur: FloatArray, top: FloatArray) -> Mesh:

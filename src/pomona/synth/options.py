@@ -95,6 +95,10 @@ class RowOptions:
     masks: bool = True
     rough: bool = False  # by OpenGL, in seconds a photo, instead of path tracing
     wind_m: float = 0.0  # how far leaves move between photos (standard deviation); rough photos only
+    days_later: int = 0  # the same row so many days later: another walk, with what follows
+    grow_m: float = 0.0  # by how much diameters have grown since, in the mean
+    grow_sd_m: float = 0.0  # and how different fruits are in it
+    drop_share: float = 0.0  # of fruits that are gone since, from 0 to below 1
     samples: int = 32
     threads: int = 1
     jpeg_quality: int = 90
@@ -110,6 +114,7 @@ class RowOptions:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"`{name}` is {getattr(self, name)}; expected a length above 0 m")
         self._check_walk()
+        self._check_later()
         if self.seed < 0 or self.fruits_per_tree < 0 or self.leaves_per_tree < 0:
             raise InputError("`seed`, `fruits_per_tree` and `leaves_per_tree` must not be negative")
         if self.trees * self.fruits_per_tree > 65535:
@@ -126,6 +131,16 @@ class RowOptions:
             raise InputError(f"`wind_m` is {self.wind_m}; expected 0 m or more")
         if self.wind_m and not self.rough:
             raise InputError("`wind_m` is for rough photos; set `rough` too")
+
+    def _check_later(self) -> None:
+        if not (np.isfinite([self.grow_m, self.grow_sd_m]).all() and min(self.grow_m, self.grow_sd_m) >= 0):
+            raise InputError(f"`grow_m` and `grow_sd_m` are {self.grow_m} and {self.grow_sd_m}; expected 0 m or more")
+        if not 0 <= self.drop_share < 1:
+            raise InputError(f"`drop_share` is {self.drop_share}; expected a share from 0 to below 1")
+        if self.days_later < 0:
+            raise InputError(f"`days_later` is {self.days_later}; expected 0 or more")
+        if self.days_later == 0 and (self.grow_m or self.drop_share):
+            raise InputError("`grow_m` and `drop_share` say what changed in `days_later`; set it, too")
 
     def _check_names(self) -> None:
         if self.variety not in VARIETIES:
@@ -148,3 +163,8 @@ class RowOptions:
     def rng(self, purpose: int) -> np.random.Generator:
         """Return the random generator of one purpose, so that adding fruit does not move the cameras."""
         return np.random.default_rng([self.seed, purpose])
+
+    def visit_rng(self, purpose: int) -> np.random.Generator:
+        """Return the random generator of one purpose of one day: a later walk is another one."""
+        later = [self.days_later] if self.days_later else []
+        return np.random.default_rng([self.seed, purpose, *later])

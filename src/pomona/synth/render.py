@@ -48,6 +48,7 @@ def render_row(options: RowOptions, out: Path, progress: Progress | None = None)
     truth.write_cameras(folder.truth("cameras.json"), cameras)
     truth.write_markers(folder.truth("markers.csv"), row.plates)
     wanted = options.trees * options.fruits_per_tree
+    wanted -= round(options.drop_share * wanted)
     if len(row.fruits.ids) < wanted:
         progress.warn(f"Only {len(row.fruits.ids)} of {wanted} fruits found room in the trees")
     stage = engine(row, marker_cells(row.plates), options)

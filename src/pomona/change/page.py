@@ -1,0 +1,215 @@
+"""What a comparison is written as: tables, figures, a plot, and the second survey's page with the first in it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pomona.change.comparison import Comparison
+from pomona.errors import SurveyError
+from pomona.report.contract import F32, U8, EarlierFruits, packed
+from pomona.report.data import ReportData
+from pomona.report.page import Sections, note_of, page_html
+from pomona.report.plots import bars_of, bin_edges, caption, framed, ticks_at
+from pomona.report.scene import SceneOptions, origin_of, survey_data
+from pomona.report.svg import Axis, Bar, column_chart, standalone
+from pomona.report.tables import plain_table
+from pomona.report.totals import card, notices
+from pomona.survey.files import disk_errors, write_file
+
+PAGE = "comparison.html"
+_DIGITS = {"x_m": 4, "y_m": 4, "z_m": 4, "growth_mm_per_day": 4}
+
+
+def write_comparison(found: Comparison, after: ReportData, names: tuple[str, str], folder: Path) -> Path:
+    """Write `comparison.html`, `comparison.json`, `fruits.csv`, `trees.csv` and `growth.svg` to a folder; return it.
+
+    `after` is what the second survey's report shows, `names` are those of the surveys. The folder is new or empty, or
+    holds an earlier comparison. Raises `SurveyError` where it holds something else or cannot be written to.
+    """
+    present = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    if folder.exists() and (not folder.is_dir() or (present and PAGE not in present)):
+        raise SurveyError(f"{folder} holds something else: choose a new or empty folder")
+    figures = {"before": names[0], "after": names[1], **found.to_json()}
+    texts = {
+        "comparison.json": json.dumps(figures, indent=1, ensure_ascii=False) + "\n",
+        "growth.svg": standalone(_growth_chart(found)),
+        PAGE: comparison_html(found, after, names),
+    }
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_table(folder / "fruits.csv", found.columns())
+        _write_table(folder / "trees.csv", found.tree_columns())
+        for name, text in texts.items():
+            write_file(folder / name, partial(_write_text, text))
+    return folder
+
+
+def comparison_html(found: Comparison, after: ReportData, names: tuple[str, str]) -> str:
+    """Return the page of the second survey, with what changed since the first in place of its own figures."""
+    scene = SceneOptions(source="report", earlier=_earlier(found, after), photos_note=note_of("report"))
+    sections = Sections(
+        subtitle=escape(f"{names[1]} compared with {names[0]}" + _days_later(found)),
+        totals=_totals(found),
+        notices=notices(found.warnings),
+        colour_choices=Sections.of(after).colour_choices,
+        plots=framed([_growth_figure(found), _sizes_figure(found), _trees_figure(found)]),
+        tables=_trees_table(found),
+    )
+    return page_html(after, survey_data(after, scene), sections=sections)
+
+
+def _earlier(found: Comparison, after: ReportData) -> EarlierFruits:
+    """The first survey's fruits in the frame and the unit of the second one's page."""
+    unit = _unit_of_page(found, after)
+    later = np.full(len(found.before), -1)
+    later[found.pairs[:, 0]] = found.pairs[:, 1]
+    growth = np.full(len(found.after), np.nan)
+    growth[found.pairs[:, 1]] = found.growth_m
+    sizes = found.before.diameters_m
+    sizes = np.where(np.isfinite(sizes), sizes, np.nanmedian(sizes))
+    return EarlierFruits(
+        centers=F32(packed(unit * found.before.centers_in_world - origin_of(after), "<f4")),
+        diameters=F32(packed(unit * sizes, "<f4")),
+        later=later.tolist(),
+        in_view=U8(packed(found.before_in_view, "u1")),
+        growth=F32(packed(growth, "<f4")),
+    )
+
+
+def _unit_of_page(found: Comparison, after: ReportData) -> float:
+    """What a metre of the comparison is in the second survey, whose metres may be the worse ones."""
+    mine, theirs = found.after.centers_in_world, after.fruits.centers_in_world
+    return float(np.linalg.norm(theirs - theirs[0]) / np.linalg.norm(mine - mine[0]))
+
+
+# ---- figures ---------------------------------------------------------------------------------------------------------
+
+
+def _days_later(found: Comparison) -> str:
+    return f", {found.days:.0f} days later" if math.isfinite(found.days) else ""
+
+
+def _totals(found: Comparison) -> str:
+    before, after = found.states
+    growth, gone = found.growth(), found.gone()
+    unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
+    per_day = f", {factor * growth.value / found.days:.2f} {unit} a day" if math.isfinite(found.days) else ""
+    span = f"{factor * growth.low:.1f} to {factor * growth.high:.1f} {unit} (95 %)"
+    missed = before.count("out of view")
+    return "".join(
+        [
+            card("In both", f"{len(found.pairs):,}", f"of {len(before):,} and {len(after):,} fruits", "main"),
+            card("Growth", f"{factor * growth.value:.1f} <small>{unit}</small>", span + per_day),
+            card("Not found again", f"{before.count('gone'):,}", f"and {missed:,} that no photo shows the place of"),
+            card("Really gone, about", f"{gone.value:.0f}", f"{gone.low:.0f} to {gone.high:.0f} (95 %); {_HIDDEN}"),
+            card("New", f"{after.count('new'):,}", "which the first survey missed"),
+            card("Laid over to", f"{1000 * float(np.median(found.apart_m)):.0f} <small>mm</small>", "median of pairs"),
+        ]
+    )
+
+
+_HIDDEN = "others may only be hidden"
+
+
+def _growth_figure(found: Comparison) -> str:
+    return caption("Growth", _days_later(found).strip(", ")) + _growth_chart(found)
+
+
+def _growth_chart(found: Comparison) -> str:
+    unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
+    values = factor * found.growth_m[np.isfinite(found.growth_m)]
+    if not len(values):
+        return column_chart([], Axis(name="no fruit was measured in both surveys"))
+    edges = bin_edges(values)
+    middle = float(np.median(values))
+    mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
+    return column_chart(
+        bars_of(values, edges, unit, "leaf"), Axis(name=f"growth, {unit}", ticks=ticks_at(edges)), mark=mark
+    )
+
+
+def _sizes_figure(found: Comparison) -> str:
+    """How large fruits were, and how much they grew since: the means of classes of size."""
+    unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
+    sizes, growth = factor * found.before.diameters_m[found.pairs[:, 0]], factor * found.growth_m
+    known = np.isfinite(growth)
+    if known.sum() < 3:
+        return ""
+    edges = bin_edges(sizes[known], 8)
+    group = np.digitize(sizes[known], edges) - 1
+    bars = []
+    for k, low in enumerate(edges[:-1]):
+        mine = growth[known][group == k]
+        value = float(np.median(mine)) if len(mine) else 0.0
+        bars.append(Bar(max(value, 0.0), f"from {low:.4g} {unit}: {value:.3g} {unit}, {len(mine)} fruits", "leaf"))
+    title = caption("Growth by size before", f"median, {unit}")
+    return title + column_chart(bars, Axis(name=f"diameter before, {unit}", ticks=ticks_at(edges)))
+
+
+def _trees_figure(found: Comparison) -> str:
+    """How many fruits of each tree were not found again."""
+    table = found.tree_columns()
+    if not len(table["id"]):
+        return ""
+    bars = [
+        Bar(float(gone), f"tree {tree}: {gone} of {before} not found again")
+        for tree, gone, before in zip(table["id"], table["gone"], table["fruits_before"], strict=True)
+    ]
+    step = max(1, len(bars) // 10)
+    ticks = [(i + 0.5, str(table["id"][i])) for i in range(0, len(bars), step)]
+    return caption("Not found again, by tree") + column_chart(bars, Axis(name="tree", ticks=ticks))
+
+
+def _trees_table(found: Comparison) -> str:
+    table = found.tree_columns()
+    if not len(table["id"]):
+        return ""
+    heads = ("tree", "before", "after", "in both", "not found again", "out of view", "new", "growth mm", "95 %")
+    names = ("id", "fruits_before", "fruits_after", "same", "gone", "out_of_view", "new")
+    rows = [
+        (
+            *(str(table[name][k]) for name in names),
+            _number(table["growth_mm"][k]),
+            f"{_number(table['growth_low_mm'][k])} to {_number(table['growth_high_mm'][k])}",
+        )
+        for k in range(len(table["id"]))
+    ]
+    return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}</div>'
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if math.isfinite(value) else "–"
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def _write_table(path: Path, columns: dict[str, Any]) -> None:
+    """Write columns as CSV; what is not known is an empty cell."""
+
+    def cell(name: str, value: Any) -> object:
+        if isinstance(value, float):
+            return f"{value:.{_DIGITS.get(name, 2)}f}" if math.isfinite(value) else ""
+        return "" if name.endswith("_id") and value == 0 else value
+
+    lists = [[cell(name, value) for value in np.asarray(values).tolist()] for name, values in columns.items()]
+
+    def write(part: Path) -> None:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(columns)
+            table.writerows(zip(*lists, strict=True))
+
+    write_file(path, write)
+
+
+def _write_text(text: str, path: Path) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,71 @@
+"""`pomona compare`: two surveys of one row on two dates."""
+
+from __future__ import annotations
+
+import json
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pomona.cli import options as shared
+from pomona.cli.progress import TerminalProgress
+from pomona.errors import InputError
+
+if TYPE_CHECKING:
+    from pomona.change import Comparison
+
+_BEFORE = Annotated[Path, typer.Argument(metavar="SURVEY_A", help="The earlier survey: a folder of `pomona run`.")]
+_AFTER = Annotated[Path, typer.Argument(metavar="SURVEY_B", help="The later survey of the same row.")]
+
+
+def compare(
+    before: _BEFORE,
+    after: _AFTER,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where tables, plot and page go.")],
+    dates: Annotated[
+        str | None, typer.Option(metavar="DAY,DAY", help="YYYY-MM-DD of each, where photos do not say.")
+    ] = None,
+    as_json: shared.Json = False,
+) -> None:
+    """Find the fruits of one survey in a later one: growth in mm a day, dropped and picked fruit, per tree.
+
+    The two may be in different frames: they are laid over each other by their fruits.
+    """
+    import pomona
+
+    with TerminalProgress() as progress:
+        found = pomona.compare(before, after, out=out, dates=_dates(dates), progress=progress)
+    if as_json:
+        typer.echo(json.dumps(found.to_json(), indent=1))
+    else:
+        _show(found)
+        typer.echo(str(out / "comparison.html"))
+
+
+def _dates(text: str | None) -> tuple[date, date] | None:
+    if text is None:
+        return None
+    try:
+        first, second = (date.fromisoformat(part.strip()) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--dates is {text!r}: expected two days, such as 2026-07-01,2026-08-15") from None
+    return first, second
+
+
+def _show(found: Comparison) -> None:
+    figures = found.to_json()
+    growth, gone = figures["growth_mm"], figures["gone_estimate"]
+    typer.echo(f"in both        {figures['same']} of {figures['fruits_before']} and {figures['fruits_after']} fruits")
+    if growth["value"] is not None:
+        span = f" ({growth['low']:.1f} to {growth['high']:.1f})" if growth["low"] is not None else ""
+        per_day = figures["growth_mm_per_day"]
+        a_day = f", {per_day:.3f} mm a day over {figures['days']:.0f} days" if per_day is not None else ""
+        typer.echo(
+            f"growth         {growth['value']:.1f} mm{span}{a_day}" if found.metric else "growth         no scale"
+        )
+    typer.echo(
+        f"not found again {figures['gone']}, of which really gone about {gone['value']:.0f} "
+        f"({gone['low']:.0f} to {gone['high']:.0f}); {figures['out_of_view']} out of view; {figures['new']} new"
+    )

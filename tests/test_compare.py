@@ -1,0 +1,247 @@
+"""Two surveys of one row: rows grown and thinned by the generator, whose true fruits say which is which."""
+
+import csv
+import json
+from dataclasses import dataclass, replace
+from datetime import date, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+import pomona
+from pomona.cameras import WorldFrame
+from pomona.change import Comparison, compare_surveys
+from pomona.change.matching import lay_over, matched
+from pomona.cli.app import app
+from pomona.errors import InputError, SurveyError
+from pomona.formats.tables import read_fruits, write_fruits
+from pomona.fruits import Fruits, Observations
+from pomona.geometry import Similarity
+from pomona.photos import Photos
+from pomona.synth import RowOptions
+from pomona.synth.layout import lay_out_row
+from pomona.trees import Trees
+from report_scenes import observe, row_cameras, row_photos
+from view_scenes import write_view_survey
+
+EARLY = RowOptions(seed=5, trees=3, fruits_per_tree=30, leaves_per_tree=0, fruit_diameter_m=0.06)
+LATE = replace(EARLY, days_later=40, grow_m=0.015, grow_sd_m=0.002, drop_share=0.25)
+
+
+def found(options: RowOptions, seed: int, share: float = 0.85, noise_m: float = 0.006) -> Fruits:
+    """What a survey finds of a row: a share of its fruits, a little off; ids are those of the true fruits."""
+    rng = np.random.default_rng(seed)
+    row = lay_out_row(options).fruits
+    seen = np.flatnonzero(rng.random(len(row.ids)) < share)
+    seen = rng.permutation(seen)
+    n = len(seen)
+    centers = row.centres_in_world[seen] + rng.normal(0, noise_m, (n, 3))
+    sizes = row.diameters_m[seen] + rng.normal(0, 0.001, n)
+    return Fruits(row.ids[seen], centers, sizes, np.ones(n), np.full(n, 5), np.full(n, 0.001), tree_ids=row.trees[seen])
+
+
+def moved(fruits: Fruits, similarity: Similarity) -> Fruits:
+    return replace(
+        fruits,
+        centers_in_world=similarity.apply(fruits.centers_in_world),
+        diameters_m=similarity.scale * fruits.diameters_m,
+        diameter_sds_m=similarity.scale * fruits.diameter_sds_m,
+    )
+
+
+def somewhere(scale: float = 1.0) -> Similarity:
+    """A frame turned in all directions, and far away."""
+    return Similarity(scale, Rotation.from_euler("xyz", [1.9, -0.7, 2.4]).as_matrix(), np.array([40.0, -7.0, 3.0]))
+
+
+MARKERS = WorldFrame("markers", approximate=False, up_is_known=True)
+NO_PHOTOS, NO_TREES = Photos(()), Trees.empty()
+
+
+@dataclass
+class Survey:
+    """As much of a survey as a comparison reads."""
+
+    folder: Path
+    fruits: Fruits
+    frame: WorldFrame = MARKERS
+    photos: Photos = NO_PHOTOS
+    trees: Trees = NO_TREES
+
+    @property
+    def poses(self):
+        return row_cameras(1)
+
+    @property
+    def observations(self) -> Observations:
+        return Observations.empty()
+
+
+def on_day(survey: Survey, day: int) -> Survey:
+    start = datetime(2026, 7, 1, 9)
+    photos = row_photos(row_cameras(2))
+    taken = tuple(
+        replace(photo, taken_at=start + timedelta(days=day, seconds=k)) for k, photo in enumerate(photos.items)
+    )
+    return replace(survey, photos=Photos(taken))
+
+
+def compared(before: Fruits, after: Fruits, frame: WorldFrame | None = None, **more) -> Comparison:
+    one = on_day(Survey(Path("a"), before), 0)
+    if frame is not None:
+        one = replace(one, frame=frame)
+    return compare_surveys(one, on_day(Survey(Path("b"), after), 40), **more)
+
+
+def share_right(comparison: Comparison) -> float:
+    """Ids are those of true fruits."""
+    pairs = comparison.pairs
+    return float((comparison.before.ids[pairs[:, 0]] == comparison.after.ids[pairs[:, 1]]).mean())
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.3])
+def test_fruits_of_a_grown_and_thinned_row_are_matched_in_any_frame(scale: float) -> None:
+    before, after = found(EARLY, 1), found(LATE, 2)
+    both = len(np.intersect1d(before.ids, after.ids))
+    frame = None if scale == 1 else WorldFrame("none")
+    comparison = compared(moved(before, somewhere(scale)), after, frame)
+    assert share_right(comparison) >= 0.95
+    assert 0.9 * both <= len(comparison.pairs) <= both / 0.95
+    over = comparison.after_from_before
+    assert over.scale * scale == pytest.approx(1, abs=0.01)
+    assert np.linalg.norm(over.apply(moved(before, somewhere(scale)).centers_in_world) - before.centers_in_world,
+                          axis=1).max() < 0.03  # fmt: skip
+    growth = comparison.growth()
+    assert growth.value == pytest.approx(0.015, abs=0.001 if scale == 1 else 0.002)
+    assert growth.low < growth.value < growth.high < growth.low + 0.003
+    assert comparison.days == pytest.approx(40)
+
+
+def test_surveys_in_the_markers_frame_are_matched_where_they_are_and_order_does_not_matter() -> None:
+    before, after = found(EARLY, 1), found(LATE, 2)
+    comparison = compared(before, after)
+    order = np.random.default_rng(0).permutation(len(before))
+    again = compared(before[order], after)
+    assert sorted(map(tuple, comparison.pairs.tolist())) == sorted((int(order[i]), int(j)) for i, j in again.pairs)
+    assert share_right(comparison) >= 0.95
+
+
+def test_a_row_that_one_survey_bent_is_followed_along_it() -> None:
+    long = replace(EARLY, trees=10, fruits_per_tree=25)
+    before, after = found(long, 1), found(replace(long, days_later=30, grow_m=0.01, drop_share=0.2), 2)
+    bent = after.centers_in_world.copy()
+    bent[:, 1] += 0.006 * (bent[:, 0] - 4.5) ** 2  # 12 cm at the ends
+    comparison = compared(moved(before, somewhere()), replace(after, centers_in_world=bent))
+    both = len(np.intersect1d(before.ids, after.ids))
+    assert share_right(comparison) >= 0.95
+    assert len(comparison.pairs) >= 0.9 * both
+
+
+def test_what_is_gone_is_told_from_what_is_hidden() -> None:
+    before, after = found(EARLY, 1), found(LATE, 2)
+    comparison = compared(before, after)
+    left = set(lay_out_row(LATE).fruits.ids.tolist())
+    really_gone = sum(int(fruit) not in left for fruit in before.ids)
+    gone = comparison.gone()
+    assert comparison.states[0].count("gone") > really_gone
+    assert gone.low <= really_gone <= gone.high
+    assert 0 <= gone.low < gone.value < gone.high
+
+
+def test_rows_without_anything_in_common_are_not_matched_by_force() -> None:
+    other = replace(EARLY, seed=6)
+    with pytest.raises(InputError, match="nothing in common"):
+        compared(found(EARLY, 1), found(other, 2))
+    apart = found(other, 2)
+    diameters = (0.06, 0.06)
+    assert lay_over(
+        found(EARLY, 1).centers_in_world, somewhere(2).apply(apart.centers_in_world), diameters,
+        rigid=False, same_frame=False,
+    ) is None  # fmt: skip
+
+
+def test_too_few_fruits_the_same_survey_and_days_that_are_not_known_are_said() -> None:
+    before, after = found(EARLY, 1), found(LATE, 2)
+    one, other = Survey(Path("a"), before), Survey(Path("b"), after)
+    with pytest.raises(InputError, match="compared with itself"):
+        compare_surveys(one, replace(other, folder=Path("a")))
+    with pytest.raises(InputError, match="a has 5 fruits"):
+        compare_surveys(replace(one, fruits=before[np.arange(5)]), other)
+    unknown = compare_surveys(one, other)
+    assert np.isnan(unknown.days)
+    assert "No photo of a and b says when" in unknown.warnings[0]
+    assert compare_surveys(one, other, dates=(date(2026, 7, 1), date(2026, 7, 31))).days == 30
+    assert "older than" in compare_surveys(on_day(one, 30), on_day(other, 0)).warnings[0]
+    assert "of one day" in compare_surveys(on_day(one, 3), on_day(other, 3)).warnings[0]
+
+
+def test_a_scale_that_contradicts_the_other_is_said() -> None:
+    before, after = found(EARLY, 1, noise_m=0.003), found(LATE, 2, noise_m=0.003)
+    wrong = compared(moved(before, Similarity(1.04, np.eye(3), np.zeros(3))), after)
+    assert any("smaller in b than in a" in warning for warning in wrong.warnings)
+    assert share_right(wrong) >= 0.95
+    assert not compared(before, after).warnings
+
+
+def test_an_approximate_scale_takes_the_metres_of_the_other() -> None:
+    before, after = found(EARLY, 1), found(LATE, 2)
+    rough = WorldFrame("fruit-diameter", approximate=True)
+    comparison = compared(moved(before, somewhere(1.3)), after, rough)
+    assert comparison.growth().value == pytest.approx(0.015, abs=0.002)
+    assert comparison.metric
+
+
+def test_a_pair_is_the_best_for_all_not_for_one() -> None:
+    places = np.array([[0.0, 0, 0], [0.05, 0, 0], [5.0, 0, 0], [6.0, 0, 0]])
+    target = np.array([[0.035, 0, 0], [0.085, 0, 0], [5.035, 0, 0], [9.0, 0, 0]])
+    assert matched(places, target, 0.06).tolist() == [[0, 0], [1, 1], [2, 2]]
+
+
+def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
+    surveys = [write_view_survey(tmp_path / name, count=40) for name in ("july", "august")]
+    early = read_fruits(surveys[0] / "fruits.csv")
+    write_fruits(surveys[0] / "fruits.csv", replace(early, diameters_m=early.diameters_m - 0.01)[np.arange(38)])
+    arguments = ["compare", str(surveys[0]), str(surveys[1]), "--dates", "2026-07-01,2026-08-10"]
+    out = tmp_path / "change"
+    result = CliRunner().invoke(app, [*arguments, "--out", str(out), "--json"])
+    assert result.exit_code == 0
+    figures = json.loads(result.stdout)
+    assert figures == {k: v for k, v in json.loads((out / "comparison.json").read_text()).items() if k in figures}
+    assert (figures["same"], figures["gone"], figures["days"]) == (38, 0, 40)
+    with (out / "fruits.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 40
+    assert [row["state"] for row in rows].count("same") == 38
+    grown = [row for row in rows if row["growth_mm"]]
+    assert {float(row["growth_mm"]) for row in grown} == {10.0}
+    assert {float(row["growth_mm_per_day"]) for row in grown} == {0.25}
+    assert sum(int(row["same"]) for row in csv.DictReader((out / "trees.csv").open())) == 38
+    assert (out / "growth.svg").read_text().startswith("<svg")
+    page = (out / "comparison.html").read_text()
+    assert "38" in page
+    assert "40 days later" in page
+    assert "growth         10.0 mm" in CliRunner().invoke(app, [*arguments, "--out", str(out)]).stdout
+    with pytest.raises(SurveyError, match="holds something else"):
+        pomona.compare(*surveys, out=surveys[0])
+    refused = CliRunner().invoke(app, [*arguments[:3], "--out", str(out), "--dates", "spring"])
+    assert refused.exit_code == 1
+    assert "expected two days" in refused.stderr
+
+
+def test_a_place_that_no_photo_shows_is_out_of_view() -> None:
+    from pomona.change.surveys import _in_view
+
+    fruits = found(replace(EARLY, trees=2), 1)
+    cameras = row_cameras(8)
+    fruits = replace(fruits, sides=("east",) * len(fruits))
+
+    class Whole(Survey):
+        poses = cameras
+        observations = observe(fruits, cameras)
+
+    survey = Whole(Path("a"), fruits)
+    places = np.array([[0.5, 0, 1.5], [9.0, 0, 1.5], [0.5, 0, 30.0]])
+    assert _in_view(places, survey).tolist() == [True, False, False]
