@@ -37,7 +37,7 @@ def test_a_run_leaves_every_file_of_the_survey(fakes: Fakes, photos: Path, tmp_p
     names = {p.name for p in (tmp_path / "out").iterdir()}
     assert names == {
         "survey.json", "detections.json", "cameras", "cloud.laz", "fruits.csv", "fruits.geojson", "observations.csv",
-        "trees.csv", "report.html", "contact_sheet.jpg", "work",
+        "trees.csv", "segments.csv", "report.html", "contact_sheet.jpg", "work",
     }  # fmt: skip
     assert stages_run(fakes) == ONCE
     assert (summary.fruits, summary.photos, summary.photos_used, summary.detections) == (1, 4, 4, 4)

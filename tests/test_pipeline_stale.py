@@ -32,6 +32,7 @@ from pomona.second_look import SecondLookOptions
 from pomona.segment.photo_detections import SegmentOptions
 from pomona.sfm.options import SfmOptions
 from pomona.survey import SurveyFolder
+from pomona.yields import YieldOptions
 
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "pomona"
 
@@ -83,6 +84,12 @@ def write_trunks(folder: Path) -> dict[str, Any]:
     return {"trees": path}
 
 
+def counted_trees(folder: Path) -> dict[str, Any]:
+    path = folder / "counts.csv"
+    path.write_text("tree,count\n1,50\n")
+    return {"hand_counts": path}
+
+
 def given_detections(folder: Path, label: str = "apple") -> dict[str, Any]:
     path = folder / "given.json"
     category = {"id": 1, "name": label}
@@ -131,6 +138,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "weights": ({}, weighed_pairs, ["measure", "results"]),
     "trees": ({}, write_trunks, ["planting", "results", "report"]),
     "tree_spacing": ({}, {"tree_spacing": 1.2}, ["planting", "results"]),
+    "hand_counts": ({}, counted_trees, ["results"]),
     "fruit_diameter_m": ({}, {"fruit_diameter_m": 0.06}, ["scale", "fuse"]),
     "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
     "second_look": ({}, {"second_look": False}, ["second_look"]),
@@ -147,6 +155,7 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     "dense": (PAPER, {**PAPER, "dense": DenseOptions(neighbours=5)}, ["dense"]),
     "filter": ({}, {"filter": FilterOptions(threshold=0.4)}, ["filter"]),
     "planting": ({}, {"planting": PlantingOptions(between=0.2)}, ["planting", "results"]),
+    "yields": ({}, {"yields": YieldOptions(draws=200)}, ["results"]),
     "measure": ({}, {"measure": MeasureOptions(rays_per_photo=12)}, ["measure"]),
     "report": ({}, {"report": ReportOptions(contact_sheet=ContactSheetOptions(columns=2))}, ["report"]),
 }
@@ -262,6 +271,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "cameras": ALL - {"segment", "select", "planting"},
     "capture": frozenset({"segment", "sfm", "scale", "second_look", "dense", "report"}),
     "corrections": HANDED,
+    "crop": HANDED,
     "data_frames": ALL,
     "dense": frozenset({"dense"}),
     "detections": ALL - {"sfm", "planting"},
@@ -274,8 +284,9 @@ ROOMS: dict[str, frozenset[str]] = {
     "fruit_size": SPACE | HANDED,
     "fruits": SPACE | {"planting"} | HANDED,
     "fuse": SPACE | {"planting"} | HANDED,
-    "geometry": ALL - {"segment", "select", "planting"},
+    "geometry": ALL - {"segment", "select"},
     "intrinsics": ALL - {"segment", "select", "planting"},
+    "intervals": HANDED,
     "label_image": frozenset({"fuse", "dense"}),
     "mask_rays": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
     "measure": frozenset({"measure"}) | HANDED,
@@ -294,6 +305,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "spheres": frozenset({"scale", "fuse", "second_look", "filter"}),
     "trees": frozenset({"planting"}) | HANDED,
     "survey": ALL - {"select", "planting"},
+    "yields": frozenset({"results"}),
 }
 # The pipeline's modules are those of the stages; each redoes its own, what they share redoes all.
 PIPELINE = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {

@@ -64,6 +64,7 @@ def test_what_was_not_measured_is_an_empty_cell(tmp_path: Path) -> None:
         "score",
         "tree_id",
         "other_tree_id",
+        "stands_for",
     }
     assert rows[1]["reason"] == "seen once, no size"
     assert rows[1]["x_m"] == "0.0"

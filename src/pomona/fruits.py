@@ -105,7 +105,8 @@ class Fruits:
     axis, `diameter_sds_m`, `heights_m` along that axis, `visibilities` (0 to 1), `weights_g`, `weight_sds_g`, `scores`
     (0 to 1: probability that it is a fruit) and `views` (number of photos) are (n,); `tree_ids` (0: none),
     `other_tree_ids` (of fruits between two trees the neighbour, else 0) and `sides` (which side's photos saw it; "both"
-    for more than one) are (n,).
+    for more than one) are (n,). `stands_for` (n,) is how many fruits of the crop each stands for, itself and those that
+    no photo shows (`pomona.yields`).
     """
 
     ids: IntArray
@@ -122,10 +123,11 @@ class Fruits:
     weight_sds_g: FloatArray = field(default_factory=lambda: np.zeros(0))
     other_tree_ids: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     heights_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    stands_for: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for name in ("diameter_sds_m", "heights_m", "visibilities", "weights_g", "weight_sds_g"):
+        for name in ("diameter_sds_m", "heights_m", "visibilities", "weights_g", "weight_sds_g", "stands_for"):
             if len(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full(n, np.nan))
         for name in ("tree_ids", "other_tree_ids"):
@@ -139,6 +141,7 @@ class Fruits:
         set_checked(self, "centers_in_world", (n, 3), np.float64)
         for name in (
             "diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g", "weight_sds_g", "heights_m",
+            "stands_for",
         ):  # fmt: skip
             set_checked(self, name, (n,), np.float64)
         for name in ("ids", "views", "tree_ids", "other_tree_ids"):
@@ -171,6 +174,7 @@ class Fruits:
             self.weight_sds_g[idx],
             self.other_tree_ids[idx],
             self.heights_m[idx],
+            self.stands_for[idx],
         )
 
     def to_pandas(self) -> Any:
@@ -188,7 +192,7 @@ class Fruits:
             "diameter_sd_m": self.diameter_sds_m, "visibility": self.visibilities, "weight_g": self.weights_g,
             "views": self.views, "score": self.scores, "tree_id": self.tree_ids, "side": self.sides,
             "reason": self.reasons, "weight_sd_g": self.weight_sds_g,
-            "other_tree_id": self.other_tree_ids, "height_m": self.heights_m,
+            "other_tree_id": self.other_tree_ids, "height_m": self.heights_m, "stands_for": self.stands_for,
         }  # fmt: skip
 
 

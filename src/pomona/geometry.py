@@ -136,3 +136,14 @@ def offsets_from_rays(points: FloatArray, origins: FloatArray, rays: FloatArray)
     from_origins = points - origins
     offsets: FloatArray = from_origins - (from_origins * rays).sum(-1, keepdims=True) * rays
     return offsets
+
+
+def row_axis(points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a place (2,) amid n points (n, 3) of a row, z up, and the unit direction (2,) along it.
+
+    Along it the larger coordinate grows; trees are numbered that way.
+    """
+    flat = points_in_world[:, :2]
+    origin = np.median(flat, axis=0)
+    axis = np.linalg.svd(flat - origin, full_matrices=False)[2][0]
+    return origin, axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)

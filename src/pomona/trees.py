@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -58,7 +58,8 @@ class Trees:
 
     `xy_in_world` (n, 2) is where the trunk stands, metres; `fruits` are counted on it, and the 95 % interval of
     `fruits_low` to `fruits_high` covers false fruits by their scores and those that may hang on the neighbour, not
-    those that no photo shows. `diameters_m` are medians, `weights_kg` of all the tree's fruits, those that were not
+    those that no photo shows; `all_fruits` are those too, with the 95 % interval of `all_low` to `all_high`
+    (`pomona.yields`). `diameters_m` are medians, `weights_kg` of all the tree's fruits, those that were not
     measured taken as its others, with `weights_low_kg` and `weights_high_kg` the ends of its 95 % interval.
     """
 
@@ -71,13 +72,21 @@ class Trees:
     weights_kg: FloatArray
     weights_low_kg: FloatArray
     weights_high_kg: FloatArray
+    all_fruits: FloatArray = field(default_factory=lambda: np.zeros(0))
+    all_low: FloatArray = field(default_factory=lambda: np.zeros(0))
+    all_high: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         n = len(self.ids)
         for name in ("ids", "fruits", "fruits_low", "fruits_high"):
             set_checked(self, name, (n,), np.int64)
         set_checked(self, "xy_in_world", (n, 2), np.float64)
-        for name in ("diameters_m", "weights_kg", "weights_low_kg", "weights_high_kg"):
+        for name in ("all_fruits", "all_low", "all_high"):
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full(n, np.nan))
+        for name in (
+            "diameters_m", "weights_kg", "weights_low_kg", "weights_high_kg", "all_fruits", "all_low", "all_high",
+        ):  # fmt: skip
             set_checked(self, name, (n,), np.float64)
 
     def __len__(self) -> int:
@@ -99,5 +108,6 @@ class Trees:
         return {
             "id": self.ids, "x_m": x_m, "y_m": y_m, "fruits": self.fruits, "fruits_low": self.fruits_low,
             "fruits_high": self.fruits_high, "diameter_m": self.diameters_m, "weight_kg": self.weights_kg,
-            "weight_low_kg": self.weights_low_kg, "weight_high_kg": self.weights_high_kg,
+            "weight_low_kg": self.weights_low_kg, "weight_high_kg": self.weights_high_kg, "all_fruits": self.all_fruits,
+            "all_low": self.all_low, "all_high": self.all_high,
         }  # fmt: skip

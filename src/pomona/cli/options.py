@@ -46,6 +46,10 @@ Weights = Annotated[
 ]
 Trees = Annotated[Path | None, typer.Option(metavar="CSV", help="id,x,y: where trunks stand, in metres.")]
 TreeSpacing = Annotated[float | None, typer.Option(metavar="METRES", help="The planting distance, without trunks.")]
+HandCounts = Annotated[
+    Path | None,
+    typer.Option(metavar="CSV", help="tree,count: trees that you counted, for the estimate of all fruit."),
+]
 Cameras = Annotated[
     Path | None,
     typer.Option(metavar="PATH", help="Cameras of COLMAP, Metashape, ODM, ... in place of structure from motion."),

@@ -51,6 +51,7 @@ def _entries(summary: Summary) -> list[tuple[str, str]]:
         *_listed("not placed", summary.lost),
         *_listed("skipped", summary.skipped),
         ("detections", detections),
+        ("all fruit", _crop(summary)),
         ("weight", _weight(summary)),
         ("corrections", summary.corrections or ""),
         ("scale", summary.scale or ""),
@@ -67,6 +68,16 @@ def _weight(summary: Summary) -> str:
     if total is None:
         return ""
     return f"{total.kg:.3g} kg ({total.low_kg:.3g} to {total.high_kg:.3g}, 95 %), by {total.source}"
+
+
+def _crop(summary: Summary) -> str:
+    crop = summary.crop
+    if crop is None:
+        return ""
+    every = crop.fruits
+    metre = crop.per_metre
+    along = f"; {metre.value:.3g} a metre of row ({metre.low:.3g} to {metre.high:.3g})" if metre else ""
+    return f"{every.value:.0f} ({every.low:.0f} to {every.high:.0f}, 95 %{along}): {every.covers}"
 
 
 def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:

@@ -1,25 +1,31 @@
-"""`fruits.csv`, `observations.csv` and `trees.csv`: what was not measured is an empty cell, never 0 or -1."""
+"""`fruits.csv`, `observations.csv`, `trees.csv`, `segments.csv`: what was not measured is an empty cell, never 0."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from pomona.crop import RowSegments
 from pomona.errors import FormatError, MissingFileError
 from pomona.fruits import Fruits, Observations
 from pomona.trees import Trees
 
 FRUIT_COLUMNS = (
     "id", "x_m", "y_m", "z_m", "diameter_m", "diameter_sd_m", "visibility", "weight_g", "views", "score", "tree_id",
-    "side", "reason", "weight_sd_g", "other_tree_id", "height_m",
+    "side", "reason", "weight_sd_g", "other_tree_id", "height_m", "stands_for",
 )  # fmt: skip
 TREE_COLUMNS = tuple(Trees.empty().columns())
+SEGMENT_COLUMNS = tuple(RowSegments.empty().columns())
 OBSERVATION_COLUMNS = ("fruit_id", "photo", "detection_id", "x_px", "y_px")
+
+_DIGITS = {
+    "weight_kg": 3, "weight_low_kg": 3, "weight_high_kg": 3, "all_fruits": 1, "all_low": 1, "all_high": 1,
+}  # fmt: skip
 
 Number = TypeVar("Number", int, float)
 
@@ -44,6 +50,7 @@ def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
             "weight_sd_g": _rounded(fruits.weight_sds_g[i], 1),
             "other_tree_id": int(fruits.other_tree_ids[i]) or None,
             "height_m": _rounded(fruits.heights_m[i], 4),
+            "stands_for": _rounded(fruits.stands_for[i], 2),
         }
         for i in range(len(fruits))
     ]
@@ -76,6 +83,7 @@ def read_fruits(path: Path) -> Fruits:
         weight_sds_g=np.array(column.real("weight_sd_g"), float),
         other_tree_ids=np.array(column.whole("other_tree_id"), np.int64),
         heights_m=np.array(column.real("height_m"), float),
+        stands_for=np.array(column.real("stands_for"), float),
     )
 
 
@@ -100,21 +108,44 @@ def read_observations(path: Path) -> Observations:
 
 def write_trees(path: Path, trees: Trees) -> None:
     """Write `trees.csv`, a line a tree; the header alone where trees are not known."""
-    columns = trees.columns()
-    digits = {"fruits": 0, "weight_kg": 3, "weight_low_kg": 3, "weight_high_kg": 3}
-    rows = (
-        [
-            int(v) if isinstance(v, np.integer) else _rounded(v, digits.get(n, 4))
-            for n, v in zip(columns, row, strict=True)
-        ]
+    _write(path, TREE_COLUMNS, (list(row.values()) for row in rows_of(trees.columns())))
+
+
+def write_segments(path: Path, segments: RowSegments) -> None:
+    """Write `segments.csv`, a line a part of the row; the header alone where nothing was estimated."""
+    _write(path, SEGMENT_COLUMNS, (list(row.values()) for row in rows_of(segments.columns())))
+
+
+def rows_of(columns: Mapping[str, Any]) -> list[dict[str, int | float | None]]:
+    """Return a dictionary a tree or segment, keyed by the columns; None where a value is not known."""
+    return [
+        {
+            name: int(value) if isinstance(value, np.integer) else _rounded(value, _DIGITS.get(name, 4))
+            for name, value in zip(columns, row, strict=True)
+        }
         for row in zip(*columns.values(), strict=True)
+    ]
+
+
+def read_segments(path: Path) -> RowSegments:
+    """Read `segments.csv`; raises what `read_fruits` raises."""
+    rows = _read(path, SEGMENT_COLUMNS)
+    column = _Columns(path, rows)
+    real = {name: np.array(column.real(name), float) for name in SEGMENT_COLUMNS}
+    return RowSegments(
+        starts_in_world=np.stack([real["x_start_m"], real["y_start_m"]], axis=1),
+        ends_in_world=np.stack([real["x_end_m"], real["y_end_m"]], axis=1),
+        fruits=np.array(column.whole("fruits"), np.int64),
+        all_fruits=real["all_fruits"],
+        all_low=real["all_low"],
+        all_high=real["all_high"],
+        diameters_m=real["diameter_m"],
     )
-    _write(path, TREE_COLUMNS, rows)
 
 
 def read_trees(path: Path) -> Trees:
     """Read `trees.csv`; raises what `read_fruits` raises."""
-    rows = _read(path, TREE_COLUMNS)
+    rows = _read(path, [name for name in TREE_COLUMNS if not name.startswith("all_")])
     column = _Columns(path, rows)
     real = {name: np.array(column.real(name), float) for name in TREE_COLUMNS}
     return Trees(
@@ -127,6 +158,9 @@ def read_trees(path: Path) -> Trees:
         weights_kg=real["weight_kg"],
         weights_low_kg=real["weight_low_kg"],
         weights_high_kg=real["weight_high_kg"],
+        all_fruits=real["all_fruits"],
+        all_low=real["all_low"],
+        all_high=real["all_high"],
     )
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pomona.second_look.options import SecondLookOptions
     from pomona.segment.photo_detections import SegmentOptions
     from pomona.sfm.options import SfmOptions
+    from pomona.yields.options import YieldOptions
 
 T = TypeVar("T")
 
@@ -57,11 +58,12 @@ class RunOptions:
     `filter_model` (None: the shipped one).
 
     `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
-    hangs on; without either, trees are where fruits gather at equal distances, if they do.
+    hangs on; without either, trees are where fruits gather at equal distances, if they do. `hand_counts`, a table of
+    trees that were counted by hand (`tree,count`), calibrates the estimate of all fruit.
 
     `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
-    `dense`, `looking` (of the second look), `filter`, `measure`, `planting`, `report` are options of single stages, for
-    those who know them; what the options above say goes before.
+    `dense`, `looking` (of the second look), `filter`, `measure`, `planting`, `yields`, `report` are options of
+    single stages, for those who know them; what the options above say goes before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -83,6 +85,7 @@ class RunOptions:
     weights: Path | None = None
     trees: Path | None = None
     tree_spacing: float | None = None
+    hand_counts: Path | None = None
     engine: str = "auto"
     second_look: bool = True
     filter_false_positives: bool = True
@@ -99,6 +102,7 @@ class RunOptions:
     filter: FilterOptions | None = None
     measure: MeasureOptions | None = None
     planting: PlantingOptions | None = None
+    yields: YieldOptions | None = None
     report: ReportOptions | None = None
 
     def __post_init__(self) -> None:
@@ -112,7 +116,7 @@ class RunOptions:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
         if self.fruit is not None:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
-        for name in ("detections", "cameras", "markers", "weights", "trees", "filter_model"):
+        for name in ("detections", "cameras", "markers", "weights", "trees", "hand_counts", "filter_model"):
             path = getattr(self, name)
             if path is None:
                 continue
@@ -167,6 +171,7 @@ class RunOptions:
             filter=self.filter or usual.filter,
             measure=self._measure(usual.measure),
             planting=self._planting(usual.planting),
+            yields=self._yields(usual.yields),
             report=self.report or usual.report,
         )
 
@@ -181,6 +186,10 @@ class RunOptions:
         if self.trees is None and self.tree_spacing is None:
             return options
         return replace(options, trees=self.trees, spacing_m=self.tree_spacing)
+
+    def _yields(self, usual: YieldOptions) -> YieldOptions:
+        options = self.yields or usual
+        return options if self.hand_counts is None else replace(options, hand_counts=self.hand_counts)
 
     def _select(self, usual: SelectOptions) -> SelectOptions:
         chosen = replace(self.select or usual, score_threshold=self.score_threshold)
@@ -219,6 +228,10 @@ class RunOptions:
             from pomona.planting import read_trunks
 
             read_trunks(self.trees)
+        if self.hand_counts is not None:
+            from pomona.yields import read_hand_counts
+
+            read_hand_counts(self.hand_counts)
         if self.filter_model is not None:
             from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, VIEW_FEATURE_NAMES, LinearSvm
 
@@ -261,6 +274,7 @@ class StageOptions:
     filter: FilterOptions
     measure: MeasureOptions
     planting: PlantingOptions
+    yields: YieldOptions
     report: ReportOptions
 
     @classmethod
@@ -278,6 +292,7 @@ class StageOptions:
         from pomona.second_look.options import SecondLookOptions
         from pomona.segment.photo_detections import SegmentOptions
         from pomona.sfm.options import SfmOptions
+        from pomona.yields.options import YieldOptions
 
         return cls(
             run=run,
@@ -292,6 +307,7 @@ class StageOptions:
             filter=FilterOptions(),
             measure=MeasureOptions(),
             planting=PlantingOptions(),
+            yields=YieldOptions(),
             report=ReportOptions(),
         )
 

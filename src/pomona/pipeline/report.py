@@ -69,6 +69,8 @@ def _gathered(
         trees=results.trees,
         fruit_words=options,
         weight=results.weight,
+        crop=results.crop,
+        segments=results.segments,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(dict.fromkeys(warnings)),
         version=__version__,

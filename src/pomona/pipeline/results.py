@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pomona.arrays import IntArray
 from pomona.cameras import WorldFrame
+from pomona.crop import Crop, RowSegments
 from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.stage import Input, Stage, Store, SurveyContext
@@ -23,12 +25,14 @@ if TYPE_CHECKING:
     from pomona.measure.allometry import Allometry
     from pomona.pipeline.options import StageOptions
     from pomona.scale.report import Placed
+    from pomona.yields import Estimate, YieldOptions
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
     """What the tables and the cloud of a survey hold; `scene` is the cloud with the sparse points of everything,
-    and `weight` that of all fruits, None where none was weighed.
+    and `weight` that of all fruits found, None where none was weighed. `crop` is all that hangs there, hidden fruits
+    too, None where too few were found to say; `segments` are the same along the row.
 
     `corrections` counts "all" corrections and those that are "lost", as they match no fruit; None where there are none.
     """
@@ -40,32 +44,63 @@ class Results:
     frame: WorldFrame
     weight: TotalWeight | None = None
     corrections: Mapping[str, int] | None = None
+    crop: Crop | None = None
+    segments: RowSegments = field(default_factory=RowSegments.empty)
 
 
-def _as_found(placed: Placed, measured: Fused, trunks: Trunks, *, options: Allometry, progress: Progress) -> Results:
+@dataclass(frozen=True, kw_only=True)
+class ResultsOptions:
+    """How fruits are weighed, and how those that no photo shows are estimated."""
+
+    allometry: Allometry
+    yields: YieldOptions
+
+
+def _as_found(
+    placed: Placed, candidates: Fused, measured: Fused, trunks: Trunks, *, options: ResultsOptions, progress: Progress
+) -> Results:
     progress.start("writing tables, map and cloud")
-    scene = scene_cloud(placed.cameras, measured.cloud)
-    trees = _trees(measured.fruits, trunks, options)
-    weight = _weight(measured.fruits, options)
-    return Results(measured.fruits, measured.observations, scene, trees, placed.cameras.frame, weight)
+    views = candidates.fruits.views
+    found = _estimate(measured.fruits, measured.observations, views, placed.cameras, trunks, options, progress)
+    return Results(
+        found.fruits,
+        measured.observations,
+        scene_cloud(placed.cameras, measured.cloud),
+        found.trees,
+        placed.cameras.frame,
+        _weight(measured.fruits, options.allometry),
+        crop=found.crop,
+        segments=found.segments,
+    )
 
 
 def _as_corrected(
-    placed: Placed, measured: Fused, trunks: Trunks, corrected: Corrected, *, options: Allometry, progress: Progress
+    placed: Placed,
+    candidates: Fused,
+    measured: Fused,
+    trunks: Trunks,
+    corrected: Corrected,
+    *,
+    options: ResultsOptions,
+    progress: Progress,
 ) -> Results:
     progress.start("writing tables, map and cloud")
     for outcome in corrected.outcomes:
         if outcome.problem:
             progress.warn(outcome.warning())
     count = len(corrected.outcomes)
+    views = candidates.fruits.views
+    found = _estimate(corrected.fruits, corrected.detected, views, placed.cameras, trunks, options, progress)
     return Results(
-        corrected.fruits,
+        found.fruits,
         corrected.detected,
         scene_cloud(placed.cameras, corrected.relabelled(measured.cloud)),
-        _trees(corrected.fruits, trunks, options),
+        found.trees,
         placed.cameras.frame,
-        _weight(corrected.fruits, options),
+        _weight(corrected.fruits, options.allometry),
         {"all": count, "lost": count - corrected.applied},
+        found.crop,
+        found.segments,
     )
 
 
@@ -75,10 +110,29 @@ def _weight(fruits: Fruits, allometry: Allometry) -> TotalWeight | None:
     return total_weight(fruits, allometry)
 
 
-def _trees(fruits: Fruits, trunks: Trunks, allometry: Allometry) -> Trees:
+def _estimate(
+    fruits: Fruits,
+    observations: Observations,
+    candidate_views: IntArray,
+    cameras: Cameras,
+    trunks: Trunks,
+    options: ResultsOptions,
+    progress: Progress,
+) -> Estimate:
     from pomona.planting.summary import trees_of
+    from pomona.yields import estimate_crop
 
-    return trees_of(fruits, trunks, allometry)
+    trees = trees_of(fruits, trunks, options.allometry)
+    return estimate_crop(
+        fruits,
+        observations,
+        cameras,
+        trees,
+        options.allometry,
+        candidate_views=candidate_views,
+        options=options.yields,
+        progress=progress,
+    )
 
 
 def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
@@ -93,23 +147,26 @@ def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
 def _save(results: Results, context: SurveyContext) -> Mapping[str, Any]:
     from pomona.formats.geojson import write_geojson
     from pomona.formats.las import write_las
-    from pomona.formats.tables import write_fruits, write_observations, write_trees
+    from pomona.formats.tables import write_fruits, write_observations, write_segments, write_trees
 
     survey, frame = context.survey, results.frame
     write_file(survey.fruits, lambda path: write_fruits(path, results.fruits))
     write_file(survey.geojson, lambda path: write_geojson(path, results.fruits, frame))
     write_file(survey.observations, lambda path: write_observations(path, results.observations))
     write_file(survey.trees, lambda path: write_trees(path, results.trees))
+    write_file(survey.segments, lambda path: write_segments(path, results.segments))
     write_file(survey.cloud, lambda path: write_las(path, results.scene, frame=frame))
     numbers: dict[str, Any] = {"fruits": len(results.fruits), "observations": len(results.observations)}
     if results.weight is not None:
         numbers["weight"] = asdict(results.weight)
+    if results.crop is not None:
+        numbers["crop"] = asdict(results.crop)
     return numbers | ({} if results.corrections is None else {"corrections": dict(results.corrections)})
 
 
 def _load(info: Mapping[str, Any], context: SurveyContext) -> Results:
     from pomona.formats.las import read_las
-    from pomona.formats.tables import read_fruits, read_observations, read_trees
+    from pomona.formats.tables import read_fruits, read_observations, read_segments, read_trees
 
     survey = context.survey
     fruits, observations = read_fruits(survey.fruits), read_observations(survey.observations)
@@ -122,24 +179,36 @@ def _load(info: Mapping[str, Any], context: SurveyContext) -> Results:
         WorldFrame(),
         TotalWeight.from_json(info.get("weight")),
         info.get("corrections"),
+        Crop.from_json(info.get("crop")),
+        read_segments(survey.segments),
     )
 
 
-def _options(options: StageOptions) -> Allometry:
-    return options.measure.allometry
+def _options(options: StageOptions) -> ResultsOptions:
+    return ResultsOptions(allometry=options.measure.allometry, yields=options.yields)
 
 
-def results_stage(measured: Stage[Fused], trunks: Stage[Trunks], corrected: Stage[Corrected] | None) -> Stage[Results]:
-    """Return the stage that writes `fruits.csv`, `fruits.geojson`, `observations.csv`, `trees.csv` and `cloud.laz`.
+def results_stage(
+    candidates: Stage[Fused], measured: Stage[Fused], trunks: Stage[Trunks], corrected: Stage[Corrected] | None
+) -> Stage[Results]:
+    """Return the stage that writes the tables, the map and the cloud.
 
-    They hold the fruits of `measured` on trees of `trunks`, and where a person corrected some, those of `corrected`.
+    They hold the fruits of `measured` on trees of `trunks`, and where a person corrected some, those of `corrected`;
+    `candidates` are the fruits before the filter.
     """
     store = Store(
         save=_save,
         load=_load,
-        outputs=lambda survey: (survey.fruits, survey.geojson, survey.observations, survey.trees, survey.cloud),
+        outputs=lambda survey: (
+            survey.fruits,
+            survey.geojson,
+            survey.observations,
+            survey.trees,
+            survey.segments,
+            survey.cloud,
+        ),
     )
-    inputs: dict[str, Input] = {"placed": SCALE, "measured": measured, "trunks": trunks}
+    inputs: dict[str, Input] = {"placed": SCALE, "candidates": candidates, "measured": measured, "trunks": trunks}
     if corrected is None:
         return Stage(name="results", inputs=inputs, options=_options, compute=_as_found, store=store)
     return Stage(

@@ -55,6 +55,6 @@ def stages_of(method: str, *, corrected: bool) -> Stages:
     shown = planted_stage(with_points, trunks)
     found = found_stage(shown)
     by_person = correct_stage(found) if corrected else None
-    results = results_stage(shown, trunks, by_person)
+    results = results_stage(fuse[-1], shown, trunks, by_person)
     report = report_stage(results, by_person)
     return Stages((*first, *middle, results, report), shown, found, by_person, results)

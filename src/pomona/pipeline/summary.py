@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.cameras import WorldFrame
+from pomona.crop import Crop
 from pomona.fruits import TotalWeight
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
@@ -37,8 +38,8 @@ class StageTime:
 class Summary:
     """The end of a run. What a partial run did not come to is None.
 
-    `fruit` is the kind that the person named; `sides` says how well the sides of the row agree, `corrections` how many
-    were applied; `lost` are photo names with reasons.
+    `fruit` is the kind that the person named; `crop` is all that hangs there, hidden fruits too; `sides` says how well
+    the sides of the row agree, `corrections` how many were applied; `lost` are photo names with reasons.
     """
 
     survey: Path
@@ -48,6 +49,7 @@ class Summary:
     fruits: int | None
     fruit: str | None
     weight: TotalWeight | None
+    crop: Crop | None
     corrections: str | None
     scale: str | None
     approximate: bool | None
@@ -80,6 +82,7 @@ def summarise(
         photos_used=int(scale.info["photos"]) if scale else None,
         fruits=int(results.info["fruits"]) if results else None,
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
+        crop=Crop.from_json(results.info.get("crop")) if results else None,
         fruit=(survey.get("options") or {}).get("fruit"),
         corrections=_corrections(results.info) if results else None,
         scale=_scale(scale.info) if scale else None,

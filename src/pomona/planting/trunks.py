@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
 from pomona.fruits import Fruits
+from pomona.geometry import row_axis
 from pomona.planting.options import PlantingOptions
 from pomona.planting.trunk_table import read_trunks
 from pomona.progress import Progress, Silent
@@ -80,12 +81,8 @@ class _Row:
 
     @classmethod
     def of(cls, centers_in_world: FloatArray) -> _Row:
-        flat = centers_in_world[:, :2]
-        origin = np.median(flat, axis=0)
-        axis = np.linalg.svd(flat - origin, full_matrices=False)[2][0]
-        # Trees are numbered in the direction in which the larger coordinate grows.
-        axis = axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)
-        return cls((flat - origin) @ axis, origin, axis)
+        origin, axis = row_axis(centers_in_world)
+        return cls((centers_in_world[:, :2] - origin) @ axis, origin, axis)
 
     @property
     def length_m(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pomona.cameras import Cameras
+from pomona.crop import Crop, RowSegments
 from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.photos import Photos
@@ -33,7 +34,8 @@ class ReportData:
     fruit, where outlines and crops are wanted. `corrections` is how many a person made that found their fruit. `scale`
     says how metres were found, where known.
     `trees` are the table of trees, none where they are not known; `fruit_words` is what many of the fruits are called,
-    `weight` that of all of them (None: not known). `version` is Pomona's.
+    `weight` that of all of them (None: not known); `crop` is what hangs there, hidden fruits too, and `segments` the
+    same along the row. `version` is Pomona's.
     """
 
     title: str
@@ -50,6 +52,8 @@ class ReportData:
     trees: Trees = field(default_factory=Trees.empty)
     fruit_words: str = "fruits"
     weight: TotalWeight | None = None
+    crop: Crop | None = None
+    segments: RowSegments = field(default_factory=RowSegments.empty)
     stages: tuple[StageTime, ...] = ()
     warnings: tuple[str, ...] = ()
     version: str = ""

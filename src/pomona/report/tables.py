@@ -19,6 +19,8 @@ def trees_table(data: ReportData) -> str:
             str(trees.ids[k]),
             str(trees.fruits[k]),
             f"{trees.fruits_low[k]} to {trees.fruits_high[k]}",
+            _number(trees.all_fruits[k], 0),
+            f"{trees.all_low[k]:.0f} to {trees.all_high[k]:.0f}" if math.isfinite(trees.all_low[k]) else "–",
             _number(1000 * trees.diameters_m[k], 1),
             _number(trees.weights_kg[k], 1),
             f"{trees.weights_low_kg[k]:.1f} to {trees.weights_high_kg[k]:.1f}" if trees.weights_kg[k] > 0 else "–",
@@ -27,9 +29,9 @@ def trees_table(data: ReportData) -> str:
     ]
     on_none = int((data.fruits.tree_ids == 0).sum())
     if on_none:
-        rows.append(("none", str(on_none), "", "", "", ""))
-    heads = ("tree", data.fruit_words, "95 %", "median diameter mm", "weight kg", "95 %")
-    note = "<p><small>Intervals are of what photos show: hidden fruits are not in them.</small></p>"
+        rows.append(("none", str(on_none), *("",) * 6))
+    heads = ("tree", data.fruit_words, "95 %", "hidden ones too", "95 %", "median diameter mm", "weight kg", "95 %")
+    note = "<p><small>The first interval is of what photos show; hidden fruits are in that of all.</small></p>"
     return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}{note}</div>'
 
 

@@ -27,7 +27,16 @@ _MOST_WARNINGS_SHOWN = 8  # more are folded away, so that the view stays on the 
 def totals(data: ReportData) -> str:
     """Return the cards with the survey's figures."""
     return "".join(
-        [_fruits(data), _weight(data), _diameter(data), _photos(data), _scale(data), _sides(data), _time(data)]
+        [
+            _fruits(data),
+            _crop(data),
+            _weight(data),
+            _diameter(data),
+            _photos(data),
+            _scale(data),
+            _sides(data),
+            _time(data),
+        ]
     )
 
 
@@ -49,6 +58,18 @@ def _fruits(data: ReportData) -> str:
     if data.corrections:
         parts.append(f"{data.corrections:,} correction{'s' if data.corrections > 1 else ''} by hand")
     return card(data.fruit_words.capitalize(), f"{len(data.fruits):,}", ", ".join(parts), "main")
+
+
+def _crop(data: ReportData) -> str:
+    """All that hangs there with its interval; nothing where too little was found to say."""
+    if data.crop is None:
+        return ""
+    every = data.crop.fruits
+    parts = [f"{every.low:,.0f} to {every.high:,.0f} (95 %)"]
+    if metre := data.crop.per_metre:
+        parts.append(f"{metre.value:.3g} a metre of row ({metre.low:.3g} to {metre.high:.3g})")
+    label = f"All {data.fruit_words}, hidden ones too"
+    return card(label, f"{every.value:,.0f}", escape(f"{', '.join(parts)}. {every.covers.capitalize()}"))
 
 
 def _weight(data: ReportData) -> str:

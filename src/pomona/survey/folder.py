@@ -27,6 +27,7 @@ _WRITERS = {
     "fruits.geojson": "pomona measure {survey}",
     "observations.csv": "pomona measure {survey}",
     "trees.csv": "pomona measure {survey}",
+    "segments.csv": "pomona measure {survey}",
     "report.html": "pomona report {survey}",
     "contact_sheet.jpg": "pomona report {survey}",
 }
@@ -120,6 +121,11 @@ class SurveyFolder:
     def trees(self) -> Path:
         """`trees.csv`."""
         return self.folder / "trees.csv"
+
+    @property
+    def segments(self) -> Path:
+        """`segments.csv`."""
+        return self.folder / "segments.csv"
 
     @property
     def geojson(self) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pomona.cameras import Cameras, WorldFrame
+from pomona.crop import Crop, RowSegments
 from pomona.detections import SurveyDetections
 from pomona.errors import PomonaError, few
 from pomona.fruits import FruitCloud, Fruits, Observations
@@ -77,6 +78,19 @@ class SurveyReader:
 
         self.files.need(self.files.trees)
         return read_trees(self.files.trees)
+
+    @cached_property
+    def segments(self) -> RowSegments:
+        """The parts of the row of `segments.csv`; none of a survey that has no such table."""
+        from pomona.formats.tables import read_segments
+
+        return read_segments(self.files.segments) if self.files.segments.is_file() else RowSegments.empty()
+
+    @property
+    def crop(self) -> Crop | None:
+        """All that hangs there, hidden fruits too, with intervals; None where too few were found to say."""
+        record = self._finished("results")
+        return Crop.from_json(record.info.get("crop")) if record else None
 
     @cached_property
     def detections(self) -> SurveyDetections:

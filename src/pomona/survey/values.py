@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, TypeVar
 from zipfile import BadZipFile
@@ -41,6 +41,8 @@ def arrays_of(value: Fruits | Observations | FruitCloud, prefix: str = "") -> di
 def columns_from(kind: type[_Columns], arrays: Arrays, prefix: str = "") -> _Columns:
     """Return the fruits, observations or cloud of which `arrays_of` gave the columns."""
     texts = {"sides", "reasons", "photo"}
-    columns: dict[str, Any] = {field.name: arrays[prefix + field.name] for field in fields(kind)}
+    # A column that an older version did not write is as where it is not known.
+    wanted = [f.name for f in fields(kind) if prefix + f.name in arrays or f.default_factory is MISSING]
+    columns: dict[str, Any] = {name: arrays[prefix + name] for name in wanted}
     columns |= {name: tuple(str(text) for text in columns[name]) for name in texts & columns.keys()}
     return kind(**columns)

@@ -53,6 +53,8 @@ def page_data(survey: SurveyReader) -> ReportData:
         trees=_trees(survey),
         fruit_words=many_of((files.get("options") or {}).get("fruit")),
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
+        crop=survey.crop,
+        segments=survey.segments,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(files.get("warnings", ())),
         version=__version__,

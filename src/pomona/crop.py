@@ -1,0 +1,105 @@
+"""The whole crop of a survey: how many fruits there are, also those that no photo shows, how large and how heavy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.data_frames import data_frame
+from pomona.intervals import Interval
+
+
+@dataclass(frozen=True)
+class SizeDistribution:
+    """Deciles of diameters in metres, the 10th, 50th and 90th: of the fruits `measured`, and of the whole `crop`.
+
+    Of the crop each measured fruit counts for those like it that were not measured or not found. `how` says it.
+    """
+
+    measured: tuple[float, float, float]
+    crop: tuple[float, float, float]
+    how: str
+
+
+@dataclass(frozen=True)
+class Crop:
+    """What hangs in the part of the row that photos look at, each with its 95 % interval and what that covers.
+
+    `seen` are true fruits among those found; `fruits` all of them, hidden ones too; `per_metre` of row; `weight_kg` of
+    all. None: not known. `sides` of the row were photographed. `calibration` is the ratio of hand counts to what was
+    estimated of the same trees; None where no tree was counted. `sizes` are None where nothing was measured.
+    """
+
+    seen: Interval
+    fruits: Interval
+    per_metre: Interval | None
+    weight_kg: Interval | None
+    sides: int
+    calibration: Interval | None = None
+    sizes: SizeDistribution | None = None
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any] | None) -> Crop | None:
+        """Return the crop of which the facts of the stage `results` hold the entries; None where they are None."""
+        if values is None:
+            return None
+        intervals = {name: Interval.from_json(values[name]) for name in _INTERVALS}
+        sizes = values["sizes"]
+        known = (
+            None if sizes is None else SizeDistribution(tuple(sizes["measured"]), tuple(sizes["crop"]), sizes["how"])
+        )
+        return cls(**intervals, sides=values["sides"], sizes=known)  # type: ignore[arg-type]
+
+
+_INTERVALS = [field.name for field in fields(Crop) if "Interval" in str(field.type)]
+
+
+@dataclass(frozen=True, eq=False)
+class RowSegments:
+    """m parts of a row, from its start: each from `starts_in_world` to `ends_in_world` (m, 2) on the ground, metres.
+
+    `fruits` (m,) were found there; `all_fruits` (m,) are there, hidden ones too, with the ends `all_low` and `all_high`
+    of the 95 % interval. `diameters_m` (m,) are medians, NaN where none was measured.
+    """
+
+    starts_in_world: FloatArray
+    ends_in_world: FloatArray
+    fruits: IntArray
+    all_fruits: FloatArray
+    all_low: FloatArray
+    all_high: FloatArray
+    diameters_m: FloatArray
+
+    def __post_init__(self) -> None:
+        m = len(self.fruits)
+        set_checked(self, "fruits", (m,), np.int64)
+        for name in ("starts_in_world", "ends_in_world"):
+            set_checked(self, name, (m, 2), np.float64)
+        for name in ("all_fruits", "all_low", "all_high", "diameters_m"):
+            set_checked(self, name, (m,), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.fruits)
+
+    @classmethod
+    def empty(cls) -> RowSegments:
+        """Return no segments: nothing was estimated."""
+        none = np.zeros(0)
+        return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int64), none, none, none, none)
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`, a row a segment, with the columns of `segments.csv`."""
+        return data_frame(self.columns())
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns of `segments.csv`."""
+        (x0, y0), (x1, y1) = self.starts_in_world.T, self.ends_in_world.T
+        return {
+            "id": np.arange(1, len(self) + 1), "x_start_m": x0, "y_start_m": y0, "x_end_m": x1, "y_end_m": y1,
+            "fruits": self.fruits, "all_fruits": self.all_fruits, "all_low": self.all_low, "all_high": self.all_high,
+            "diameter_m": self.diameters_m,
+        }  # fmt: skip

@@ -1,0 +1,150 @@
+"""How often each fruit was seen from each side of the row, of how many photos that could have shown it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.cameras import Cameras
+from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruits import Fruits, Observations
+from pomona.geometry import row_axis
+from pomona.yields.options import YieldOptions
+
+DEPTH_DIAMETERS = 4.0
+"""The unit of depths: so many diameters of a fruit, about 0.3 m of apples."""
+_FEWEST_PHOTOS = 3  # of a side: of fewer, those at a row's end, no fruit is seen often enough to learn from
+_FARTHER = 1.5  # times the usual distance: beyond, a photo is not expected to show a fruit
+_FEWEST = 2  # photos that place a fruit
+_NEARLY_ALL = 0.95
+_SIZE_STEP, _MOST_STEPS = 0.1, 3.0  # sizes are in tenths above the median, on a logarithmic scale
+
+
+@dataclass(frozen=True, eq=False)
+class Encounters:
+    """n fruits and s sides: how often each fruit was `seen` (n, s) in `photos` (n, s) that could have shown it.
+
+    `depths` (n, s) is how far behind the middle of the row it hangs as seen from each side, and `sizes` (n,) how much
+    larger than the median it is, in the units above; 0 where that is not known. Of fruits seen by 0, 1, … k − 1
+    photos in all, the share `kept` (k,) was found; of those seen by more, all were.
+    """
+
+    seen: IntArray
+    photos: IntArray
+    depths: FloatArray
+    sizes: FloatArray
+    kept: FloatArray
+
+    def __post_init__(self) -> None:
+        n, s = np.shape(self.seen)
+        for name in ("seen", "photos"):
+            set_checked(self, name, (n, s), np.int64)
+        set_checked(self, "depths", (n, s), np.float64)
+        set_checked(self, "sizes", (n,), np.float64)
+        set_checked(self, "kept", (None,), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    def __getitem__(self, selection: BoolArray | IntArray) -> Encounters:
+        return Encounters(
+            self.seen[selection], self.photos[selection], self.depths[selection], self.sizes[selection], self.kept
+        )
+
+    @property
+    def sides(self) -> int:
+        """How many sides of the row were photographed."""
+        return self.seen.shape[1]
+
+
+def encounters_of(
+    fruits: Fruits,
+    observations: Observations,
+    cameras: Cameras,
+    candidate_views: IntArray | None = None,
+    options: YieldOptions | None = None,
+) -> Encounters:
+    """Return what photos show of n fruits, by side of the row; cameras (p) stand on one side or on both.
+
+    `candidate_views` (m,) are the numbers of photos of all that masks were joined to; None: nothing was filtered.
+
+    Sides are those of the line along the row amid the fruits, whatever photos are called.
+    """
+    options = options or YieldOptions()
+    origin, along = row_axis(fruits.centers_in_world)
+    across = np.array([-along[1], along[0]])
+    seen = _seen(fruits, observations, cameras)
+    could = _in_picture(fruits, cameras, seen) | seen
+    stands = (cameras.centers_in_world[:, :2] - origin) @ across
+    sides = [stands < 0, stands >= 0]
+    sides = [side for side in sides if (side & could.any(axis=0)).sum() >= _FEWEST_PHOTOS] or [stands == stands]
+    size = size_of_fruits(fruits.diameters_m, FruitSize())
+    offsets = (fruits.centers_in_world[:, :2] - origin) @ across / (DEPTH_DIAMETERS * size.diameter_m)
+    depths = np.stack([-np.sign(stands[side].mean()) * offsets for side in sides], axis=1)
+    steps = np.nan_to_num(np.log(fruits.diameters_m / size.diameter_m) / _SIZE_STEP)
+    usual = max(float(np.median(could[:, side].sum(axis=1))) for side in sides)
+    share = min(1.0, options.most_photos / max(usual, 1.0))
+    counts = [_thinned(seen[:, side].sum(axis=1), could[:, side].sum(axis=1), share) for side in sides]
+    views = fruits.views if candidate_views is None else candidate_views
+    return Encounters(
+        np.stack([seen_here for seen_here, _ in counts], axis=1),
+        np.stack([photos for _, photos in counts], axis=1),
+        depths,
+        np.clip(steps, -_MOST_STEPS, _MOST_STEPS),
+        kept_shares(fruits.views, views, share),
+    )
+
+
+def kept_shares(views: IntArray, candidate_views: IntArray, share: float = 1.0) -> FloatArray:
+    """Return the share (k,) of fruits seen by 0, 1, … k − 1 photos that were kept; of those seen by more, all were.
+
+    `views` (n,) are the photos of those found, `candidate_views` (m,) of all that masks were joined to, of which the
+    filter drops many that few photos show: true ones, too. Shares rise with the number of photos; `share` of these
+    are counted.
+    """
+    most = int(candidate_views.max(initial=_FEWEST))
+    found, candidates = (np.bincount(each, minlength=most + 1)[: most + 1] for each in (views, candidate_views))
+    many = np.arange(most + 1) >= np.median(candidate_views)
+    usual = found[many].sum() / max(candidates[many].sum(), 1)
+    shares = np.where(candidates > 0, found / np.maximum(candidates, 1) / max(usual, 1e-9), np.nan)
+    known = np.flatnonzero(candidates > 0)
+    shares = np.interp(np.arange(most + 1), known, shares[known], left=0.0) if len(known) else np.zeros(most + 1)
+    # Noise apart they rise: the mean of the least and the greatest line that does.
+    rising = (np.maximum.accumulate(shares) + np.minimum.accumulate(shares[::-1])[::-1]) / 2
+    thinned = rising[np.minimum(np.round(np.arange(most + 1) / share).astype(int), most)]
+    enough = np.flatnonzero(thinned >= _NEARLY_ALL)
+    return np.asarray(thinned[: enough[0]] if len(enough) else thinned)
+
+
+def _seen(fruits: Fruits, observations: Observations, cameras: Cameras) -> BoolArray:
+    """Return which photo saw which fruit (n, p)."""
+    fruit_of = {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
+    photo_of = {photo: j for j, photo in enumerate(cameras.photos)}
+    seen = np.zeros((len(fruits), len(cameras)), bool)
+    pairs = zip(observations.fruit_id.tolist(), observations.photo, strict=True)
+    for fruit, photo in ((fruit_of.get(i), photo_of.get(name)) for i, name in pairs):
+        if fruit is not None and photo is not None:
+            seen[fruit, photo] = True
+    return seen
+
+
+def _in_picture(fruits: Fruits, cameras: Cameras, seen: BoolArray) -> BoolArray:
+    """Return in which photos the middle of each fruit lies (n, p), unless these were taken from much farther away."""
+    in_picture = np.zeros(seen.shape, bool)
+    for j in range(len(cameras)):
+        xy_px, _ = cameras.project(j, fruits.centers_in_world)
+        lens = cameras.intrinsics_of(j)
+        in_picture[:, j] = ((xy_px > 0) & (xy_px < [lens.width_px, lens.height_px])).all(axis=1)
+    away = np.linalg.norm(fruits.centers_in_world[:, None] - cameras.centers_in_world[None], axis=2)
+    if not seen.any():
+        return in_picture
+    near: BoolArray = away < _FARTHER * np.median(away[seen])
+    return in_picture & near
+
+
+def _thinned(seen: IntArray, photos: IntArray, share: float) -> tuple[IntArray, IntArray]:
+    """Return counts (n,) of a share of the photos: those beside each other show the same."""
+    kept = np.ceil(photos * share).astype(np.int64)
+    return np.minimum(np.round(seen * share).astype(np.int64), kept), kept

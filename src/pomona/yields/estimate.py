@@ -1,0 +1,235 @@
+"""The whole crop, hidden fruits too, from how likely each found one was found: Horvitz-Thompson, by draws.
+
+Each found fruit that was found with probability p stands for 1 / p, itself and 1 / p - 1 others (Horvitz & Thompson
+1952, doi:10.1080/01621459.1952.10483446). How many others there are is drawn as often as an interval takes, together
+with whether a found one is a fruit (its score), which of two trees it hangs on, and what is not known of p.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.cameras import Cameras
+from pomona.crop import Crop, RowSegments, SizeDistribution
+from pomona.fruits import Fruits, Observations
+from pomona.geometry import row_axis
+from pomona.intervals import Interval
+from pomona.measure.allometry import Allometry, total_weight
+from pomona.progress import Progress, Silent
+from pomona.trees import Trees
+from pomona.yields.detectability import Detectability, fit_detectability
+from pomona.yields.encounters import Encounters, encounters_of
+from pomona.yields.hand_counts import calibration, known_counts, read_hand_counts
+from pomona.yields.options import YieldOptions
+
+_SEEN = "true fruits among those found, hidden ones not counted"
+_ALL = {
+    1: "all fruit of the part that photos look at, hidden ones too; photos of one side alone, what its far side hides "
+    "is estimated from how fast fruits fade with depth",
+    2: "all fruit of the part that photos look at, hidden ones too",
+}
+_CALIBRATED = ", calibrated on hand counts"
+_HOW = "each measured fruit counts for those as hard to see that were not measured or not found"
+_CLASSES = 4  # of detectability: fruits that could not be measured are as large as others as hard to see
+_DECILES = (10, 50, 90)
+_ENDS = (2.5, 97.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The crop, the fruits with how many each `stands_for`, the trees with all their fruits, and parts of the row."""
+
+    crop: Crop | None
+    fruits: Fruits
+    trees: Trees
+    segments: RowSegments
+
+
+def estimate_crop(
+    fruits: Fruits,
+    observations: Observations,
+    cameras: Cameras,
+    trees: Trees,
+    allometry: Allometry,
+    *,
+    candidate_views: IntArray | None = None,
+    options: YieldOptions | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Return how many fruits there are, also those that no photo shows, with 95 % intervals.
+
+    `fruits` are those found, on their `trees`, `observations` the photos that saw them and `cameras` those of all
+    photos; `candidate_views` (m,) are the numbers of photos of all that the filter chose from (None: all were kept). Of
+    too few fruits, and without metres, nothing is estimated. Raises `FormatError` or `MissingFileError` for
+    hand counts that cannot be read.
+    """
+    options, progress = options or YieldOptions(), progress or Silent()
+    counts = None if options.hand_counts is None else read_hand_counts(options.hand_counts)
+    if not cameras.frame.metric or len(np.unique(observations.fruit_id)) < options.fewest_fruits:
+        return Estimate(None, fruits, trees, RowSegments.empty())
+    encounters = encounters_of(fruits, observations, cameras, candidate_views, options)
+    detectability = fit_detectability(encounters, options.most_fitted)
+    rng = np.random.default_rng(options.seed)
+    draws = _Draws.of(fruits, detectability, options.draws, rng)
+    covers = _ALL[min(encounters.sides, 2)]
+    ratio = None
+    if counts is not None:
+        known = known_counts(counts, trees.ids, progress)
+        rows = [draws.on_tree(fruits, tree) for tree in known.tree_ids.tolist()]
+        if rows:
+            found = calibration(known, np.stack(rows, axis=1), np.array([row.mean() for row in rows]), rng, progress)
+            if found is not None:
+                ratio, draws, covers = found[0], draws.times(found[0].value, found[1]), covers + _CALIBRATED
+    return Estimate(
+        _crop(fruits, encounters, draws, covers, ratio, allometry),
+        replace(fruits, stands_for=draws.expected),
+        _of_trees(fruits, trees, draws),
+        _segments(fruits, draws, options.segment_m),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """How many each of n fruits stands for: `expected` (n,), and `counts` (k, n) as they may be; `real` (k, n) of which
+    is it a fruit; `elsewhere` (k, n) where one between two trees hangs on the other."""
+
+    expected: FloatArray
+    counts: FloatArray
+    real: FloatArray
+    elsewhere: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        fruits: Fruits,
+        detectability: Detectability,
+        count: int,
+        rng: np.random.Generator,
+    ) -> _Draws:
+        # Masks better than those that the filter learned from leave fewer false fruits: scores err all alike.
+        false = rng.uniform(0, 2, (count, 1)) * (1 - _reality(fruits))
+        real = (rng.random((count, len(fruits))) >= false).astype(float)
+        others = rng.negative_binomial(1, detectability.draws(count, rng))
+        between = (fruits.other_tree_ids > 0) & (rng.random(real.shape) < 0.5)
+        return cls(_reality(fruits) / detectability.probabilities, real * (1 + others), real, between.astype(float))
+
+    def times(self, ratio: float, ratios: FloatArray) -> _Draws:
+        """Return what hand counts make of them."""
+        return replace(self, expected=ratio * self.expected, counts=ratios[:, None] * self.counts)
+
+    def on_tree(self, fruits: Fruits, tree: int) -> FloatArray:
+        """Return draws (k,) of how many hang on a tree."""
+        here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
+        mine = self.counts[:, here] * (1 - self.elsewhere[:, here])
+        total: FloatArray = mine.sum(axis=1) + (self.counts[:, there] * self.elsewhere[:, there]).sum(axis=1)
+        return total
+
+
+def _reality(fruits: Fruits) -> FloatArray:
+    """The probability (n,) that there is a fruit, wherever it is.
+
+    A score is that one is within half a diameter; of those that are not there, about half are fruits farther away
+    (docs/lab/yields.md). A fruit without a score was put there by a person.
+    """
+    scores = np.clip(np.where(np.isfinite(fruits.scores), fruits.scores, 1.0), 0.0, 1.0)
+    return np.asarray((1 + scores) / 2)
+
+
+def _crop(
+    fruits: Fruits,
+    encounters: Encounters,
+    draws: _Draws,
+    covers: str,
+    ratio: Interval | None,
+    allometry: Allometry,
+) -> Crop:
+    total = draws.counts.sum(axis=1)
+    everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
+    origin, axis = row_axis(fruits.centers_in_world)
+    length = float(np.ptp((fruits.centers_in_world[:, :2] - origin) @ axis))
+    shares = _stands_for_measured(fruits, draws)
+    return Crop(
+        seen=Interval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
+        fruits=everything,
+        per_metre=everything.times(1 / length) if length > 0 else None,
+        weight_kg=_weight(fruits, shares, everything, total, allometry),
+        sides=encounters.sides,
+        calibration=ratio,
+        sizes=_sizes(fruits, shares),
+    )
+
+
+def _stands_for_measured(fruits: Fruits, draws: _Draws) -> FloatArray:
+    """Return how many fruits each measured one stands for (n,), 0 of those not measured: others as hard to see do."""
+    measured = np.isfinite(fruits.diameters_m)
+    order = np.argsort(np.argsort(draws.expected, kind="stable"), kind="stable")
+    classes = order * _CLASSES // max(len(fruits), 1)
+    result = np.zeros(len(fruits))
+    for k in range(_CLASSES):
+        mine = classes == k
+        of_measured = float(draws.expected[mine & measured].sum())
+        if of_measured > 0:
+            factor = float(draws.expected[mine].sum()) / of_measured
+            result[mine & measured] = factor * draws.expected[mine & measured]
+    return result
+
+
+def _sizes(fruits: Fruits, shares: FloatArray) -> SizeDistribution | None:
+    known = shares > 0
+    if not known.any():
+        return None
+    diameters = fruits.diameters_m[known]
+    low, middle, high = np.percentile(diameters, _DECILES)
+    order = np.argsort(diameters)
+    below = np.cumsum(shares[known][order]) - shares[known][order] / 2
+    crop = np.interp(np.array(_DECILES) / 100 * shares.sum(), below, diameters[order])
+    return SizeDistribution((float(low), float(middle), float(high)), tuple(map(float, crop)), _HOW)  # type: ignore[arg-type]
+
+
+def _weight(
+    fruits: Fruits, shares: FloatArray, everything: Interval, total: FloatArray, allometry: Allometry
+) -> Interval | None:
+    """The weight of all fruit: of the number, and of the mean weight, whose errors are not of each other."""
+    found = total_weight(fruits, allometry)
+    known = (shares > 0) & np.isfinite(fruits.weights_g)
+    if found is None or not known.any() or everything.value == 0:
+        return None
+    mean_kg = float(np.average(fruits.weights_g[known], weights=shares[known])) / 1000
+    rng = np.random.default_rng(len(fruits))
+    spread = (found.high_kg - found.low_kg) / (2 * 1.96 * found.kg)
+    weights = total * mean_kg * (1 + spread * rng.standard_normal(len(total)))
+    return Interval.of_draws(mean_kg * everything.value, np.maximum(weights, 0.0), everything.covers)
+
+
+def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:
+    """Return the trees with all their fruits, hidden ones too."""
+    rows = [draws.on_tree(fruits, tree) for tree in trees.ids.tolist()]
+    ends = [(row.mean(), *np.percentile(row, _ENDS)) for row in rows]
+    estimates, low, high = np.array(ends, float).reshape(-1, 3).T
+    return replace(trees, all_fruits=estimates, all_low=low, all_high=high)
+
+
+def _segments(fruits: Fruits, draws: _Draws, length_m: float) -> RowSegments:
+    """Return parts of the row of one length, the last as long as what is left of it."""
+    origin, axis = row_axis(fruits.centers_in_world)
+    along_m = (fruits.centers_in_world[:, :2] - origin) @ axis
+    first = float(along_m.min())
+    number = ((along_m - first) / length_m).astype(int)
+    count = int(number.max()) + 1
+    starts = first + length_m * np.arange(count)
+    ends = np.minimum(starts + length_m, along_m.max())
+    rows = []
+    for k in range(count):
+        mine = number == k
+        own = draws.counts[:, mine].sum(axis=1)
+        measured = fruits.diameters_m[mine & np.isfinite(fruits.diameters_m)]
+        median = float(np.median(measured)) if len(measured) else float("nan")
+        rows.append((mine.sum(), draws.expected[mine].sum(), *np.percentile(own, _ENDS), median))
+    found, estimates, low, high, diameters = np.array(rows, float).T
+    return RowSegments(
+        origin + starts[:, None] * axis, origin + ends[:, None] * axis,
+        found.astype(np.int64), estimates, np.minimum(low, estimates), np.maximum(high, estimates), diameters,
+    )  # fmt: skip

@@ -1,0 +1,311 @@
+"""All fruit, hidden ones too: estimated from how often the found ones were seen, with intervals that hold the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pomona.cameras import Cameras, WorldFrame
+from pomona.crop import Crop, RowSegments
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.tables import read_segments, read_trees, write_segments, write_trees
+from pomona.fruits import Fruits, Observations
+from pomona.intervals import Interval
+from pomona.intrinsics import Intrinsics
+from pomona.measure.allometry import STORY_APPLES, weigh
+from pomona.planting import on_trees
+from pomona.planting.summary import trees_of
+from pomona.progress import Silent
+from pomona.survey.digest import plain
+from pomona.trees import Trunks
+from pomona.yields import Estimate, YieldOptions, estimate_crop, read_hand_counts
+from pomona.yields.encounters import encounters_of, kept_shares
+
+METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
+TRUNKS = Trunks(np.arange(1, 5), np.column_stack([np.arange(4) * 1.0, np.zeros(4)]))
+
+
+class Listening(Silent):
+    def __init__(self) -> None:
+        super().__init__()
+        self.warnings: list[str] = []
+
+    def warn(self, message: str) -> None:
+        self.warnings.append(message)
+
+
+def standing(sides: int) -> Cameras:
+    """Twelve cameras 0.3 m apart along x, 2.5 m from the row, on one side or on both."""
+    lens = Intrinsics("SIMPLE_PINHOLE", 600, 800, np.array([500.0, 300, 400]))
+    poses, names = [], []
+    for side in range(sides):
+        toward = 1.0 if side == 0 else -1.0
+        rotation = np.array([[toward, 0, 0], [0, 0, -1.0], [0, toward, 0]])
+        for k in range(12):
+            eye = np.array([0.3 * k - 0.15, -2.5 * toward, 1.5])
+            poses.append(np.column_stack([rotation, -rotation @ eye]))
+            names.append(f"{'east' if side == 0 else 'west'}/{k:02}")
+    return Cameras(tuple(names), (lens,), np.zeros(len(names), int), np.array(poses), frame=METRES)
+
+
+def grown(seed: int, sides: int, count: int = 160, leaves: float = 1.0) -> tuple[Fruits, Observations, Cameras, int]:
+    """Fruits found of `count` in a crown 1 m deep that hides those behind it, and how many two photos look at."""
+    rng = np.random.default_rng(seed)
+    centers = np.column_stack([rng.uniform(-0.4, 3.4, count), rng.uniform(-0.5, 0.5, count), rng.uniform(1, 2, count)])
+    cameras = standing(sides)
+    looks, seen = np.zeros((count, len(cameras)), bool), np.zeros((count, len(cameras)), bool)
+    for side in range(sides):
+        depth = (0.5 + (centers[:, 1] if side == 0 else -centers[:, 1])) / 1.0
+        clear = 3.0 - leaves * 4.5 * depth + rng.normal(0, 1.8, count)
+        for j in range(12 * side, 12 * side + 12):
+            xy_px, _ = cameras.project(j, centers)
+            looks[:, j] = ((xy_px > 0) & (xy_px < [600, 800])).all(1)
+            seen[:, j] = looks[:, j] & (rng.random(count) < 1 / (1 + np.exp(-clear)))
+    found = np.flatnonzero(seen.sum(1) >= 2)
+    diameters = rng.normal(0.075, 0.005, len(found))
+    fruits = Fruits(
+        found + 1, centers[found], diameters, np.ones(len(found)), seen[found].sum(1), np.full(len(found), 0.001)
+    )
+    pairs = [(int(i) + 1, cameras.photos[j]) for i in found for j in np.flatnonzero(seen[i])]
+    observations = Observations(
+        np.array([i for i, _ in pairs]), tuple(p for _, p in pairs), np.arange(len(pairs)), np.zeros((len(pairs), 2))
+    )
+    return weigh(fruits, STORY_APPLES, METRES), observations, cameras, int((looks.sum(1) >= 2).sum())
+
+
+def estimated(seed: int, sides: int, leaves: float = 1.0, **options: object) -> tuple[Estimate, int, int]:
+    fruits, observations, cameras, true = grown(seed, sides, leaves=leaves)
+    fruits = on_trees(fruits, TRUNKS)
+    trees = trees_of(fruits, TRUNKS, STORY_APPLES)
+    found = estimate_crop(
+        fruits,
+        observations,
+        cameras,
+        trees,
+        STORY_APPLES,
+        options=YieldOptions(draws=300, **options),  # type: ignore[arg-type]
+    )
+    return found, len(fruits), true
+
+
+@pytest.mark.parametrize(("sides", "leaves", "widest"), [(2, 1.0, 0.25), (2, 1.4, 0.5), (1, 0.7, 1.2)])
+def test_the_interval_holds_the_true_number(sides: int, leaves: float, widest: float) -> None:
+    held, ratios = [], []
+    for seed in range(4):
+        found, count, true = estimated(seed, sides, leaves)
+        assert found.crop is not None
+        every = found.crop.fruits
+        assert found.crop.sides == sides
+        assert count <= every.high
+        held.append(every.low <= true <= every.high)
+        ratios.append(every.value / true)
+        assert every.relative_width < widest
+    assert sum(held) >= 4
+    assert 0.93 < np.mean(ratios) < (1.1 if sides == 2 else 1.2)  # of one side, fewer are seen than not
+
+
+def test_intervals_say_what_they_cover() -> None:
+    both, one = estimated(1, 2)[0].crop, estimated(1, 1)[0].crop
+    assert both is not None
+    assert one is not None
+    assert "hidden ones too" in both.fruits.covers
+    assert "one side alone" in one.fruits.covers
+    assert "one side" not in both.fruits.covers
+    assert "not counted" in both.seen.covers
+    assert one.fruits.relative_width > 2 * both.fruits.relative_width
+
+
+def test_each_found_fruit_stands_for_itself_and_those_like_it() -> None:
+    found, count, _ = estimated(2, 1)
+    assert found.crop is not None
+    stands = found.fruits.stands_for
+    assert stands.shape == (count,)
+    assert stands.min() >= 1
+    assert stands.sum() == pytest.approx(found.crop.fruits.value)
+    deep = found.fruits.centers_in_world[:, 1] > 0.2
+    near = found.fruits.centers_in_world[:, 1] < -0.2
+    assert stands[deep].mean() > 1.3 * stands[near].mean()
+
+
+def test_trees_and_segments_add_up_to_the_row() -> None:
+    found, count, _ = estimated(3, 2)
+    assert found.crop is not None
+    total, trees, segments = found.crop.fruits, found.trees, found.segments
+    assert trees.all_fruits.sum() == pytest.approx(total.value, rel=0.05)
+    assert (trees.all_low <= trees.all_fruits).all()
+    assert (trees.all_fruits <= trees.all_high).all()
+    assert (trees.all_high >= trees.fruits).all()
+    assert segments.fruits.sum() == count
+    assert segments.all_fruits.sum() == pytest.approx(total.value)
+    assert np.linalg.norm(segments.ends_in_world[0] - segments.starts_in_world[0]) == pytest.approx(1.0)
+    metre = found.crop.per_metre
+    assert metre is not None
+    assert metre.value == pytest.approx(total.value / 3.8, rel=0.05)
+
+
+def test_sizes_count_fruits_as_often_as_there_are_such() -> None:
+    """Fruits deep in the crown are made small: of those few are seen, and the corrected median is smaller."""
+    fruits, observations, cameras, _ = grown(4, 1)
+    diameters = 0.075 - 0.02 * fruits.centers_in_world[:, 1]
+    fruits = weigh(replace(fruits, diameters_m=diameters), STORY_APPLES, METRES)
+    trees = trees_of(fruits, Trunks.unknown(), STORY_APPLES)
+    crop = estimate_crop(fruits, observations, cameras, trees, STORY_APPLES).crop
+    assert crop is not None
+    assert crop.sizes is not None
+    assert crop.weight_kg is not None
+    assert crop.sizes.measured[1] - 0.006 < crop.sizes.crop[1] < crop.sizes.measured[1] - 0.0005
+    assert "measured" in crop.sizes.how
+    per_fruit = crop.weight_kg.value / crop.fruits.value
+    assert per_fruit < float(np.mean(fruits.weights_g)) / 1000
+    assert Crop.from_json(plain(crop)) == crop
+
+
+def test_the_same_survey_gives_the_same_interval() -> None:
+    assert estimated(5, 2)[0].crop == estimated(5, 2)[0].crop
+
+
+def test_false_fruits_are_not_counted() -> None:
+    fruits, observations, cameras, _ = grown(6, 2)
+    trees = trees_of(fruits, Trunks.unknown(), STORY_APPLES)
+    sure = estimate_crop(fruits, observations, cameras, trees, STORY_APPLES).crop
+    doubtful = replace(fruits, scores=np.full(len(fruits), 0.8))
+    less = estimate_crop(doubtful, observations, cameras, trees, STORY_APPLES).crop
+    assert sure is not None
+    assert less is not None
+    assert less.fruits.value == pytest.approx(0.9 * sure.fruits.value)
+    assert less.seen.low < 0.85 * len(fruits) < less.seen.high
+    assert less.fruits.relative_width > sure.fruits.relative_width
+
+
+def test_what_the_filter_drops_of_few_photos_is_made_up_for() -> None:
+    fruits, observations, cameras, true = grown(7, 1, leaves=0.8)
+    kept = fruits[fruits.views >= 4]
+    mine = observations[np.isin(observations.fruit_id, kept.ids)]
+    trees = trees_of(kept, Trunks.unknown(), STORY_APPLES)
+    crop = estimate_crop(kept, mine, cameras, trees, STORY_APPLES, candidate_views=fruits.views).crop
+    assert crop is not None
+    assert len(kept) < 0.95 * len(fruits)
+    assert crop.fruits.low <= true <= crop.fruits.high
+
+
+def test_shares_kept_rise_with_the_photos() -> None:
+    candidates = np.repeat([2, 3, 4, 5, 6], [10, 10, 10, 20, 20])
+    views = np.repeat([3, 4, 5, 6], [2, 6, 20, 20])
+    assert kept_shares(views, candidates) == pytest.approx([0, 0, 0, 0.2, 0.6])
+
+
+def test_too_few_fruits_and_no_metres_give_no_estimate() -> None:
+    fruits, observations, cameras, _ = grown(8, 2)
+    few = fruits[np.arange(5)]
+    trees = trees_of(few, TRUNKS, STORY_APPLES)
+    mine = observations[np.isin(observations.fruit_id, few.ids)]
+    assert estimate_crop(few, mine, cameras, trees, STORY_APPLES).crop is None
+    without = replace(cameras, frame=WorldFrame())
+    found = estimate_crop(fruits, observations, without, trees, STORY_APPLES)
+    assert found.crop is None
+    assert len(found.segments) == 0
+
+
+def test_a_fruit_that_a_person_added_stands_for_itself() -> None:
+    fruits, observations, cameras, _ = grown(9, 2)
+    mine = observations[observations.fruit_id != fruits.ids[0]]
+    found = estimate_crop(fruits, mine, cameras, trees_of(fruits, TRUNKS, STORY_APPLES), STORY_APPLES)
+    assert found.fruits.stands_for[0] == pytest.approx(1.0)
+
+
+def test_sides_are_told_by_where_cameras_stand() -> None:
+    fruits, observations, cameras, _ = grown(10, 2)
+    encounters = encounters_of(fruits, observations, cameras)
+    assert encounters.sides == 2
+    assert encounters.depths[:, 0] == pytest.approx(-encounters.depths[:, 1])
+    assert (encounters.seen <= encounters.photos).all()
+
+
+# ---- hand counts
+
+
+def counted(path: Path, text: str) -> Path:
+    path.write_text("tree,count\n" + text)
+    return path
+
+
+def test_hand_counts_calibrate(tmp_path: Path) -> None:
+    plain_, _, _ = estimated(11, 2)
+    trees = plain_.trees
+    twice = "".join(f"{i},{1.3 * n:.0f}\n" for i, n in zip(trees.ids[:3], trees.all_fruits[:3], strict=True))
+    found, _, _ = estimated(11, 2, hand_counts=counted(tmp_path / "c.csv", twice))
+    assert found.crop is not None
+    assert plain_.crop is not None
+    assert found.crop.calibration is not None
+    assert found.crop.calibration.value == pytest.approx(1.3, rel=0.05)
+    assert found.crop.fruits.value == pytest.approx(1.3 * plain_.crop.fruits.value, rel=0.05)
+    assert "calibrated on hand counts" in found.crop.fruits.covers
+    assert found.crop.fruits.low < 1.3 * plain_.crop.fruits.value < found.crop.fruits.high
+
+
+def test_hand_counts_of_trees_that_do_not_exist_are_named(tmp_path: Path) -> None:
+    fruits, observations, cameras, _ = grown(12, 2)
+    fruits = on_trees(fruits, TRUNKS)
+    trees, listening = trees_of(fruits, TRUNKS, STORY_APPLES), Listening()
+    options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,40\n17,40\n"))
+    found = estimate_crop(fruits, observations, cameras, trees, STORY_APPLES, options=options, progress=listening)
+    assert found.crop is not None
+    assert found.crop.calibration is not None
+    assert ["17" in w and "1 to 4" in w for w in listening.warnings] == [True]
+
+
+def test_hand_counts_without_trees_or_far_off_are_said(tmp_path: Path) -> None:
+    fruits, observations, cameras, _ = grown(13, 2)
+    options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,40\n"))
+    unknown, listening = trees_of(fruits, Trunks.unknown(), STORY_APPLES), Listening()
+    found = estimate_crop(fruits, observations, cameras, unknown, STORY_APPLES, options=options, progress=listening)
+    assert found.crop is not None
+    assert "trees are not known" in listening.warnings[0]
+    fruits = on_trees(fruits, TRUNKS)
+    options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,400\n3,38\n"))
+    trees = trees_of(fruits, TRUNKS, STORY_APPLES)
+    estimate_crop(fruits, observations, cameras, trees, STORY_APPLES, options=options, progress=listening)
+    assert "Tree 2: 400" in listening.warnings[-1]
+
+
+@pytest.mark.parametrize(("text", "said"), [("1,-3\n", "count"), ("1,many\n", "line 2"), ("1,3\n1,4\n", "twice")])
+def test_hand_counts_that_cannot_be(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(FormatError, match=said):
+        read_hand_counts(counted(tmp_path / "c.csv", text))
+    with pytest.raises(MissingFileError):
+        read_hand_counts(tmp_path / "none.csv")
+
+
+# ---- values and tables
+
+
+def test_an_interval_holds_its_value() -> None:
+    with pytest.raises(InputError, match="low"):
+        Interval(3.0, 4.0, 5.0, "nothing")
+    assert Interval.of_draws(10.0, np.array([1.0, 2.0]), "x").high == 10.0
+    with pytest.raises(InputError, match="draws"):
+        YieldOptions(draws=3)
+    with pytest.raises(InputError, match="segment_m"):
+        YieldOptions(segment_m=0.0)
+
+
+def test_tables_come_back(tmp_path: Path) -> None:
+    found, _, _ = estimated(14, 2)
+    write_segments(tmp_path / "segments.csv", found.segments)
+    write_trees(tmp_path / "trees.csv", found.trees)
+    segments, trees = read_segments(tmp_path / "segments.csv"), read_trees(tmp_path / "trees.csv")
+    assert segments.all_high == pytest.approx(found.segments.all_high, abs=0.06)
+    assert segments.ends_in_world == pytest.approx(found.segments.ends_in_world, abs=1e-4)
+    assert trees.all_low == pytest.approx(found.trees.all_low, abs=0.06)
+    assert len(RowSegments.empty().to_pandas()) == 0
+
+
+def test_a_table_of_trees_of_an_older_version_is_read(tmp_path: Path) -> None:
+    found, _, _ = estimated(15, 2)
+    write_trees(tmp_path / "trees.csv", found.trees)
+    lines = (tmp_path / "trees.csv").read_text().splitlines()
+    (tmp_path / "old.csv").write_text("\n".join(",".join(line.split(",")[:-3]) for line in lines) + "\n")
+    assert np.isnan(read_trees(tmp_path / "old.csv").all_fruits).all()
