@@ -18,7 +18,7 @@ from pomona.cameras import WorldFrame
 from pomona.errors import InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
-from pomona.report import ReportData, ReportOptions, write_report
+from pomona.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
 from pomona.report.axes import row_axes, seen_from
 from pomona.report.columns import as_bytes
 from pomona.report.page import page_html, report_html
@@ -105,8 +105,9 @@ def test_totals_say_what_the_values_say(data: ReportData, text: str) -> None:
 def test_weight_is_shown_with_its_interval_and_where_it_is_from(data: ReportData, text: str) -> None:
     total = data.weight
     assert total is not None
-    assert f">{total.kg:.1f} <small>kg</small>" in text
-    assert f"{total.low_kg:.1f} to {total.high_kg:.1f} kg (95 %)" in text
+    assert f">{total.kg:.1f}</data> <small>kg</small>" in text
+    shown = re.sub(r"</?data[^>]*>", "", text)
+    assert f"{total.low_kg:.1f} to {total.high_kg:.1f} kg (95 %)" in shown
     assert "26 Story apples" in text
     assert "1 not measured" in text
 
@@ -355,3 +356,48 @@ def test_how_well_sides_agree_is_said(data: ReportData, tmp_path: Path) -> None:
     assert "which brought the sides into one frame" in text
     write_report(replace(data, scale=ScaleReport("markers")), tmp_path / "report.html")
     assert "Sides agree" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_row_is_drawn_from_the_side_and_each_tree_has_a_bar(data: ReportData, text: str) -> None:
+    drawing = text[text.index('<svg class="plot map"') :]
+    drawing = drawing[: drawing.index("</svg>")]
+    assert drawing.count("<circle") == len(data.fruits)
+    places = [float(x) for x in re.findall(r'cy="([\d.]+)"', drawing)]
+    heights = data.fruits.centers_in_world[:, 2]
+    assert max(places) - min(places) == pytest.approx(260, abs=20)  # as high as charts of one scale are
+    highest = data.fruits.ids[np.argmax(heights)]
+    assert f"fruit {highest}</title>" in drawing.split("<circle")[1 + int(np.argmin(places))]
+    assert "on each tree" in text
+    for tree, fruits in zip(data.trees.ids, data.trees.fruits, strict=True):
+        assert f"<title>tree {tree}: {fruits} " in text
+
+
+def test_numbers_and_days_carry_what_a_reader_s_language_needs(data: ReportData, text: str) -> None:
+    assert f'<data value="{len(data.fruits)}" data-digits="0">' in text
+    assert not re.search(r"<data value=\"[^\"]*,", text)
+
+
+def test_a_pdf_without_a_browser_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pomona.report import pdf
+
+    monkeypatch.setattr(pdf, "find_browser", lambda: None)
+    with pytest.raises(InputError, match="install Chromium, Chrome or Edge"):
+        pdf.write_pdf(tmp_path / "report.html", tmp_path / "report.pdf")
+    browser = tmp_path / "browser"
+    browser.write_text("#!/bin/sh\necho broken >&2\n")
+    browser.chmod(0o755)
+    monkeypatch.setattr(pdf, "find_browser", lambda: str(browser))
+    with pytest.raises(InputError, match=r"wrote no PDF .*broken"):
+        pdf.write_pdf(tmp_path / "report.html", tmp_path / "report.pdf")
+
+
+def test_settings_and_versions_are_told_without_folders(data: ReportData) -> None:
+    options = {"markers": "/home/ann/row 7/markers.csv", "use_gnss": True, "fruit": None, "sides": ["a/east", "a/west"],
+               "object": {"min_views": 3}}  # fmt: skip
+    settings = settings_in_words(options)
+    assert settings == {"markers": "markers.csv", "use gnss": "yes", "sides": "east, west"}
+    engines = engines_of([{"numpy": "1.26"}, {"cv2": "4.11", "numpy": "1.26"}])
+    text = report_html(replace(data, settings=settings, engines=engines))
+    assert "<dt>markers</dt><dd>markers.csv</dd>" in text
+    assert "numpy 1.26, cv2 4.11" in text
+    assert "/home/ann" not in text

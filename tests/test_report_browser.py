@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pomona.report import write_report
+from pomona.report.pdf import write_pdf
 from report_scenes import row_report
 
 _SOFTWARE_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -133,6 +134,55 @@ def test_row_and_fruit_are_selected_together(opened: Opened) -> None:
     assert selected.count() == 1
     assert page.inner_text("#card h3") == f"Fruit {selected.get_attribute('data-id')}"
     assert opened.said == []
+
+
+def test_the_table_of_fruits_does_not_scroll_sideways_on_a_laptop(browser: Any, report: Path) -> None:
+    page = _open(browser, report).page
+    page.set_viewport_size({"width": 1400, "height": 900})
+    widths = page.evaluate(
+        "(box => [box.scrollWidth, box.clientWidth])(document.querySelector('#fruits').parentElement)"
+    )
+    assert widths[0] <= widths[1]
+    page.close()
+
+
+def test_packing_classes_can_be_chosen_and_typed(opened: Opened) -> None:
+    page = opened.page
+
+    def fruits() -> list[int]:
+        cells = (
+            "[...document.querySelectorAll('#packing-table tr td:nth-child(2)')].map(cell => Number(cell.textContent))"
+        )
+        return list(page.evaluate(cells))
+
+    assert sum(fruits()) == 59  # one was not measured
+    page.fill("#packing-edges", "70 80")
+    assert len(fruits()) == 3
+    assert sum(fruits()) == 59
+    page.select_option("#packing-preset", "apples, 10 mm")
+    assert page.input_value("#packing-edges") == "50 60 70 80 90"
+
+
+def test_on_paper_the_view_is_a_picture_and_nothing_scrolls(browser: Any, report: Path, tmp_path: Path) -> None:
+    page = _open(browser, report).page
+    drawn(page)
+    page.emulate_media(media="print")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.is_hidden("#view canvas")
+    assert page.is_hidden("#view .tools")
+    page.wait_for_function("document.querySelector('#still').naturalWidth > 100")
+    assert page.is_visible("#still")
+    assert page.evaluate("getComputedStyle(document.querySelector('.scroll')).overflow") == "visible"
+    pages = page.pdf(prefer_css_page_size=True).count(b"/Type /Page\n")
+    assert 2 <= pages <= 8
+    page.close()
+
+
+def test_a_pdf_is_printed_by_the_browser_that_is_there(browser: Any, report: Path, tmp_path: Path) -> None:
+    write_pdf(report, tmp_path / "report.pdf")
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert len(content) > 50_000  # with the picture of the row
 
 
 def test_fits_a_phone(opened: Opened) -> None:

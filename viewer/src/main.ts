@@ -5,6 +5,8 @@ import type { SurveyData } from "./contract";
 import { addCrops, fillCard, type CardWants } from "./card";
 import { correcting, type Correcting } from "./correct";
 import { element, find, say } from "./dom";
+import { localisePage } from "./locale";
+import { showPacking } from "./packing";
 import { fruitsOf, photosOf, type Fruit, type Photo, type Sighting } from "./payload";
 import { PhotoWindow } from "./photo";
 import { loadSurvey, PhotoSource } from "./source";
@@ -35,6 +37,7 @@ class Page {
     this.byId = new Map(this.fruits.map((fruit) => [fruit.id, fruit]));
     this.source = new PhotoSource(data);
     this.table = new FruitTable(find("#fruits"), data, this.fruits, (id) => this.select(id, "table"));
+    showPacking(this.fruits);
     find("#no-fruits").hidden = this.fruits.length > 0;
     this.photoWindow = new PhotoWindow(this.photos, this.source, this.byId);
     this.photoWindow.onFruit = (id) => this.select(id, "photo");
@@ -133,6 +136,7 @@ class Page {
 }
 
 async function start(): Promise<void> {
+  localisePage();
   try {
     const page = new Page(await loadSurvey(find("#survey-data")));
     page.start();

@@ -19,7 +19,7 @@ const FEW = 200;
 const BEYOND = 20;
 /** As many are printed. */
 const PRINTED = 3000;
-const WIDEST = 34;
+const WIDEST = 12;
 
 /** Those columns that have anything to tell. */
 export function columnsOf(data: Pick<SurveyData, "metric" | "origin" | "unit">, fruits: Fruit[]): Column[] {
@@ -132,7 +132,7 @@ export class FruitTable {
     cell.append(made);
     // As wide as its longest text, whichever rows are in the page.
     const longest = fruits.reduce((most, fruit) => Math.max(most, written(column, fruit).length), 0);
-    cell.style.minWidth = `calc(${Math.min(longest, WIDEST)}ch + 12px)`;
+    cell.style.minWidth = `calc(${Math.min(longest, WIDEST)}ch + 8px)`;
     return cell;
   }
 

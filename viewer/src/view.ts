@@ -92,6 +92,7 @@ export class View {
     this.paper();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.paper());
     this.listen(canvas);
+    this.printStill();
     this.resize();
     this.navigation.look("photos", false);
   }
@@ -247,6 +248,15 @@ export class View {
     if (!this.rest || !this.stands) return;
     this.rest.push(piece);
     this.schedule();
+  }
+
+  /** On paper, the view is the picture that it was. */
+  private printStill(): void {
+    const still = document.createElement("img");
+    still.id = "still";
+    still.alt = "The row in 3D, as it was seen";
+    this.box.append(still);
+    window.addEventListener("beforeprint", () => (still.src = this.renderer.domElement.toDataURL("image/jpeg", 0.9)));
   }
 
   private listen(canvas: HTMLCanvasElement): void {

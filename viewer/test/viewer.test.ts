@@ -7,6 +7,9 @@ import type { DetectionColumns, Rates, Sightings, SurveyData } from "../src/cont
 import { within } from "../src/filter";
 import { detectionsOf, fruitsOf, median, quantile, sightingsOf } from "../src/payload";
 import { PointCloud, pointSize } from "../src/points";
+import { byChange, byGrowth } from "../src/earlier";
+import { localised, localisedDay } from "../src/locale";
+import { classesOf, edgesIn } from "../src/packing";
 import { marks } from "../src/row";
 import { columnsOf, compared, rowsInSight } from "../src/table";
 import { stepAt } from "../src/truth";
@@ -178,4 +181,28 @@ test("more points are asked for once, piece by piece, and can be met", async () 
   expect(points.hit(ray, 0.01)!.distanceTo(at)).toBeLessThan(1e-4);
   points.clip([new three.Plane(new three.Vector3(0, 0, 1), -0.6)]);
   expect(points.hit(ray, 0.01)).toBeNull();
+});
+
+test("fruits fall into packing classes with their weights, and classes can be typed", () => {
+  const classes = classesOf([59.9, 60, 64.9, 65, 91, NaN], [100, 110, 120, NaN, 300, 50], [60, 65, 90]);
+  expect(classes.map(({ fruits }) => fruits)).toEqual([1, 2, 1, 1]);
+  expect(classes.map(({ weight }) => weight)).toEqual([100, 230, 0, 300]);
+  expect(classes[0]!.from).toBe(-Infinity);
+  expect(edgesIn("70, 60; 65 72,5 60 x")).toEqual([60, 65, 70, 72.5]);
+  expect(edgesIn("none")).toEqual([]);
+});
+
+test("numbers and days are written as the reader writes them", () => {
+  expect(localised(12345.67, 1, "de-DE")).toBe("12.345,7");
+  expect(localised(12345.67, 1, "en-GB")).toBe("12,345.7");
+  expect(localisedDay("2026-08-02", "de-DE")).toBe("02.08.2026");
+  expect(localisedDay("2026-08-02", "en-GB")).toBe("2 Aug 2026");
+});
+
+test("fruits of an earlier survey say which are new, and how much the others grew", () => {
+  const earlier = { centers: Float32Array.of(0, 0, 0), diameters: Float32Array.of(0.06), later: [1], inView: Uint8Array.of(1), growth: Float32Array.of(NaN, 0.012) };
+  const fruits = fruitsOf(survey);
+  const [same, fresh] = [byChange(earlier).of(fruits[1]!), byChange(earlier).of(fruits[0]!)];
+  expect(same).not.toEqual(fresh);
+  expect(byGrowth(earlier).range![0]).toBeCloseTo(0.012, 6);
 });

@@ -66,9 +66,23 @@ def measure(
     _go_on(survey, "results", _given(changed), as_json)
 
 
-def report(survey: shared.SurveyArgument, as_json: shared.Json = False) -> None:
+def report(
+    survey: shared.SurveyArgument,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Print it to report.pdf, by a Chromium, Chrome or Edge that is installed.")
+    ] = False,
+    as_json: shared.Json = False,
+) -> None:
     """Write the report of a survey again, doing first what is missing."""
+    from pomona.report.pdf import write_pdf
+    from pomona.survey import SurveyFolder
+
     _go_on(survey, "report", {}, as_json)
+    if pdf:
+        files = SurveyFolder.open(survey)
+        write_pdf(files.report, files.pdf)
+        if not as_json:
+            typer.echo(str(files.pdf))
 
 
 def _go_on(survey: Path, until: str, changed: dict[str, Any], as_json: bool) -> None:

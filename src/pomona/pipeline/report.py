@@ -50,7 +50,7 @@ def _gathered(
     *,
     options: str,
 ) -> ReportData:
-    from pomona.report import ReportData, StageTime
+    from pomona.report import ReportData, StageTime, engines_of, settings_in_words
     from pomona.survey.facts import unregistered_from
 
     records = run_log.records
@@ -73,6 +73,8 @@ def _gathered(
         segments=results.segments,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(dict.fromkeys(warnings)),
+        settings=settings_in_words(run_log.options),
+        engines=engines_of(record.engines for record in records.values()),
         version=__version__,
     )
 

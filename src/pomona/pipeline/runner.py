@@ -109,7 +109,8 @@ class Runner:
         if isinstance(source, Fact):
             return self.ensure(source.stage).info[source.name]
         if source == RUN_LOG:
-            return RunLog(self._survey.folder.name, self._survey.records, self._warnings)
+            chosen = self._survey.get("options") or {}
+            return RunLog(self._survey.folder.name, self._survey.records, self._warnings, chosen)
         return self._sources[source].value if isinstance(source, Source) else self.value(source)
 
     def _own_key(self, stage: Stage[Any]) -> str:

@@ -45,11 +45,12 @@ RUN_LOG = Source("run log", watched=False)
 
 @dataclass(frozen=True)
 class RunLog:
-    """The survey's name, the records of the stages so far, and the warnings given outside of stages in this run."""
+    """The survey's name, the records of the stages so far, warnings outside of stages in this run, and its options."""
 
     title: str
     records: Mapping[str, StageRecord]
     warnings: Sequence[str]
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,17 @@
 """`report.html` and `contact_sheet.jpg`: a survey to look at."""
 
 from pomona.report.contact_sheet import write_contact_sheet
-from pomona.report.data import ReportData, StageTime
+from pomona.report.data import ReportData, StageTime, engines_of, settings_in_words
 from pomona.report.options import ContactSheetOptions, ReportOptions
 from pomona.report.page import write_report
 
-__all__ = ["ContactSheetOptions", "ReportData", "ReportOptions", "StageTime", "write_contact_sheet", "write_report"]
+__all__ = [
+    "ContactSheetOptions",
+    "ReportData",
+    "ReportOptions",
+    "StageTime",
+    "engines_of",
+    "settings_in_words",
+    "write_contact_sheet",
+    "write_report",
+]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from pomona.cameras import Cameras
 from pomona.crop import Crop, RowSegments
@@ -35,7 +37,8 @@ class ReportData:
     says how metres were found, where known.
     `trees` are the table of trees, none where they are not known; `fruit_words` is what many of the fruits are called,
     `weight` that of all of them (None: not known); `crop` is what hangs there, hidden fruits too, and `segments` the
-    same along the row. `version` is Pomona's.
+    same along the row. `settings` are a person's options in words, `engines` the versions of outside packages,
+    `version` is Pomona's.
     """
 
     title: str
@@ -56,4 +59,28 @@ class ReportData:
     segments: RowSegments = field(default_factory=RowSegments.empty)
     stages: tuple[StageTime, ...] = ()
     warnings: tuple[str, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+    engines: Mapping[str, str] = field(default_factory=dict)
     version: str = ""
+
+
+def settings_in_words(options: Mapping[str, Any]) -> dict[str, str]:
+    """Return what was chosen for a run, by names of options; of files the names alone, as reports are shared."""
+    return {name.replace("_", " "): _word(value) for name, value in options.items() if _is_plain(value)}
+
+
+def _is_plain(value: Any) -> bool:
+    return value is not None and not isinstance(value, Mapping)
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(_word(part) for part in value)
+    return Path(value).name if isinstance(value, str) else str(value)
+
+
+def engines_of(engines: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Return the versions of the packages of all stages."""
+    return {name: version for each in engines for name, version in sorted(each.items())}

@@ -23,8 +23,8 @@ from pomona.report.options import ReportOptions
 from pomona.report.plots import plots
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns
-from pomona.report.tables import photos_table, trees_table
-from pomona.report.totals import notices, stage_times, totals
+from pomona.report.tables import how_made, photos_table, trees_table
+from pomona.report.totals import amount, notices, stage_times, totals
 
 _ROOM = files("pomona.report")
 # Nothing is fetched from anywhere but where the page itself came from.
@@ -82,12 +82,12 @@ class Sections:
     def of(cls, data: ReportData) -> Sections:
         """Return those of a survey's report."""
         return cls(
-            subtitle=escape(_subtitle(data)),
+            subtitle=_subtitle(data),
             totals=totals(data),
             notices=notices(data.warnings),
             colour_choices=_colour_choices(data),
             plots=plots(data),
-            tables=trees_table(data) + stage_times(data),
+            tables=trees_table(data) + stage_times(data) + how_made(data),
             photos=photos_table(data),
         )
 
@@ -145,10 +145,11 @@ def _digest(script: str) -> str:
 
 
 def _subtitle(data: ReportData) -> str:
-    parts = [f"{len(data.photos):,} photos"]
+    """The line below the title, as HTML."""
+    parts = [f"{amount(len(data.photos))} photos"]
     named = [side for side in data.photos.sides if side]
     if len(named) > 1:
-        parts.append("sides " + " and ".join([", ".join(named[:-1]), named[-1]]))
+        parts.append(escape("sides " + " and ".join([", ".join(named[:-1]), named[-1]])))
     taken = _taken([photo.taken_at for photo in data.photos])
     if taken:
         parts.append(taken)
@@ -159,7 +160,8 @@ def _taken(times: Sequence[datetime | None]) -> str:
     days = sorted({time.date() for time in times if time is not None})
     if not days:
         return ""
-    return f"taken {days[0]}" + (f" to {days[-1]}" if len(days) > 1 else "")
+    written = [f'<time datetime="{day}">{day}</time>' for day in (days[0], days[-1])]
+    return f"taken {written[0]}" + (f" to {written[1]}" if len(days) > 1 else "")
 
 
 def _colour_choices(data: ReportData) -> str:

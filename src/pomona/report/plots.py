@@ -11,9 +11,11 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.report.axes import row_axes
 from pomona.report.data import ReportData
-from pomona.report.svg import Axis, Bar, column_chart, nice_step, number, row_chart
+from pomona.report.svg import Axis, Bar, Dot, column_chart, dot_chart, nice_step, number, row_chart
 
 _MOST_BINS = 28  # more columns are too narrow to be told apart
+_MOST_ON_MAP = 6000  # fruits: more make the file large, and hide each other
+_TREE_COLOURS = ("", "sky")
 _SIDE_COLOURS = ("sky", "leaf", "")
 
 
@@ -21,7 +23,7 @@ def plots(data: ReportData) -> str:
     """Return the plots as HTML figures; none where there are no fruits."""
     figures = []
     if len(data.fruits):
-        figures += [diameters(data), along_row(data), heights(data)]
+        figures += [row_map(data), packing(data), diameters(data), by_tree(data), along_row(data), heights(data)]
     if len(data.observations):
         figures.append(photos(data))
     return framed(figures)
@@ -47,6 +49,56 @@ def diameters(data: ReportData) -> str:
     return caption("Diameters", note) + column_chart(
         bars, Axis(name=f"diameter, {unit}", ticks=ticks_at(edges)), mark=mark
     )
+
+
+def packing(data: ReportData) -> str:
+    """Return the frame of the histogram in packing classes, which the page's script fills: classes can be changed."""
+    if not data.cameras.frame.metric or not np.isfinite(data.fruits.diameters_m).any():
+        return ""
+    return (
+        caption("Packing classes")
+        + '<div id="packing" hidden><p class="choice"><label>Classes <select id="packing-preset"></select></label>'
+        '<label>mm <input id="packing-edges" size="30" aria-label="Edges of the classes in mm"></label></p>'
+        '<table id="packing-table"></table></div><noscript>Packing classes need JavaScript.</noscript>'
+    )
+
+
+def row_map(data: ReportData) -> str:
+    """Return the fruits seen from the side: along the row and by height, as large as they are, by tree."""
+    axes = row_axes(data)
+    centers = data.fruits.centers_in_world
+    order = np.argsort(-np.abs(centers @ axes.toward), kind="stable")[:_MOST_ON_MAP]
+    places = axes.along_row(centers)
+    sizes = np.where(np.isfinite(data.fruits.diameters_m), data.fruits.diameters_m, np.nan)
+    usual = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.07
+    dots = [
+        Dot(
+            float(places[i] - places.min()),
+            float(centers[i, 2]),
+            float(sizes[i] if np.isfinite(sizes[i]) else usual) / 2,
+            f"fruit {data.fruits.ids[i]}",
+            _TREE_COLOURS[int(data.fruits.tree_ids[i]) % 2],
+        )
+        for i in order
+    ]
+    left_out = f"{len(order):,} of {len(centers):,} fruits" if len(order) < len(centers) else ""
+    unit = _length_unit(data)
+    chart = dot_chart(dots, Axis(name=f"{unit} from the first fruit"), Axis(name=f"z, {unit}"))
+    return caption("The row from the side", left_out) + chart
+
+
+def by_tree(data: ReportData) -> str:
+    """Return how many fruits each tree has; nothing where trees are not known."""
+    trees = data.trees
+    if not len(trees):
+        return ""
+    bars = [
+        Bar(float(n), f"tree {tree}: {n} {data.fruit_words}, {low} to {high} (95 %)", "leaf")
+        for tree, n, low, high in zip(trees.ids, trees.fruits, trees.fruits_low, trees.fruits_high, strict=True)
+    ]
+    step = max(1, round(nice_step(len(bars), 10)))
+    ticks = [(i + 0.5, str(trees.ids[i])) for i in range(0, len(bars), step)]
+    return caption(f"{data.fruit_words.capitalize()} on each tree") + column_chart(bars, Axis(name="tree", ticks=ticks))
 
 
 def along_row(data: ReportData) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 
 WIDTH, HEIGHT = 400.0, 220.0
+_HIGHEST = 260.0  # of a chart whose axes have one scale
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34.0, 14.0, 18.0, 36.0
 
 
@@ -16,6 +17,17 @@ class Bar:
     """One bar: how long, what it says when pointed at, and the style sheet's class of its colour."""
 
     value: float
+    hint: str
+    colour: str = ""
+
+
+@dataclass(frozen=True)
+class Dot:
+    """A round thing at true scale: place, radius, what it says when pointed at, and the class of its colour."""
+
+    x: float
+    y: float
+    radius: float
     hint: str
     colour: str = ""
 
@@ -83,6 +95,32 @@ def row_chart(bars: Sequence[Bar], axis: Axis) -> str:
     parts += [_text(_LEFT + 2, _TOP + height - place * pitch + 4, label, "end") for place, label in axis.ticks]
     parts.append(_text(2, 10, axis.name, "start"))
     return _svg(parts, axis.name)
+
+
+def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
+    """Return round things seen from the side, both axes at one scale; at most twice as wide as other charts."""
+    left, right = min(d.x - d.radius for d in dots), max(d.x + d.radius for d in dots)
+    low, high = min(d.y - d.radius for d in dots), max(d.y + d.radius for d in dots)
+    scale = min((2 * WIDTH - _LEFT - _RIGHT) / max(right - left, 1e-9), _HIGHEST / max(high - low, 1e-9))
+    width, height = scale * (right - left), scale * (high - low)
+    parts = []
+    step = nice_step(high - low, 5)
+    for i in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
+        y = _TOP + height - scale * (i * step - low)
+        parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{_LEFT + width:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(_text(_LEFT - 6, y + 4, number(i * step), "end"))
+    for dot in dots:
+        place = f'cx="{_LEFT + scale * (dot.x - left):.1f}" cy="{_TOP + height - scale * (dot.y - low):.1f}"'
+        colour = f"dot {dot.colour}".strip()
+        shape = f'<circle class="{colour}" {place} r="{max(scale * dot.radius, 1.2):.1f}">'
+        parts.append(f"{shape}<title>{escape(dot.hint)}</title></circle>")
+    step = nice_step(right - left, 12)
+    for i in range(math.ceil(left / step - 1e-9), math.floor(right / step + 1e-9) + 1):
+        parts.append(_text(_LEFT + scale * (i * step - left), _TOP + height + 16, number(i * step)))
+    parts += [_text(_LEFT + width / 2, _TOP + height + 32, along.name), _text(2, 10, upward.name, "start")]
+    whole = _LEFT + width + _RIGHT
+    view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{1.6 * whole:.0f}px"'
+    return f'<svg class="plot map" {view} role="img" aria-label="{escape(along.name)}">{"".join(parts)}</svg>'
 
 
 def _scale(values: Sequence[float], steps: int) -> tuple[float, float]:

@@ -35,6 +35,16 @@ def trees_table(data: ReportData) -> str:
     return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}{note}</div>'
 
 
+def how_made(data: ReportData) -> str:
+    """Return the settings of the run and the versions of what it ran with; nothing where they are not known."""
+    if not data.settings:
+        return ""
+    settings = "".join(f"<dt>{escape(name)}</dt><dd>{escape(word)}</dd>" for name, word in data.settings.items())
+    versions = ", ".join(f"{name} {version}" for name, version in data.engines.items())
+    with_engines = f"<p class='note'>Pomona {escape(data.version)} with {escape(versions)}.</p>" if versions else ""
+    return f'<div class="sheet"><h2>How it was made</h2><dl class="settings">{settings}</dl>{with_engines}</div>'
+
+
 def _number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 

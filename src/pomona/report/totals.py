@@ -49,6 +49,11 @@ def card(label: str, figure: str, more: str, kind: str = "") -> str:
     )
 
 
+def amount(value: float, digits: int = 0) -> str:
+    """Return a number as HTML, which the page's script writes as the reader's language does."""
+    return f'<data value="{value:.{digits}f}" data-digits="{digits}">{value:,.{digits}f}</data>'
+
+
 def _fruits(data: ReportData) -> str:
     parts = []
     if data.detections is not None:
@@ -57,7 +62,7 @@ def _fruits(data: ReportData) -> str:
         parts.append(f"seen {float(data.fruits.views.mean()):.1f} times each")
     if data.corrections:
         parts.append(f"{data.corrections:,} correction{'s' if data.corrections > 1 else ''} by hand")
-    return card(data.fruit_words.capitalize(), f"{len(data.fruits):,}", ", ".join(parts), "main")
+    return card(data.fruit_words.capitalize(), amount(len(data.fruits)), ", ".join(parts), "main")
 
 
 def _crop(data: ReportData) -> str:
@@ -65,11 +70,11 @@ def _crop(data: ReportData) -> str:
     if data.crop is None:
         return ""
     every = data.crop.fruits
-    parts = [f"{every.low:,.0f} to {every.high:,.0f} (95 %)"]
+    parts = [f"{amount(every.low)} to {amount(every.high)} (95 %)"]
     if metre := data.crop.per_metre:
         parts.append(f"{metre.value:.3g} a metre of row ({metre.low:.3g} to {metre.high:.3g})")
     label = f"All {data.fruit_words}, hidden ones too"
-    return card(label, f"{every.value:,.0f}", escape(f"{', '.join(parts)}. {every.covers.capitalize()}"))
+    return card(label, amount(every.value), f"{', '.join(parts)}. {escape(every.covers.capitalize())}")
 
 
 def _weight(data: ReportData) -> str:
@@ -78,11 +83,11 @@ def _weight(data: ReportData) -> str:
     if total is None:
         return ""
     digits = 1 if total.kg < 100 else 0
-    parts = [f"{total.low_kg:,.{digits}f} to {total.high_kg:,.{digits}f} kg (95 %)"]
-    parts.append(f"{total.mean_g:.0f} g each by {total.source}")
+    parts = [f"{amount(total.low_kg, digits)} to {amount(total.high_kg, digits)} kg (95 %)"]
+    parts.append(f"{total.mean_g:.0f} g each by {escape(total.source)}")
     if unweighed := len(data.fruits) - total.weighed:
         parts.append(f"{unweighed:,} not measured")
-    return card("Weight", f"{total.kg:,.{digits}f} <small>kg</small>", escape(", ".join(parts)))
+    return card("Weight", f"{amount(total.kg, digits)} <small>kg</small>", ", ".join(parts))
 
 
 def _diameter(data: ReportData) -> str:
@@ -92,7 +97,9 @@ def _diameter(data: ReportData) -> str:
     if not data.cameras.frame.metric:
         return card("Median diameter", f"{np.median(sizes):.3g} <small>units</small>", "no scale is known")
     low, middle, high = 1000 * np.percentile(sizes, [25, 50, 75])
-    return card("Median diameter", f"{middle:.1f} <small>mm</small>", f"half lie between {low:.0f} and {high:.0f} mm")
+    return card(
+        "Median diameter", f"{amount(middle, 1)} <small>mm</small>", f"half lie between {low:.0f} and {high:.0f} mm"
+    )
 
 
 def _photos(data: ReportData) -> str:
@@ -101,7 +108,11 @@ def _photos(data: ReportData) -> str:
     parts = [f'<a href="#lost">{lost} without a place</a>'] if lost else []
     if data.photos.skipped:
         parts.append(f'<a href="#lost">{len(data.photos.skipped)} not readable</a>')
-    return card("Photos used", f"{used:,} <small>of {given:,}</small>", ", ".join(parts) or "all of them have a place")
+    return card(
+        "Photos used",
+        f"{amount(used)} <small>of {amount(given)}</small>",
+        ", ".join(parts) or "all of them have a place",
+    )
 
 
 def _scale(data: ReportData) -> str:

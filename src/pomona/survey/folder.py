@@ -29,6 +29,7 @@ _WRITERS = {
     "trees.csv": "pomona measure {survey}",
     "segments.csv": "pomona measure {survey}",
     "report.html": "pomona report {survey}",
+    "report.pdf": "pomona report {survey} --pdf",
     "contact_sheet.jpg": "pomona report {survey}",
 }
 # What file managers leave in any folder: an empty one is empty for all that.
@@ -146,6 +147,11 @@ class SurveyFolder:
     def report(self) -> Path:
         """`report.html`."""
         return self.folder / "report.html"
+
+    @property
+    def pdf(self) -> Path:
+        """`report.pdf`, where it was asked for."""
+        return self.folder / "report.pdf"
 
     @property
     def contact_sheet(self) -> Path:

@@ -10,7 +10,7 @@ from pomona.fruits import FruitCloud, TotalWeight
 from pomona.measure.allometry import STORY_APPLES
 from pomona.planting.summary import trees_of
 from pomona.progress import Progress, Silent
-from pomona.report import ReportData, StageTime
+from pomona.report import ReportData, StageTime, engines_of, settings_in_words
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.reader import SurveyReader
 from pomona.trees import Trees, Trunks
@@ -57,6 +57,8 @@ def page_data(survey: SurveyReader) -> ReportData:
         segments=survey.segments,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
         warnings=tuple(files.get("warnings", ())),
+        settings=settings_in_words(files.get("options") or {}),
+        engines=engines_of(record.engines for record in records.values()),
         version=__version__,
     )
 

@@ -1,0 +1,15 @@
+/** Numbers and dates that Python wrote, as the reader's language writes them. */
+
+export function localised(value: number, digits: number, locale?: string): string {
+  return new Intl.NumberFormat(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
+}
+
+/** A day such as 2026-08-12, without a time zone. */
+export function localisedDay(day: string, locale?: string): string {
+  return new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeZone: "UTC" }).format(new Date(`${day}T00:00:00Z`));
+}
+
+export function localisePage(): void {
+  for (const data of document.querySelectorAll<HTMLDataElement>("data[value]")) data.textContent = localised(Number(data.value), Number(data.dataset.digits ?? 0));
+  for (const time of document.querySelectorAll<HTMLTimeElement>("time[datetime]")) time.textContent = localisedDay(time.dateTime);
+}
