@@ -12,12 +12,14 @@ from camera_scenes import make_scene
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.cli.export import export as export_command
 from pomona.corrections import Corrected, Found
+from pomona.crop import RowSegments
 from pomona.errors import InputError
 from pomona.export import EXPORT_FORMATS, Part, export_format, write_export
 from pomona.fruits import FruitCloud, Fruits
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
+from pomona.trees import Trees
 
 DOCS = Path(__file__).parent.parent / "docs"
 LLEIDA = (41.6215, 0.5954, 187.3)
@@ -32,6 +34,8 @@ class Values:
     fruits: Fruits
     cloud: FruitCloud
     progress: Progress = field(default_factory=Silent)
+    trees: Trees = field(default_factory=Trees.empty)
+    segments: RowSegments = field(default_factory=RowSegments.empty)
 
     @property
     def frame(self) -> WorldFrame:

@@ -7,6 +7,7 @@ import sqlite3
 import struct
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,6 +16,7 @@ import pytest
 
 from camera_scenes import enu_axes, geocentric, make_scene
 from pomona.cameras import Cameras, WorldFrame, local_crs
+from pomona.crop import RowSegments
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.cameras.metashape_export import write_metashape
@@ -28,6 +30,7 @@ from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
 from pomona.fruits import FruitCloud, Fruits
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
+from pomona.trees import Trees
 
 METRES = WorldFrame("markers", approximate=False, up_is_known=True)
 LLEIDA = (41.6215, 0.5954, 187.3)
@@ -190,7 +193,10 @@ def test_geopackage(tmp_path: Path, frame: WorldFrame) -> None:
     assert database.execute("PRAGMA application_id").fetchone() == (0x47504B47,)
     assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     srs_id = 4326 if frame.crs else -1
-    assert database.execute("SELECT table_name, srs_id FROM gpkg_contents").fetchall() == [("fruits", srs_id)]
+    assert database.execute("SELECT table_name, srs_id FROM gpkg_contents").fetchall() == [
+        ("layer_styles", None),
+        ("fruits", srs_id),
+    ]
     assert {-1, 0, 4326} == {row[0] for row in database.execute("SELECT srs_id FROM gpkg_spatial_ref_sys")}
     rows = database.execute(f"SELECT geom, {', '.join(FRUIT_COLUMNS)} FROM fruits ORDER BY fid").fetchall()
     for (blob, *values), feature, row in zip(rows, features, fruit_rows(_fruits()), strict=True):
@@ -201,6 +207,43 @@ def test_geopackage(tmp_path: Path, frame: WorldFrame) -> None:
         assert struct.unpack("<2sBBiBI", blob[:13]) == (b"GP", 0, 1, srs_id, 1, 1001)
         np.testing.assert_allclose(struct.unpack("<3d", blob[13:]), feature["geometry"]["coordinates"], atol=1e-9)
     database.close()
+
+
+@pytest.mark.parametrize("frame", [METRES, ON_EARTH])
+def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: WorldFrame) -> None:
+    geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
+    pyogrio = pytest.importorskip("pyogrio", reason="GDAL's reader is not installed")
+    known, nothing = np.array([30.0, 40.5]), np.full(2, np.nan)
+    trees = Trees(np.array([1, 2]), np.array([[0.0, 0], [1.5, 0]]), np.array([28, 37]), np.array([26, 36]),
+                  np.array([30, 38]), nothing, nothing, nothing, nothing, known, known - 2, known + 5)  # fmt: skip
+    ends = np.array([[1.0, 0], [1.5, 0]])
+    segments = RowSegments(ends - [[1, 0], [0.5, 0]], ends, np.array([40, 25]), known, known - 1, known + 1, nothing)
+    path = tmp_path / "fruits.gpkg"
+    write_gpkg(path, _fruits(), frame, trees, segments)
+    layers = dict(pyogrio.list_layers(path).tolist())
+    assert layers == {"layer_styles": None, "fruits": "Point Z", "trees": "Point", "segments": "LineString"}
+    read = geopandas.read_file(path, layer="trees")
+    assert read["id"].tolist() == [1, 2]
+    assert read["fruits"].tolist() == [28, 37]
+    assert read["all_high"].tolist() == [35.0, 45.5]
+    assert read["weight_kg"].isna().all()
+    lines = geopandas.read_file(path, layer="segments")
+    assert lines["all_fruits"].tolist() == [30.0, 40.5]
+    assert (read.crs is not None and read.crs.to_epsg() == 4326) == (frame.crs is not None)
+    in_metres = lines.to_crs(frame.crs) if frame.crs else lines
+    assert in_metres.length.tolist() == pytest.approx([1.0, 0.5], abs=1e-3)
+    styles = pyogrio.read_dataframe(path, layer="layer_styles")
+    assert styles["f_table_name"].tolist() == ["fruits", "trees", "segments"]
+    assert styles["useAsDefault"].astype(bool).all()
+    for style, column in zip(styles["styleQML"], ("diameter_m", "fruits", "all_fruits"), strict=True):
+        renderer = ElementTree.fromstring(style).find("renderer-v2")
+        assert renderer is not None
+        assert renderer.get("attr") == column
+        ranges = [(float(r.get("lower", "")), float(r.get("upper", ""))) for r in renderer.findall("ranges/range")]
+        assert len(ranges) == len(renderer.findall("symbols/symbol")) == 5
+        assert all(one[1] == other[0] for one, other in pairwise(ranges))
+    first, last = ranges[0][0], ranges[-1][1]
+    assert (first, last) == (30.0, 40.5)
 
 
 def test_kml(tmp_path: Path) -> None:

@@ -333,6 +333,10 @@ def test_tables_are_read_whatever_their_separator(tmp_path: Path) -> None:
         ("id,x,y,z\n1,0,0,zero\n", r"line 2, column z: expected a number, found 'zero'"),
         ("id,x,y,z\n1,0,0\n", r"line 2, column z: expected a number, found ''"),
         ("id,x,y,z\n1,0,0,0\n\n1,1,0,0\n", r"line 4, column id: marker 1 stands there twice"),
+        (
+            "id,x,y,z\n1,0.59541,41.62151,180\n2,0.59541,41.62152,180\n",
+            r"markers 1 and 2 are 1e-05 m apart: expected metres",
+        ),
         ("id,x,y,z\n1.5,0,0,0\n", r"column id: expected a whole number of 0 or more, found '1.5'"),
         ("id,x,y,z\n-1,0,0,0\n", r"column id: expected a whole number of 0 or more"),
         ("id,x,y,z\n1,0,0,inf\n", r"column z: expected a number, found 'inf'"),

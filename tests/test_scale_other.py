@@ -118,7 +118,9 @@ def offset_m(placed: Placed) -> np.ndarray:
 
 
 def test_gnss_gives_an_east_north_up_frame_with_its_crs() -> None:
-    one = Reconstruction((as_piece(LONG, "row"),))
+    one, progress = Reconstruction((as_piece(LONG, "row"),)), Silent()
+    placed = place_in_world(one, located(LONG, noise_m=0.02), progress=progress)
+    assert not any("GNSS positions of" in warning for warning in progress.warnings)
     placed = place_in_world(one, located(LONG))
     frame = placed.cameras.frame
     assert (frame.scale_source, frame.approximate) == ("gnss", False)
@@ -140,7 +142,11 @@ def test_gnss_of_a_metre_of_noise_and_some_wild_positions_still_gives_the_row() 
         wild = photos[k].gnss
         assert wild is not None
         photos[k] = replace(photos[k], gnss=replace(wild, latitude_deg=wild.latitude_deg + 4e-4))
-    placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), Photos(tuple(photos)))
+    progress = Silent()
+    placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), Photos(tuple(photos)), progress=progress)
+    named = [warning for warning in progress.warnings if "GNSS positions of 3 photos" in warning]
+    assert len(named) == 1
+    assert all(photos[k].name in named[0] for k in (3, 11, 24))
     found = placed.cameras.centers_in_world
     assert np.linalg.norm(found[-1] - found[0]) == pytest.approx(40, rel=0.06)
     assert 0.01 < np.sqrt(((found + offset_m(placed) - LONG.centers_in_world)[:, :2] ** 2).sum(1).mean()) < 1.2

@@ -94,7 +94,7 @@ def _ply(source: ExportSource, path: Path) -> None:
 def _gpkg(source: ExportSource, path: Path) -> None:
     from pomona.formats.gpkg import write_gpkg
 
-    write_gpkg(path, source.fruits, source.frame)
+    write_gpkg(path, source.fruits, source.frame, source.trees, source.segments)
 
 
 def _kml(source: ExportSource, path: Path) -> None:

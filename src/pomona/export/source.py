@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from pomona.cameras import Cameras, WorldFrame
+from pomona.crop import RowSegments
 from pomona.fruits import FruitCloud, Fruits
 from pomona.photos import Photos
 from pomona.progress import Progress
+from pomona.trees import Trees
 
 if TYPE_CHECKING:
     from pomona.corrections import Corrected, Found
@@ -33,6 +35,16 @@ class ExportSource(Protocol):
     @property
     def fruits(self) -> Fruits:
         """The fruits, as corrected."""
+        ...
+
+    @property
+    def trees(self) -> Trees:
+        """The trees; none where they are not known."""
+        ...
+
+    @property
+    def segments(self) -> RowSegments:
+        """The parts of the row; none where nothing was estimated."""
         ...
 
     @property

@@ -24,5 +24,7 @@ def read_trunks(path: Path) -> Trunks:
     for k in range(len(xy)):
         same = np.flatnonzero(np.linalg.norm(xy[:k] - xy[k], axis=1) < 0.01)
         if len(same):
-            raise FormatError(f"{path}: trees {ids[same[0]]} and {ids[k]} stand at the same place")
+            raise FormatError(
+                f"{path}: trees {ids[same[0]]} and {ids[k]} stand at the same place: expected metres, not degrees"
+            )
     return Trunks(np.array(ids, np.int64), xy)

@@ -11,7 +11,7 @@ from pyproj import Transformer
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras, WorldFrame, local_crs
-from pomona.errors import InputError
+from pomona.errors import InputError, few
 from pomona.geometry import Similarity, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.options import ScaleOptions
@@ -20,6 +20,8 @@ from pomona.scale.upright import estimate_upright_similarity, up_direction
 
 # Where there are more pairs, a random sample of so many bounds the time.
 _MOST_PAIRS = 1000
+_FAR_OFF = 6.0  # times the scatter of the others: no noise, a wrong position
+_LEAST_SCATTER_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
                 placement.warn(f"{placement.name(idx)} has no place from GNSS: {fit}")
             continue
         placement.in_world[idx] = piece.cameras.transformed(fit.local_from_piece)
+        _name_outliers(placement, idx, fit, positions_in_local(of_piece, frame))
         if scale is None:
             placement.set_scale(idx, "gnss", fit.local_from_piece.scale, 1000 * fit.rms_m)
         up_is_known = up_is_known or fit.up_is_known
@@ -67,6 +70,19 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
         return None
     source = placement.scales[min(placement.in_world)].source
     return WorldFrame(source, approximate=False, up_is_known=up_is_known, crs=frame.crs, origin=frame.origin)
+
+
+def _name_outliers(placement: Placement, idx: int, fit: GnssFit, positions: FloatArray) -> None:
+    """Warn of photos whose positions (n, 3) are far from where the others have them."""
+    cameras = placement.in_world[idx]
+    away_m = np.linalg.norm((cameras.centers_in_world - positions)[:, :2], axis=1)
+    far = ~fit.inliers & (away_m > _FAR_OFF * max(fit.rms_m, _LEAST_SCATTER_M))
+    if far.any():
+        names = few([cameras.photos[i] for i in np.flatnonzero(far).tolist()])
+        placement.warn(
+            f"{placement.name(idx)}: GNSS positions of {int(far.sum())} photos lie {away_m[far].min():.0f} m and more "
+            f"from where the others put them, and were left out: {names}"
+        )
 
 
 def local_frame(photos: Sequence[Photo]) -> LocalFrame | None:

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, set_checked
-from pomona.errors import InputError
+from pomona.errors import FormatError, InputError
 from pomona.formats.small_table import read_small_table
+
+_LEAST_APART_M = 0.005  # plates are larger; degrees are smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +39,17 @@ def read_markers(path: Path) -> Markers:
     """Read a table with the columns `id,x,y,z` (metres); other columns are ignored.
 
     Raises `MissingFileError` when there is no such file, and `FormatError`, naming line and column, when a column is
-    missing, a value is no number, or an id stands there twice.
+    missing, a value is no number, an id stands there twice, or two
+    markers are at one place, as degrees taken for metres are.
     """
     table = read_small_table(path, ("id", "x", "y", "z"), "`markers`", "marker")
     points = np.stack([table.numbers(axis) for axis in "xyz"], axis=1)
-    return Markers(np.array(table.ids("id"), np.int64), points)
+    markers = Markers(np.array(table.ids("id"), np.int64), points)
+    for k in range(len(markers)):
+        away_m = np.linalg.norm(points[:k] - points[k], axis=1)
+        if len(away_m) and away_m.min() < _LEAST_APART_M:
+            raise FormatError(
+                f"{path}: markers {markers.ids[away_m.argmin()]} and {markers.ids[k]} are {away_m.min():.2g} m apart: "
+                "expected metres, with z up; longitudes and latitudes must first be projected (such as to UTM)"
+            )
+    return markers
