@@ -19,12 +19,14 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
+from pomona.fruit_discs import SeenFruits, seen_fruits
 from pomona.fuse import object
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.pipeline.select import SelectOptions
 from pomona.scale import Placed, ScaleOptions, place_in_world
+from pomona.scale.side_alignment import FindFruits
 from pomona.segment import load_segmenter
 from pomona.sfm.store import read_reconstruction
 
@@ -74,6 +76,16 @@ def line(row: Path, kind: str, by: str, placed: Placed, detections: SurveyDetect
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
+def finder(detections: SurveyDetections) -> FindFruits:
+    """What finds fruits by these detections, with the discs that photos see of them."""
+
+    def find(cameras: Cameras) -> SeenFruits:
+        fused = object.fuse(detections, cameras)
+        return seen_fruits(fused.fruits, fused.observations, detections, cameras)
+
+    return find
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
@@ -99,7 +111,7 @@ def main() -> None:
                     photos,
                     options=ScaleOptions(markers=markers),
                     detections=detections,
-                    find_fruits=None if by == "markers" else lambda cameras: object.fuse(detections, cameras).fruits,  # noqa: B023
+                    find_fruits=None if by == "markers" else finder(detections),
                 )
                 print(line(row, kind, by, placed, detections, truth), flush=True)
 

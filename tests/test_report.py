@@ -28,6 +28,7 @@ from pomona.report.seen import kept_of_each
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
 from pomona.scale import ScaleReport, SideTie
+from pomona.scale.report import Accuracy
 from pomona.sfm.pieces import Unregistered
 from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_report, unpacked, values_in
 
@@ -401,3 +402,16 @@ def test_settings_and_versions_are_told_without_folders(data: ReportData) -> Non
     assert "<dt>markers</dt><dd>markers.csv</dd>" in text
     assert "numpy 1.26, cv2 4.11" in text
     assert "/home/ann" not in text
+
+
+def test_an_accuracy_that_checks_contradict_is_red(data: ReportData, tmp_path: Path) -> None:
+    exact = ScaleReport("markers", accuracy=Accuracy(3.1, 0.0009))
+    write_report(replace(data, scale=exact), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "± 0.09 %, positions ± 3.1 mm" in text
+    assert "contradicted by" not in text
+    write_report(replace(data, scale=replace(exact, contradictions=("one", "two"))), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert re.search(
+        r'<strong style="color: var\(--apple\)">[^<]*positions ± 3.1 mm; contradicted by 2 of the notes', text
+    )

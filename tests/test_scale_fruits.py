@@ -11,7 +11,7 @@ import pytest
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.fruits import Fruits
+from pomona.fruit_discs import SeenFruits
 from pomona.geometry import Similarity
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
@@ -134,10 +134,16 @@ def test_halfway_meets_in_the_middle_and_believes_vague_points_little() -> None:
 # Whole pieces.
 
 
+def in_no_photo(centers_in_world: FloatArray, diameters_m: FloatArray) -> SeenFruits:
+    """Fruits whose discs nobody measured: they align sides, and are no landmarks."""
+    nothing = np.zeros(0, np.int64)
+    return SeenFruits(centers_in_world, diameters_m, nothing, nothing, np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
 def finder(fruits: FloatArray, sides: dict[str, float]) -> FindFruits:
     """Finds in the cameras' frame what each side sees of fruits whose places in the world are known."""
 
-    def find(cameras: Cameras) -> Fruits:
+    def find(cameras: Cameras) -> SeenFruits:
         side = cameras.photos[0].split("/")[0]
         world = EAST if side == "east" else WEST
         from_world = _between(world, cameras)
@@ -145,7 +151,7 @@ def finder(fruits: FloatArray, sides: dict[str, float]) -> FindFruits:
         n = len(seen)
         assert cameras.frame.metric
         diameters_m = np.full(n, DIAMETER_M * from_world.scale)
-        return Fruits(np.arange(1, n + 1), from_world.apply(seen), diameters_m, np.ones(n), np.ones(n))
+        return in_no_photo(from_world.apply(seen), diameters_m)
 
     return find
 
@@ -192,7 +198,7 @@ def test_sides_that_share_no_fruit_stay_apart() -> None:
     placement = both_in_metres()
     rows = {"east": fruits_on_a_row(90, 2.1, seed=1), "west": fruits_on_a_row(90, 2.1, seed=2)}
 
-    def find(cameras: Cameras) -> Fruits:
+    def find(cameras: Cameras) -> SeenFruits:
         return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
 
     align_sides(placement, None, find)
@@ -263,7 +269,7 @@ def test_sides_on_markers_that_share_no_fruit_are_not_said_to_be_apart() -> None
         placement.set_scale(idx, "markers", 1.0, rms_mm=1.0)
     rows = {"east": fruits_on_a_row(90, 2.1, seed=1), "west": fruits_on_a_row(90, 2.1, seed=2)}
 
-    def find(cameras: Cameras) -> Fruits:
+    def find(cameras: Cameras) -> SeenFruits:
         return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
 
     align_sides(placement, WorldFrame("markers", False, True), find)
@@ -279,7 +285,7 @@ def test_sides_whose_fruits_differ_in_size_are_named(ratio: float, named: int, s
         placement.set_scale(idx, source, 1.0, rms_mm=5.0)  # type: ignore[arg-type]
     of_row = finder(fruits_on_a_row(90, 2.0), {"east": 0.6, "west": 0.6})
 
-    def find(cameras: Cameras) -> Fruits:
+    def find(cameras: Cameras) -> SeenFruits:
         found = of_row(cameras)
         scatter = np.random.default_rng(len(found)).normal(1, 0.06, len(found))
         larger = ratio if cameras.photos[0].startswith("west") else 1.0

@@ -17,13 +17,13 @@ from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo
+from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.accuracy import free_center_sds, warn_of_vague_places
 from pomona.scale.aruco import find_markers
 from pomona.scale.marker_table import read_markers
-from pomona.scale.markers import MarkerFit, fit_markers
+from pomona.scale.markers import MarkerFit, find_sightings, fit_markers
 from pomona.scale.placement import Placement
 from pomona.scale.triangulation import triangulate
 from pomona.sfm import Piece, Reconstruction
@@ -372,3 +372,51 @@ def test_orchard_dev_comes_within_15_mm(shared_data: Path, tmp_path: Path) -> No
     errors = np.linalg.norm(placed.cameras.centers_in_world - centers, axis=1)
     assert 0.0001 < np.sqrt((errors**2).mean()) < 0.015
     assert not placed.cameras.frame.approximate
+
+
+def plate_table(path: Path, size_m: float, yaws_rad: dict[int, float]) -> Path:
+    """A table that knows how large plates are, and how some are turned (0: facing along −y)."""
+    rows = [f"{i},{x},{y},{z},{size_m},{yaws_rad.get(i, '')}" for i, (x, y, z) in PLACES.items()]
+    path.write_text("\n".join(["id,x,y,z,size,yaw", *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("size_m", "yaws_rad", "said"),
+    [
+        (0.14, {0: 0.0, 3: 0.3}, []),
+        (0.14, {0: 0.0, 3: 3.14159}, [r"Marker 3 faces another way than the table says, by 1[78]\d degrees, in east/"]),
+        (0.15, {}, [r"The scale is in doubt: the 6 marker plates of known size are seen [4-7]\.\d % smaller"]),
+        (0.132, {}, [r"The scale is in doubt: the 6 marker plates of known size are seen [4-8]\.\d % larger"]),
+    ],
+)
+def test_plates_of_known_size_and_direction_check_scale_and_table(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, size_m: float, yaws_rad: dict[int, float], said: list[str]
+) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    progress = Silent()
+    options = ScaleOptions(markers=plate_table(tmp_path / "markers.csv", size_m, yaws_rad))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    assert len(progress.warnings) == len(said)
+    assert all(re.match(words, warning) for words, warning in zip(said, progress.warnings, strict=True))
+    assert placed.report.contradictions == tuple(progress.warnings)
+    assert 0.1 < 1000 * rms_m(placed.cameras, EAST, WEST) < 4
+
+
+def test_mirrored_photos_are_found_by_their_markers(tmp_path: Path) -> None:
+    corners = np.array([[203.4, 151.2], [262.9, 158.8], [259.3, 220.4], [199.6, 209.7]])
+    photos = []
+    for k, name in enumerate(("one.png", "two.png")):
+        photo = plate_photo(tmp_path / name, 3 + k, corners, (640, 480))
+        cv2.imwrite(str(tmp_path / name), cv2.imread(str(tmp_path / name))[:, ::-1])
+        photos.append(photo)
+    assert find_markers(photos, {3, 4}, "DICT_4X4_50", Silent()) == []
+    mirrored = find_markers(photos, {3, 4}, "DICT_4X4_50", Silent(), mirrored=True)
+    assert [sighting.marker_id for sighting in mirrored] == [3, 4]
+    assert np.abs(mirrored[0].corners_px - corners).max() < 1.0
+    names = ("one.png", "two.png", *EAST.photos[2:])
+    placement = Placement([Piece("", replace(EAST, photos=names), 0.3)], Silent())
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
+    assert find_sightings(placement, Photos(tuple(photos)), read_markers(options.markers), options) == []
+    (said,) = placement.contradictions
+    assert said.startswith("The photos are mirrored: 2 of them show markers the wrong way round (one.png to two.png)")

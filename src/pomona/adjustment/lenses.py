@@ -10,7 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pomona.adjustment.bundle import feature_noise_px
-from pomona.adjustment.normal_equations import Weights, focal_sds
+from pomona.adjustment.covariance import focal_sds
+from pomona.adjustment.weights import weighted
 from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras, split
 from pomona.intrinsics import Intrinsics
@@ -55,13 +56,7 @@ def lens_votes(cameras: Cameras) -> LensVotes:
     starts = range(0, len(cameras), _PHOTOS_AT_ONCE)
     for start, part in zip(starts, split(cameras, _part_sizes(len(cameras))), strict=True):
         lenses = np.unique(cameras.intrinsics_idx[start : start + len(part)])
-        weights = Weights(
-            track_sds_px=np.full(len(part.track_point_idx), feature_noise_px(cameras)),
-            log_focal_sds=np.full(len(lenses), np.inf),
-            known_idx=np.zeros(0, np.int64),
-            known_sds_m=np.zeros(0),
-            free_frames=frames_of(part),
-        )
+        _, weights = weighted(part, noise_px=feature_noise_px(cameras), free_frames=frames_of(part))
         information[lenses] += 1 / focal_sds(part, weights) ** 2
     return LensVotes(np.array([lens.focal_px for lens in cameras.intrinsics]), information**-0.5)
 

@@ -1,247 +1,209 @@
-"""What adjusted cameras are worth: covariances from the normal equations of a bundle adjustment.
+"""Normal equations of cameras: what an adjustment solves, and what tells how uncertain it leaves them.
 
-A photo has six parameters (a turn in camera axes, its centre in the world); a lens its focal length, as a logarithm,
-and its distortion. Points are eliminated (Schur complement) but for those that are asked for.
+Photos turn about their centres and move, lenses change by the logarithm of their focal length and by their distortion.
+Scene points are eliminated (Schur complement), so that equations are of photos, lenses and points of known place alone.
 Source: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sections 6 and 9.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import bsr_array, csr_array, hstack
+from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, diags_array, hstack
+from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
 
-from pomona.adjustment.bundle import TAIL
-from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.adjustment.weights import Weights
+from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.intrinsics import Intrinsics
 
+TAIL = 2.385
+"""Residuals of features have long tails: from so many standard deviations on they count less and less (Cauchy).
+
+Matches that are wrong, but near their epipolar lines, lie 5 to 10 standard deviations off, and agree with whatever
+lens the mapper had; a loss that grows with the distance (soft L1) heeds them. 2.385 loses 5 % where there are none.
+Source: Zhang 1997, "Parameter estimation techniques", section 9.4.
+"""
+# What is known of a place is no outlier so soon as a match is.
+_PLACE_TAIL = 2 * TAIL
 # Steps of numerical derivatives, as shares: the cube root of the precision of numbers, as central differences want.
 _STEP = 6e-6
-# What nothing measures is known to ten thousand times what it would be if all else were known, which is not singular.
-_VAGUE = 1e-8
-# Rounds in which centres that are hardly known come to weigh little.
-_ROUNDS = 4
 # Eigenvalues of a point's normal equations below this share of the largest are of directions that no photo tells.
 _SINGULAR = 1e-9
+# An observation of a point behind its camera counts as so far off, in standard deviations.
+_BEHIND = 1e4
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
-    """How exactly things are known beforehand: what an adjustment of `Cameras` weighs its observations with.
+class NormalEquations:
+    """The linear equations of weighted cameras at their present places.
 
-    `track_sds_px` (k,) of each observation of a point. `log_focal_sds` (l,) of each lens, as shares of its focal
-    length; infinite where nothing is known. `known_idx` (q,) points of known place, and `known_sds_m` (q,) how well.
-    `free_frames` (n,): photos with the same number are in one frame that nothing fixes; -1 where known points do.
+    k observations of m points. `by_kept` (2k, p): derivatives by photos, lenses and points of known place, in this
+    order; `by_point` (2k, 3m'): by all other points, `free_idx` (m',). `residuals` (2k,); `prior` (p,): the inverse
+    variances of what is known beforehand, and `prior_residuals` (p,).
     """
 
-    track_sds_px: FloatArray
-    log_focal_sds: FloatArray
-    known_idx: IntArray
-    known_sds_m: FloatArray
-    free_frames: IntArray
+    by_kept: csr_array
+    by_point: csr_array
+    free_idx: IntArray
+    residuals: FloatArray
+    prior: FloatArray
+    prior_residuals: FloatArray
 
-    def __post_init__(self) -> None:
-        set_checked(self, "track_sds_px", (len(self.track_sds_px),), np.float64)
-        set_checked(self, "log_focal_sds", (len(self.log_focal_sds),), np.float64)
-        set_checked(self, "known_idx", (len(self.known_idx),), np.int64)
-        set_checked(self, "known_sds_m", (len(self.known_idx),), np.float64)
-        set_checked(self, "free_frames", (len(self.free_frames),), np.int64)
+    @cached_property
+    def _own(self) -> FloatArray:
+        """The normal equations (m', 3, 3) of each point by itself."""
+        normal = bsr_array(self.by_point.T @ self.by_point, blocksize=(3, 3))
+        own = np.zeros((len(self.free_idx), 3, 3))
+        own[np.repeat(np.arange(len(own)), np.diff(normal.indptr))] = normal.data
+        return own
 
+    @cached_property
+    def _cross(self) -> csr_array:
+        return csr_array(self.by_kept.T @ self.by_point)
 
-@dataclass(frozen=True, eq=False)
-class Covariance:
-    """Covariances of n photos' centres (3n, 3n) and of q known points (q, 3, 3).
+    @cached_property
+    def _of_kept(self) -> csr_array:
+        return csr_array(self.by_kept.T @ self.by_kept + diags_array(self.prior))
 
-    In a frame that nothing fixes, centres vary about the similarity that fits all of its cameras best.
-    """
+    def _inverses(self, damping: float) -> bsr_array:
+        """The inverses of points' own equations, in the directions in which they are fixed."""
+        own = self._own * (1 + damping * np.eye(3))
+        inverse = np.linalg.pinv(own, rcond=_SINGULAR, hermitian=True)
+        m = len(own)
+        return bsr_array((inverse, np.arange(m), np.arange(m + 1)), shape=(3 * m, 3 * m))
 
-    centers_in_world: FloatArray
-    known_points: FloatArray
+    def reduced(self) -> csr_array:
+        """Return the equations (p, p) of what is kept, with all other points where they are best."""
+        return csr_array(self._of_kept - self._cross @ self._inverses(0.0) @ self._cross.T)
 
-    @property
-    def center_sds(self) -> FloatArray:
-        """(n,): how far off a photo's centre may be: the square root of the sum of its three variances."""
-        return np.asarray(np.sqrt(np.diag(self.centers_in_world).reshape(-1, 3).sum(1)))
+    def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Return the step (p,) of what is kept, and that of the other points (m', 3), shortened by `damping`.
 
-    def scale_sd(self, cameras: Cameras) -> float:
-        """Return how far off lengths among the cameras may be, as a share; NaN for fewer than two.
-
-        The standard deviation of the scale of the similarity that fits the cameras' true centres best.
+        Source: Levenberg and Marquardt; damping is a share of each parameter's own equation.
         """
-        arms = cameras.centers_in_world - cameras.centers_in_world.mean(0)
-        spread = float((arms**2).sum())
-        if spread == 0:
-            return float("nan")
-        share = arms.ravel() / spread
-        return float(np.sqrt(share @ self.centers_in_world @ share))
+        inverses = self._inverses(damping)
+        pull = self.by_kept.T @ self.residuals + self.prior * self.prior_residuals
+        of_points = self.by_point.T @ self.residuals
+        sizes = self._of_kept.diagonal()
+        normal = self._of_kept + diags_array(damping * sizes + (sizes == 0)) - self._cross @ inverses @ self._cross.T
+        # Photos of a row see few others: the equations are sparse, and rows of a thousand photos fit into memory.
+        solver = splu(csc_array(normal), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        kept = -solver.solve(pull - self._cross @ (inverses @ of_points))
+        points = -(inverses @ (of_points + self._cross.T @ kept))
+        return kept, points.reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class LeftOut:
-    """Where q known points are seen if what is known of the one looked at is left out of the adjustment.
-
-    `offsets_m` (q, 3) from the known place; `sds_m` (q, 3): the principal standard deviations of these offsets,
-    which contain that of the known place, and `axes` (q, 3, 3) their directions, as columns.
-    """
-
-    offsets_m: FloatArray
-    sds_m: FloatArray
-    axes: FloatArray
-
-    @property
-    def contradictions(self) -> FloatArray:
-        """(q,): offsets in standard deviations, the largest of the three directions."""
-        along = np.einsum("qij,qi->qj", self.axes, self.offsets_m)
-        return np.asarray(np.abs(along / self.sds_m).max(axis=1, initial=0))
-
-
-def left_out(cameras: Cameras, weights: Weights, found: Covariance) -> LeftOut:
-    """Return where each known point would be seen without knowing it: cross-validation by the normal equations.
-
-    The points of `cameras` must be at their known places. What is known of a point adds 1 / sd² to its inverse
-    covariance; without that, its covariance and its place follow in closed form.
-    Source: Cook and Weisberg 1982, "Residuals and influence in regression", section 2.2.
-    """
-    offsets, sds, axes = [], [], []
-    for point_idx, sd_m, covered in zip(weights.known_idx, weights.known_sds_m, found.known_points, strict=True):
-        prior = np.eye(3) / sd_m**2
-        own, pull = _of_point(cameras, weights, int(point_idx))
-        moved = np.linalg.solve(own + prior, pull)
-        with_all = np.linalg.inv(covered)
-        values, vectors = np.linalg.eigh(with_all - prior)
-        values = np.maximum(values, np.finfo(float).tiny + _SINGULAR * np.trace(with_all))
-        offsets.append(vectors @ ((vectors.T @ with_all @ moved) / values))
-        sds.append(np.sqrt(1 / values + sd_m**2))
-        axes.append(vectors)
-    return LeftOut(
-        *(np.array(part).reshape(-1, *shape) for part, shape in ((offsets, (3,)), (sds, (3,)), (axes, (3, 3))))
-    )
-
-
-def _of_point(cameras: Cameras, weights: Weights, point_idx: int) -> tuple[FloatArray, FloatArray]:
-    """The normal equations (3, 3) and right side (3,) of one point, by its own observations, cameras held."""
-    normal, pull = np.zeros((3, 3)), np.zeros(3)
-    mine = np.flatnonzero(cameras.track_point_idx == point_idx)
-    for i in np.unique(cameras.track_photo_idx[mine]):
-        here = mine[cameras.track_photo_idx[mine] == i]
-        _, _, of_point, off_px = _derivatives(cameras, int(i), here)
-        weight = 1 / np.asarray(weights.track_sds_px)[here] ** 2
-        normal += np.einsum("k,kij,kil->jl", weight, of_point, of_point)
-        pull -= np.einsum("k,kij,ki->j", weight, of_point, off_px)
-    return normal, pull
-
-
-def focal_sds(cameras: Cameras, weights: Weights) -> FloatArray:
-    """Return the standard deviations (l,) of the focal lengths of adjusted cameras, as shares of them."""
-    normal, gauge = _normal_equations(cameras, weights)
-    starts = _lens_starts(cameras)
-    return np.asarray(np.sqrt(np.diag(_inverse(normal, gauge, starts)[starts])))
-
-
-def covariance(cameras: Cameras, weights: Weights) -> Covariance:
-    """Return how uncertain adjusted cameras are; the wrong observations among their tracks count little (Cauchy)."""
-    normal, gauge = _normal_equations(cameras, weights)
-    n, size = len(cameras), len(normal)
-    centers = (6 * np.arange(n)[:, None] + [3, 4, 5]).ravel()
-    places = np.arange(size - 3 * len(weights.known_idx), size)
-    wanted = np.concatenate([centers, places])
-    inverse = _inverse(normal, gauge, wanted)
-    of_points = inverse[places, 3 * n :].reshape(len(weights.known_idx), 3, len(weights.known_idx), 3)
-    each = np.arange(len(weights.known_idx))
-    return Covariance(_about_the_best(inverse[centers, : 3 * n], gauge[centers]), of_points[each, :, each, :])
-
-
-def _about_the_best(of_centers: FloatArray, gauge: FloatArray) -> FloatArray:
-    """Covariances (3n, 3n) of centres about the similarity that fits them best, where `gauge` (3n, g) moves them all.
-
-    Centres that are known less well than the middle one weigh less, or one would make all the others look vague.
-    """
-    if not gauge.shape[1]:
-        return of_centers
-    found = of_centers
-    weights = np.ones(len(of_centers))
-    for _ in range(_ROUNDS):
-        fit = np.linalg.lstsq(gauge * weights[:, None], np.diag(weights), rcond=None)[0]
-        fitted = np.eye(len(of_centers)) - gauge @ fit
-        found = fitted @ of_centers @ fitted.T
-        variances = np.diag(found).reshape(-1, 3).sum(1)
-        weights = np.repeat(1 / np.sqrt(np.maximum(variances, np.median(variances))), 3)
-    return found
-
-
-def _normal_equations(cameras: Cameras, weights: Weights) -> tuple[FloatArray, FloatArray]:
-    """The normal equations (p, p) of photos, lenses and known points, in this order, and what nothing fixes (p, g)."""
-    by_parameter, by_point = _design(cameras, weights)
+def normal_equations(cameras: Cameras, weights: Weights) -> NormalEquations:
+    """Return the equations of cameras; observations that are far off among their tracks count little (Cauchy)."""
+    starts = lens_starts(cameras)
+    width = int(starts[-1]) + 1 + len(cameras.intrinsics[-1].distortion_idx)
+    entries = []
+    k, m = len(cameras.track_point_idx), len(cameras.points_in_world)
+    by_place, residuals = np.zeros((k, 2, 3)), np.zeros((k, 2))
+    for i in range(len(cameras)):
+        here = np.flatnonzero(cameras.track_photo_idx == i)
+        of_photo, of_lens, of_point, off_px = derivatives(cameras, i, here)
+        weight = np.sqrt(_heeded(cameras, weights, here, off_px)) / np.asarray(weights.track_sds_px)[here]
+        both = np.concatenate([of_photo, of_lens], axis=2) * weight[:, None, None]
+        start = starts[cameras.intrinsics_idx[i]]
+        column = np.concatenate([6 * i + np.arange(6), start + np.arange(of_lens.shape[2])])
+        row = 2 * here[:, None] + np.arange(2)
+        entries.append(
+            (both.ravel(), np.broadcast_to(row[:, :, None], both.shape).ravel(), np.tile(column, 2 * len(here)))
+        )
+        by_place[here], residuals[here] = of_point * weight[:, None, None], off_px * weight[:, None]
+    values, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
+    by_parameter = coo_array((values, (rows, columns)), shape=(2 * k, width)).tocsr()
+    by_points = bsr_array((by_place, cameras.track_point_idx, np.arange(k + 1)), shape=(2 * k, 3 * m)).tocsr()
     known = np.asarray(weights.known_idx)
-    kept = np.zeros(len(cameras.points_in_world), bool)
-    kept[known] = True
-    columns = (3 * np.flatnonzero(~kept)[:, None] + np.arange(3)).ravel()
-    known_columns = (3 * known[:, None] + np.arange(3)).ravel()
-    keep = csr_array(hstack([by_parameter, by_point[:, known_columns]]))
-    eliminated = by_point[:, columns]
-    cross = (keep.T @ eliminated).tocsr()
-    normal = (keep.T @ keep - cross @ _blocks(eliminated) @ cross.T).toarray()
-    prior = np.zeros(len(normal))
-    prior[_lens_starts(cameras)] = 1 / np.asarray(weights.log_focal_sds) ** 2
-    prior[len(prior) - len(known_columns) :] = np.repeat(1 / np.asarray(weights.known_sds_m) ** 2, 3)
-    normal[np.diag_indices(len(normal))] += prior
-    return normal, _gauge(cameras, np.asarray(weights.free_frames), len(normal))
+    free = np.setdiff1d(np.arange(m), known)
+    kept = hstack([by_parameter, by_points[:, _columns(known)]])
+    prior = _prior(cameras, weights, starts, width)
+    return NormalEquations(csr_array(kept), by_points[:, _columns(free)], free, residuals.ravel(), *prior)
 
 
-def _inverse(normal: FloatArray, gauge: FloatArray, columns: IntArray) -> FloatArray:
-    """Columns (p, c) of the inverse of normal equations (p, p), across the directions (p, g) that nothing fixes."""
-    sizes = np.sqrt(np.diag(normal))
-    sizes[sizes == 0] = 1.0  # of a photo without points
-    scaled = normal / np.outer(sizes, sizes)
-    free, _ = np.linalg.qr(gauge * sizes[:, None])
-    scaled += free @ free.T
-    scaled[np.diag_indices(len(scaled))] += _VAGUE
-    wanted = np.zeros((len(scaled), len(columns)))
-    wanted[columns, np.arange(len(columns))] = 1 / sizes[columns]
-    return np.asarray(cho_solve(cho_factor(scaled), wanted) / sizes[:, None])
+def _columns(points: IntArray) -> IntArray:
+    return np.asarray((3 * points[:, None] + np.arange(3)).ravel(), np.int64)
 
 
-def _lens_starts(cameras: Cameras) -> IntArray:
-    """The parameters (l,) that are the lenses' focal lengths; those of their distortion follow each."""
+def _prior(cameras: Cameras, weights: Weights, starts: IntArray, width: int) -> tuple[FloatArray, FloatArray]:
+    """The inverse variances, and residuals, of what is known of focal lengths and of places."""
+    q = len(weights.known_idx)
+    prior, off = np.zeros(width + 3 * q), np.zeros(width + 3 * q)
+    focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])
+    prior[starts] = 1 / np.asarray(weights.log_focal_sds) ** 2
+    off[starts] = np.where(prior[starts] > 0, np.log(focals_px / np.asarray(weights.focals_px)), 0.0)
+    apart = cameras.points_in_world[weights.known_idx] - weights.known_places
+    variances = np.asarray(weights.known_sds_m) ** 2
+    prior[width:] = np.repeat(1 / (variances + (apart**2).sum(1) / _PLACE_TAIL**2), 3)
+    off[width:] = apart.ravel()
+    return prior, off
+
+
+def cost(cameras: Cameras, weights: Weights) -> float:
+    """Return what an adjustment makes small: the sum of all residuals' losses, in squared standard deviations."""
+    total = 0.0
+    for i in range(len(cameras)):
+        here = np.flatnonzero(cameras.track_photo_idx == i)
+        in_photo, _ = cameras.project(i, cameras.points_in_world[cameras.track_point_idx[here]])
+        sds_px = np.asarray(weights.track_sds_px)[here, None]
+        squares = (np.nan_to_num((in_photo - cameras.track_xy_px[here]) / sds_px, nan=_BEHIND) ** 2).sum(1)
+        exact = np.isin(cameras.track_point_idx[here], weights.known_idx)
+        total += float(np.where(exact, squares, TAIL**2 * np.log1p(squares / TAIL**2)).sum())
+    apart = (cameras.points_in_world[weights.known_idx] - weights.known_places) / weights.known_sds_m[:, None]
+    total += float((_PLACE_TAIL**2 * np.log1p((apart**2).sum(1) / _PLACE_TAIL**2)).sum())
+    focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])
+    return total + float(np.nansum((np.log(focals_px / weights.focals_px) / weights.log_focal_sds) ** 2))
+
+
+def _heeded(cameras: Cameras, weights: Weights, here: IntArray, off_px: FloatArray) -> FloatArray:
+    """The weights (k,) that residuals leave observations: Cauchy's, and 1 of points of known place."""
+    squares = (off_px**2).sum(1) / np.asarray(weights.track_sds_px)[here] ** 2
+    # Sightings of known points were checked before; `left_out` takes them as they are.
+    return np.where(np.isin(cameras.track_point_idx[here], weights.known_idx), 1.0, 1 / (1 + squares / TAIL**2))
+
+
+def moved(cameras: Cameras, equations: NormalEquations, weights: Weights, damping: float) -> Cameras:
+    """Return the cameras and points after one step."""
+    kept, of_points = equations.step(damping)
+    n = len(cameras)
+    turns, shifts = kept[: 6 * n].reshape(n, 2, 3).transpose(1, 0, 2)
+    rotations = Rotation.from_rotvec(turns).as_matrix() @ cameras.cam_from_world[:, :, :3]
+    centers = cameras.centers_in_world + shifts
+    translations = -np.einsum("nij,nj->ni", rotations, centers)
+    points = cameras.points_in_world.copy()
+    points[equations.free_idx] += of_points
+    points[weights.known_idx] += kept[len(kept) - 3 * len(weights.known_idx) :].reshape(-1, 3)
+    lenses = [
+        _changed(lens, kept[start : start + 1 + len(lens.distortion_idx)])
+        for lens, start in zip(cameras.intrinsics, lens_starts(cameras), strict=True)
+    ]
+    poses = np.concatenate([rotations, translations[:, :, None]], axis=2)
+    return replace(cameras, intrinsics=tuple(lenses), cam_from_world=poses, points_in_world=points)
+
+
+def _changed(lens: Intrinsics, change: FloatArray) -> Intrinsics:
+    params = lens.params.copy()
+    params[list(lens.focal_idx)] *= np.exp(change[0])
+    params[list(lens.distortion_idx)] += change[1:]
+    return replace(lens, params=params)
+
+
+def lens_starts(cameras: Cameras) -> IntArray:
+    """Return the parameters (l,) that are the lenses' focal lengths; those of their distortion follow each."""
     sizes = [1 + len(lens.distortion_idx) for lens in cameras.intrinsics]
     return np.asarray(6 * len(cameras) + np.cumsum([0, *sizes[:-1]]), np.int64)
 
 
-def _design(cameras: Cameras, weights: Weights) -> tuple[csr_array, csr_array]:
-    """The derivatives of all observations by parameters of photos and lenses, and by points, weighted."""
-    starts = _lens_starts(cameras)
-    width = int(starts[-1]) + 1 + len(cameras.intrinsics[-1].distortion_idx)
-    rows, columns, values, points = [], [], [], []
-    for i in range(len(cameras)):
-        here = np.flatnonzero(cameras.track_photo_idx == i)
-        of_photo, of_lens, of_point, off_px = _derivatives(cameras, i, here)
-        sds_px = np.asarray(weights.track_sds_px)[here]
-        loss = (1 + (off_px**2).sum(1) / (TAIL * sds_px) ** 2) ** -0.5  # the root of the weight in the adjustment
-        loss[np.isin(cameras.track_point_idx[here], weights.known_idx)] = 1.0  # as `left_out` takes them
-        weight = (loss / sds_px)[:, None, None]
-        start = starts[cameras.intrinsics_idx[i]]
-        both = np.concatenate([of_photo, of_lens], axis=2) * weight
-        column = np.concatenate([6 * i + np.arange(6), start + np.arange(of_lens.shape[2])])
-        row = 2 * here[:, None] + np.arange(2)
-        rows.append(np.broadcast_to(row[:, :, None], both.shape).ravel())
-        columns.append(np.broadcast_to(column, both.shape).ravel())
-        values.append(both.ravel())
-        points.append((here, of_point * weight))
-    height = 2 * len(cameras.track_point_idx)
-    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    by_point = np.zeros((len(cameras.track_point_idx), 2, 3))
-    for here, of_point in points:
-        by_point[here] = of_point
-    shape = (height, 3 * len(cameras.points_in_world))
-    bsr = bsr_array((by_point, cameras.track_point_idx, np.arange(len(by_point) + 1)), shape=shape)
-    return csr_array(entries, shape=(height, width)), bsr.tocsr()
+def derivatives(cameras: Cameras, i: int, here: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return of the observations `here` (k,) of photo i the derivatives by it, its lens and points, and residuals.
 
-
-def _derivatives(cameras: Cameras, i: int, here: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of the observations `here` (k,) of photo i: derivatives (k, 2, 6), (k, 2, q), (k, 2, 3), and residuals (k, 2)."""
+    (k, 2, 6), (k, 2, q), (k, 2, 3) and (k, 2), in pixels; all 0 of points that are behind the camera.
+    """
     pose, lens = cameras.cam_from_world[i], cameras.intrinsics_of(i)
     in_cam = cameras.points_in_world[cameras.track_point_idx[here]] @ pose[:, :3].T + pose[:, 3]
     steps = _STEP * np.maximum(np.abs(in_cam[:, 2:]), 1e-9)
@@ -258,7 +220,11 @@ def _derivatives(cameras: Cameras, i: int, here: IntArray) -> tuple[FloatArray, 
         [_by_lens(lens, in_cam, idx) for idx in (lens.focal_idx, *((j,) for j in lens.distortion_idx))], 2
     )
     off_px = lens.px_from_cam(in_cam) - cameras.track_xy_px[here]
-    return of_photo, of_lens, by_place @ pose[:, :3], off_px
+    found = of_photo, of_lens, by_place @ pose[:, :3], off_px
+    behind = ~np.isfinite(off_px).all(1)
+    for part in found:
+        part[behind] = 0.0
+    return found
 
 
 def _by_lens(lens: Intrinsics, in_cam: FloatArray, idx: tuple[int, ...]) -> FloatArray:
@@ -267,32 +233,3 @@ def _by_lens(lens: Intrinsics, in_cam: FloatArray, idx: tuple[int, ...]) -> Floa
     step[list(idx)] = _STEP * (lens.params[list(idx)] if idx == lens.focal_idx else 1.0)
     more, less = replace(lens, params=lens.params + step), replace(lens, params=lens.params - step)
     return np.asarray((more.px_from_cam(in_cam) - less.px_from_cam(in_cam)) / (2 * _STEP))
-
-
-def _blocks(by_point: csr_array) -> bsr_array:
-    """The inverses of the 3 × 3 blocks of points' own normal equations, in the directions in which they are fixed."""
-    normal = bsr_array(by_point.T @ by_point, blocksize=(3, 3))
-    m = by_point.shape[1] // 3
-    own = np.zeros((m, 3, 3))
-    own[np.repeat(np.arange(m), np.diff(normal.indptr))] = normal.data
-    inverse = np.linalg.pinv(own, rcond=_SINGULAR, hermitian=True)
-    return bsr_array((inverse, np.arange(m), np.arange(m + 1)), shape=(3 * m, 3 * m))
-
-
-def _gauge(cameras: Cameras, free_frames: IntArray, height: int) -> FloatArray:
-    """Unit columns (height, 7 f): how the parameters change where one of f free frames is moved as a whole."""
-    columns = []
-    centers, rotations = cameras.centers_in_world, cameras.cam_from_world[:, :, :3]
-    for frame in np.unique(free_frames[free_frames >= 0]):
-        inside = np.flatnonzero(free_frames == frame)
-        arms = centers[inside] - centers[inside].mean(0)
-        motions = [(np.zeros_like(arms), np.broadcast_to(axis, arms.shape)) for axis in np.eye(3)]
-        motions += [(-rotations[inside] @ axis, np.cross(axis, arms)) for axis in np.eye(3)]
-        motions.append((np.zeros_like(arms), arms))
-        for turns, shifts in motions:
-            column = np.zeros(height)
-            column[(6 * inside[:, None] + np.arange(3)).ravel()] = turns.ravel()
-            column[(6 * inside[:, None] + 3 + np.arange(3)).ravel()] = shifts.ravel()
-            if (length := np.linalg.norm(column)) > 0:  # a single photo has no extent
-                columns.append(column / length)
-    return np.array(columns).reshape(-1, height).T

@@ -33,6 +33,14 @@ class SmallTable:
         """Return a column (n,); raises `FormatError` naming line and column where a cell is no number."""
         return np.array([self._number(line, column, cell) for line, cell in self._of(column)], float)
 
+    def numbers_if_given(self, column: str) -> FloatArray:
+        """Return an optional column (n,): NaN where a cell is empty, or the column is not there."""
+        if column not in self.cells:
+            return np.full(len(self), np.nan)
+        return np.array(
+            [self._number(line, column, cell) if cell else np.nan for line, cell in self._of(column)], float
+        )
+
     def ids(self, column: str) -> list[int]:
         """Return a column of whole numbers of 0 or more, each there once; raises `FormatError`."""
         found: list[int] = []
@@ -61,8 +69,10 @@ class SmallTable:
         return value
 
 
-def read_small_table(path: Path, columns: Sequence[str], option: str, entry: str) -> SmallTable:
-    """Read a table that has these columns, in any order and case; others are ignored.
+def read_small_table(
+    path: Path, columns: Sequence[str], option: str, entry: str, *, optional: Sequence[str] = ()
+) -> SmallTable:
+    """Read a table that has these columns, in any order and case, and maybe the optional ones; others are ignored.
 
     `option` names in messages what asks for it, `entry` what a row is. Raises `MissingFileError` where there is no such
     file, and `FormatError` where it is no text, a column is missing, or nothing stands below the header.
@@ -89,6 +99,6 @@ def read_small_table(path: Path, columns: Sequence[str], option: str, entry: str
         )
     if not rows:
         raise FormatError(f"{path}: expected at least one {entry} below the header, found none")
-    at = {column: names.index(column) for column in columns}
+    at = {column: names.index(column) for column in [*columns, *optional] if column in names}
     cells = {column: tuple(row[k].strip() if k < len(row) else "" for row in rows) for column, k in at.items()}
     return SmallTable(path, tuple(number for number, _ in lines[1:]), cells, entry)

@@ -67,9 +67,14 @@ def _find_fruits(detections: SurveyDetections, association: ObjectOptions | None
     """Return what finds the fruits that one side sees."""
     if association is None:
         return None
+    from pomona.fruit_discs import SeenFruits, seen_fruits
     from pomona.fuse import object
 
-    return lambda cameras: object.fuse(detections, cameras, options=association).fruits
+    def find(cameras: Cameras) -> SeenFruits:
+        fused = object.fuse(detections, cameras, options=association)
+        return seen_fruits(fused.fruits, fused.observations, detections, cameras)
+
+    return find
 
 
 def _as_given(

@@ -122,6 +122,8 @@ def _scale(info: Mapping[str, Any]) -> str:
     elif frame.scale_source == "markers" and residuals:
         rms_mm = math.sqrt(sum(r * r for r in residuals) / len(residuals))
         text += f" (residual {rms_mm:.1f} mm)"
+    if contradictions := len(info["report"]["contradictions"]):
+        text += f"; contradicted by {contradictions} of the warnings"
     return text + (", approximate" if frame.approximate and frame.metric else "")
 
 

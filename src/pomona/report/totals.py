@@ -125,7 +125,11 @@ def _scale(data: ReportData) -> str:
         more += _exactness(data.scale)
     if data.scale is not None and not data.scale.sides_are_tied:
         more.append("sides are not tied to each other")
-    return card("Scale", f"metres {badge}".strip(), escape(", ".join(more)))
+    exactness = escape(", ".join(more))
+    if data.scale is not None and data.scale.contradictions:
+        doubt = f"contradicted by {len(data.scale.contradictions)} of the notes below"
+        exactness = f'<strong style="color: var(--apple)">{exactness}; {doubt}</strong>'
+    return card("Scale", f"metres {badge}".strip(), exactness)
 
 
 def _exactness(scale: ScaleReport) -> list[str]:

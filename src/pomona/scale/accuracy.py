@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from pomona.adjustment.bundle import KnownPoint, feature_noise_px
-from pomona.adjustment.lenses import frames_of
-from pomona.adjustment.normal_equations import Covariance, Weights, covariance, left_out
+from pomona.adjustment.bundle import feature_noise_px
+from pomona.adjustment.covariance import Covariance, covariance, left_out
+from pomona.adjustment.lenses import credible_focals, frames_of
+from pomona.adjustment.weights import Landmark, weighted
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
-from pomona.scale.placement import Placement
+from pomona.photos import Photo
+from pomona.scale.placement import Adjusted, Placement
 from pomona.scale.report import Accuracy
 
 MOST_ASSESSED = 1500
@@ -51,15 +53,28 @@ class Assessment:
     left_out: tuple[LeftOutMarker, ...]
 
 
-def assess(
-    cameras: Cameras,
-    known: Mapping[int, KnownPoint],
-    *,
-    noise_px: float,
-    focals: Sequence[tuple[float, float] | None],
-) -> Assessment:
-    """Return how exact cameras are that were adjusted on markers, by id, with these weights."""
-    seeing, weights = _with_markers(cameras, known, noise_px, focals)
+def assess_adjusted(placement: Placement, photos: Mapping[str, Photo], fruit_diameter_m: float) -> None:
+    """Say how exact the photos are that were adjusted on markers, and warn of what contradicts the rest."""
+    adjusted = placement.adjusted
+    if adjusted is None or len(adjusted.cameras) > MOST_ASSESSED:
+        return
+    assessment = assess(adjusted, credible_focals(adjusted.cameras, photos))
+    placement.accuracy = assessment.accuracy
+    left_out_mm = {marker.marker_id: marker.offset_mm for marker in assessment.left_out}
+    placement.markers = [
+        replace(marker, left_out_mm=left_out_mm.get(marker.marker_id, float("nan"))) if marker.photos > 1 else marker
+        for marker in placement.markers
+    ]
+    warn_of_vague_places(placement, adjusted.cameras.photos, assessment.center_sds_m, fruit_diameter_m)
+    warn_of_vague_scale(placement, assessment.accuracy)
+    warn_of_marker(placement, adjusted.cameras, assessment.left_out, adjusted.markers, fruit_diameter_m)
+
+
+def assess(adjusted: Adjusted, focals: Sequence[tuple[float, float] | None]) -> Assessment:
+    """Return how exact cameras are that were adjusted on markers and fruits, with these focal lengths known."""
+    cameras, known = adjusted.cameras, adjusted.markers
+    landmarks = [*known.values(), *adjusted.fruits]
+    seeing, weights = weighted(cameras, noise_px=feature_noise_px(cameras), landmarks=landmarks, focals=focals)
     found = covariance(seeing, weights)
     measured = replace(weights, known_sds_m=np.minimum(weights.known_sds_m, _MEASURED_SD_M))
     checked = left_out(seeing, measured, covariance(seeing, measured))
@@ -75,50 +90,12 @@ def _accuracy(cameras: Cameras, found: Covariance) -> Accuracy:
     return Accuracy(rms_mm, found.scale_sd(cameras))
 
 
-def _with_markers(
-    cameras: Cameras,
-    known: Mapping[int, KnownPoint],
-    noise_px: float,
-    focals: Sequence[tuple[float, float] | None],
-) -> tuple[Cameras, Weights]:
-    """The cameras with the markers, at their known places, among their points, and what all is weighed with."""
-    markers = list(known.values())
-    m, seen = len(cameras.points_in_world), [len(marker.photo_idx) for marker in markers]
-    idx = m + np.arange(len(markers))
-    seeing = replace(
-        cameras,
-        points_in_world=np.concatenate([cameras.points_in_world, [marker.place for marker in markers]]),
-        points_rgb=np.concatenate([cameras.points_rgb, np.zeros((len(markers), 3), np.uint8)]),
-        points_error_px=np.concatenate([cameras.points_error_px, np.zeros(len(markers))]),
-        track_point_idx=np.concatenate([cameras.track_point_idx, np.repeat(idx, seen)]),
-        track_photo_idx=np.concatenate([cameras.track_photo_idx, *(marker.photo_idx for marker in markers)]),
-        track_xy_px=np.concatenate([cameras.track_xy_px, *(marker.xy_px for marker in markers)]),
-    )
-    of_markers = np.repeat([marker.sd_px for marker in markers], seen)
-    weights = Weights(
-        track_sds_px=np.concatenate([np.full(len(cameras.track_point_idx), noise_px), of_markers]),
-        log_focal_sds=_shares(focals),
-        known_idx=idx,
-        known_sds_m=np.array([marker.sd_m for marker in markers]),
-        free_frames=np.full(len(cameras), -1),
-    )
-    return seeing, weights
-
-
 def free_center_sds(cameras: Cameras, focals: Sequence[tuple[float, float] | None]) -> FloatArray:
     """Return how exactly (n,), in the cameras' units, photos are placed beside each other, where nothing ties them."""
-    weights = Weights(
-        track_sds_px=np.full(len(cameras.track_point_idx), feature_noise_px(cameras)),
-        log_focal_sds=_shares(focals),
-        known_idx=np.zeros(0, np.int64),
-        known_sds_m=np.zeros(0),
-        free_frames=frames_of(cameras),
+    seeing, weights = weighted(
+        cameras, noise_px=feature_noise_px(cameras), focals=focals, free_frames=frames_of(cameras)
     )
-    return covariance(cameras, weights).center_sds
-
-
-def _shares(focals: Sequence[tuple[float, float] | None]) -> FloatArray:
-    return np.array([np.inf if focal is None else focal[1] for focal in focals])
+    return covariance(seeing, weights).center_sds
 
 
 def warn_of_vague_places(
@@ -156,7 +133,7 @@ def warn_of_marker(
     placement: Placement,
     cameras: Cameras,
     checked: Sequence[LeftOutMarker],
-    known: Mapping[int, KnownPoint],
+    known: Mapping[int, Landmark],
     fruit_diameter_m: float,
 ) -> None:
     """Name the marker that contradicts the others most, and the photos that see it, and say what to do."""
@@ -173,7 +150,7 @@ def warn_of_marker(
         return
     worst = max(wrong, key=lambda marker: marker.offset_mm)
     seen_by = [cameras.photos[i] for i in known[worst.marker_id].photo_idx]
-    placement.warn(
+    placement.contradict(
         f"Marker {worst.marker_id} is seen {worst.offset_mm:.0f} mm from its place in the table, by all that the "
         f"photos and the other markers tell ({worst.deviations:.1f} standard deviations): it was moved or measured "
         f"wrongly, or the photos that see it are placed wrongly ({', '.join(seen_by[:_MOST_NAMES])}). Measure it "

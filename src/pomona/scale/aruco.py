@@ -58,8 +58,11 @@ def find_markers(
     *,
     search_side_px: int = 2000,
     threads: int = 2,
+    mirrored: bool = False,
 ) -> list[Sighting]:
     """Return every sighting of the `wanted` ids in the photos; other ids (false decodes, other plates) are left out.
+
+    `mirrored` looks at the photos' mirror images, in which places are then.
 
     Plates are searched in photos of at most `search_side_px`, then measured in the whole photo. (A plate is worth
     setting up where it is at least 1 % of the photo's side, 20 pixels of 2000.)
@@ -76,7 +79,9 @@ def find_markers(
     progress.start("Looking for markers", len(photos))
     sightings: list[Sighting] = []
     with ThreadPoolExecutor(threads) as pool:
-        look = partial(_in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px)
+        look = partial(
+            _in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px, mirrored=mirrored
+        )
         for photo, found in zip(photos, pool.map(look, photos), strict=True):
             progress.advance()
             if isinstance(found, str):
@@ -86,19 +91,26 @@ def find_markers(
     return sightings
 
 
-def _in_photo(photo: Photo, wanted: Collection[int], dictionary: str, search_side_px: int) -> list[Sighting] | str:
+def _in_photo(
+    photo: Photo, wanted: Collection[int], dictionary: str, search_side_px: int, mirrored: bool
+) -> list[Sighting] | str:
     try:
-        small = cv2.cvtColor(read_pixels(photo, max_side_px=search_side_px), cv2.COLOR_RGB2GRAY)
+        small = cv2.cvtColor(_pixels(photo, mirrored, search_side_px), cv2.COLOR_RGB2GRAY)
         scale = small.shape[1] / photo.width_px
         if scale == 1.0:
             return [Sighting(photo.name, i, c) for i, c in detect(small, dictionary) if i in wanted]
         coarse = [(i, c / scale) for i, c in detect(small, dictionary) if i in wanted]
         if not coarse:
             return []
-        grey = cv2.cvtColor(read_pixels(photo), cv2.COLOR_RGB2GRAY)
+        grey = cv2.cvtColor(_pixels(photo, mirrored), cv2.COLOR_RGB2GRAY)
     except (InputError, OSError) as error:
         return str(error)
     return [Sighting(photo.name, i, _measured(grey, i, corners, dictionary)) for i, corners in coarse]
+
+
+def _pixels(photo: Photo, mirrored: bool, max_side_px: int | None = None) -> ByteArray:
+    pixels = read_pixels(photo, max_side_px=max_side_px)
+    return np.ascontiguousarray(pixels[:, ::-1]) if mirrored else pixels
 
 
 def _measured(grey: ByteArray, marker_id: int, coarse_px: FloatArray, dictionary: str) -> FloatArray:

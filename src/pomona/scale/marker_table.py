@@ -16,14 +16,22 @@ _LEAST_APART_M = 0.005  # plates are larger; degrees are smaller
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """n markers: `ids` (n,), unique, and the places of their centres `points_in_world` (n, 3), metres, z up."""
+    """n markers: `ids` (n,), unique, and the places of their centres `points_in_world` (n, 3), metres, z up.
+
+    `sizes_m` (n,): the edges of the black squares, and `yaws_rad` (n,): how the plates are turned about z, 0 where they
+    face along −y; NaN where that is not known.
+    """
 
     ids: IntArray
     points_in_world: FloatArray
+    sizes_m: FloatArray
+    yaws_rad: FloatArray
 
     def __post_init__(self) -> None:
         set_checked(self, "ids", (len(self.ids),), np.int64)
         set_checked(self, "points_in_world", (len(self.ids), 3), np.float64)
+        set_checked(self, "sizes_m", (len(self.ids),), np.float64)
+        set_checked(self, "yaws_rad", (len(self.ids),), np.float64)
         if len(np.unique(self.ids)) != len(self.ids):
             raise InputError("Markers: ids must be unique")
 
@@ -36,15 +44,16 @@ class Markers:
 
 
 def read_markers(path: Path) -> Markers:
-    """Read a table with the columns `id,x,y,z` (metres); other columns are ignored.
+    """Read a table with the columns `id,x,y,z` (metres), and `size` (metres) and `yaw` (radians) if it has them.
 
-    Raises `MissingFileError` when there is no such file, and `FormatError`, naming line and column, when a column is
-    missing, a value is no number, an id stands there twice, or two
-    markers are at one place, as degrees taken for metres are.
+    Other columns are ignored. Raises `MissingFileError` when there is no such file, and `FormatError`, naming line and
+    column, when a column is missing, a value is no number, an id stands there twice, or two markers are at one place,
+    as degrees taken for metres are.
     """
-    table = read_small_table(path, ("id", "x", "y", "z"), "`markers`", "marker")
+    table = read_small_table(path, ("id", "x", "y", "z"), "`markers`", "marker", optional=("size", "yaw"))
     points = np.stack([table.numbers(axis) for axis in "xyz"], axis=1)
-    markers = Markers(np.array(table.ids("id"), np.int64), points)
+    ids = np.array(table.ids("id"), np.int64)
+    markers = Markers(ids, points, table.numbers_if_given("size"), table.numbers_if_given("yaw"))
     for k in range(len(markers)):
         away_m = np.linalg.norm(points[:k] - points[k], axis=1)
         if len(away_m) and away_m.min() < _LEAST_APART_M:

@@ -9,18 +9,19 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pomona.adjustment.bundle import KnownPoint, adjust, can_be_adjusted, feature_noise_px, is_no_worse
+from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px, is_no_worse
 from pomona.adjustment.lenses import credible_focals, share_lenses
+from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.errors import InputError
 from pomona.geometry import Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
-from pomona.scale.accuracy import MOST_ASSESSED, assess, warn_of_marker, warn_of_vague_places, warn_of_vague_scale
+from pomona.scale.accuracy import warn_of_vague_places
 from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
-from pomona.scale.placement import Placement
+from pomona.scale.placement import Adjusted, Placement
 from pomona.scale.report import MarkerResidual
 from pomona.scale.triangulation import (
     TriangulatedMarker,
@@ -39,6 +40,8 @@ _ROUNDS = 3
 _ENOUGH = 0.8
 # Nobody places markers better than this.
 _LEAST_SIGMA_M = 0.0002
+# A plate that one photo alone seems to show in its mirror image may be leaves.
+_LEAST_MIRRORED = 2
 # Cameras that stood nearer to or farther from the markers than this speak for a table in other units.
 _PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
 
@@ -65,7 +68,28 @@ def find_sightings(
             f"{named}. Check that they are {options.marker_dictionary} plates (`marker_dictionary`), sharp, "
             "unobstructed, with a white margin"
         )
+    if not sightings:
+        _warn_of_mirrored(placement, searched, wanted, options)
     return sightings
+
+
+def _warn_of_mirrored(placement: Placement, photos: list[Photo], wanted: set[int], options: ScaleOptions) -> None:
+    """Warn where plates that no photo shows are in the photos' mirror images: nothing else tells these from photos."""
+    found = find_markers(
+        photos,
+        wanted,
+        options.marker_dictionary,
+        placement.progress,
+        search_side_px=options.marker_search_side_px,
+        mirrored=True,
+    )
+    names = sorted({sighting.photo for sighting in found})
+    if len(names) >= _LEAST_MIRRORED:
+        placement.contradict(
+            f"The photos are mirrored: {len(names)} of them show markers the wrong way round ({names[0]} to "
+            f"{names[-1]}). A selfie camera or a program for videos did that: mirror them back, or all places would "
+            "be those of the row's mirror image"
+        )
 
 
 def place_by_markers(
@@ -90,14 +114,14 @@ def place_by_markers(
     loose = [idx for idx, cameras in tied.items() if fits[idx].up_is_known and can_be_adjusted(cameras)]
     if options.refine and loose:
         placement.progress.start("Refining cameras on the markers")
-        tied |= _refine(placement, {i: (tied[i], fits[i]) for i in loose}, places, photos.by_name(), options)
+        tied |= _refine(placement, {i: (tied[i], fits[i]) for i in loose}, places, photos.by_name())
     for idx, cameras in tied.items():
         fit = fits[idx]
         placement.in_world[idx] = cameras
         if not fit.up_is_known:
             sds_m = tilt_sds_m(cameras, np.array([places[i] for i in fit.used]))
             warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
-        placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places, placement.left_out_mm)
+        placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places)
         _check_units(placement, idx, places, cameras.centers_in_world)
     return WorldFrame("markers", approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
 
@@ -107,30 +131,11 @@ def _refine(
     fitted: Mapping[int, tuple[Cameras, MarkerFit]],
     places: Mapping[int, FloatArray],
     photos: Mapping[str, Photo],
-    options: ScaleOptions,
 ) -> dict[int, Cameras]:
-    """Refine pieces on the markers, say how exact they are, and warn of what contradicts the rest."""
-    if not fitted:
-        return {}
+    """Refine pieces on the markers together."""
     pieces, fits = zip(*fitted.values(), strict=True)
-    refined = refine(pieces, fits, places, photos)
-    if len(refined.cameras) <= MOST_ASSESSED:
-        _assess(placement, refined, credible_focals(refined.cameras, photos), options)
-    return dict(zip(fitted, split(refined.cameras, [len(piece) for piece in pieces]), strict=True))
-
-
-def _assess(
-    placement: Placement, refined: Refined, focals: list[tuple[float, float] | None], options: ScaleOptions
-) -> None:
-    noise_px = feature_noise_px(refined.cameras)
-    assessment = assess(refined.cameras, refined.known, noise_px=noise_px, focals=focals)
-    placement.accuracy = assessment.accuracy
-    placement.left_out_mm = {marker.marker_id: marker.offset_mm for marker in assessment.left_out}
-    placement.assessed |= set(refined.cameras.photos)
-    diameter_m = options.fruit_diameter_m
-    warn_of_vague_places(placement, refined.cameras.photos, assessment.center_sds_m, diameter_m)
-    warn_of_vague_scale(placement, assessment.accuracy)
-    warn_of_marker(placement, refined.cameras, assessment.left_out, refined.known, diameter_m)
+    placement.adjusted = refine(pieces, fits, places, photos)
+    return dict(zip(fitted, split(placement.adjusted.cameras, [len(piece) for piece in pieces]), strict=True))
 
 
 def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
@@ -259,7 +264,7 @@ def refine(
     fits: Sequence[MarkerFit],
     places: Mapping[int, FloatArray],
     photos: Mapping[str, Photo],
-) -> Refined:
+) -> Adjusted:
     """Return the fitted pieces, already in the markers' frame, after one bundle adjustment of all with the markers.
 
     How exactly the places are known, and plates are seen, is estimated from the photos: at first as well as the pieces
@@ -278,8 +283,8 @@ def refine(
     center_sd_px = _center_sd_px([marker for fit in fits for marker in fit.used.values()])
     for _ in range(_ROUNDS):
         known = _known_points(shared, sightings, places, sigma_m, center_sd_px)
-        refined = adjust(shared, noise_px=noise_px, known=list(known.values()), focals=focals)
-        if refined is None or not _is_better(refined, before, sightings, places):
+        refined = adjust(shared, noise_px=noise_px, landmarks=list(known.values()), focals=focals)
+        if not _is_better(refined, before, sightings, places):
             break
         best = refined
         seen = [triangulate_markers(refined, fit.sightings)[0] for fit in fits]
@@ -289,7 +294,7 @@ def refine(
         if fitted_m > _ENOUGH * sigma_m and fitted_px > _ENOUGH * center_sd_px:
             break
         sigma_m, center_sd_px = fitted_m, fitted_px
-    return Refined(best, known)
+    return Adjusted(best, known)
 
 
 def _center_sd_px(seen: Sequence[TriangulatedMarker]) -> float:
@@ -299,29 +304,21 @@ def _center_sd_px(seen: Sequence[TriangulatedMarker]) -> float:
     return max(CENTER_SD_PX, float(np.sqrt(squares.sum() / max(1, (2 * counts - 3).sum()))))
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """Pieces after one adjustment: their photos in order, and the markers, by id, as they were weighed last."""
-
-    cameras: Cameras
-    known: Mapping[int, KnownPoint]
-
-
 def _known_points(
     cameras: Cameras,
     sightings: Sequence[Sighting],
     places: Mapping[int, FloatArray],
     sigma_m: float,
     center_sd_px: float,
-) -> dict[int, KnownPoint]:
+) -> dict[int, Landmark]:
     index = {name: i for i, name in enumerate(cameras.photos)}
     return {
-        marker_id: KnownPoint(
+        marker_id: Landmark(
             place=places[marker_id],
             sd_m=sigma_m,
             photo_idx=np.array([index[s.photo] for s in seen]),
             xy_px=np.array([s.center_px for s in seen]),
-            sd_px=center_sd_px,
+            sds_px=np.full(len(seen), center_sd_px),
         )
         for marker_id, seen in by_marker(sightings).items()
     }
@@ -341,17 +338,15 @@ def residuals_of(
     side: str,
     fit: MarkerFit,
     places: Mapping[int, FloatArray],
-    left_out_mm: Mapping[int, float],
 ) -> list[MarkerResidual]:
-    """Return how each marker fits a piece that is in the markers' frame; `left_out_mm` see `MarkerResidual`."""
+    """Return how each marker fits a piece that is in the markers' frame."""
     offsets = marker_offsets(cameras, fit, places)
     residuals = []
     for i, marker in fit.used.items():
         errors_px = reprojection_errors_px(cameras, marker.sightings, places)
         rms_px = float(np.sqrt((errors_px**2).mean()))
         offset_mm = 1000 * offsets.get(i, float("nan"))
-        without_mm = left_out_mm.get(i, float("nan"))
-        residuals.append(MarkerResidual(i, side, len(marker.sightings), offset_mm, rms_px, left_out_mm=without_mm))
+        residuals.append(MarkerResidual(i, side, len(marker.sightings), offset_mm, rms_px))
     nan = float("nan")
     for sighting in fit.seen_once:
         error_px = float(reprojection_errors_px(cameras, [sighting], places)[0])

@@ -2,13 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from pomona.adjustment.weights import Landmark
 from pomona.cameras import Cameras, ScaleSource
 from pomona.progress import Progress
 from pomona.scale.report import Accuracy, MarkerResidual, PieceScale, SideTie
 from pomona.sfm.pieces import Piece
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """Pieces adjusted together: their photos in order, with the lenses that these share, and what held them.
+
+    `markers` by id, and `fruits`, both weighed as they were last.
+    """
+
+    cameras: Cameras
+    markers: Mapping[int, Landmark]
+    fruits: Sequence[Landmark] = ()
+
+    def markers_in(self, cameras: Cameras) -> dict[int, Landmark]:
+        """Return the markers as other cameras see them, which have all these photos, in another order."""
+        index = {name: i for i, name in enumerate(cameras.photos)}
+        here = np.array([index[name] for name in self.cameras.photos])
+        return {i: replace(marker, photo_idx=here[marker.photo_idx]) for i, marker in self.markers.items()}
 
 
 @dataclass
@@ -17,9 +38,9 @@ class Placement:
 
     `in_world` holds the cameras of pieces that are in the world frame by measurement ("tied" in the report);
     `metres_per_unit` the scales known, whether or not the piece has a place; `scales` where both came from;
-    `failures` why sources gave none; `ties` how sides agree on fruits that both see; `accuracy` and `left_out_mm` what
-    the adjustment on markers says of itself (`MarkerResidual.left_out_mm`, by marker id), and `assessed` of which
-    photos.
+    `failures` why sources gave none; `ties` how sides agree on fruits that both see; `adjusted` what was adjusted on
+    markers, and `accuracy` what that says of itself; `contradictions` those of the `notes` that say that a check
+    contradicts it.
     """
 
     pieces: Sequence[Piece]
@@ -31,15 +52,20 @@ class Placement:
     markers: list[MarkerResidual] = field(default_factory=list)
     unseen_markers: tuple[int, ...] = ()
     notes: list[str] = field(default_factory=list)
+    contradictions: list[str] = field(default_factory=list)
     ties: list[SideTie] = field(default_factory=list)
     accuracy: Accuracy | None = None
-    left_out_mm: dict[int, float] = field(default_factory=dict)
-    assessed: set[str] = field(default_factory=set)
+    adjusted: Adjusted | None = None
 
     def warn(self, message: str) -> None:
         """Warn the person, and keep the message for the survey."""
         self.notes.append(message)
         self.progress.warn(message)
+
+    def contradict(self, message: str) -> None:
+        """Warn of a check that contradicts what the places, or the scale, were taken to be."""
+        self.contradictions.append(message)
+        self.warn(message)
 
     def add_failure(self, idx: int, reason: str) -> None:
         """Remember why a source gave a piece no scale or place."""

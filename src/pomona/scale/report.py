@@ -78,7 +78,8 @@ class ScaleReport:
     """What the survey's manifest and report say of the scale.
 
     `tied_pieces` is how many pieces are in one frame by measurement. Residuals of markers are of the fit to the markers
-    alone, before sides were aligned by their fruits (`ties`).
+    alone, before sides were aligned by their fruits (`ties`). `contradictions` are those of the `notes` that say that a
+    check contradicts the places or the scale.
     """
 
     source: ScaleSource = "none"
@@ -89,6 +90,7 @@ class ScaleReport:
     notes: tuple[str, ...] = ()
     ties: tuple[SideTie, ...] = ()
     accuracy: Accuracy | None = None
+    contradictions: tuple[str, ...] = ()
 
     @property
     def markers_rms_mm(self) -> float:

@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.fruits import Fruits
+from pomona.fruit_discs import SeenFruits
 from pomona.geometry import Similarity
 from pomona.scale.placement import Placement
 from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register
 from pomona.scale.report import SideTie, TiedBy
 from pomona.scale.upright import row_frame
 
-FindFruits = Callable[[Cameras], Fruits]
+FindFruits = Callable[[Cameras], SeenFruits]
 """Finds the fruits that cameras in metres see."""
 
 # Correspondences are found anew so often while sides in the markers' frame meet; the motions are small.
@@ -112,7 +112,7 @@ def _warn_of_sizes(placement: Placement, sides: dict[int, _Side]) -> None:
         ratio = one.diameter_m / other.diameter_m
         sd = np.hypot(one.diameter_sd_m / one.diameter_m, other.diameter_sd_m / other.diameter_m)
         if abs(np.log(ratio)) > max(_SAME_SIZE, _CONTRADICTION * sd):
-            placement.warn(
+            placement.contradict(
                 f"{placement.name(i)} has fruits of {1000 * one.diameter_m:.1f} mm, {placement.name(j)} of "
                 f"{1000 * other.diameter_m:.1f} mm (medians): the scale of one of them is off by about "
                 f"{100 * abs(ratio - 1):.0f} %, if the fruits are alike. Check the markers that each sees, and whether "
@@ -155,7 +155,7 @@ def _warn_of_places(placement: Placement, tied: Sequence[int], sides: dict[int, 
             continue
         moved_m = _moved_m(one, one.moved(found.target_from_source))
         if moved_m > _SAME_FRUIT * one.diameter_m:
-            placement.warn(
+            placement.contradict(
                 f"{_named(placement, i)} and {_named(placement, j)} have {len(found.pairs)} fruits in common, "
                 f"{1000 * moved_m:.0f} mm apart: the markers that one of them sees are not where the table has them, "
                 "or were moved between the sides. Measure them again; until then fruits seen from both count twice"

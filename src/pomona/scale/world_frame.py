@@ -14,13 +14,15 @@ from pomona.errors import ReconstructionError
 from pomona.geometry import Similarity
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-from pomona.scale.accuracy import MOST_ASSESSED, free_center_sds, warn_of_vague_places
+from pomona.scale.accuracy import MOST_ASSESSED, assess_adjusted, free_center_sds, warn_of_vague_places
+from pomona.scale.fruit_landmarks import adjust_on_fruits
 from pomona.scale.fruit_size import scale_by_fruit_size
 from pomona.scale.gnss import place_by_gnss
 from pomona.scale.marker_table import read_markers
 from pomona.scale.markers import find_sightings, place_by_markers, scale_by_bar
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
+from pomona.scale.plates import check_plates
 from pomona.scale.report import Placed, ScaleReport
 from pomona.scale.side_alignment import FindFruits, align_sides
 from pomona.scale.upright import row_frame
@@ -66,18 +68,24 @@ def place_in_world(
         frame = place_by_gnss(placement, photos, options)
     scale_by_fruit_size(placement, detections, options)
     _scale_by_distance(placement)
-    _assess_places(placement, photos, options)
     if find_fruits is not None:
         align_sides(placement, frame, find_fruits, least_common=options.least_common_fruits)
+        if options.refine:
+            adjust_on_fruits(placement, find_fruits, photos.by_name())
+    if markers is not None:
+        check_plates(placement, markers, sightings)
+    assess_adjusted(placement, photos.by_name(), options.fruit_diameter_m)
+    _assess_places(placement, photos, options)
     return _assemble(placement, frame, options)
 
 
 def _assess_places(placement: Placement, photos: Photos, options: ScaleOptions) -> None:
     """Warn of photos whose places beside the others are vague, in pieces that were not adjusted on markers."""
+    assessed = set(placement.adjusted.cameras.photos) if placement.adjusted is not None else set()
     for idx, piece in enumerate(placement.pieces):
         cameras = piece.cameras
         in_metres = idx in placement.scales and placement.scales[idx].source != "none"
-        if not in_metres or set(cameras.photos) <= placement.assessed:
+        if not in_metres or set(cameras.photos) <= assessed:
             continue
         if len(cameras) > MOST_ASSESSED or not len(cameras.track_point_idx):
             continue
@@ -149,6 +157,7 @@ def _assemble(placement: Placement, frame: WorldFrame | None, options: ScaleOpti
         notes=tuple(placement.notes),
         ties=tuple(placement.ties),
         accuracy=placement.accuracy,
+        contradictions=tuple(placement.contradictions),
     )
     return Placed(concatenate(parts, frame), tuple(lost), report)
 

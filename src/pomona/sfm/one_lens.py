@@ -48,7 +48,7 @@ def _adjusted(joined: Cameras, photos: Mapping[str, Photo], *, trust_exif: bool)
     shared = share_lenses(joined, photos, trust_exif=trust_exif)
     focals = known_focals(shared, photos) if trust_exif else credible_focals(shared, photos)
     adjusted = adjust(shared, noise_px=feature_noise_px(joined), focals=focals)
-    return adjusted if adjusted is not None and is_no_worse(adjusted, joined) else None
+    return adjusted if is_no_worse(adjusted, joined) else None
 
 
 def _with(piece: Piece, cameras: Cameras) -> Piece:

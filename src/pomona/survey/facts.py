@@ -35,6 +35,7 @@ def scale_report_from(values: Mapping[str, Any]) -> ScaleReport:
         notes=tuple(values["notes"]),
         ties=tuple(SideTie(**_nan(entry)) for entry in values["ties"]),
         accuracy=Accuracy(**_nan(values["accuracy"])) if values["accuracy"] else None,
+        contradictions=tuple(values["contradictions"]),
     )
 
 
