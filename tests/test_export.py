@@ -97,6 +97,8 @@ def test_no_two_formats_write_to_one_place() -> None:
 def test_every_format_is_written_from_values(kind: str, values: Values, tmp_path: Path) -> None:
     if kind == "rerun":
         pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+    if kind == "geoparquet":
+        pytest.importorskip("pyarrow", reason="the extra 'geoparquet' is not installed")
     target = tmp_path / "out" / export_format(kind).file_name
     write_export(kind, values, target)
     files = [path for path in target.rglob("*") if path.is_file()] if export_format(kind).is_folder else [target]

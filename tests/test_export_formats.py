@@ -24,6 +24,7 @@ from pomona.formats.cameras.nerfstudio_export import write_nerfstudio
 from pomona.formats.cameras.onto_photos import as_stored
 from pomona.formats.cameras.read import read_cameras
 from pomona.formats.geojson import write_geojson
+from pomona.formats.geoparquet import write_geoparquet
 from pomona.formats.gpkg import write_gpkg
 from pomona.formats.kml import write_kml
 from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
@@ -244,6 +245,26 @@ def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: 
         assert all(one[1] == other[0] for one, other in pairwise(ranges))
     first, last = ranges[0][0], ranges[-1][1]
     assert (first, last) == (30.0, 40.5)
+
+
+@pytest.mark.parametrize("frame", [METRES, ON_EARTH])
+def test_geoparquet_by_its_specification(tmp_path: Path, frame: WorldFrame) -> None:
+    """Read with pyarrow and the bytes of well-known binary, not with the GeoPandas that wrote it."""
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'geoparquet' is not installed")
+    write_geoparquet(tmp_path / "fruits.parquet", _fruits(), frame)
+    write_geojson(tmp_path / "fruits.geojson", _fruits(), frame)
+    features = json.loads((tmp_path / "fruits.geojson").read_text())["features"]
+    table = parquet.read_table(tmp_path / "fruits.parquet")
+    column = json.loads(table.schema.metadata[b"geo"])["columns"]["geometry"]
+    assert column["encoding"] == "WKB"
+    assert column["crs"] is None or column["crs"]["id"]["code"] == 4326
+    assert (column["crs"] is None) == (frame.crs is None)
+    for point, feature in zip(table["geometry"].to_pylist(), features, strict=True):
+        if feature["geometry"] is not None:
+            places = struct.unpack("<3d", point[5:29])
+            np.testing.assert_allclose(places, feature["geometry"]["coordinates"], atol=1e-9)
+    assert table["id"].to_pylist() == _fruits().ids.tolist()
+    assert table["diameter_m"].null_count + int(np.isnan(table["diameter_m"].to_numpy()).sum()) >= 1
 
 
 def test_kml(tmp_path: Path) -> None:

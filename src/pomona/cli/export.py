@@ -24,8 +24,8 @@ def export(
 ) -> None:
     """Write fruits, the cloud, masks or cameras for other programs.
 
-    Fruits: csv, geojson, gpkg, kml; the cloud: las, laz, ply; masks: coco; cameras: colmap, nerfstudio, metashape; all
-    to look at: rerun.
+    Fruits: csv, geojson, gpkg, geoparquet, kml; the cloud: las, laz, ply; masks: coco; cameras: colmap, nerfstudio,
+    metashape; all to look at: rerun.
     """
     import pomona
 

@@ -97,6 +97,12 @@ def _gpkg(source: ExportSource, path: Path) -> None:
     write_gpkg(path, source.fruits, source.frame, source.trees, source.segments)
 
 
+def _geoparquet(source: ExportSource, path: Path) -> None:
+    from pomona.formats.geoparquet import write_geoparquet
+
+    write_geoparquet(path, source.fruits, source.frame)
+
+
 def _kml(source: ExportSource, path: Path) -> None:
     from pomona.formats.kml import write_kml
 
@@ -149,6 +155,7 @@ _FORMATS = (
     ExportFormat("csv", "a table of fruits", "fruits.csv", "fruits", "fruits", _copy_of("fruits")),
     ExportFormat("geojson", "GeoJSON", "fruits.geojson", "fruits", "geojson", _copy_of("geojson")),
     ExportFormat("gpkg", "GeoPackage", "fruits.gpkg", "fruits", "fruits", _gpkg),
+    ExportFormat("geoparquet", "GeoParquet", "fruits.parquet", "fruits", "fruits", _geoparquet),
     ExportFormat("kml", "KML", "fruits.kml", "fruits", "fruits", _kml),
     ExportFormat("las", "LAS", "cloud.las", "cloud", "cloud", _las),
     ExportFormat("laz", "LAZ, compressed LAS", "cloud.laz", "cloud", "cloud", _copy_of("cloud")),
