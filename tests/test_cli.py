@@ -284,3 +284,20 @@ def _fail_in_a_stage(progress: TerminalProgress) -> None:
     with progress:
         progress.stage("sfm")
         raise InputError("no")
+
+
+def test_the_report_is_written_with_the_truth_beside_it_and_on_paper(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pomona.report import pdf
+
+    pomona("run", photos, "--out", tmp_path / "out")
+    (tmp_path / "truth.csv").write_text(TRUTH)
+    monkeypatch.setattr(pdf, "write_pdf", lambda report, path: path.write_text(report.name))
+    result = pomona("report", tmp_path / "out", "--truth", tmp_path / "truth.csv", "--pdf")
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout.splitlines()[-2:] == [
+        str(tmp_path / "out" / name) for name in ("report-truth.html", "report.pdf")
+    ]
+    assert (tmp_path / "out" / "report.pdf").read_text() == "report-truth.html"
+    assert (tmp_path / "out" / "report-truth.html").is_file()

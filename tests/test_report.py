@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from pomona.cameras import WorldFrame
 from pomona.errors import InputError
+from pomona.evaluate.fruits import Truth
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
@@ -27,6 +28,7 @@ from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import kept_of_each
 from pomona.report.svg import nice_step
 from pomona.report.totals import duration
+from pomona.report.truth import counts_by_tree
 from pomona.scale import ScaleReport, SideTie
 from pomona.scale.report import Accuracy
 from pomona.sfm.pieces import Unregistered
@@ -415,3 +417,25 @@ def test_an_accuracy_that_checks_contradict_is_red(data: ReportData, tmp_path: P
     assert re.search(
         r'<strong style="color: var\(--apple\)">[^<]*positions ± 3.1 mm; contradicted by 2 of the notes', text
     )
+
+
+def test_with_the_truth_the_paper_s_table_and_figure_are_there(data: ReportData) -> None:
+    fruits = data.fruits
+    # All but the first ten are true, and five more were not found.
+    centers = np.concatenate([fruits.centers_in_world[10:], np.array([[0.0, 0, 9.0 + k] for k in range(5)])])
+    trees = np.concatenate([fruits.tree_ids[10:], np.full(5, 3)])
+    truth = Truth(np.arange(len(centers)) + 1, centers, np.full(len(centers), 0.075), trees)
+    text = report_html(data, truth=truth)
+    table = text[text.index("<h2>Against the truth</h2>") :]
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", table[: table.index("</table>")])
+    assert cells[:3] == ["all", str(len(truth)), str(len(fruits))]
+    assert abs(int(cells[3]) - (len(fruits) - 10)) <= 2  # one of the ten may hang beside another true one
+    assert 0.93 < float(cells[8]) < 1
+    ids, true, found = counts_by_tree(data, truth)
+    assert ids.tolist() == [1, 2, 3]
+    assert true.sum() == len(truth)
+    assert found.sum() == len(fruits)
+    rmse = float(np.sqrt(((true - found) ** 2).mean()))
+    assert f"RMSE {rmse:.1f} fruits" in text
+    assert f"tree 3: {found[2]} of {true[2]}" in text
+    assert "Against the truth" not in report_html(data)

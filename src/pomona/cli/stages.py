@@ -71,6 +71,10 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Print it to report.pdf, by a Chromium, Chrome or Edge that is installed.")
     ] = False,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="True fruits: also write report-truth.html, with the paper's scores."),
+    ] = None,
     as_json: shared.Json = False,
 ) -> None:
     """Write the report of a survey again, doing first what is missing."""
@@ -78,11 +82,28 @@ def report(
     from pomona.survey import SurveyFolder
 
     _go_on(survey, "report", {}, as_json)
+    files = SurveyFolder.open(survey)
+    page, made = files.report, []
+    if truth is not None:
+        page = files.truth_report
+        _write_truth_report(survey, truth, page)
+        made.append(page)
     if pdf:
-        files = SurveyFolder.open(survey)
-        write_pdf(files.report, files.pdf)
-        if not as_json:
-            typer.echo(str(files.pdf))
+        write_pdf(page, files.pdf)
+        made.append(files.pdf)
+    if not as_json:
+        for path in made:
+            typer.echo(str(path))
+
+
+def _write_truth_report(survey: Path, truth: Path, path: Path) -> None:
+    from pomona.evaluate.fruits import read_truth
+    from pomona.report import write_report
+    from pomona.survey.files import write_file
+    from pomona.view.reading import read_survey
+
+    true_fruits, data = read_truth(truth), read_survey(survey)
+    write_file(path, lambda part: write_report(data, part, truth=true_fruits))
 
 
 def _go_on(survey: Path, until: str, changed: dict[str, Any], as_json: bool) -> None:

@@ -11,6 +11,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns
 from pomona.report.tables import how_made, photos_table, trees_table
 from pomona.report.totals import amount, notices, stage_times, totals
+
+if TYPE_CHECKING:
+    from pomona.evaluate.fruits import Truth
 
 _ROOM = files("pomona.report")
 # Nothing is fetched from anywhere but where the page itself came from.
@@ -41,17 +45,20 @@ _FOOTERS: dict[Source, str] = {
 }
 
 
-def write_report(data: ReportData, path: Path, *, options: ReportOptions | None = None) -> None:
+def write_report(
+    data: ReportData, path: Path, *, options: ReportOptions | None = None, truth: Truth | None = None
+) -> None:
     """Write the report of one survey as a self-contained page: totals, plots, table, and a 3D view that can be turned.
 
     The page opens from disk without a network: script and style are in it, and its content security policy lets the
     browser fetch nothing and run no other script, whatever names files have. Where `data.masks` is given, crops of
     photos of each fruit are in it. With the options by default, all of it stays below some 35 MB.
+    `truth` are the true fruits, where they are known.
     """
-    path.write_text(report_html(data, options), encoding="utf-8")
+    path.write_text(report_html(data, options, truth), encoding="utf-8")
 
 
-def report_html(data: ReportData, options: ReportOptions | None = None) -> str:
+def report_html(data: ReportData, options: ReportOptions | None = None, truth: Truth | None = None) -> str:
     """Return the page that `write_report` writes."""
     options = options or ReportOptions()
     crops = embedded_crops(data, options)
@@ -63,7 +70,7 @@ def report_html(data: ReportData, options: ReportOptions | None = None) -> str:
         detections=detection_columns(data, only=crops),
         photos_note=_NOTES["report"],
     )
-    return page_html(data, survey_data(data, scene))
+    return page_html(data, survey_data(data, scene), sections=Sections.of(data, truth))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,15 +86,18 @@ class Sections:
     photos: str = ""
 
     @classmethod
-    def of(cls, data: ReportData) -> Sections:
-        """Return those of a survey's report."""
+    def of(cls, data: ReportData, truth: Truth | None = None) -> Sections:
+        """Return those of a survey's report; with the true fruits, the paper's Table 3 and Figure 8, too."""
+        from pomona.report.truth import figure_8, table_3
+
+        against = (figure_8(data, truth), table_3(data, truth)) if truth is not None else ("", "")
         return cls(
             subtitle=_subtitle(data),
             totals=totals(data),
             notices=notices(data.warnings),
             colour_choices=_colour_choices(data),
-            plots=plots(data),
-            tables=trees_table(data) + stage_times(data) + how_made(data),
+            plots=against[0] + plots(data),
+            tables=against[1] + trees_table(data) + stage_times(data) + how_made(data),
             photos=photos_table(data),
         )
 

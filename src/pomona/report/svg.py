@@ -32,6 +32,15 @@ class Dot:
     colour: str = ""
 
 
+@dataclass(frozen=True)
+class Point:
+    """A point of a scatter chart, and what it says when pointed at."""
+
+    x: float
+    y: float
+    hint: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Axis:
     """The axis along the bars' feet: its name, and labels at places in bars (0: the first bar's left edge)."""
@@ -121,6 +130,28 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
     whole = _LEFT + width + _RIGHT
     view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{1.6 * whole:.0f}px"'
     return f'<svg class="plot map" {view} role="img" aria-label="{escape(along.name)}">{"".join(parts)}</svg>'
+
+
+def scatter_chart(points: Sequence[Point], along: Axis, upward: Axis) -> str:
+    """Return points over two axes of one scale from 0, with the line on which both are equal."""
+    side = HEIGHT - _TOP - _BOTTOM
+    top, step = _scale([value for p in points for value in (p.x, p.y)], 4)
+    foot, parts = _TOP + side, []
+    for i in range(round(top / step) + 1):
+        at = side * i * step / top
+        parts.append(
+            f'<line class="grid" x1="{_LEFT:.1f}" x2="{_LEFT + side:.1f}" y1="{foot - at:.1f}" y2="{foot - at:.1f}"/>'
+        )
+        parts += [
+            _text(_LEFT - 6, foot - at + 4, number(i * step), "end"),
+            _text(_LEFT + at, foot + 15, number(i * step)),
+        ]
+    parts.append(f'<line class="mark" x1="{_LEFT:.1f}" y1="{foot:.1f}" x2="{_LEFT + side:.1f}" y2="{_TOP:.1f}"/>')
+    for point in points:
+        place = f'cx="{_LEFT + side * point.x / top:.1f}" cy="{foot - side * point.y / top:.1f}"'
+        parts.append(f'<circle class="dot" {place} r="4"><title>{escape(point.hint)}</title></circle>')
+    parts += [_text(_LEFT + side / 2, HEIGHT - 5, along.name), _text(2, 10, upward.name, "start")]
+    return _svg(parts, f"{upward.name} over {along.name}")
 
 
 def _scale(values: Sequence[float], steps: int) -> tuple[float, float]:

@@ -30,6 +30,7 @@ _WRITERS = {
     "segments.csv": "pomona measure {survey}",
     "report.html": "pomona report {survey}",
     "report.pdf": "pomona report {survey} --pdf",
+    "report-truth.html": "pomona report {survey} --truth FILE",
     "contact_sheet.jpg": "pomona report {survey}",
 }
 # What file managers leave in any folder: an empty one is empty for all that.
@@ -152,6 +153,11 @@ class SurveyFolder:
     def pdf(self) -> Path:
         """`report.pdf`, where it was asked for."""
         return self.folder / "report.pdf"
+
+    @property
+    def truth_report(self) -> Path:
+        """`report-truth.html`: the report with scores against true fruits, where it was asked for."""
+        return self.folder / "report-truth.html"
 
     @property
     def contact_sheet(self) -> Path:
