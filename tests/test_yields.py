@@ -241,9 +241,24 @@ def test_hand_counts_calibrate(tmp_path: Path) -> None:
     assert plain_.crop is not None
     assert found.crop.calibration is not None
     assert found.crop.calibration.value == pytest.approx(1.3, rel=0.05)
+    assert found.crop.fruits.relative_width < 3 * plain_.crop.fruits.relative_width
     assert found.crop.fruits.value == pytest.approx(1.3 * plain_.crop.fruits.value, rel=0.05)
     assert "calibrated on hand counts" in found.crop.fruits.covers
     assert found.crop.fruits.low < 1.3 * plain_.crop.fruits.value < found.crop.fruits.high
+
+
+def test_a_counted_tree_tells_what_one_side_does_not_show(tmp_path: Path) -> None:
+    ratios, true = [], 160 / 3.8  # fruits a metre of row
+    for seed in range(3):
+        without, _, _ = estimated(seed, 1)
+        path = counted(tmp_path / f"{seed}.csv", f"2,{true:.0f}\n3,{true:.0f}\n")
+        found, _, _ = estimated(seed, 1, hand_counts=path)
+        assert found.crop is not None
+        assert without.crop is not None
+        assert found.crop.fruits.low <= 160 * 1.05
+        assert found.crop.fruits.high >= 160 * 0.95
+        ratios.append(found.crop.fruits.value / 160)
+    assert 0.85 < np.mean(ratios) < 1.15
 
 
 def test_hand_counts_of_trees_that_do_not_exist_are_named(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from pomona.formats.small_table import read_small_table
 from pomona.intervals import Interval
 from pomona.progress import Progress
 
-_MOST_DEGREES = 60.0
 _FAR_OFF = 2.0  # a count that is so many times more or less than the estimate is of another tree, or a slip
 
 
@@ -65,10 +64,11 @@ def known_counts(counts: HandCounts, tree_ids: IntArray, progress: Progress) -> 
 def calibration(
     counts: HandCounts, draws: FloatArray, estimates: FloatArray, rng: np.random.Generator, progress: Progress
 ) -> tuple[Interval, FloatArray] | None:
-    """Return the ratio of n counts to what was estimated of these trees (n,), and draws (k,) of it, divided by these.
+    """Return the ratio of n counts to what was estimated of these trees (n,), and draws (k,) of it.
 
-    `draws` (k, n) are those of the estimates. The ratio of sums errs as trees scatter about it, with n − 1 degrees of
-    freedom; of one tree, and at least, as the estimates of single trees do. None where nothing can be compared.
+    `draws` (k, n) are those of the estimates. Each has a ratio of its own, so that what is not known of all trees alike
+    cancels. Besides, the ratio of sums errs as trees scatter about it, with n − 1 degrees of freedom; of one tree that
+    is not known. None where nothing can be compared.
     """
     usable = (estimates > 0) & (counts.counts > 0)
     for tree, count, estimate in zip(counts.tree_ids, counts.counts, estimates, strict=True):
@@ -82,10 +82,8 @@ def calibration(
     counted, expected = counts.counts[usable], estimates[usable]
     ratio = float(counted.sum() / expected.sum())
     n = len(counted)
-    of_draws = float((draws[:, usable] - draws[:, usable].mean(axis=0)).var(axis=0).sum()) ** 0.5 / expected.sum()
-    residuals = counted - ratio * expected
-    of_trees = float(np.sqrt(n * residuals.var(ddof=1))) / expected.sum() if n > 1 else 0.0
-    degrees = min(float(n - 1), _MOST_DEGREES) if of_trees > of_draws else _MOST_DEGREES
-    ratios = ratio + max(of_trees, ratio * of_draws) * student.rvs(degrees, size=len(draws), random_state=rng)
-    ratios = np.maximum(ratios, 0.0)
+    ratios = counted.sum() / np.maximum(draws[:, usable].sum(axis=1), 1.0)
+    if n > 1:
+        of_trees = float(np.sqrt(n * (counted - ratio * expected).var(ddof=1))) / expected.sum()
+        ratios = np.maximum(ratios + of_trees * student.rvs(n - 1, size=len(draws), random_state=rng), 0.0)
     return Interval.of_draws(ratio, ratios, f"hand counts of {n} tree{'s' if n > 1 else ''} to their estimates"), ratios
