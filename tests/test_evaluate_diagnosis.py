@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from diagnosis_scenes import HEIGHT, KINDS_AND_STAGES, WIDTH, Scene, make_scene, write_survey
+from diagnosis_scenes import CENTERS, HEIGHT, KINDS_AND_STAGES, WIDTH, Scene, make_scene, write_survey
 from pomona import drawing
 from pomona.cli.app import app
 from pomona.detections import Mask, SurveyDetections
@@ -532,3 +532,25 @@ def test_evidence_before_the_filter(scene: Scene) -> None:
     survey = scene.survey
     assert survey.before_filter[0].ids.tolist() == [*survey.fruits.ids.tolist(), 108]
     assert replace(survey, unfiltered=None).before_filter[0] is survey.fruits
+
+
+def test_what_the_second_look_did_and_whether_rightly(scene: Scene, tmp_path: Path) -> None:
+    before = scene.survey.fruits
+    # 110 was 90 mm before its true fruit and goes there, 101 leaves its place, 107 was nothing and goes.
+    centers = before.centers_in_world.copy()
+    centers[before.ids == 110] = CENTERS[10]
+    centers[before.ids == 101] += [0, -0.09, 0]
+    after = replace(before, centers_in_world=centers)[before.ids != 107]
+    looked = scene.with_(looked=(before, after))
+
+    found = mistakes_of(looked)
+
+    effect = found.second_look
+    assert effect is not None
+    assert (effect.fruits, effect.moved, effect.nearer, effect.farther) == (len(before), 2, 1, 1)
+    assert (effect.removed, effect.rightly) == (1, 1)
+    assert (effect.gained, effect.lost) == ((10,), (1,))
+    assert found.to_json()["second_look"]["gained"] == (10,)
+    page, _ = page_of(looked, tmp_path)
+    assert "The second look moved 2 of 6 fruits: 1 nearer to a true fruit, 1 farther away." in page.read_text()
+    assert mistakes_of(scene).second_look is None

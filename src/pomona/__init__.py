@@ -10,11 +10,11 @@ that needs it.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pomona.api import Survey, compare, open, run, sample_folder
+    from pomona.api import Survey, adapt, compare, open, run, sample_folder
     from pomona.pipeline.options import RunOptions
 
 __version__ = "0.1.0"
-__all__ = ["RunOptions", "Survey", "__version__", "compare", "open", "run", "sample_folder"]
+__all__ = ["RunOptions", "Survey", "__version__", "adapt", "compare", "open", "run", "sample_folder"]
 
 
 def __getattr__(name: str) -> object:
@@ -22,7 +22,7 @@ def __getattr__(name: str) -> object:
         from pomona.pipeline.options import RunOptions
 
         return RunOptions
-    if name in ("Survey", "compare", "open", "run", "sample_folder"):
+    if name in ("Survey", "adapt", "compare", "open", "run", "sample_folder"):
         from pomona import api
 
         return getattr(api, name)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from pomona.change import Comparison
     from pomona.evaluate.fruits import Scores
+    from pomona.self_training.learn import Adapted
+    from pomona.self_training.options import AdaptOptions
     from pomona.view import FolderOptions, ViewServer
 
 AnyPath = str | PathLike[str]
@@ -114,6 +116,7 @@ def run(
     progress: Progress | None = None,
     on_stage: Callable[[str], None] = lambda name: None,
     overwrite: bool = False,
+    adapt: bool = False,
     **options: Any,
 ) -> Survey:
     """Find every fruit in photos of a row, as `pomona run` does; return the survey in the folder `out`.
@@ -121,8 +124,9 @@ def run(
     `photos`: a folder, two folders (the sides of the row), or a video. `options` are those of `RunOptions`: `markers`,
     `cameras`, `detections`, `method`, `fruit_diameter_m`, …, and options of single stages such as
     `object=ObjectOptions(min_views=3)`. A run that was stopped goes on where it was; a changed option redoes just what
-    depends on it; `overwrite` begins anew. `progress` is informed of steps and warned (None: nobody is); `on_stage` is
-    called with the name of each stage that is computed, first of all with "photos".
+    depends on it; `overwrite` begins anew. `adapt`: the segmenter learns from the survey, which is then made again
+    (as `pomona.adapt`). `progress` is informed of steps and warned (None: nobody is); `on_stage` is called with the
+    name of each stage that is computed, first of all with "photos".
 
     Raises `InputError` for options and photos that cannot be used, `MissingFileError` and `FormatError` for files
     named, `MissingExtraError` for a detector whose packages are not installed, `ReconstructionError` where no photo can
@@ -136,14 +140,13 @@ def run(
     if options.get("classes") is not None:
         options["classes"] = tuple(options["classes"])
     given = [photos] if isinstance(photos, str | PathLike) else list(photos)
-    run_pipeline(
-        [Path(each) for each in given],
-        Path(out),
-        RunOptions(**options),
-        progress,
-        overwrite=overwrite,
-        on_stage=on_stage,
-    )
+    paths, chosen = [Path(each) for each in given], RunOptions(**options)
+    if adapt:
+        from pomona.self_training.rerun import run_adapted
+
+        run_adapted(paths, Path(out), chosen, progress or Silent(), overwrite=overwrite, on_stage=on_stage)
+    else:
+        run_pipeline(paths, Path(out), chosen, progress, overwrite=overwrite, on_stage=on_stage)
     return open(out, progress=progress)
 
 
@@ -190,6 +193,32 @@ def compare(
         names = surveys[0].folder.name, surveys[1].folder.name
         write_comparison(found, page_data(surveys[1]), names, Path(out))
     return found
+
+
+def adapt(
+    surveys: AnyPath | Sequence[AnyPath],
+    out: AnyPath,
+    *,
+    model: AnyPath | None = None,
+    options: AdaptOptions | None = None,
+    progress: Progress | None = None,
+) -> Adapted:
+    """Let a segmenter learn from the fruits of surveys that many photos, or a person, confirm; write it to `out`.
+
+    `model` is the model file to begin with, by default the one that the first survey was made with. What comes back
+    says how well fruits in photos held out were found before and after; its `path` is None, and no file was written,
+    where that was worse.
+
+    Raises `MissingExtraError` without the extra `train`, `InputError` for surveys that confirm too few fruits, a file
+    name that does not end in .onnx or detections that no model of Pomona's made, and what `open` raises.
+    """
+    from pomona.self_training.rerun import found_fruits, learning, model_of
+
+    given = [surveys] if isinstance(surveys, str | PathLike) else list(surveys)
+    learn, opened = learning(), [open(each, progress=progress) for each in given]
+    begun = model_of(opened[0]) if model is None else Path(model)
+    found = [found_fruits(survey) for survey in opened]
+    return learn(found, Path(out), model=begun, options=options, progress=progress)
 
 
 def sample_folder() -> Path:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from pomona import __version__
+from pomona.cli.adapt import adapt
 from pomona.cli.benchmark import benchmark
 from pomona.cli.compare import compare
 from pomona.cli.demo import demo
@@ -45,6 +46,9 @@ def common(
     """Photographs of an orchard row in, every fruit out."""
 
 
-for command in (run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, compare, train, synth):
+_COMMANDS = (
+    run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, compare, adapt, train, synth,
+)  # fmt: skip
+for command in _COMMANDS:
     app.command()(reporting_errors(command))
 app.add_typer(benchmark, name="benchmark")

@@ -52,6 +52,8 @@ def evaluate_mistakes(
     console = Console(highlight=False)
     console.print(fruits_table(scores))
     console.print(mistakes_table(found))
+    if found.second_look is not None:
+        console.print(found.second_look.in_words)
     typer.echo(f"{len(found)} fruit{'s' * (len(found) != 1)} that went wrong: {page}")
 
 
@@ -78,6 +80,7 @@ def read_result(source: Path, truth: Path, photos: Path | None, progress: Progre
         fruits=survey.fruits,
         observations=survey.observations,
         unfiltered=survey.before_filter,
+        looked=survey.around_second_look,
         least_score=survey.least_score,
         title=survey.folder.name,
     )

@@ -9,8 +9,10 @@ import typer
 
 from pomona.cli import options as shared
 from pomona.cli.action import with_progress
+from pomona.cli.failures import say
+from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import show
-from pomona.pipeline import RunOptions
+from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
 
 
@@ -45,6 +47,9 @@ def run(
     filter_model: Annotated[
         Path | None, typer.Option(metavar="JSON", help="A support vector machine of your own for that.")
     ] = None,
+    adapt: Annotated[
+        bool, typer.Option("--adapt", help="Whether the segmenter learns from the survey, which is then made again.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what earlier runs did in SURVEY.")] = False,
     as_json: shared.Json = False,
 ) -> None:
@@ -76,7 +81,14 @@ def run(
         filter_false_positives=filter,
         filter_model=filter_model,
     )
-    summary = with_progress(
-        lambda progress: run_pipeline(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage), out
-    )
-    show(summary, as_json=as_json)
+
+    def work(progress: TerminalProgress) -> Summary:
+        if not adapt:
+            return run_pipeline(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage)
+        from pomona.self_training.rerun import run_adapted
+
+        rerun = run_adapted(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage)
+        say("Learnt", "bold", rerun.changed)
+        return rerun.summary
+
+    show(with_progress(work, out), as_json=as_json)

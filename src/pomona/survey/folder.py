@@ -164,6 +164,26 @@ class SurveyFolder:
         """`contact_sheet.jpg`."""
         return self.folder / "contact_sheet.jpg"
 
+    @property
+    def adapted_model(self) -> Path:
+        """`adapted.onnx`: the segmenter that learnt from this survey."""
+        return self.folder / "adapted.onnx"
+
+    @property
+    def before_adapting(self) -> Path:
+        """`before_adapting/`: the results as they were before the segmenter learnt."""
+        return self.folder / "before_adapting"
+
+    def keep_results(self) -> None:
+        """Copy what is handed over, and the manifest, to `before_adapting/`, in place of what is there."""
+        with disk_errors(self.folder):
+            shutil.rmtree(self.before_adapting, ignore_errors=True)
+            self.before_adapting.mkdir()
+            for name in (*_WRITERS, _MANIFEST):
+                path = self.folder / name
+                if path.is_file():
+                    shutil.copy2(path, self.before_adapting)
+
     def work(self, name: str) -> Path:
         """A file or folder of `work/`, by which a stopped run goes on; `work/` itself exists then."""
         path = self.folder / "work" / name
@@ -225,7 +245,8 @@ class SurveyFolder:
 
     def clear(self) -> None:
         """Remove what earlier runs wrote, and nothing else."""
-        for path in [self.folder / name for name in _WRITERS] + list((self.folder / "work").glob("*")):
+        learnt = [self.adapted_model, self.adapted_model.with_suffix(".training"), self.before_adapting]
+        for path in [*(self.folder / name for name in _WRITERS), *learnt, *(self.folder / "work").glob("*")]:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             elif path.name != "lock":

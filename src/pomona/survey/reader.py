@@ -236,6 +236,15 @@ class SurveyReader:
         kept = set(self.fruits.ids.tolist()) <= set(before.fruits.ids.tolist())
         return (before.fruits, before.observations) if kept else None
 
+    @property
+    def around_second_look(self) -> tuple[Fruits, Fruits] | None:
+        """The fruits before and after the second look; None where there was none, or they are not kept."""
+        paths = [fused_path(self.files, stage) for stage in ("fuse", "second_look")]
+        if self._finished("second_look") is None or not all(path.is_file() for path in paths):
+            return None
+        before, after = (read_fused(self.files, stage).fruits for stage in ("fuse", "second_look"))
+        return before, after
+
     def _finished(self, stage: str) -> StageRecord | None:
         record = self.files.record_of(stage)
         return record if record is not None and record.finished else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 
 import torch
@@ -54,16 +55,18 @@ def export_onnx(
         network, threshold, foreground_threshold
     ).eval()  # a wrapper in training mode would leave the network in it
     names = ["heatmap", "box", "foreground", "offset", "circle"]
-    torch.onnx.export(
-        model,
-        (torch.zeros(1, 3, 128, 128),),
-        str(path),
-        input_names=["image"],
-        output_names=names,
-        dynamic_axes={"image": {2: "height", 3: "width"}, **{name: {2: "h", 3: "w"} for name in names}},
-        opset_version=17,
-        dynamo=False,
-    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Constant folding")  # no mistake of anyone
+        torch.onnx.export(
+            model,
+            (torch.zeros(1, 3, 128, 128),),
+            str(path),
+            input_names=["image"],
+            output_names=names,
+            dynamic_axes={"image": {2: "height", 3: "width"}, **{name: {2: "h", 3: "w"} for name in names}},
+            opset_version=17,
+            dynamo=False,
+        )
     file = onnx.load(str(path))
     entries = {
         "pomona.kind": "center-offset",

@@ -71,6 +71,7 @@ def samples_of(
     digest = _digest(photo, plan)
     fruits = [fruit for fruit in photo.fruits if _is_learnt(fruit)]
     boxes = np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4) * plan.scale
+    ignored = np.array([f.box_px for f in photo.fruits if not _is_learnt(f)], float).reshape(-1, 4) * plan.scale
     weak = any(fruit.mask is None for fruit in fruits)
     samples, kept_of = [], []
     circles = _circles_of(photo, fruits)
@@ -80,7 +81,8 @@ def samples_of(
         image = photo.path if plan.in_place else cache / f"{stem}.jpg"
         whose = group or group_of(photo.path.stem)
         whole = None if circles is None else _in_part(circles, plan.scale, place)[kept > 0]
-        samples.append(Sample(image, cache / f"{stem}.png", mine, whose, source, weak, photo.name, part, whole))
+        labels, doubtful = cache / f"{stem}.png", _touching(ignored, place)
+        samples.append(Sample(image, labels, mine, whose, source, weak, photo.name, part, whole, doubtful))
         kept_of.append(kept)
     if not all(sample.labels.is_file() and sample.image.is_file() for sample in samples):
         cache.mkdir(parents=True, exist_ok=True)
@@ -89,12 +91,14 @@ def samples_of(
 
 
 def _circles_of(photo: LabelledPhoto, fruits: Sequence[LabelledFruit]) -> FloatArray | None:
-    """The whole fruits' centres and radii (n, 3), where a rendered picture has them (`truth/circles/`)."""
+    """The whole fruits' centres and radii (n, 3), where labels or a rendered picture (`truth/circles/`) have them."""
+    unknown = (math.nan, math.nan, math.nan)
+    if any(fruit.circle_px is not None for fruit in fruits):
+        return np.array([fruit.circle_px or unknown for fruit in fruits], float).reshape(-1, 3)
     file = photo.path.parent.parent / "truth" / "circles" / f"{photo.path.stem}.json"
     if not file.is_file():
         return None
     by_id = {int(circle[0]): circle[1:4] for circle in json.loads(file.read_text())["circles"]}
-    unknown = (math.nan, math.nan, math.nan)
     return np.array([by_id.get(fruit.id or 0, unknown) for fruit in fruits], float).reshape(-1, 3)
 
 
@@ -146,6 +150,13 @@ def _boxes_in(boxes: FloatArray, place: tuple[int, int, int, int]) -> tuple[Floa
     seen = sides.prod(1) / np.maximum(all_sides.prod(1), 1e-9)
     kept = (seen >= _FEWEST_SEEN) & (sides.min(1, initial=np.inf) >= _SMALLEST_BOX_PX)
     return clipped[kept], np.where(kept, np.cumsum(kept), 0)
+
+
+def _touching(boxes: FloatArray, place: tuple[int, int, int, int]) -> FloatArray:
+    """Boxes (m, 4) of which anything is in a part, clipped to it."""
+    x0, y0, x1, y1 = place
+    clipped = np.clip(boxes - [x0, y0, x0, y0], 0, [x1 - x0, y1 - y0, x1 - x0, y1 - y0])
+    return np.asarray(clipped[(clipped[:, 2:] > clipped[:, :2]).all(1)])
 
 
 def _make(

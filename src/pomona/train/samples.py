@@ -54,6 +54,7 @@ class Sample:
     photo that it was cut from, so that splits respect it; `photo` the labelled photo in its set, where `image` is a
     part of it. `weak`: masks were made from boxes. `part` is "training", "validation" or "test" where the set says so.
     `circles_px` (n, 3) are the whole fruits' centres and radii, hidden parts and all; None or NaN where unknown.
+    `ignored_px` (m, 4) are boxes of what is doubtful: what is found there is neither right nor wrong.
     """
 
     image: Path
@@ -65,6 +66,7 @@ class Sample:
     photo: str = ""
     part: str = ""
     circles_px: FloatArray | None = None
+    ignored_px: FloatArray | None = None
 
     @property
     def name(self) -> str:

@@ -51,5 +51,8 @@ def _match(sample: Sample, segment: Segment) -> PhotoMatch:
     height, width = pixels.shape[:2]
     found, name = segment(pixels), sample.image.name
     detections = Detections(name, width, height, found.masks, found.scores, np.arange(len(found)), found.boxes_px)
-    truth = PhotoTruth(name, width, height, np.arange(len(sample.boxes_px)), sample.boxes_px)
+    ignored = np.zeros((0, 4)) if sample.ignored_px is None else sample.ignored_px
+    boxes = np.concatenate([sample.boxes_px, ignored])
+    crowds = np.arange(len(boxes)) >= len(sample.boxes_px)
+    truth = PhotoTruth(name, width, height, np.arange(len(boxes)), boxes, crowds=crowds)
     return match_photo(detections, truth, by_masks=False)

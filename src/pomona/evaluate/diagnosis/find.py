@@ -21,6 +21,7 @@ from pomona.evaluate.diagnosis.mistakes import (
     SurveyResult,
     worst_first,
 )
+from pomona.evaluate.diagnosis.second_look import second_look_effect
 from pomona.evaluate.fruits.matching import EvaluateOptions, assign, candidates_by_center, candidates_of
 from pomona.evaluate.fruits.scores import Scores, Tally
 from pomona.evaluate.fruits.truth import Truth
@@ -47,8 +48,9 @@ def find_mistakes(
     """
     match, options = match or EvaluateOptions(), options or MistakeOptions()
     tally = scores.all if scores.visible is None else scores.visible
+    effect = None if survey.looked is None else second_look_effect(*survey.looked, truth, match)
     if not any(outcome.kind in KINDS for outcome in tally.outcomes):
-        return Mistakes(tally.label, ())
+        return Mistakes(tally.label, (), effect)
     compared = compare_photos(survey, truth, masks or {}, progress=progress or Silent())
     links = Associations(survey, truth, compared, match)
     known = frozenset(survey.photos)
@@ -56,7 +58,7 @@ def find_mistakes(
         replace(mistake, views=choose_views(mistake.views, options.crops, known))
         for mistake in _explained(tally, links)
     )
-    return Mistakes(tally.label, tuple(sorted(found, key=worst_first)))
+    return Mistakes(tally.label, tuple(sorted(found, key=worst_first)), effect)
 
 
 def _explained(tally: Tally, links: Associations) -> list[Mistake]:

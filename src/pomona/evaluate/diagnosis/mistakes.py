@@ -11,6 +11,7 @@ from typing import Any, Literal
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
+from pomona.evaluate.diagnosis.second_look import SecondLookEffect
 from pomona.evaluate.rates import known
 from pomona.fruits import Fruits, Observations
 from pomona.photos import Photo
@@ -79,7 +80,7 @@ class SurveyResult:
 
     `photos`, by name, are those that can still be read; `sides` says of which side of the row a photo is. Detections
     of at least `least_score` could become fruit. `unfiltered` are the fruits before the filter and their observations,
-    None where these are not known.
+    None where these are not known. `looked` are those before and after the second look, None where there was none.
     """
 
     photos: Mapping[str, Photo]
@@ -89,6 +90,7 @@ class SurveyResult:
     fruits: Fruits
     observations: Observations
     unfiltered: tuple[Fruits, Observations] | None = None
+    looked: tuple[Fruits, Fruits] | None = None
     least_score: float = 0.0
     title: str = ""
 
@@ -150,10 +152,14 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Mistakes:
-    """All fruits that went wrong in one tally (`label`: "visible" or "all"), by kind, by stage, the worst first."""
+    """All fruits that went wrong in one tally (`label`: "visible" or "all"), by kind, by stage, the worst first.
+
+    `second_look` is what that did, None where there was none.
+    """
 
     label: str
     items: tuple[Mistake, ...]
+    second_look: SecondLookEffect | None = None
 
     def __len__(self) -> int:
         return len(self.items)
@@ -171,6 +177,8 @@ class Mistakes:
         """Return the counts for JSON, and every mistake where asked for."""
         kinds = {kind: {"fruits": sum(of.values()), "stages": of} for kind, of in self.counts().items()}
         result: dict[str, Any] = {"of": self.label, "kinds": kinds}
+        if self.second_look is not None:
+            result["second_look"] = self.second_look.to_json()
         if outcomes:
             result["fruits"] = [mistake.to_json() for mistake in self.items]
         return result

@@ -97,7 +97,7 @@ def page_html(
         version=escape(__version__),
         subtitle=escape(_subtitle(tally, mistakes)),
         scores=_scores(tally),
-        summary=_summary(counts, {(m.kind, m.stage) for m in mistakes.items if m.key in crops}),
+        summary=_summary(counts, {(m.kind, m.stage) for m in mistakes.items if m.key in crops}) + _looked(mistakes),
         chips="".join(_chip(kind, sum(counts[kind].values())) for kind in KINDS),
         legend="".join(_swatch(name, colour, words) for name, (colour, words) in _LEGEND.items()),
         sections="\n".join(_section(kind, mistakes.of_kind(kind), crops, folder) for kind in KINDS if counts[kind]),
@@ -148,6 +148,10 @@ def _summary(counts: Mapping[Kind, Mapping[Stage, int]], shown: Set[tuple[Kind, 
     head = '<tr><th scope="col">Kind</th><th scope="col">Likely stage</th><th class="number" scope="col">Fruits</th>'
     caption = "<caption>What went wrong, and where</caption>"
     return f'<table class="groups">{caption}<thead>{head}<td></td></tr></thead>{"".join(groups)}</table>'
+
+
+def _looked(mistakes: Mistakes) -> str:
+    return "" if mistakes.second_look is None else f'<p class="note">{escape(mistakes.second_look.in_words)}</p>'
 
 
 def _chip(kind: Kind, number: int) -> str:

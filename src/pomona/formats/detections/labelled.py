@@ -24,7 +24,8 @@ class LabelledFruit:
     """One fruit of a photo. `mask` is None where the file gives a box alone; `category` where it names no class.
 
     `ignored`: not one fruit (a crowd), or of no use: neither fruit nor background is to be learnt there. `score` is in
-    [0, 1], `id` is the file's; None where it has none.
+    [0, 1], `id` is the file's; None where it has none. `circle_px` is the whole fruit's centre and radius, hidden parts
+    and all, where that is known.
     """
 
     box_px: Box
@@ -33,6 +34,7 @@ class LabelledFruit:
     ignored: bool = False
     score: float | None = None
     id: int | None = None
+    circle_px: tuple[float, float, float] | None = None
 
     @classmethod
     def from_mask(cls, mask: Mask, category: str | None = None, score: float | None = None) -> LabelledFruit:

@@ -1,0 +1,46 @@
+"""`pomona adapt`: a segmenter learns from surveys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona import api
+from pomona.cli.failures import WRONG_INPUT, Stopped, say
+from pomona.cli.progress import TerminalProgress
+from pomona.self_training.options import AdaptOptions
+
+
+def adapt(
+    surveys: Annotated[list[Path], typer.Argument(metavar="SURVEY...", help="Folders that `pomona run` wrote.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The model file to write: .onnx.")],
+    model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What to begin with (default: the model of the first survey).")
+    ] = None,
+    steps: Annotated[int, typer.Option(help="Batches to learn from: some minutes on two cores.")] = AdaptOptions.steps,
+) -> None:
+    """Learn from fruits that many photos confirm, or that you corrected (needs the extra `train`).
+
+    Fruits in photos held out are found before and after; where that is worse, no file is written (exit status 1).
+    After a stop, the same command goes on.
+    """
+    try:
+        with TerminalProgress() as progress:
+            options = replace(AdaptOptions(), steps=steps)
+            outcome = api.adapt(list(surveys), out, model=model, options=options, progress=progress)
+    except KeyboardInterrupt:
+        raise Stopped(f"what was learnt is kept in {out.with_suffix('.training')}; the same command goes on.") from None
+    typer.echo(
+        f"{outcome.confirmed} fruits in {outcome.photos} photos: {outcome.detected} labels that were found, "
+        f"{outcome.missed} where a fruit was missed"
+    )
+    before, after = outcome.before, outcome.after
+    scores = f"F1 {before.f1:.3f} before, {after.f1:.3f} after; AP50 {before.ap50:.3f}, {after.ap50:.3f}"
+    typer.echo(f"{before.fruits} labels in photos held out: {scores}")
+    if outcome.path is None:
+        say("Not better", "bold yellow", f"{out} was not written; go on with the model as it is.")
+        raise typer.Exit(WRONG_INPUT)
+    typer.echo(f"{outcome.path}: use it with --model, here or on other rows like these")

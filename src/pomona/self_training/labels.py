@@ -1,0 +1,238 @@
+"""Labels that a survey makes itself: fruits that many photos confirm, in all photos that show them.
+
+Self-training with geometry as the teacher: what is found in enough photos is a fruit in the others, too, where its
+place, the second look and the colours of the survey's other fruits agree that it is to be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pomona.arrays import BoolArray, ByteArray, IntArray
+from pomona.cameras import Cameras
+from pomona.capture import read_pixels
+from pomona.detections import Mask, SurveyDetections
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruits import Fruits, Observations
+from pomona.photos import Photo, Photos
+from pomona.progress import Progress, Silent
+from pomona.second_look import CentersNetwork, SecondLookOptions
+from pomona.second_look.evidence import find_sights, look
+from pomona.self_training.colours import FruitColours
+from pomona.self_training.options import AdaptOptions
+from pomona.spheres import Spheres
+
+_COLOURS_PX = 1600  # the longer side of photos in which colours are compared
+
+
+@dataclass(frozen=True, eq=False)
+class FoundFruits:
+    """The fruits of one survey, as corrected, and what saw them.
+
+    `detections` are all of the file, weak ones too. `by_hand` are ids of fruits that a person made or moved, and
+    `false_ids` detections of which a person said that they are no fruit.
+    """
+
+    name: str
+    photos: Photos
+    cameras: Cameras
+    detections: SurveyDetections
+    fruits: Fruits
+    observations: Observations
+    by_hand: frozenset[int] = frozenset()
+    false_ids: frozenset[int] = frozenset()
+
+    def confirmed(self, options: AdaptOptions) -> BoolArray:
+        """Say of each fruit (n,) whether many photos, or a person, confirm it."""
+        many = (self.fruits.scores >= options.least_score) & (self.fruits.views >= options.least_views)
+        return np.asarray(many | np.isin(self.fruits.ids, list(self.by_hand)), bool)
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyLabels:
+    """The labelled photos of a survey: of its `confirmed` fruits, `detected` labels were found, `missed` not."""
+
+    photos: tuple[LabelledPhoto, ...]
+    confirmed: int
+    detected: int
+    missed: int
+
+
+def label_photos(
+    found: FoundFruits,
+    *,
+    options: AdaptOptions | None = None,
+    network: CentersNetwork | None = None,
+    progress: Progress | None = None,
+) -> SurveyLabels:
+    """Return a survey's photos with its confirmed fruits as labels.
+
+    A detection of a confirmed fruit is a label as it is. Where a photo should show such a fruit and nothing was found,
+    it is one if the second look and the colours say that it is to be seen; else its disc is doubtful. Detections of
+    anything else are doubtful, but for those of which a person said that they are no fruit. What is left is background.
+    Photos that are not there, or without a camera, are left out.
+
+    Raises `MissingFileError` naming a photo that goes away meanwhile.
+    """
+    options, progress = options or AdaptOptions(), progress or Silent()
+    mine = _Confirmed.of(found, options)
+    by_name = found.photos.by_name()
+    photos = [by_name[name] for name in found.cameras.photos if name in by_name and by_name[name].path.is_file()]
+    shown = _shown(mine, found, photos, network, progress)
+    colours = FruitColours.counted(_coloured(found, mine, photos))
+    labelled: list[LabelledPhoto] = []
+    detected = missed = 0
+    progress.start("labelling photos", len(photos))
+    for photo in photos:
+        here = shown.get(photo.name, {})
+        fruits = _of_detections(found, mine, photo)
+        seen = {fruit.id for fruit in fruits if not fruit.ignored}
+        unseen = [sight for fruit_id, sight in here.items() if fruit_id not in seen]
+        added = _of_unseen(photo, unseen, colours, options) if unseen else []
+        fruits = [replace(f, circle_px=here[f.id].circle_px) if f.id in here else f for f in fruits]
+        detected, missed = detected + len(seen), missed + sum(not fruit.ignored for fruit in added)
+        everything = (*fruits, *added)
+        labelled.append(
+            LabelledPhoto(photo.path, f"{found.name}/{photo.name}", photo.width_px, photo.height_px, everything)
+        )
+        progress.advance()
+    return SurveyLabels(tuple(labelled), len(mine.ids), detected, missed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Confirmed:
+    """The confirmed fruits (m,), where they were `seen` (photo and index of the fruit), and of which fruit, by photo
+    and id, a detection is."""
+
+    ids: IntArray
+    spheres: Spheres
+    seen: tuple[tuple[str, int], ...]
+    fruit_of: dict[tuple[str, int], int]
+
+    @classmethod
+    def of(cls, found: FoundFruits, options: AdaptOptions) -> _Confirmed:
+        fruits = found.fruits
+        sure = np.flatnonzero(found.confirmed(options))
+        radius_m = size_of_fruits(fruits.diameters_m, FruitSize()).radius_m
+        spheres = Spheres.of_fruits(fruits.centers_in_world[sure], fruits.diameters_m[sure], radius_m)
+        place = {int(fruit_id): k for k, fruit_id in enumerate(fruits.ids[sure].tolist())}
+        seen = found.observations
+        triples = list(zip(seen.photo, seen.detection_id.tolist(), seen.fruit_id.tolist(), strict=True))
+        mine = [(photo, detection, fruit) for photo, detection, fruit in triples if fruit in place]
+        return cls(
+            fruits.ids[sure],
+            spheres,
+            tuple((photo, place[fruit]) for photo, _, fruit in mine),
+            {(photo, detection): fruit for photo, detection, fruit in mine},
+        )
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """The image of a confirmed fruit in a photo that should show it, and how plainly its centre is seen there."""
+
+    circle_px: tuple[float, float, float]
+    shown: float
+
+
+def _shown(
+    mine: _Confirmed,
+    found: FoundFruits,
+    photos: Sequence[Photo],
+    network: CentersNetwork | None,
+    progress: Progress,
+) -> dict[str, dict[int, _Sight]]:
+    """Return for each photo, by name, the confirmed fruits, by id, that it should show."""
+    cameras, options = found.cameras, SecondLookOptions()
+    idx_of = {name: k for k, name in enumerate(cameras.photos)}
+    seen = [(fruit, idx_of[photo]) for photo, fruit in mine.seen if photo in idx_of]
+    sphere_idx, photo_idx = np.array(seen, np.int64).reshape(-1, 2).T
+    sights = find_sights(mine.spheres, sphere_idx, photo_idx, cameras, options)
+    sights = sights[np.isin(sights.photo_idx, [idx_of[photo.name] for photo in photos])]
+    evidence = look(sights, Photos(tuple(photos)), cameras, network or CentersNetwork(), progress)
+    middle = np.array(evidence.maps.shape[1:]) // 2
+    plain = evidence.maps[:, middle[0] - 1 : middle[0] + 1, middle[1] - 1 : middle[1] + 1].max((1, 2), initial=0)
+    result: dict[str, dict[int, _Sight]] = {}
+    sights = evidence.sights
+    for k, (sphere, photo) in enumerate(zip(sights.sphere_idx.tolist(), sights.photo_idx.tolist(), strict=True)):
+        x, y = sights.centers_px[k].tolist()
+        sight = _Sight((x, y, float(sights.radii_px[k])), float(plain[k]))
+        result.setdefault(cameras.photos[photo], {})[int(mine.ids[sphere])] = sight
+    return result
+
+
+def _coloured(
+    found: FoundFruits, mine: _Confirmed, photos: Sequence[Photo]
+) -> Iterator[tuple[ByteArray, BoolArray, BoolArray]]:
+    """Yield of each photo, made smaller, its pixels, those on confirmed fruits, and those where nothing was found."""
+    for photo in photos:
+        pixels = read_pixels(photo, max_side_px=_COLOURS_PX)
+        fruit, anything = np.zeros(pixels.shape[:2], bool), np.zeros(pixels.shape[:2], bool)
+        detections = found.detections.get(photo.name)
+        for detection_id, mask in zip(detections.ids.tolist(), detections.masks, strict=True) if detections else ():
+            rows, columns = _scaled_pixels(mask, photo, pixels.shape[:2])
+            anything[rows, columns] = True
+            if (photo.name, detection_id) in mine.fruit_of:
+                fruit[rows, columns] = True
+        yield pixels, fruit, ~anything
+
+
+def _scaled_pixels(mask: Mask, photo: Photo, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
+    """Return the rows and columns of a mask's pixels in a smaller copy of its photo."""
+    rows, columns = np.nonzero(mask.pixels)
+    rows = ((rows + mask.y_px + 0.5) * shape[0] / photo.height_px).astype(np.int64)
+    columns = ((columns + mask.x_px + 0.5) * shape[1] / photo.width_px).astype(np.int64)
+    return np.minimum(rows, shape[0] - 1), np.minimum(columns, shape[1] - 1)
+
+
+def _of_detections(found: FoundFruits, mine: _Confirmed, photo: Photo) -> list[LabelledFruit]:
+    """Return the detections of a photo: of confirmed fruits with these as `id`, of anything else as ignored."""
+    detections = found.detections.get(photo.name)
+    labels = []
+    for detection_id, mask in zip(detections.ids.tolist(), detections.masks, strict=True) if detections else ():
+        if detection_id in found.false_ids:
+            continue
+        fruit_id = mine.fruit_of.get((photo.name, detection_id))
+        labels.append(replace(LabelledFruit.from_mask(mask), id=fruit_id, ignored=fruit_id is None))
+    return labels
+
+
+def _of_unseen(
+    photo: Photo, sights: Sequence[_Sight], colours: FruitColours, options: AdaptOptions
+) -> list[LabelledFruit]:
+    """Return labels of confirmed fruits that a photo should show and in which nothing was found.
+
+    The disc of each is doubtful; where it is plainly there, what has its colours is a fruit.
+    """
+    pixels = read_pixels(photo, max_side_px=_COLOURS_PX)
+    likely = colours.of(pixels) > options.colour_nats
+    labels = []
+    for sight in sights:
+        disc = _disc(sight.circle_px, photo)
+        if disc is None:
+            continue
+        labels.append(replace(LabelledFruit.from_mask(disc), ignored=True))
+        if sight.shown < options.least_shown:
+            continue
+        rows, columns = _scaled_pixels(disc, photo, likely.shape)
+        there = np.zeros((disc.height_px, disc.width_px), bool)
+        there[disc.pixels] = likely[rows, columns]
+        if there.sum() >= options.least_share * disc.area_px:
+            visible = Mask.from_pixels(there, disc.x_px, disc.y_px)
+            labels.append(replace(LabelledFruit.from_mask(visible), circle_px=sight.circle_px))
+    return labels
+
+
+def _disc(circle_px: tuple[float, float, float], photo: Photo) -> Mask | None:
+    """Return the pixels of a disc inside the photo; None where there are none."""
+    x, y, radius = circle_px
+    x0, y0 = max(0, math.floor(x - radius)), max(0, math.floor(y - radius))
+    x1, y1 = min(photo.width_px, math.ceil(x + radius)), min(photo.height_px, math.ceil(y + radius))
+    columns, rows = np.arange(x0, x1) + 0.5 - x, np.arange(y0, y1) + 0.5 - y
+    inside = columns**2 + rows[:, None] ** 2 <= radius**2
+    return Mask.from_pixels(inside, x0, y0) if inside.any() else None

@@ -1,0 +1,155 @@
+"""The work of `pomona adapt`: the segmenter learns from surveys, and is kept where it finds their fruits better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pomona.errors import FormatError, InputError, MissingExtraError
+from pomona.progress import Progress, Silent
+from pomona.segment.load import SHIPPED_WEIGHTS
+from pomona.self_training.labels import FoundFruits, SurveyLabels, label_photos
+from pomona.self_training.options import AdaptOptions
+from pomona.train.blend import blended
+from pomona.train.center import CENTER_NETWORKS, CenterLearner
+from pomona.train.fit import fit
+from pomona.train.label_images import samples_of, typical_fruit_px
+from pomona.train.network import FruitNet
+from pomona.train.options import FitOptions
+from pomona.train.samples import Sample, write_split
+from pomona.train.validate import ValidationScores, check
+
+_AVERAGE = 0.97  # of the running mean of weights: a training this short has no time for a longer one
+_WARM_UP = 10  # steps
+
+
+@dataclass(frozen=True)
+class Adapted:
+    """What came of learning: scores `before` and `after` on confirmed fruits in photos held out.
+
+    `path` is the model file; None where it would have been worse, and none was written. `share` of what was learnt is
+    in it. The rest counts: surveys' photos, confirmed fruits, labels that were detected, and labels where the segmenter
+    had missed a fruit.
+    """
+
+    path: Path | None
+    before: ValidationScores
+    after: ValidationScores
+    share: float
+    photos: int
+    confirmed: int
+    detected: int
+    missed: int
+
+    @property
+    def better(self) -> bool:
+        """Whether a model file was written."""
+        return self.path is not None
+
+
+def adapt(
+    surveys: Sequence[FoundFruits],
+    out: Path,
+    *,
+    model: Path | None = None,
+    options: AdaptOptions | None = None,
+    progress: Progress | None = None,
+) -> Adapted:
+    """Let a segmenter (None: the shipped one) learn from the confirmed fruits of surveys, and write it to `out`.
+
+    What is learnt is kept in `<out>.training/`, from which the same call goes on after a stop. On photos held out, the
+    share of it is taken that finds confirmed fruits best (as in Wortsman 2022, robust fine-tuning); where that is
+    worse than before, no file is written.
+
+    Raises `InputError` where `out` is no `.onnx`, or too few fruits are confirmed, and `FormatError` for a model that
+    cannot learn.
+    """
+    options, progress = options or AdaptOptions(), progress or Silent()
+    if out.suffix != ".onnx":
+        raise InputError(f"{out}: expected a file name ending in .onnx")
+    labels = [label_photos(survey, options=options, progress=progress) for survey in surveys]
+    _check_enough(surveys, labels, options)
+    work = out.with_suffix(".training")
+    work.mkdir(parents=True, exist_ok=True)
+    training, held_out = _samples(surveys, labels, work / "labels", options, progress)
+    write_split(work / "split.json", training, held_out)
+    learner, start = _begun(model or SHIPPED_WEIGHTS, progress)
+    before = check(learner, start, held_out)
+    learnt = fit(learner, training, held_out, work, options=_fit_options(options), progress=progress)
+    tried = [(share, blended(start, learnt, share)) for share in options.shares]
+    scores = [check(learner, network, held_out) for _, network in tried]
+    best = max(range(len(tried)), key=lambda k: scores[k].f1)
+    better = scores[best].f1 >= before.f1
+    if better:
+        fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
+        learner.export(tried[best][1], out, threshold=scores[best].threshold, weak=False, fruit_px=fruit_px)
+    return Adapted(
+        out if better else None,
+        before,
+        scores[best],
+        tried[best][0],
+        sum(len(each.photos) for each in labels),
+        sum(each.confirmed for each in labels),
+        sum(each.detected for each in labels),
+        sum(each.missed for each in labels),
+    )
+
+
+def _check_enough(surveys: Sequence[FoundFruits], labels: Sequence[SurveyLabels], options: AdaptOptions) -> None:
+    confirmed = sum(each.confirmed for each in labels)
+    if confirmed < options.fewest_fruits:
+        names = ", ".join(survey.name for survey in surveys)
+        raise InputError(
+            f"{names}: {confirmed} fruits are confirmed (a score of {options.least_score:g} in {options.least_views} "
+            f"photos, or by a person), expected {options.fewest_fruits} to learn from: correct some fruits in "
+            "`pomona view`, or give more surveys"
+        )
+
+
+def _samples(
+    surveys: Sequence[FoundFruits],
+    labels: Sequence[SurveyLabels],
+    cache: Path,
+    options: AdaptOptions,
+    progress: Progress,
+) -> tuple[list[Sample], list[Sample]]:
+    """Return the samples to learn from, and those of photos held out: every so-manieth of each survey, by name."""
+    training: list[Sample] = []
+    held_out: list[Sample] = []
+    every = max(2, round(1 / options.held_out))
+    for survey, each in zip(surveys, labels, strict=True):
+        photos = sorted(each.photos, key=lambda photo: photo.name)
+        fruit_px = typical_fruit_px(photos)
+        progress.start(f"preparing {survey.name}", len(photos))
+        for k, photo in enumerate(photos):
+            side = held_out if k % every == every // 2 else training
+            side += samples_of(photo, cache, source=survey.name, group=photo.name, fruit_px=fruit_px)
+            progress.advance()
+    if not training or not any(len(sample.boxes_px) for sample in held_out):
+        raise InputError(f"{len(training)} photos to learn from and none with fruit to measure on: give more photos")
+    return training, held_out
+
+
+def _fit_options(options: AdaptOptions) -> FitOptions:
+    return FitOptions(
+        steps=options.steps,
+        batch=options.batch,
+        learning_rate=options.learning_rate,
+        warm_up=min(_WARM_UP, options.steps),
+        average=_AVERAGE,
+        check_every=options.steps,
+        threads=options.threads,
+    )
+
+
+def _begun(model: Path, progress: Progress) -> tuple[CenterLearner, FruitNet]:
+    """Return the learner of the architecture that the model file is of, and the network with the file's weights."""
+    problems = []
+    for arch in CENTER_NETWORKS:
+        learner = CenterLearner(arch, weights=str(model))
+        try:
+            return learner, learner.build(start=True, progress=progress)
+        except (FormatError, MissingExtraError) as error:
+            problems.append(error)
+    raise FormatError(f"{model}: expected a model file of {', '.join(CENTER_NETWORKS)} to learn on: {problems[0]}")

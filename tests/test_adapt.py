@@ -1,0 +1,224 @@
+"""Learning from a survey: which labels it makes of its own fruits, and when what was learnt is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import pomona
+from pomona.detections import SurveyDetections
+from pomona.errors import InputError, MissingFileError
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.self_training.colours import FruitColours
+from pomona.self_training.labels import FoundFruits, label_photos
+from pomona.self_training.options import AdaptOptions
+from pomona.self_training.rerun import found_fruits, model_of
+from pomona.survey import SurveyFolder
+from view_scenes import write_view_survey
+
+OPTIONS = AdaptOptions(least_score=0.5, least_views=2)
+"""The small row's fruits are seen in two to eight photos, with scores from 0.5 up."""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> FoundFruits:
+    """A row of 24 fruits, red discs in green photos, each of which is seen and found in all photos of its side."""
+    return found_fruits(pomona.open(write_view_survey(tmp_path_factory.mktemp("adapt"))))
+
+
+def without(found: FoundFruits, photo: str, k: int) -> FoundFruits:
+    """The row with the k-th detection of a photo gone, as if it had been missed."""
+    detections = dict(found.detections)
+    gone = int(detections[photo].ids[k])
+    detections[photo] = detections[photo][np.arange(len(detections[photo].ids)) != k]
+    seen = found.observations[found.observations.detection_id != gone]
+    return replace(found, detections=SurveyDetections(detections), observations=seen)
+
+
+def most_seen(found: FoundFruits) -> tuple[str, int, int]:
+    """A photo, the place of a detection in it, and the fruit of that, which is one of those that most photos see."""
+    ids, counts = np.unique(found.observations.fruit_id, return_counts=True)
+    fruit = int(ids[counts.argmax()])
+    k = int(np.flatnonzero(found.observations.fruit_id == fruit)[0])
+    photo = found.observations.photo[k]
+    place = int(np.flatnonzero(found.detections[photo].ids == found.observations.detection_id[k])[0])
+    return photo, place, fruit
+
+
+def labels_of(photos: tuple[LabelledPhoto, ...], name: str) -> tuple[LabelledFruit, ...]:
+    return next(photo.fruits for photo in photos if photo.name.endswith(f"/{name}"))
+
+
+def test_detections_of_confirmed_fruits_are_labels_as_they_are(found: FoundFruits) -> None:
+    labels = label_photos(found, options=OPTIONS)
+
+    assert (labels.confirmed, labels.detected, labels.missed) == (24, len(found.observations.fruit_id), 0)
+    for photo in labels.photos:
+        detections = found.detections[photo.name.partition("/")[2]]
+        assert [fruit.mask for fruit in photo.fruits] == list(detections.masks)
+        for fruit in photo.fruits:
+            assert fruit.circle_px is not None
+            assert not fruit.ignored
+            assert fruit.mask is not None
+            assert np.hypot(*(np.array(fruit.mask.center_px) - fruit.circle_px[:2])) < 2
+
+
+def test_a_fruit_that_one_photo_missed_is_a_label_there(found: FoundFruits) -> None:
+    photo, place, _ = most_seen(found)
+    true = found.detections[photo].masks[place]
+
+    labels = label_photos(without(found, photo, place), options=OPTIONS)
+
+    assert labels.missed == 1
+    assert labels.detected == len(found.observations.fruit_id) - 1
+    made = [fruit for fruit in labels_of(labels.photos, photo) if fruit.id is None and not fruit.ignored]
+    assert len(made) == 1
+    assert made[0].mask is not None
+    width, height = found.detections[photo].width_px, found.detections[photo].height_px
+    shared = (whole(made[0].mask, width, height) & whole(true, width, height)).sum()
+    assert 0.8 * true.area_px < shared
+    assert made[0].mask.area_px < 1.25 * true.area_px
+
+
+def whole(mask: pomona.detections.Mask, width: int, height: int) -> np.ndarray:
+    pixels = np.zeros((height, width), bool)
+    x0, y0, x1, y1 = mask.box_px
+    pixels[y0:y1, x0:x1] = mask.pixels
+    return pixels
+
+
+def test_where_something_hides_a_fruit_its_disc_is_doubtful(found: FoundFruits, tmp_path: Path) -> None:
+    photo, place, _ = most_seen(found)
+    mask = found.detections[photo].masks[place]
+    file = found.photos.by_name()[photo]
+    pixels = cv2.imread(str(file.path))
+    x0, y0, x1, y1 = mask.box_px
+    pixels[y0:y1, x0:x1] = (50, 110, 70)  # as the leaves all around
+    cv2.imwrite(str(tmp_path / "hidden.png"), pixels)
+    photos = [replace(p, path=tmp_path / "hidden.png") if p.name == photo else p for p in found.photos]
+    hidden = replace(without(found, photo, place), photos=type(found.photos)(tuple(photos)))
+
+    labels = label_photos(hidden, options=OPTIONS)
+
+    assert labels.missed == 0
+    (doubtful,) = [fruit for fruit in labels_of(labels.photos, photo) if fruit.ignored]
+    assert doubtful.mask is not None
+    assert 0.8 < doubtful.mask.area_px / mask.area_px < 1.25
+
+
+def test_what_is_not_confirmed_is_doubtful_unless_a_person_says_so(found: FoundFruits) -> None:
+    photo, place, fruit = most_seen(found)
+    unsure = replace(
+        found, fruits=replace(found.fruits, scores=np.where(found.fruits.ids == fruit, 0.3, found.fruits.scores))
+    )
+    mask = found.detections[photo].masks[place]
+
+    def label(of: FoundFruits) -> list[LabelledFruit]:
+        return [f for f in labels_of(label_photos(of, options=OPTIONS).photos, photo) if f.mask == mask]
+
+    assert [f.ignored for f in label(unsure)] == [True]
+    assert [f.ignored for f in label(replace(unsure, by_hand=frozenset({fruit})))] == [False]
+    deleted = frozenset(found.detections[photo].ids[[place]].tolist())
+    assert label(replace(without_fruit(found, fruit), false_ids=deleted)) == []
+
+
+def without_fruit(found: FoundFruits, fruit: int) -> FoundFruits:
+    return replace(
+        found,
+        fruits=found.fruits[found.fruits.ids != fruit],
+        observations=found.observations[found.observations.fruit_id != fruit],
+    )
+
+
+def test_colours_of_fruit_are_told_from_those_elsewhere() -> None:
+    rng = np.random.default_rng(3)
+    pixels = np.empty((60, 80, 3), np.uint8)
+    pixels[:] = (60, 120, 40)
+    pixels[20:40, 20:40] = (200, 40, 40)
+    pixels = np.clip(pixels + rng.normal(0, 6, pixels.shape), 0, 255).astype(np.uint8)
+    fruit = np.zeros((60, 80), bool)
+    fruit[20:40, 20:40] = True
+
+    likely = FruitColours.counted([(pixels, fruit, ~fruit)]).of(pixels)
+
+    assert likely[fruit].mean() > 2
+    assert likely[~fruit].mean() < -1
+    unknown = FruitColours.counted(iter(())).of(pixels)
+    assert np.all(unknown == 0)
+
+
+def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits, tmp_path: Path) -> None:
+    learn = pytest.importorskip("pomona.self_training.learn")
+    with pytest.raises(InputError, match=r"survey: 0 fruits are confirmed .* expected 10 .* correct some"):
+        learn.adapt([found], tmp_path / "mine.onnx", options=replace(OPTIONS, least_score=0.9999))
+    with pytest.raises(InputError, match=r"mine.pt: expected a file name ending in .onnx"):
+        learn.adapt([found], tmp_path / "mine.pt", options=OPTIONS)
+
+
+def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path) -> None:
+    learn = pytest.importorskip("pomona.self_training.learn")
+    out = tmp_path / "mine.onnx"
+    out.write_bytes(b"of an earlier training")
+
+    ruined = replace(OPTIONS, steps=2, batch=1, learning_rate=3.0, held_out=0.5, shares=(1.0,), threads=1)
+    outcome = learn.adapt([found], out, options=ruined)
+
+    assert outcome.path is None
+    assert outcome.share == 1.0
+    assert outcome.before.f1 > 0.5
+    assert not outcome.after.f1 >= outcome.before.f1
+    assert out.read_bytes() == b"of an earlier training"
+    assert outcome.confirmed == 24
+    assert outcome.detected == len(found.observations.fruit_id)
+
+
+def test_surveys_without_a_model_that_learns_are_refused(tmp_path: Path) -> None:
+    survey = pomona.open(write_view_survey(tmp_path))
+    survey.files.note(options={"detections": "masks.json"})
+    with pytest.raises(InputError, match="`detections` were given"):
+        model_of(survey)
+    survey.files.note(options={"model": "mask_rcnn.pt"})
+    with pytest.raises(InputError, match=r"`model` is mask_rcnn.pt, expected the shipped one or a .onnx"):
+        model_of(survey)
+    with pytest.raises(MissingFileError, match="is not a survey"):
+        pomona.adapt(tmp_path / "nothing", tmp_path / "mine.onnx")
+
+
+@pytest.mark.parametrize(("name", "value"), [("held_out", 1.0), ("steps", 0), ("learning_rate", 0), ("shares", ())])
+def test_options_say_what_they_expect(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=f"`{name}`: expected"):
+        AdaptOptions(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def adapted(tmp_path_factory: pytest.TempPathFactory) -> SurveyFolder:
+    pytest.importorskip("torch")
+    folder = tmp_path_factory.mktemp("adapted") / "survey"
+    sample = pomona.sample_folder()
+    from pomona.pipeline import RunOptions
+    from pomona.progress import Silent
+    from pomona.self_training.rerun import run_adapted
+
+    options = RunOptions(markers=sample / "markers.csv")
+    few = AdaptOptions(steps=8, threads=1)
+    run_adapted([sample / "east", sample / "west"], folder, options, Silent(), adapting=few)
+    return SurveyFolder.open(folder)
+
+
+@pytest.mark.slow
+def test_a_run_that_adapts_ends_in_a_survey_of_its_own_model_and_keeps_the_first(adapted: SurveyFolder) -> None:
+    truth = pomona.sample_folder() / "truth"
+    after = pomona.open(adapted.folder)
+    if not adapted.adapted_model.is_file():  # learning made it no better: the first results are all there is
+        assert not adapted.before_adapting.exists()
+    else:
+        assert Path(after.files.get("options")["model"]) == adapted.adapted_model
+        before = pomona.open(adapted.before_adapting)
+        scores = [survey.evaluate(truth).f1 for survey in (before, after)]
+        assert 0.9 < scores[0] < 0.99
+        assert scores[1] > scores[0] - 0.03
+    assert 55 <= len(after.fruits) <= 68
