@@ -277,6 +277,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "detections": ALL - {"sfm", "planting"},
     "drawing": frozenset({"report"}),
     "errors": ALL,
+    "evaluate": frozenset({"report"}),
     "filter": frozenset({"filter"}),
     "formats": frozenset({"segment", "sfm", "scale", "planting", "dense"}) | HANDED,
     "fruit_discs": frozenset({"scale", "report"}),
