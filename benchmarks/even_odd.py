@@ -11,7 +11,7 @@ all of fruits.csv, and 0.8. `--crops` writes, for each fruit that only one half 
 
 import argparse
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -20,15 +20,14 @@ import numpy as np
 from pomona import filter as filters
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits, read_truth
-from pomona.evaluate.fruits.matching import assign, candidates_by_center
+from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
-from pomona.fruits import Fruits
 from pomona.fuse import Fused, object
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
+from pomona.self_training.halves import part_of, same_places
 
 LEVELS = (0.5, 0.8)
 HEAD = (
@@ -54,20 +53,6 @@ def detections_of(survey: Path) -> SurveyDetections:
     return SurveyDetections(found).at_least(info["least_score"])
 
 
-def part_of(cameras: Cameras, photos: set[str]) -> Cameras:
-    kept = np.array([name in photos for name in cameras.photos])
-    tracks = kept[cameras.track_photo_idx]
-    return replace(
-        cameras,
-        photos=tuple(name for name in cameras.photos if name in photos),
-        intrinsics_idx=cameras.intrinsics_idx[kept],
-        cam_from_world=cameras.cam_from_world[kept],
-        track_point_idx=cameras.track_point_idx[tracks],
-        track_photo_idx=(np.cumsum(kept) - 1)[cameras.track_photo_idx[tracks]],
-        track_xy_px=cameras.track_xy_px[tracks],
-    )
-
-
 def surveyed(detections: SurveyDetections, cameras: Cameras) -> Fused:
     svm = filters.load(filters.shipped("object"))
     fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
@@ -75,17 +60,13 @@ def surveyed(detections: SurveyDetections, cameras: Cameras) -> Fused:
     return Fused(fruits, fused.observations, fused.cloud)
 
 
-def same_places(one: Fruits, other: Fruits, diameter_m: float) -> np.ndarray:
-    """Index pairs (m, 2) of fruits at most half a diameter apart: as many as can be, and of these the nearest."""
-    places = Truth(other.ids, other.centers_in_world, np.full(len(other), diameter_m))
-    return assign(candidates_by_center(one, places, EvaluateOptions()), len(one), len(other))
-
-
 def halves_of(survey: Path) -> Halves:
     cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
     names = sorted(cameras.photos)
     even, odd = (
-        surveyed(SurveyDetections({n: detections[n] for n in part if n in detections}), part_of(cameras, set(part)))
+        surveyed(
+            SurveyDetections({n: detections[n] for n in part if n in detections}), part_of(cameras, frozenset(part))
+        )
         for part in (names[::2], names[1::2])
     )
     diameter_m = float(np.nanmedian(np.concatenate([even.fruits.diameters_m, odd.fruits.diameters_m])))

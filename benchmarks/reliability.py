@@ -17,7 +17,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from even_odd import detections_of, part_of
+from even_odd import detections_of
 from pomona import filter as filters
 from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import EvaluateOptions, Truth, read_truth
@@ -26,6 +26,7 @@ from pomona.formats.cameras.colmap import read_colmap
 from pomona.fuse import object
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
+from pomona.self_training.halves import part_of
 
 EDGES = np.linspace(0, 1, 11)
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
@@ -39,7 +40,7 @@ def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarr
     for step, first in THINNED:
         names = sorted(cameras.photos)[first::step]
         some = SurveyDetections({name: detections[name] for name in names if name in detections})
-        seen_by = part_of(cameras, set(names))
+        seen_by = part_of(cameras, frozenset(names))
         fused = filters.apply_to_views(object.fuse(some, seen_by), some, seen_by, svm, options=_KEEP_ALL)
         fruits = measure(fused, some, seen_by, options=RunOptions().of_stages.measure)
         pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))

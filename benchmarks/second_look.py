@@ -10,7 +10,6 @@ import argparse
 import time
 from pathlib import Path
 
-from even_odd import part_of
 from pomona import filter as filters
 from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
@@ -22,6 +21,7 @@ from pomona.pipeline import RunOptions
 from pomona.second_look import CentersNetwork, look_again
 from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter, segment_photos
+from pomona.self_training.halves import part_of
 from pomona.synth.truth import RowFolder
 from train_filter import cameras_of, true_detections
 
@@ -46,7 +46,7 @@ def main() -> None:
         found = true_detections(row, photos) if arguments.true_masks else segment_photos(photos, segmenter)
         names = sorted(cameras.photos)[:: arguments.every]
         detections = SurveyDetections({n: found[n] for n in names if n in found}).at_least(least)
-        cameras = part_of(cameras, set(names))
+        cameras = part_of(cameras, frozenset(names))
         fused = object.fuse(detections, cameras)
         began = time.process_time()
         looked = look_again(fused, detections, photos, cameras, network=network)

@@ -22,7 +22,6 @@ import cv2
 import numpy as np
 
 from association import dropped, with_false
-from even_odd import part_of
 from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.dense import fruit_cloud
@@ -40,6 +39,7 @@ from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.segment import load_segmenter, segment_photos
+from pomona.self_training.halves import part_of
 from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
 
 REFERENCE_M = 0.075
@@ -171,7 +171,7 @@ def examples(folder: Path, method: str, variant: str | None, repeats: int) -> It
             names = sorted(cameras.photos)[first::step]
             some = SurveyDetections({name: detections[name] for name in names})
             label = f"{folder.name}, {kind}, every photo {step} from {first}"
-            yield object_example(label, some, part_of(cameras, set(names)), truth)
+            yield object_example(label, some, part_of(cameras, frozenset(names)), truth)
 
 
 def paper_example(

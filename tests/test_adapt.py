@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,10 +11,12 @@ import numpy as np
 import pytest
 
 import pomona
-from pomona.detections import SurveyDetections
+from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.pipeline import RunOptions
 from pomona.self_training.colours import FruitColours
+from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits, label_photos
 from pomona.self_training.options import AdaptOptions
 from pomona.self_training.rerun import found_fruits, model_of
@@ -151,6 +154,22 @@ def test_colours_of_fruit_are_told_from_those_elsewhere() -> None:
     assert np.all(unknown == 0)
 
 
+def test_halves_agree_where_both_find_the_same_fruits(tmp_path: Path) -> None:
+    survey = pomona.open(write_view_survey(tmp_path, per_side=16))
+    options = RunOptions(filter_false_positives=False, second_look=False)
+    even = sorted(survey.cameras.photos)[::2]
+    half = {n: d[: len(d.ids) // 2] if n in even else d for n, d in survey.detections.items()}
+    nothing = {n: d[:0] for n, d in survey.detections.items()}
+
+    def agreement(detections: Mapping[str, Detections]) -> float:
+        return agreement_of_halves(SurveyDetections(detections), survey.photos, survey.cameras, options=options)
+
+    both = agreement(survey.detections)
+    assert 0.9 < both <= 1
+    assert 0.2 < agreement(half) < both - 0.2
+    assert np.isnan(agreement(nothing))
+
+
 def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits, tmp_path: Path) -> None:
     learn = pytest.importorskip("pomona.self_training.learn")
     with pytest.raises(InputError, match=r"survey: 0 fruits are confirmed .* expected 10 .* correct some"):
@@ -199,7 +218,6 @@ def adapted(tmp_path_factory: pytest.TempPathFactory) -> SurveyFolder:
     pytest.importorskip("torch")
     folder = tmp_path_factory.mktemp("adapted") / "survey"
     sample = pomona.sample_folder()
-    from pomona.pipeline import RunOptions
     from pomona.progress import Silent
     from pomona.self_training.rerun import run_adapted
 
@@ -218,6 +236,7 @@ def test_a_run_that_adapts_ends_in_a_survey_of_its_own_model_and_keeps_the_first
     else:
         assert Path(after.files.get("options")["model"]) == adapted.adapted_model
         before = pomona.open(adapted.before_adapting)
+        assert before.cameras.photos == after.cameras.photos
         scores = [survey.evaluate(truth).f1 for survey in (before, after)]
         assert 0.9 < scores[0] < 0.99
         assert scores[1] > scores[0] - 0.03

@@ -12,6 +12,7 @@ from pomona.export.survey import SurveySource
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
+from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits
 from pomona.self_training.options import AdaptOptions
 from pomona.survey import SurveyFolder
@@ -79,7 +80,8 @@ def run_adapted(
     """Make a survey, let its segmenter learn from it, and find its fruits again with what was learnt.
 
     The results of before are kept in the survey's folder `before_adapting/`. A survey that was adapted already is made
-    with its own segmenter at once; where learning makes it no better, its results stay as they are.
+    with its own segmenter at once; where confirmed fruits in photos held out are found worse, or two halves of the
+    photos agree less, its results stay as they are.
 
     Raises what `run` and `adapt` raise, and `MissingExtraError` without the extra `train`.
     """
@@ -96,11 +98,25 @@ def run_adapted(
     in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
     if outcome.path is None:
         return Rerun(first, f"nothing: {in_words}, so the results stay as they are")
+    before = _agreement(source, options)
     source.files.keep_results()
     mine = replace(options, model=str(outcome.path))
+    run_pipeline(photos, out, mine, progress, until="select", on_stage=on_stage)
+    after = _agreement(SurveySource(SurveyFolder.open(out), progress=progress), mine)
+    in_words += f"; two halves of the photos agree on {100 * before:.0f} % of their fruits, then on {100 * after:.0f} %"
+    if not after >= before:
+        source.files.drop_adapted()
+        back = run_pipeline(photos, out, options, progress, on_stage=on_stage)
+        return Rerun(back, f"nothing that holds: {in_words}, so the results are those of before")
     second = run_pipeline(photos, out, mine, progress, on_stage=on_stage)
     kept = source.files.before_adapting
     return Rerun(second, f"{first.fruits} fruits to {second.fruits}; {in_words}; the results of before are in {kept}")
+
+
+def _agreement(survey: SurveySource, options: RunOptions) -> float:
+    """How far halves of the photos agree, with the detections that the survey has now, in its cameras."""
+    detections = survey.detections.at_least(survey.least_score)
+    return agreement_of_halves(detections, survey.photos, survey.cameras, options=options, progress=survey.progress)
 
 
 def learning() -> Callable[..., Adapted]:

@@ -181,8 +181,16 @@ class SurveyFolder:
             self.before_adapting.mkdir()
             for name in (*_WRITERS, _MANIFEST):
                 path = self.folder / name
-                if path.is_file():
+                if path.is_dir():
+                    shutil.copytree(path, self.before_adapting / name)
+                elif path.is_file():
                     shutil.copy2(path, self.before_adapting)
+
+    def drop_adapted(self) -> None:
+        """Remove what learnt from this survey, and the copy of its results."""
+        with disk_errors(self.folder):
+            self.adapted_model.unlink(missing_ok=True)
+            shutil.rmtree(self.before_adapting, ignore_errors=True)
 
     def work(self, name: str) -> Path:
         """A file or folder of `work/`, by which a stopped run goes on; `work/` itself exists then."""
