@@ -58,6 +58,12 @@ def write_markers(folder: Path) -> dict[str, Any]:
     return {"markers": path}
 
 
+def write_gcp(folder: Path) -> dict[str, Any]:
+    path = folder / "gcp_list.txt"
+    path.write_text("EPSG:32631\n430000 4580000 80 40 30 IMG_0000.jpg A\n430001 4580000 81 50 30 IMG_0001.jpg B\n")
+    return {"gcp": path}
+
+
 def copied_weights(folder: Path) -> dict[str, Any]:
     """A model file of another content."""
     path = folder / "mine.onnx"
@@ -117,7 +123,7 @@ GIVEN = [name for name in STAGES if name != "sfm"]
 # Each option: what a run before it had (None: the defaults), what is changed, and the stages that see it. The stand-ins
 # of the stages give the same whatever they get, so that what comes after them is kept.
 Change = dict[str, Any] | Callable[[Path], dict[str, Any]]
-TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
+TABLE: dict[str, tuple[Change, Change, list[str]]] = {
     "sides": ({}, {"sides": "IMG_000[01]*,IMG_000[23]*"}, [name for name in STAGES if name != "select"]),
     "method": ({}, PAPER, [n for n in STAGES if n not in ("segment", "sfm", "second_look")]),
     "variant": (PAPER, {**PAPER, "variant": "text"}, ["fuse"]),
@@ -131,6 +137,8 @@ TABLE: dict[str, tuple[dict[str, Any], Change, list[str]]] = {
     ),
     "cameras": ({}, given_cameras, [name for name in STAGES if name not in ("segment", "select")]),
     "markers": ({}, write_markers, ["scale"]),
+    "markers_crs": (write_markers, lambda folder: write_markers(folder) | {"markers_crs": "EPSG:32631"}, ["scale"]),
+    "gcp": ({}, write_gcp, ["scale"]),
     "scale_bar": ({}, {"scale_bar": (0, 1, 0.85)}, ["scale"]),
     "marker_dictionary": ({}, {"marker_dictionary": "DICT_5X5_50"}, ["scale"]),
     "use_gnss": ({}, {"use_gnss": False}, ["scale"]),
@@ -171,7 +179,7 @@ def test_a_changed_option_redoes_the_stages_that_see_it(
 ) -> None:
     before, change, expected = TABLE[option]
     out = tmp_path / "out"
-    run([photos], out, RunOptions(**before))
+    run([photos], out, RunOptions(**(before(tmp_path) if callable(before) else before)))
     changed = RunOptions(**(change(tmp_path) if callable(change) else change))
     assert redone(photos, out, changed) == expected
     assert redone(photos, out, changed) == []
@@ -294,7 +302,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "measure": frozenset({"measure"}) | HANDED,
     "onnx_file": frozenset({"segment", "second_look"}),
     "outlines": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
-    "photo_names": frozenset({"segment", "sfm"}),
+    "photo_names": frozenset({"segment", "sfm", "scale", "report"}),
     "photos": frozenset({"segment", "sfm", "scale", "second_look", "dense", "measure"}) | HANDED,
     "planting": frozenset({"planting"}) | HANDED,
     "progress": ALL,

@@ -26,6 +26,12 @@ ScoreThreshold = Annotated[
 Markers = Annotated[
     Path | None, typer.Option(metavar="CSV", help="id,x,y,z: the places of ArUco markers' centres, in metres.")
 ]
+MarkersCrs = Annotated[
+    str | None, typer.Option(metavar="EPSG:CODE", help="The coordinate system of the places in --markers.")
+]
+Gcp = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Ground control points in photos: OpenDroneMap's gcp_list.txt.")
+]
 ScaleBar = Annotated[
     str | None, typer.Option(metavar="ID,ID,METRES", help="Two markers and the distance between their centres.")
 ]

@@ -20,6 +20,8 @@ _METHOD = Annotated[str | None, typer.Option(metavar="object|paper", help="How m
 def reconstruct(
     survey: shared.SurveyArgument,
     markers: shared.Markers = None,
+    markers_crs: shared.MarkersCrs = None,
+    gcp: shared.Gcp = None,
     scale_bar: shared.ScaleBar = None,
     marker_dictionary: _DICTIONARY = None,
     fruit_diameter: _DIAMETER = None,
@@ -32,6 +34,8 @@ def reconstruct(
     """
     changed = {
         "markers": markers,
+        "markers_crs": markers_crs,
+        "gcp": gcp,
         "scale_bar": shared.parse_scale_bar(scale_bar),
         "marker_dictionary": marker_dictionary,
         "fruit_diameter_m": fruit_diameter,

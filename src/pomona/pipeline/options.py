@@ -50,7 +50,8 @@ class RunOptions:
     segmenter, and `classes`, those of it that are fruit (None: it has one). `cameras`: a reconstruction of another
     program, used in place of structure from motion. `fruit`: what grows there, a name of `FRUIT_KINDS`, which says how
     wide and heavy fruits usually are and what they are called (None: as wide and heavy as apples); `fruit_diameter_m`
-    goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its weights. `markers`,
+    goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its weights. `markers`
+    (metres, or places of `markers_crs`, such as "EPSG:25831") or `gcp` (points clicked in photos, a `gcp_list.txt`),
     `scale_bar` (two ids, metres), `use_gnss`, the usual width: where metres come from, in this order. `variant` of the
     method "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of
     both. `engine` makes the dense cloud. `second_look`: whether fruits of the method "object" are looked at again in
@@ -77,6 +78,8 @@ class RunOptions:
     classes: tuple[str, ...] | None = None
     cameras: Path | None = None
     markers: Path | None = None
+    markers_crs: str | None = None
+    gcp: Path | None = None
     scale_bar: tuple[int, int, float] | None = None
     marker_dictionary: str = "DICT_4X4_50"
     use_gnss: bool = True
@@ -116,7 +119,7 @@ class RunOptions:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
         if self.fruit is not None:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
-        for name in ("detections", "cameras", "markers", "weights", "trees", "hand_counts", "filter_model"):
+        for name in ("detections", "cameras", "markers", "gcp", "weights", "trees", "hand_counts", "filter_model"):
             path = getattr(self, name)
             if path is None:
                 continue
@@ -155,6 +158,8 @@ class RunOptions:
             scale=replace(
                 self.scale or usual.scale,
                 markers=self.markers,
+                markers_crs=self.markers_crs,
+                gcp=self.gcp,
                 scale_bar=self.scale_bar,
                 marker_dictionary=self.marker_dictionary,
                 fruit_diameter_m=self.usual_diameter_m,
@@ -221,9 +226,13 @@ class RunOptions:
                     f"`marker_dictionary`: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
                 )
         if self.markers is not None:
-            from pomona.scale.marker_table import read_markers
+            from pomona.scale.control_points import surveyed_markers
 
-            read_markers(self.markers)
+            surveyed_markers(self.markers, self.markers_crs)
+        if self.gcp is not None:
+            from pomona.scale.control_points import read_control_points
+
+            read_control_points(self.gcp)
         if self.trees is not None:
             from pomona.planting import read_trunks
 

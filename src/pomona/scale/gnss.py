@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from pyproj import Transformer
+from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
 
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras, WorldFrame, local_crs
@@ -95,6 +96,27 @@ def local_frame(photos: Sequence[Photo]) -> LocalFrame | None:
     longitude = round(float(np.median([fix.longitude_deg for fix in fixes])), 7)
     altitude = round(float(np.median(altitudes)), 2) if altitudes else 0.0
     return LocalFrame(local_crs(latitude, longitude), (latitude, longitude, altitude))
+
+
+def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArray, LocalFrame]:
+    """Return points (n, 3) of a CRS (easting or longitude first, height last) as local metres, and the frame of these.
+
+    `where` names the CRS in errors. Raises `InputError` for a CRS that does not exist, or points that it cannot have.
+    """
+    try:
+        to_degrees = Transformer.from_crs(CRS.from_user_input(crs), "EPSG:4326", always_xy=True)
+        longitudes, latitudes = to_degrees.transform(points[:, 0].tolist(), points[:, 1].tolist(), errcheck=True)
+    except ProjError as error:
+        raise InputError(
+            f"{where}: expected a coordinate system, such as EPSG:32631, and places in it, found {crs}: {error}"
+        ) from None
+    middle = [round(float(np.median(values)), digits) for values, digits in
+              ((latitudes, 7), (longitudes, 7), (points[:, 2], 2))]  # fmt: skip
+    frame = LocalFrame(local_crs(middle[0], middle[1]), (middle[0], middle[1], middle[2]))
+    to_local = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
+    east, north = to_local.transform(longitudes, latitudes)
+    local: FloatArray = np.stack([east, north, points[:, 2] - middle[2]], axis=1)
+    return local, frame
 
 
 def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray:

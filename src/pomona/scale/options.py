@@ -15,9 +15,10 @@ from pomona.fruit_size import DEFAULT_DIAMETER_M
 class ScaleOptions:
     """Where metres come from, in this order: markers, a scale bar, GNSS in EXIF, the fruits' own diameter.
 
-    `markers` is a `markers.csv`; `scale_bar` two marker ids and their distance in metres. `fruit_diameter_m` is the
-    median diameter of the fruits. `use_gnss` and `refine` (a last bundle adjustment that holds the markers in their
-    places) can be switched off.
+    `markers` is a `markers.csv`, whose places are metres, or of `markers_crs`; `gcp` a `gcp_list.txt` of points that
+    were clicked in photos, in place of markers; `scale_bar` two marker ids and their distance in metres.
+    `fruit_diameter_m` is the median diameter of the fruits. `use_gnss` and `refine` (a last bundle adjustment that
+    holds the markers in their places) can be switched off.
     `marker_search_side_px`: markers are searched in photos shrunk to this size, then measured in the whole photo.
     `least_gnss_positions`: fewer different positions than this do not place a piece.
     `least_gnss_spread`: positions must be spread this many times wider than they scatter around the cameras' path.
@@ -27,6 +28,8 @@ class ScaleOptions:
     """
 
     markers: Path | None = None
+    markers_crs: str | None = None
+    gcp: Path | None = None
     scale_bar: tuple[int, int, float] | None = None
     marker_dictionary: str = "DICT_4X4_50"
     fruit_diameter_m: float = DEFAULT_DIAMETER_M
@@ -45,6 +48,10 @@ class ScaleOptions:
                 f"`fruit_diameter_m`: expected metres between 0.001 and 2, such as {DEFAULT_DIAMETER_M}, "
                 f"found {self.fruit_diameter_m}"
             )
+        if self.gcp is not None and self.markers is not None:
+            raise InputError("`gcp` and `markers`: give one of them, since both say what the frame is")
+        if self.markers_crs is not None and self.markers is None:
+            raise InputError(f"`markers_crs` {self.markers_crs} is of `markers`, which is not given")
         if self.scale_bar is not None:
             one, other, length_m = self.scale_bar
             if one == other or not (np.isfinite(length_m) and length_m > 0):

@@ -15,10 +15,10 @@ from pomona.geometry import Similarity
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 from pomona.scale.accuracy import MOST_ASSESSED, assess_adjusted, free_center_sds, warn_of_vague_places
+from pomona.scale.control_points import ControlPoints, read_control_points, surveyed_markers
 from pomona.scale.fruit_landmarks import adjust_on_fruits
 from pomona.scale.fruit_size import scale_by_fruit_size
 from pomona.scale.gnss import place_by_gnss
-from pomona.scale.marker_table import read_markers
 from pomona.scale.markers import find_sightings, place_by_markers, scale_by_bar
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
@@ -53,7 +53,8 @@ def place_in_world(
     options and marker tables that cannot be used.
     """
     options, progress = options or ScaleOptions(), progress or Silent()
-    markers = read_markers(options.markers) if options.markers is not None else None
+    control = _control_points(options, photos)
+    markers = None if control is None else control.markers
     pieces = [piece for piece in reconstruction.pieces if len(piece.cameras)]
     if not pieces:
         raise ReconstructionError(
@@ -61,8 +62,11 @@ def place_in_world(
             "Take photos a small step apart, each overlapping the one before by 80 %"
         )
     placement = Placement(pieces, progress)
-    sightings = find_sightings(placement, photos, markers, options)
+    clicked = list(control.sightings) if control is not None else []
+    sightings = clicked or find_sightings(placement, photos, markers, options)
     frame = place_by_markers(placement, photos, markers, sightings, options) if markers is not None else None
+    if frame is not None and control is not None:
+        frame = control.in_world(frame)
     scale_by_bar(placement, sightings, options)
     if frame is None and options.use_gnss:
         frame = place_by_gnss(placement, photos, options)
@@ -77,6 +81,12 @@ def place_in_world(
     assess_adjusted(placement, photos.by_name(), options.fruit_diameter_m)
     _assess_places(placement, photos, options)
     return _assemble(placement, frame, options)
+
+
+def _control_points(options: ScaleOptions, photos: Photos) -> ControlPoints | None:
+    if options.gcp is not None:
+        return read_control_points(options.gcp, photos)
+    return None if options.markers is None else surveyed_markers(options.markers, options.markers_crs)
 
 
 def _assess_places(placement: Placement, photos: Photos, options: ScaleOptions) -> None:

@@ -1,0 +1,144 @@
+"""Points on Earth of known places: markers surveyed in a CRS, and ground control points clicked in photos.
+
+The format of `gcp_list.txt` is OpenDroneMap's: the CRS in the first line, then a line for each point in a photo, with
+its place, its pixel (from the photo's upper left corner), the photo's file name, and the point's name if it has one.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from pomona.cameras import WorldFrame
+from pomona.errors import FormatError, InputError, MissingFileError, few
+from pomona.photo_names import PhotoNames
+from pomona.photos import Photos
+from pomona.scale.aruco import Sighting
+from pomona.scale.gnss import LocalFrame, in_local_metres
+from pomona.scale.marker_table import Markers, check_apart, read_markers
+
+_LEAST_COLUMNS = 6
+# A point is a plate without a size: its corners lie so many pixels about it.
+_POINT = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+_SAME_PLACE_M = 1e-3  # lines of one point without a name have the same place
+
+
+@dataclass(frozen=True, eq=False)
+class ControlPoints:
+    """Markers in local metres with z up; where `frame` is not None, it says where on Earth these are.
+
+    `sightings` are those that a person clicked, in photos by the survey's names; none of plates that are to be found.
+    """
+
+    markers: Markers
+    frame: LocalFrame | None = None
+    sightings: tuple[Sighting, ...] = ()
+
+    def in_world(self, frame: WorldFrame) -> WorldFrame:
+        """Return the frame of the markers with its place on Earth."""
+        return frame if self.frame is None else replace(frame, crs=self.frame.crs, origin=self.frame.origin)
+
+
+@dataclass(frozen=True)
+class _Line:
+    number: int
+    place: tuple[float, float, float]
+    pixel: tuple[float, float]
+    photo: str
+    name: str
+
+
+def surveyed_markers(table: Path, crs: str | None) -> ControlPoints:
+    """Return the markers of a table, whose places are metres, or coordinates of `crs` and metres of height.
+
+    Raises what `read_markers` raises, and `InputError` for a CRS that does not exist.
+    """
+    if crs is None:
+        return ControlPoints(read_markers(table))
+    markers = read_markers(table, in_metres=False)
+    points, frame = in_local_metres(markers.points_in_world, crs, "`markers_crs`")
+    local = replace(markers, points_in_world=points)
+    check_apart(local, table)
+    return ControlPoints(local, frame)
+
+
+def read_control_points(path: Path, photos: Photos | None = None) -> ControlPoints:
+    """Return the points of a `gcp_list.txt`, numbered in the order in which they come, and where photos show them.
+
+    Without `photos`, the file is read and checked alone. Raises `MissingFileError`, `FormatError` naming the line, and
+    `InputError` for a CRS that does not exist, or where no line is of one of the photos.
+    """
+    crs, lines = _read(path)
+    names = _named(lines)
+    ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    first = {ids[name]: line.place for name, line in reversed(list(zip(names, lines, strict=True)))}
+    _check_places(path, lines, [first[ids[name]] for name in names])
+    points, frame = in_local_metres(np.array([first[k] for k in range(len(ids))], float), crs, str(path))
+    unknown = np.full(len(ids), np.nan)
+    markers = Markers(np.arange(len(ids)), points, unknown, unknown)
+    sightings = [] if photos is None else _sightings(path, lines, [ids[name] for name in names], photos)
+    return ControlPoints(markers, frame, tuple(sightings))
+
+
+def _read(path: Path) -> tuple[str, list[_Line]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise MissingFileError(f"`gcp`: {path} does not exist") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: expected a text file: {error}") from None
+    rows = [(k, row.split()) for k, row in enumerate(text.splitlines(), start=1)]
+    rows = [(k, cells) for k, cells in rows if cells and not cells[0].startswith("#")]
+    if len(rows) < 2:
+        raise FormatError(f"{path}: expected a line with the CRS, such as EPSG:32631, then lines of points")
+    crs = " ".join(rows[0][1])
+    return crs, [_line(path, number, cells) for number, cells in rows[1:]]
+
+
+def _line(path: Path, number: int, cells: list[str]) -> _Line:
+    if len(cells) < _LEAST_COLUMNS:
+        raise FormatError(f"{path}, line {number}: expected x y z column row photo [name], found {len(cells)} words")
+    try:
+        x, y, z, column, row = (float(cell) for cell in cells[:5])
+    except ValueError as error:
+        raise FormatError(f"{path}, line {number}: expected five numbers, then a photo: {error}") from None
+    if not np.isfinite([x, y, z, column, row]).all():
+        raise FormatError(f"{path}, line {number}: expected finite numbers, found {' '.join(cells[:5])}")
+    return _Line(number, (x, y, z), (column, row), cells[5], cells[6] if len(cells) > _LEAST_COLUMNS else "")
+
+
+def _named(lines: list[_Line]) -> list[str]:
+    """The name of each line's point; points without a name are told apart by their places."""
+    return [line.name or "at " + " ".join(f"{value:.4f}" for value in line.place) for line in lines]
+
+
+def _check_places(path: Path, lines: list[_Line], places: list[tuple[float, float, float]]) -> None:
+    for line, place in zip(lines, places, strict=True):
+        if max(abs(a - b) for a, b in zip(line.place, place, strict=True)) > _SAME_PLACE_M:
+            raise FormatError(f"{path}, line {line.number}: point {line.name} has another place than further above")
+
+
+def _sightings(path: Path, lines: list[_Line], ids: list[int], photos: Photos) -> list[Sighting]:
+    names, sizes = PhotoNames(photos.names), {photo.name: (photo.width_px, photo.height_px) for photo in photos}
+    found: list[Sighting] = []
+    missing: dict[str, int] = defaultdict(int)
+    for line, point_id in zip(lines, ids, strict=True):
+        meant = names.meant_by(line.photo)
+        if len(meant) > 1:
+            raise InputError(f"{path}, line {line.number}: {line.photo} may be {few(meant)}: give its name in full")
+        if not meant:
+            missing[line.photo] += 1
+            continue
+        width, height = sizes[meant[0]]
+        if not (0 <= line.pixel[0] <= width and 0 <= line.pixel[1] <= height):
+            raise FormatError(
+                f"{path}, line {line.number}: pixel {line.pixel[0]:g} {line.pixel[1]:g} is not in {meant[0]}, "
+                f"which has {width} × {height}"
+            )
+        found.append(Sighting(meant[0], point_id, np.array(line.pixel) + _POINT))
+    if not found:
+        raise InputError(f"{path}: expected points in some of the {len(photos)} photos, found {few(list(missing))}")
+    return found

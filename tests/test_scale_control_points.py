@@ -1,0 +1,133 @@
+"""Markers surveyed in a coordinate system, and ground control points: the world frame has its place on Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyproj import Geod, Transformer
+
+from pomona.cameras import Cameras, local_crs
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.pipeline import RunOptions
+from pomona.progress import Silent
+from pomona.scale import ScaleOptions, place_in_world
+from pomona.scale.control_points import read_control_points, surveyed_markers
+from pomona.sfm import Reconstruction
+from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted
+
+EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)
+BOTH = Reconstruction((as_piece(EAST, "east", 3), as_piece(WEST, "west", 4)))
+LATITUDE, LONGITUDE, ALTITUDE = 41.6203, 0.8701, 212.4
+"""Where the row's (0, 0, 0) is: an orchard near Lleida."""
+
+
+def on_earth(places: Mapping[int, Sequence[float]], crs: str) -> dict[int, tuple[float, float, float]]:
+    """The row's places in a coordinate system, easting or longitude first."""
+    to_crs = Transformer.from_crs(local_crs(LATITUDE, LONGITUDE), crs, always_xy=True)
+    return {i: (*to_crs.transform(x, y), z + ALTITUDE) for i, (x, y, z) in places.items()}
+
+
+def gcp_lines(crs: str = "EPSG:25831", *, named: bool = True) -> list[str]:
+    """A `gcp_list.txt` of all places that photos show."""
+    there, lines = on_earth(PLACES, crs), [crs]
+    for seen in sighted([EAST, WEST], PLACES):
+        x, y, z = there[seen.marker_id]
+        column, row = seen.center_px
+        name = f" point_{seen.marker_id}" if named else ""
+        lines.append(f"{x:.9f} {y:.9f} {z:.4f} {column:.3f} {row:.3f} {seen.photo.split('/')[1]}{name}")
+    return lines
+
+
+def off_m(found: Cameras, *truth: Cameras) -> float:
+    """RMS distance of cameras from where they truly are on Earth."""
+    frame = found.frame
+    assert frame.crs is not None
+    assert frame.origin is not None
+    to_degrees = Transformer.from_crs(frame.crs, "EPSG:4326", always_xy=True)
+    truly = Transformer.from_crs(local_crs(LATITUDE, LONGITUDE), "EPSG:4326", always_xy=True)
+    true = {name: c for world in truth for name, c in zip(world.photos, world.centers_in_world, strict=True)}
+    squares = []
+    for name, (x, y, z) in zip(found.photos, found.centers_in_world, strict=True):
+        tx, ty, tz = true[name]
+        _, _, away_m = Geod(ellps="WGS84").inv(*to_degrees.transform(x, y), *truly.transform(tx, ty))
+        squares.append(away_m**2 + (z + frame.origin[2] - tz - ALTITUDE) ** 2)
+    return float(np.sqrt(np.mean(squares)))
+
+
+@pytest.mark.parametrize("crs", ["EPSG:25831", "EPSG:4326", "EPSG:3857"])
+def test_markers_surveyed_in_a_coordinate_system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, crs: str) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    table = marker_table(tmp_path / "markers.csv", on_earth(PLACES, crs))
+    options, progress = ScaleOptions(markers=table, markers_crs=crs), Silent()
+
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+
+    assert progress.warnings == []
+    frame = placed.cameras.frame
+    assert frame.scale_source == "markers"
+    assert frame.origin is not None
+    assert frame.origin[:2] == (pytest.approx(LATITUDE, abs=1e-4), pytest.approx(LONGITUDE, abs=1e-4))
+    assert 0 < off_m(placed.cameras, EAST, WEST) < 0.002
+    # Metres of the ground, not of the map: Web Mercator's are a third longer here.
+    assert np.ptp(placed.cameras.centers_in_world[:, 0]) == pytest.approx(np.ptp(EAST.centers_in_world[:, 0]), abs=0.2)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_ground_control_points_place_the_row_without_any_plate(tmp_path: Path, named: bool) -> None:
+    # Both sides call their photos the same: full names tell them apart.
+    lines = gcp_lines(named=named)
+    full = [f"{seen.photo}" for seen in sighted([EAST, WEST], PLACES)]
+    lines = [lines[0], *(" ".join([*line.split()[:5], name, *line.split()[6:]]) for line, name in
+                         zip(lines[1:], full, strict=True))]  # fmt: skip
+    path = tmp_path / "gcp_list.txt"
+    path.write_text("\n".join(lines) + "\n")
+    progress = Silent()
+
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=ScaleOptions(gcp=path), progress=progress)
+
+    assert progress.warnings == []
+    assert placed.report.tied_pieces == 2
+    assert 0 < off_m(placed.cameras, EAST, WEST) < 0.002
+
+
+def test_wrong_control_points_say_where_and_what(tmp_path: Path) -> None:
+    photos, path = photos_of(EAST), tmp_path / "gcp_list.txt"
+    good = [line for line in gcp_lines() if line.startswith("EPSG") or "000.jpg" in line]
+
+    def refused(lines: Sequence[str], error: type[Exception], said: str) -> None:
+        path.write_text("\n".join(lines) + "\n")
+        with pytest.raises(error, match=said):
+            read_control_points(path, photos)
+
+    refused(good[:1], FormatError, "expected a line with the CRS")
+    refused(["EPSG:99999", *good[1:]], InputError, "gcp_list.txt: expected a coordinate system, such as EPSG:32631")
+    refused([*good, "1 2 3"], FormatError, rf"line {len(good) + 1}: expected x y z column row photo")
+    refused([*good, "1 2 here 4 5 000.jpg A"], FormatError, "expected five numbers")
+    refused([*good, "1 2 nan 4 5 000.jpg A"], FormatError, "expected finite numbers")
+    refused([good[0], good[1], good[1].replace("000.jpg", "001.jpg").replace(good[1].split()[2], "900")],
+            FormatError, "line 3: point point_0 has another place")  # fmt: skip
+    words = good[1].split()
+    refused([good[0], " ".join([*words[:3], "9000", *words[4:]])], FormatError, "pixel 9000 .* is not in east/000.jpg")
+    refused([good[0], good[1].replace("000.jpg", "other.jpg")], InputError, "expected points in some of the 8 photos")
+    with pytest.raises(MissingFileError, match="does not exist"):
+        read_control_points(tmp_path / "none.txt")
+
+
+def test_degrees_without_a_system_are_asked_about(tmp_path: Path) -> None:
+    table = marker_table(tmp_path / "markers.csv", on_earth(PLACES, "EPSG:4326"))
+    with pytest.raises(FormatError, match=r"all 6 markers stand within .*: expected metres, .* `markers_crs`"):
+        surveyed_markers(table, None)
+    with pytest.raises(InputError, match="`markers_crs`: expected a coordinate system, such as EPSG:32631"):
+        RunOptions(markers=table, markers_crs="EPSG:none").check_files()
+
+
+def test_options_that_contradict_each_other(tmp_path: Path) -> None:
+    table, path = marker_table(tmp_path / "markers.csv"), tmp_path / "gcp_list.txt"
+    path.write_text("\n".join(gcp_lines()))
+    with pytest.raises(InputError, match="`gcp` and `markers`: give one of them"):
+        RunOptions(markers=table, gcp=path)
+    with pytest.raises(InputError, match="`markers_crs` EPSG:25831 is of `markers`, which is not given"):
+        RunOptions(markers_crs="EPSG:25831")
