@@ -58,6 +58,13 @@ def write_markers(folder: Path) -> dict[str, Any]:
     return {"markers": path}
 
 
+def write_positions(folder: Path) -> dict[str, Any]:
+    path = folder / "positions.csv"
+    rows = [f"IMG_000{k}.jpg,41.62,{0.87 + 1e-5 * k},212.5,0.02" for k in range(4)]
+    path.write_text("\n".join(["photo,latitude,longitude,altitude,sd", *rows]) + "\n")
+    return {"positions": path}
+
+
 def write_gcp(folder: Path) -> dict[str, Any]:
     path = folder / "gcp_list.txt"
     path.write_text("EPSG:32631\n430000 4580000 80 40 30 IMG_0000.jpg A\n430001 4580000 81 50 30 IMG_0001.jpg B\n")
@@ -142,6 +149,7 @@ TABLE: dict[str, tuple[Change, Change, list[str]]] = {
     "scale_bar": ({}, {"scale_bar": (0, 1, 0.85)}, ["scale"]),
     "marker_dictionary": ({}, {"marker_dictionary": "DICT_5X5_50"}, ["scale"]),
     "use_gnss": ({}, {"use_gnss": False}, ["scale"]),
+    "positions": ({}, write_positions, ["segment", "sfm", "scale", "second_look", "measure", "dense", "report"]),
     "fruit": ({}, {"fruit": "plum"}, ["scale", "fuse", "measure", "results", "report"]),
     "weights": ({}, weighed_pairs, ["measure", "results"]),
     "trees": ({}, write_trunks, ["planting", "results", "report"]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +16,7 @@ from pomona.cameras import Cameras, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.geometry import Similarity
-from pomona.photos import Gnss, Photos
+from pomona.photos import Gnss, Photo, Photos
 from pomona.progress import Silent
 from pomona.scale import Placed, ScaleOptions, place_in_world
 from pomona.scale.gnss import fit_gnss, local_frame, positions_in_local
@@ -151,6 +152,21 @@ def test_gnss_of_a_metre_of_noise_and_some_wild_positions_still_gives_the_row() 
     assert np.linalg.norm(found[-1] - found[0]) == pytest.approx(40, rel=0.06)
     assert 0.01 < np.sqrt(((found + offset_m(placed) - LONG.centers_in_world)[:, :2] ** 2).sum(1).mean()) < 1.2
     assert 400 < placed.report.pieces[0].rms_mm < 1600
+
+
+def test_exact_positions_count_more_than_rough_ones() -> None:
+    rough = set(range(0, 30, 2))
+    exact, noisy = located(LONG, noise_m=0.02, seed=1).items, located(LONG, noise_m=1.5, seed=2).items
+    mixed = [noisy[k] if k in rough else exact[k] for k in range(30)]
+    told = [replace(p, gnss=replace(p.gnss, sd_m=1.5 if k in rough else 0.02)) for k, p in enumerate(mixed) if p.gnss]
+
+    def off_m(photos: Sequence[Photo]) -> float:
+        placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), Photos(tuple(photos)))
+        errors = placed.cameras.centers_in_world + offset_m(placed) - LONG.centers_in_world
+        return float(np.sqrt((errors[:, :2] ** 2).sum(1).mean()))
+
+    assert 0 < off_m(told) < 0.1
+    assert off_m(told) < 0.5 * off_m(mixed)
 
 
 def test_gnss_that_scatters_more_than_the_path_is_long_is_not_believed() -> None:

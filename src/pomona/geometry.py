@@ -54,25 +54,30 @@ class Similarity:
 
 
 def estimate_similarity(
-    points_in_source: FloatArray, points_in_target: FloatArray, *, rigid: bool = False
+    points_in_source: FloatArray,
+    points_in_target: FloatArray,
+    *,
+    rigid: bool = False,
+    weights: FloatArray | None = None,
 ) -> Similarity:
     """Return the least-squares `target_from_source` of n ≥ 3 point pairs, each (n, 3); `rigid`: of scale 1.
 
-    Source: Umeyama 1991, equations 40 to 43.
+    `weights` (n,) of the pairs are by default all the same. Source: Umeyama 1991, equations 40 to 43.
 
     Raises `InputError` when fewer than three pairs are given or when the points lie on one line.
     """
     source, target = np.asarray(points_in_source, float), np.asarray(points_in_target, float)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) < 3:
         raise InputError(f"A similarity needs at least 3 point pairs, found shapes {source.shape} and {target.shape}")
-    source_mean, target_mean = source.mean(0), target.mean(0)
+    shares = np.full(len(source), 1 / len(source)) if weights is None else weights / weights.sum()
+    source_mean, target_mean = shares @ source, shares @ target
     source_centred, target_centred = source - source_mean, target - target_mean
-    u, singular, vt = np.linalg.svd(target_centred.T @ source_centred / len(source))
+    u, singular, vt = np.linalg.svd((target_centred * shares[:, None]).T @ source_centred)
     if singular[1] <= 1e-9 * max(singular[0], 1e-300):
         raise InputError("A similarity needs points that do not lie on one line")
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
     rotation = u @ np.diag(sign) @ vt
-    scale = 1.0 if rigid else float((singular * sign).sum() / (source_centred**2).sum(1).mean())
+    scale = 1.0 if rigid else float((singular * sign).sum() / (shares @ (source_centred**2).sum(1)))
     return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
 
 

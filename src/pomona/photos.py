@@ -20,11 +20,15 @@ _USUAL_FOCAL_SD = 0.015
 
 @dataclass(frozen=True)
 class Gnss:
-    """Where the camera says it was: WGS 84 degrees and metres above the ellipsoid or sea (EXIF does not say which)."""
+    """Where the camera says it was: WGS 84 degrees and metres above the ellipsoid or sea (EXIF does not say which).
+
+    `sd_m` is the standard deviation of the place, where that is known.
+    """
 
     latitude_deg: float
     longitude_deg: float
     altitude_m: float | None = None
+    sd_m: float | None = None
 
 
 @dataclass(frozen=True)

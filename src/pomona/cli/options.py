@@ -32,6 +32,10 @@ MarkersCrs = Annotated[
 Gcp = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Ground control points in photos: OpenDroneMap's gcp_list.txt.")
 ]
+Positions = Annotated[
+    Path | None,
+    typer.Option(metavar="CSV", help="photo,latitude,longitude,altitude,sd: places in place of those in EXIF."),
+]
 ScaleBar = Annotated[
     str | None, typer.Option(metavar="ID,ID,METRES", help="Two markers and the distance between their centres.")
 ]

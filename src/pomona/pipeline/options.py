@@ -37,6 +37,10 @@ METHODS: tuple[str, ...] = get_args(Method)
 VARIANTS: tuple[str, ...] = get_args(Variant)
 ENGINES: tuple[str, ...] = get_args(Engine)
 
+# Options that name a file or folder, which must exist.
+_FILES = (
+    "detections", "cameras", "markers", "gcp", "positions", "weights", "trees", "hand_counts", "filter_model",
+)  # fmt: skip
 # The paper's 3 cm were chosen for apples of 75 mm; other fruits have their own size.
 _EPS_DIAMETERS = 0.4
 
@@ -52,7 +56,8 @@ class RunOptions:
     wide and heavy fruits usually are and what they are called (None: as wide and heavy as apples); `fruit_diameter_m`
     goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its weights. `markers`
     (metres, or places of `markers_crs`, such as "EPSG:25831") or `gcp` (points clicked in photos, a `gcp_list.txt`),
-    `scale_bar` (two ids, metres), `use_gnss`, the usual width: where metres come from, in this order. `variant` of the
+    `scale_bar` (two ids, metres), `use_gnss` (places of EXIF, or of `positions`, a table of photos), the usual width:
+    where metres come from, in this order. `variant` of the
     method "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of
     both. `engine` makes the dense cloud. `second_look`: whether fruits of the method "object" are looked at again in
     all photos. `filter_false_positives`: whether the support vector machine decides which fruits are dropped, with
@@ -83,6 +88,7 @@ class RunOptions:
     scale_bar: tuple[int, int, float] | None = None
     marker_dictionary: str = "DICT_4X4_50"
     use_gnss: bool = True
+    positions: Path | None = None
     fruit: str | None = None
     fruit_diameter_m: float | None = None
     weights: Path | None = None
@@ -119,7 +125,7 @@ class RunOptions:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
         if self.fruit is not None:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
-        for name in ("detections", "cameras", "markers", "gcp", "weights", "trees", "hand_counts", "filter_model"):
+        for name in _FILES:
             path = getattr(self, name)
             if path is None:
                 continue
@@ -229,6 +235,10 @@ class RunOptions:
             from pomona.scale.control_points import surveyed_markers
 
             surveyed_markers(self.markers, self.markers_crs)
+        if self.positions is not None:
+            from pomona.capture.positions import read_positions
+
+            read_positions(self.positions)
         if self.gcp is not None:
             from pomona.scale.control_points import read_control_points
 

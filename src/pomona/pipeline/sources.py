@@ -37,6 +37,10 @@ def load_photos(
         key_frames=options.key_frames,
         progress=progress,
     )
+    if options.positions is not None:
+        from pomona.capture.positions import with_positions
+
+        photos = with_positions(photos, options.positions, progress)
     return photos, _digests(survey, photos, progress)
 
 

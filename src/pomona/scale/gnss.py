@@ -13,7 +13,7 @@ from pyproj.exceptions import ProjError
 from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError, few
-from pomona.geometry import Similarity, robust_similarity
+from pomona.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
@@ -56,14 +56,15 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
     for idx, piece in enumerate(placement.pieces):
         of_piece: list[Photo] = [by_name[name] for name in piece.cameras.photos]
         scale = placement.metres_per_unit.get(idx)
-        fit = fit_gnss(piece.cameras, positions_in_local(of_piece, frame), options, scale=scale)
+        positions, weights = positions_in_local(of_piece, frame), weights_of(of_piece)
+        fit = fit_gnss(piece.cameras, positions, options, scale=scale, weights=weights)
         if isinstance(fit, str):
             placement.add_failure(idx, fit)
             if placement.is_main(idx):
                 placement.warn(f"{placement.name(idx)} has no place from GNSS: {fit}")
             continue
         placement.in_world[idx] = piece.cameras.transformed(fit.local_from_piece)
-        _name_outliers(placement, idx, fit, positions_in_local(of_piece, frame))
+        _name_outliers(placement, idx, fit, positions)
         if scale is None:
             placement.set_scale(idx, "gnss", fit.local_from_piece.scale, 1000 * fit.rms_m)
         up_is_known = up_is_known or fit.up_is_known
@@ -130,29 +131,42 @@ def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray
     return positions
 
 
+def weights_of(photos: Sequence[Photo]) -> FloatArray:
+    """Return what positions (n,) are worth: by their standard deviations; those not known are as the others' median."""
+    sds_m = np.array([np.nan if p.gnss is None or p.gnss.sd_m is None else p.gnss.sd_m for p in photos], float)
+    usual_m = float(np.nanmedian(sds_m)) if np.isfinite(sds_m).any() else 1.0
+    return (usual_m / np.where(np.isfinite(sds_m), sds_m, usual_m)) ** 2
+
+
 def fit_gnss(
-    cameras: Cameras, positions: FloatArray, options: ScaleOptions, *, scale: float | None = None
+    cameras: Cameras,
+    positions: FloatArray,
+    options: ScaleOptions,
+    *,
+    scale: float | None = None,
+    weights: FloatArray | None = None,
 ) -> GnssFit | str:
     """Return a piece's place from its cameras' positions (n, 3), NaN where unknown, or why they do not give one.
 
     Where positions are spread well in two directions, as from a drone, all of the similarity is fitted to them.
     Positions along a row say nothing of its roll: there up is taken from how the cameras were held, and scale (unless
-    given), heading and place are fitted.
+    given), heading and place are fitted. `weights` (n,) of the positions are by default all the same.
     """
     known = np.isfinite(positions).all(1)
     distinct = len(np.unique(positions[known].round(2), axis=0))
     if distinct < options.least_gnss_positions:
         return f"{distinct} different GNSS positions, expected at least {options.least_gnss_positions}"
     source, target = cameras.centers_in_world[known], positions[known]
-    fit = _fit_all(source, target, options.least_gnss_spread) if scale is None else None
+    worth = np.ones(len(source)) if weights is None else weights[known]
+    fit = _fit_all(source, target, worth, options.least_gnss_spread) if scale is None else None
     up_is_known = fit is not None
     if fit is None:
         try:
-            fit = _robust_upright(source, target, up_direction(cameras), scale)
+            fit = _robust_upright(source, target, worth, up_direction(cameras), scale)
         except InputError as error:
             return str(error)
     similarity, good = fit
-    rms_m = _scatter(similarity, source[good], target[good], unknowns=7 if up_is_known else 5)
+    rms_m = _scatter(similarity, source[good], target[good], worth[good], unknowns=7 if up_is_known else 5)
     length_m = _spread(target[good])[0]
     if length_m < options.least_gnss_spread * rms_m:
         return (
@@ -164,14 +178,17 @@ def fit_gnss(
     return GnssFit(similarity, inliers, rms_m, up_is_known)
 
 
-def _fit_all(source: FloatArray, target: FloatArray, least_spread: float) -> tuple[Similarity, BoolArray] | None:
+def _fit_all(
+    source: FloatArray, target: FloatArray, worth: FloatArray, least_spread: float
+) -> tuple[Similarity, BoolArray] | None:
     """A similarity without regard to how the cameras were held; None where positions are too nearly on one line."""
     try:
-        similarity, good = robust_similarity(source, target)
+        _, good = robust_similarity(source, target)
+        similarity = estimate_similarity(source[good], target[good], weights=worth[good])
     except InputError:
         return None
     across_m = _spread(target[good])[1]
-    scatter_m = _scatter(similarity, source[good], target[good], unknowns=7)
+    scatter_m = _scatter(similarity, source[good], target[good], worth[good], unknowns=7)
     return (similarity, good) if across_m > least_spread * scatter_m else None
 
 
@@ -182,7 +199,7 @@ def _spread(positions: FloatArray) -> FloatArray:
 
 
 def _robust_upright(
-    source: FloatArray, target: FloatArray, up: FloatArray, scale: float | None
+    source: FloatArray, target: FloatArray, worth: FloatArray, up: FloatArray, scale: float | None
 ) -> tuple[Similarity, BoolArray]:
     """Least median of squares over pairs, then least squares over the positions that agree."""
     pairs = list(combinations(range(len(source)), 2))
@@ -195,17 +212,19 @@ def _robust_upright(
             similarity = estimate_upright_similarity(source[list(pair)], target[list(pair)], up, scale)
         except InputError:
             continue
-        residuals = np.linalg.norm(similarity.apply(source) - target, axis=1)
+        residuals = np.sqrt(worth) * np.linalg.norm(similarity.apply(source) - target, axis=1)
         median = float(np.median(residuals))
         if best is None or median < best[0]:
             best = median, residuals
     if best is None:
         raise InputError("GNSS positions do not fit the cameras' path")
     good = best[1] <= 3 * 1.4826 * best[0] + 1e-6
-    return estimate_upright_similarity(source[good], target[good], up, scale), good
+    return estimate_upright_similarity(source[good], target[good], up, scale, worth[good]), good
 
 
-def _scatter(similarity: Similarity, source: FloatArray, target: FloatArray, *, unknowns: int) -> float:
-    """The RMS horizontal residual, with the unknowns that were fitted allowed for."""
-    squares = ((similarity.apply(source) - target)[:, :2] ** 2).sum()
+def _scatter(
+    similarity: Similarity, source: FloatArray, target: FloatArray, worth: FloatArray, *, unknowns: int
+) -> float:
+    """The RMS horizontal residual of positions of average worth, with the unknowns that were fitted allowed for."""
+    squares = (worth / worth.mean() * ((similarity.apply(source) - target)[:, :2] ** 2).sum(1)).sum()
     return float(np.sqrt(squares / max(1, len(source) - unknowns / 2)))

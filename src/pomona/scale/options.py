@@ -13,7 +13,7 @@ from pomona.fruit_size import DEFAULT_DIAMETER_M
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleOptions:
-    """Where metres come from, in this order: markers, a scale bar, GNSS in EXIF, the fruits' own diameter.
+    """Where metres come from, in this order: markers, a scale bar, GNSS, the fruits' own diameter.
 
     `markers` is a `markers.csv`, whose places are metres, or of `markers_crs`; `gcp` a `gcp_list.txt` of points that
     were clicked in photos, in place of markers; `scale_bar` two marker ids and their distance in metres.

@@ -55,20 +55,26 @@ def leveling_rotation(up: FloatArray) -> FloatArray:
 
 
 def estimate_upright_similarity(
-    points_in_source: FloatArray, points_in_target: FloatArray, up_in_source: FloatArray, scale: float | None = None
+    points_in_source: FloatArray,
+    points_in_target: FloatArray,
+    up_in_source: FloatArray,
+    scale: float | None = None,
+    weights: FloatArray | None = None,
 ) -> Similarity:
     """Return the least-squares `target_from_source` that turns `up_in_source` to z, from n ≥ 2 point pairs, (n, 3).
 
     Scale (unless it is given), heading and translation are estimated, so that points on one line are enough, unless
-    it is vertical.
+    it is vertical. `weights` (n,) of the pairs are by default all the same.
 
     Raises `InputError` when all points lie above each other.
     """
     leveling = leveling_rotation(up_in_source)
     source = np.asarray(points_in_source, float) @ leveling.T
     target = np.asarray(points_in_target, float)
-    source_mean, target_mean = source.mean(0), target.mean(0)
-    a, b = source - source_mean, target - target_mean
+    shares = np.full(len(source), 1 / len(source)) if weights is None else weights / weights.sum()
+    target_mean = shares @ target
+    roots = np.sqrt(shares)[:, None]
+    a, b = roots * (source - shares @ source), roots * (target - target_mean)
     # Heading: the rotation about z that brings the horizontal parts together (2D Procrustes).
     cosine, sine = (a[:, :2] * b[:, :2]).sum(), (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
     size = np.hypot(cosine, sine)
@@ -81,7 +87,7 @@ def estimate_upright_similarity(
     if scale <= 0:
         raise InputError("The points' heights contradict the cameras' up direction")
     rotation = heading @ leveling
-    return Similarity(scale, rotation, target_mean - scale * rotation @ np.asarray(points_in_source).mean(0))
+    return Similarity(scale, rotation, target_mean - scale * rotation @ (shares @ np.asarray(points_in_source, float)))
 
 
 def row_frame(cameras: Cameras) -> Similarity:
