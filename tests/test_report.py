@@ -26,7 +26,7 @@ from pomona.report.page import page_html, report_html
 from pomona.report.plots import bin_edges, heights
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import kept_of_each
-from pomona.report.svg import nice_step
+from pomona.report.svg import Axis, Dot, dot_chart, nice_step
 from pomona.report.totals import duration
 from pomona.report.truth import counts_by_tree
 from pomona.scale import ScaleReport, SideTie
@@ -439,3 +439,13 @@ def test_with_the_truth_the_paper_s_table_and_figure_are_there(data: ReportData)
     assert f"RMSE {rmse:.1f} fruits" in text
     assert f"tree 3: {found[2]} of {true[2]}" in text
     assert "Against the truth" not in report_html(data)
+
+
+def test_a_chart_of_many_dots_is_a_few_shapes() -> None:
+    dots = [Dot(0.01 * k, 1 + 0.5 * (k % 7), 0.04, f"fruit {k}", ("", "other")[k % 2]) for k in range(3000)]
+
+    few, many = (dot_chart(some, Axis(name="m"), Axis(name="z")) for some in (dots[:50], dots))
+
+    assert (few.count("<circle"), few.count("<title>"), few.count("<path")) == (50, 50, 0)
+    assert (many.count("<circle"), many.count("<title>"), many.count("<path")) == (0, 0, 2)
+    assert many.count("M") == 3000

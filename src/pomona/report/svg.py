@@ -9,6 +9,8 @@ from html import escape
 
 WIDTH, HEIGHT = 400.0, 220.0
 _HIGHEST = 260.0  # of a chart whose axes have one scale
+_MOST_WITH_HINTS = 500  # discs: more would make pages slow
+_SMALLEST_DISC = 1.2
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34.0, 14.0, 18.0, 36.0
 
 
@@ -118,11 +120,9 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
         y = _TOP + height - scale * (i * step - low)
         parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{_LEFT + width:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(_text(_LEFT - 6, y + 4, number(i * step), "end"))
-    for dot in dots:
-        place = f'cx="{_LEFT + scale * (dot.x - left):.1f}" cy="{_TOP + height - scale * (dot.y - low):.1f}"'
-        colour = f"dot {dot.colour}".strip()
-        shape = f'<circle class="{colour}" {place} r="{max(scale * dot.radius, 1.2):.1f}">'
-        parts.append(f"{shape}<title>{escape(dot.hint)}</title></circle>")
+    foot = _TOP + height
+    circles = [(_LEFT + scale * (d.x - left), foot - scale * (d.y - low), scale * d.radius) for d in dots]
+    parts += _discs(circles, dots)
     step = nice_step(right - left, 12)
     for i in range(math.ceil(left / step - 1e-9), math.floor(right / step + 1e-9) + 1):
         parts.append(_text(_LEFT + scale * (i * step - left), _TOP + height + 16, number(i * step)))
@@ -130,6 +130,26 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
     whole = _LEFT + width + _RIGHT
     view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{1.6 * whole:.0f}px"'
     return f'<svg class="plot map" {view} role="img" aria-label="{escape(along.name)}">{"".join(parts)}</svg>'
+
+
+def _discs(circles: Sequence[tuple[float, float, float]], dots: Sequence[Dot]) -> list[str]:
+    """Return discs x, y, radius of dots, each with its hint; where there are many, one shape of each colour without."""
+    if len(dots) <= _MOST_WITH_HINTS:
+        return [
+            f'<circle class="{_classes(dot)}" cx="{x:.1f}" cy="{y:.1f}" r="{max(r, _SMALLEST_DISC):.1f}">'
+            f"<title>{escape(dot.hint)}</title></circle>"
+            for (x, y, r), dot in zip(circles, dots, strict=True)
+        ]
+    outlines: dict[str, list[str]] = {}
+    for (x, y, radius), dot in zip(circles, dots, strict=True):
+        r = max(radius, _SMALLEST_DISC)
+        half = f"a{r:.1f} {r:.1f} 0 1 0"
+        outlines.setdefault(_classes(dot), []).append(f"M{x - r:.1f} {y:.1f}{half} {2 * r:.1f} 0{half} {-2 * r:.1f} 0")
+    return [f'<path class="{classes}" d="{"".join(each)}"/>' for classes, each in outlines.items()]
+
+
+def _classes(dot: Dot) -> str:
+    return f"dot {dot.colour}".strip()
 
 
 def scatter_chart(points: Sequence[Point], along: Axis, upward: Axis) -> str:
