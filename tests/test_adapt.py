@@ -195,6 +195,24 @@ def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path)
     assert outcome.detected == len(found.observations.fruit_id)
 
 
+def test_other_labels_are_another_training(found: FoundFruits, tmp_path: Path) -> None:
+    learn = pytest.importorskip("pomona.self_training.learn")
+    photo, place, _ = most_seen(found)
+    quick = replace(OPTIONS, steps=1, batch=1, held_out=0.5, shares=(1.0,), threads=1)
+
+    def folders() -> set[str]:
+        return {path.name for path in (tmp_path / "mine.training").glob("learnt-*")}
+
+    learn.adapt([found], tmp_path / "mine.onnx", options=quick)
+    first = folders()
+    learn.adapt([found], tmp_path / "mine.onnx", options=quick)
+    assert folders() == first
+    deleted = frozenset(found.detections[photo].ids[[place]].tolist())
+    learn.adapt([replace(found, false_ids=deleted)], tmp_path / "mine.onnx", options=quick)
+    assert len(first) == len(folders()) == 1
+    assert folders() != first
+
+
 def test_surveys_without_a_model_that_learns_are_refused(tmp_path: Path) -> None:
     survey = pomona.open(write_view_survey(tmp_path))
     survey.files.note(options={"detections": "masks.json"})

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from pomona.errors import FormatError, InputError, MissingExtraError
 from pomona.progress import Progress, Silent
@@ -76,11 +80,13 @@ def adapt(
     write_split(work / "split.json", training, held_out)
     learner, start = _begun(model or SHIPPED_WEIGHTS, progress)
     before = check(learner, start, held_out)
-    learnt = fit(learner, training, held_out, work, options=_fit_options(options), progress=progress)
+    folder = _folder_of(work, [*training, *held_out])
+    learnt = fit(learner, training, held_out, folder, options=_fit_options(options), progress=progress)
     tried = [(share, blended(start, learnt, share)) for share in options.shares]
     scores = [check(learner, network, held_out) for _, network in tried]
-    best = max(range(len(tried)), key=lambda k: scores[k].f1)
-    better = scores[best].f1 >= before.f1
+    best = int(np.argmax([np.nan_to_num(each.f1, nan=-1.0) for each in scores]))
+    # A network that finds none of them has no F1: anything that finds some is better.
+    better = np.isfinite(scores[best].f1) and not scores[best].f1 < before.f1
     if better:
         fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
         learner.export(tried[best][1], out, threshold=scores[best].threshold, weak=False, fruit_px=fruit_px)
@@ -105,6 +111,19 @@ def _check_enough(surveys: Sequence[FoundFruits], labels: Sequence[SurveyLabels]
             f"photos, or by a person), expected {options.fewest_fruits} to learn from: correct some fruits in "
             "`pomona view`, or give more surveys"
         )
+
+
+def _folder_of(work: Path, samples: Sequence[Sample]) -> Path:
+    """Return the folder of a training on these labels, and remove those of trainings on others.
+
+    Names of label images are digests of what is in them, so that a correction makes another training.
+    """
+    names = "\n".join(sorted(sample.labels.name for sample in samples))
+    folder = work / f"learnt-{zlib.crc32(names.encode()):08x}"
+    for other in work.glob("learnt-*"):
+        if other != folder:
+            shutil.rmtree(other, ignore_errors=True)
+    return folder
 
 
 def _samples(

@@ -93,8 +93,9 @@ def run_adapted(
         return Rerun(summary, f"made with {survey.adapted_model.name}, which learnt from this survey before")
     first = run_pipeline(photos, out, options, progress, overwrite=overwrite, on_stage=on_stage)
     source = SurveySource(SurveyFolder.open(out), progress=progress)
-    model, target = model_of(source), source.files.adapted_model
-    outcome = learn([found_fruits(source)], target, model=model, options=adapting, progress=progress)
+    # Until it is judged, the model is not where another run would take it from.
+    target = source.files.work("adapted.onnx")
+    outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=progress)
     in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
     if outcome.path is None:
         return Rerun(first, f"nothing: {in_words}, so the results stay as they are")
@@ -105,9 +106,10 @@ def run_adapted(
     after = _agreement(SurveySource(SurveyFolder.open(out), progress=progress), mine)
     in_words += f"; two halves of the photos agree on {100 * before:.0f} % of their fruits, then on {100 * after:.0f} %"
     if not after >= before:
-        source.files.drop_adapted()
+        source.files.drop_kept()
         back = run_pipeline(photos, out, options, progress, on_stage=on_stage)
         return Rerun(back, f"nothing that holds: {in_words}, so the results are those of before")
+    mine = replace(options, model=str(source.files.take_adapted(outcome.path)))
     second = run_pipeline(photos, out, mine, progress, on_stage=on_stage)
     kept = source.files.before_adapting
     return Rerun(second, f"{first.fruits} fruits to {second.fruits}; {in_words}; the results of before are in {kept}")

@@ -186,11 +186,20 @@ class SurveyFolder:
                 elif path.is_file():
                     shutil.copy2(path, self.before_adapting)
 
-    def drop_adapted(self) -> None:
-        """Remove what learnt from this survey, and the copy of its results."""
+    def drop_kept(self) -> None:
+        """Remove the copy of the results."""
         with disk_errors(self.folder):
-            self.adapted_model.unlink(missing_ok=True)
             shutil.rmtree(self.before_adapting, ignore_errors=True)
+
+    def take_adapted(self, model: Path) -> Path:
+        """Copy a model file to be this survey's own, whole or not at all; return where it is."""
+
+        def copy(path: Path) -> None:
+            shutil.copyfile(model, path)
+
+        with disk_errors(self.folder):
+            write_file(self.adapted_model, copy)
+        return self.adapted_model
 
     def work(self, name: str) -> Path:
         """A file or folder of `work/`, by which a stopped run goes on; `work/` itself exists then."""
@@ -253,7 +262,7 @@ class SurveyFolder:
 
     def clear(self) -> None:
         """Remove what earlier runs wrote, and nothing else."""
-        learnt = [self.adapted_model, self.adapted_model.with_suffix(".training"), self.before_adapting]
+        learnt = [self.adapted_model, self.before_adapting]
         for path in [*(self.folder / name for name in _WRITERS), *learnt, *(self.folder / "work").glob("*")]:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
