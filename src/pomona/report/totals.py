@@ -35,7 +35,6 @@ def totals(data: ReportData) -> str:
             _photos(data),
             _scale(data),
             _sides(data),
-            _time(data),
         ]
     )
 
@@ -152,15 +151,6 @@ def _sides(data: ReportData) -> str:
     return card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 
-def _time(data: ReportData) -> str:
-    if not data.stages:
-        return ""
-    total_s = sum(stage.wall_s for stage in data.stages)
-    peaks = [stage.peak_memory_mb for stage in data.stages if stage.peak_memory_mb is not None]
-    more = f"at most {max(peaks) / 1000:.1f} GB of memory" if peaks else f"{len(data.stages)} stages"
-    return card("Computing time", duration(total_s), more)
-
-
 def notices(warnings: Sequence[str]) -> str:
     """Return the warnings in a box, the first few open to the eye; nothing where there are none."""
     if not warnings:
@@ -182,7 +172,10 @@ def stage_times(data: ReportData) -> str:
         track = f'<span class="track"><i style="width:{100 * stage.wall_s / longest:.1f}%"></i></span>'
         time = f'<span class="time">{duration(stage.wall_s)}{memory}</span>'
         rows.append(f"<span>{escape(stage.name)}</span>{track}{time}")
-    return f'<div class="sheet"><h2>Time per stage</h2><div class="stages">{"".join(rows)}</div></div>'
+    peaks = [stage.peak_memory_mb for stage in data.stages if stage.peak_memory_mb is not None]
+    memory = f", at most {max(peaks) / 1000:.1f} GB of memory" if peaks else ""
+    total = f'<p class="note">{duration(sum(stage.wall_s for stage in data.stages))} in all{memory}</p>'
+    return f'<div class="sheet"><h2>Time per stage</h2>{total}<div class="stages">{"".join(rows)}</div></div>'
 
 
 def duration(seconds: float) -> str:
