@@ -8,11 +8,13 @@ that of the training that first read BEGAN, on which hangs what a convolution an
 """
 
 import argparse
+import copy
 from pathlib import Path
 
 import torch
 
 from pomona.progress import Silent
+from pomona.train.blend import blended
 from pomona.train.center import CenterLearner
 
 
@@ -27,14 +29,12 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
     learner = CenterLearner(weights=str(arguments.began))
-    network = learner.build(start=True, progress=Silent()).eval()
-    learnt = torch.load(arguments.checkpoint, map_location="cpu", weights_only=True)["average"]
-    blended = {}
-    for name, before in network.state_dict().items():
-        # The head of circles was not in the file that it began from; its first weights mean nothing.
-        new = not before.dtype.is_floating_point or name.startswith("heads.4")
-        blended[name] = learnt[name] if new else torch.lerp(before, learnt[name], arguments.share)
-    network.load_state_dict(blended)
+    began = learner.build(start=True, progress=Silent()).eval()
+    learnt = copy.deepcopy(began)
+    learnt.load_state_dict(torch.load(arguments.checkpoint, map_location="cpu", weights_only=True)["average"])
+    network = blended(began, learnt, arguments.share)
+    # The head of circles was not in the file that it began from; its first weights mean nothing.
+    network.heads[4].load_state_dict(learnt.heads[4].state_dict())
     learner.export(network, arguments.out, threshold=arguments.threshold, weak=False, fruit_px=0.0)
 
 

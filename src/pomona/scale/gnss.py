@@ -92,11 +92,19 @@ def local_frame(photos: Sequence[Photo]) -> LocalFrame | None:
     fixes = [photo.gnss for photo in photos if photo.gnss is not None]
     if not fixes:
         return None
-    altitudes = [fix.altitude_m for fix in fixes if fix.altitude_m is not None]
-    latitude = round(float(np.median([fix.latitude_deg for fix in fixes])), 7)
-    longitude = round(float(np.median([fix.longitude_deg for fix in fixes])), 7)
-    altitude = round(float(np.median(altitudes)), 2) if altitudes else 0.0
-    return LocalFrame(local_crs(latitude, longitude), (latitude, longitude, altitude))
+    return _frame_amid(
+        [fix.latitude_deg for fix in fixes],
+        [fix.longitude_deg for fix in fixes],
+        [fix.altitude_m for fix in fixes if fix.altitude_m is not None],
+    )
+
+
+def _frame_amid(
+    latitudes_deg: Sequence[float], longitudes_deg: Sequence[float], heights_m: Sequence[float]
+) -> LocalFrame:
+    latitude, longitude = (round(float(np.median(degrees)), 7) for degrees in (latitudes_deg, longitudes_deg))
+    height = round(float(np.median(heights_m)), 2) if len(heights_m) else 0.0
+    return LocalFrame(local_crs(latitude, longitude), (latitude, longitude, height))
 
 
 def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArray, LocalFrame]:
@@ -111,12 +119,10 @@ def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArra
         raise InputError(
             f"{where}: expected a coordinate system, such as EPSG:32631, and places in it, found {crs}: {error}"
         ) from None
-    middle = [round(float(np.median(values)), digits) for values, digits in
-              ((latitudes, 7), (longitudes, 7), (points[:, 2], 2))]  # fmt: skip
-    frame = LocalFrame(local_crs(middle[0], middle[1]), (middle[0], middle[1], middle[2]))
+    frame = _frame_amid(latitudes, longitudes, points[:, 2].tolist())
     to_local = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
     east, north = to_local.transform(longitudes, latitudes)
-    local: FloatArray = np.stack([east, north, points[:, 2] - middle[2]], axis=1)
+    local: FloatArray = np.stack([east, north, points[:, 2] - frame.origin[2]], axis=1)
     return local, frame
 
 
