@@ -1,11 +1,12 @@
 """Train the network of the second look, which says in crops where fruits' centres are, hidden parts and all.
 
-python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N]
+python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--widths A B C D]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth. Around every fruit of which
 something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the fruit's centre and size by chance.
-Targets are Gaussians about the centres of all fruits of about that size in a crop. OUT.pt has the weights every 100
-steps, as a running mean; the last fortieth of the crops is measured on, not trained on.
+Targets are Gaussians about the centres of all fruits of about that size in a crop. OUT.pt is a checkpoint, every 100
+steps: a run that was stopped goes on from it. The network written is the running mean of the weights; the last fortieth
+of the crops is measured on, not trained on.
 """
 
 import argparse
@@ -37,6 +38,8 @@ PEAK_SD = 0.18  # radii
 MOST_FRUITS = 24  # in a patch
 BATCH, RATE, WARM_UP, HELD_OUT = 64, 2e-3, 100, 40
 
+Widths = tuple[int, int, int, int]
+
 
 class Block(nn.Sequential):
     def __init__(self, inner: int, outer: int, stride: int = 1) -> None:
@@ -57,7 +60,7 @@ class Residual(nn.Module):
 class CentersNet(nn.Module):
     """A small U-Net: crops (n, 3, h, w), RGB 0 to 255, to the logits of centres (n, 1, h / 2, w / 2)."""
 
-    def __init__(self, widths: tuple[int, int, int, int] = (16, 32, 48, 80)) -> None:
+    def __init__(self, widths: Widths) -> None:
         super().__init__()
         a, b, c, d = widths
         self.to_half = nn.Sequential(Block(3, a), Block(a, b, 2), Residual(b))
@@ -179,14 +182,21 @@ def loss_of(logits: Tensor, targets: Tensor, weights: Tensor) -> Tensor:
     return (each * weights).sum() / targets.sum().clamp(min=1)
 
 
-def fit(patches: Tensor, labels: Tensor, steps: int, seed: int, out: Path) -> CentersNet:
+def fit(patches: Tensor, labels: Tensor, widths: Widths, steps: int, seed: int, checkpoint: Path) -> CentersNet:
     torch.manual_seed(seed)
-    rng, net = np.random.default_rng(seed), CentersNet()
-    mean = CentersNet()
+    net, mean = CentersNet(widths), CentersNet(widths)
     mean.load_state_dict(net.state_dict())
     optimiser = torch.optim.AdamW(net.parameters(), RATE, weight_decay=1e-4)
-    learnt, began = len(patches) - len(patches) // HELD_OUT, time.time()
-    for step in range(1, steps + 1):
+    learnt, began, done = len(patches) - len(patches) // HELD_OUT, time.time(), 0
+    if checkpoint.exists():
+        state = torch.load(checkpoint, weights_only=True)
+        net.load_state_dict(state["net"])
+        mean.load_state_dict(state["mean"])
+        optimiser.load_state_dict(state["optimiser"])
+        done = state["step"]
+        torch.manual_seed(seed + done)
+    rng = np.random.default_rng((seed, done))
+    for step in range(done + 1, steps + 1):
         for group in optimiser.param_groups:
             group["lr"] = RATE * min(1, step / WARM_UP) * (0.5 * (1 + math.cos(math.pi * step / steps)) + 0.01)
         some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH)))
@@ -198,7 +208,13 @@ def fit(patches: Tensor, labels: Tensor, steps: int, seed: int, out: Path) -> Ce
         optimiser.step()
         follow(mean, net, min(0.995, step / (step + 10)))
         if step % 100 == 0 or step == steps:
-            torch.save(mean.state_dict(), out.with_suffix(".pt"))
+            state = {
+                "net": net.state_dict(),
+                "mean": mean.state_dict(),
+                "optimiser": optimiser.state_dict(),
+                "step": step,
+            }
+            torch.save(state, checkpoint)
             held = held_out_loss(mean, patches[learnt:], labels[learnt:])
             print(
                 step, f"{time.time() - began:.0f} s, loss {float(loss.detach()):.3f}, held out {held:.3f}", flush=True
@@ -241,6 +257,7 @@ def main() -> None:
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--steps", type=int, default=2500)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--widths", type=int, nargs=4, default=(16, 32, 48, 80))
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     rng = np.random.default_rng(arguments.seed)
@@ -249,7 +266,9 @@ def main() -> None:
     patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order])
     labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order])
     print(f"{len(patches)} patches of {len(arguments.folders)} folders", flush=True)
-    export(fit(patches, labels, arguments.steps, arguments.seed, arguments.out), arguments.out)
+    checkpoint = arguments.out.with_suffix(".pt")
+    net = fit(patches, labels, tuple(arguments.widths), arguments.steps, arguments.seed, checkpoint)
+    export(net, arguments.out)
 
 
 if __name__ == "__main__":
