@@ -26,6 +26,7 @@ from pomona.scale.plates import check_plates
 from pomona.scale.report import Placed, ScaleReport
 from pomona.scale.side_alignment import FindFruits, align_sides
 from pomona.scale.upright import row_frame
+from pomona.scale.walk import check_walk
 from pomona.sfm.pieces import Reconstruction, Unregistered
 
 # The gap between pieces set beside each other, as a share of the longer one: to be seen, and not to look far.
@@ -78,6 +79,7 @@ def place_in_world(
             adjust_on_fruits(placement, find_fruits, photos.by_name())
     if markers is not None:
         check_plates(placement, markers, sightings)
+    check_walk(placement)
     assess_adjusted(placement, photos.by_name(), options.fruit_diameter_m)
     _assess_places(placement, photos, options)
     return _assemble(placement, frame, options)
