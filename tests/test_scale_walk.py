@@ -66,7 +66,7 @@ def test_a_photo_far_above_its_neighbours_is_named() -> None:
     placement = said_of(lifted(EAST, up))
     (said,) = placement.contradictions
     assert f"{EAST.photos[3]} (+0.9 m)" in said
-    assert said.startswith("1 photos")
+    assert said.startswith("1 photo stands")
     (three_heights,) = {len(said_of(lifted(EAST, 0.9 * (np.arange(len(EAST)) % 3))).notes)}
     assert three_heights == 0  # a pole, or a drone
 

@@ -41,11 +41,12 @@ def check_walk(placement: Placement) -> None:
             heights_m[name] = float(np.median(centers[:, 2]))
     if len(heights_m) > 1:
         low, high = min(heights_m, key=heights_m.__getitem__), max(heights_m, key=heights_m.__getitem__)
-        if heights_m[high] - heights_m[low] > _OTHER_HEIGHT_M:
+        above_m = heights_m[high] - heights_m[low]
+        if above_m > _OTHER_HEIGHT_M:
             placement.contradict(
-                f"{high} was photographed from {heights_m[high] - heights_m[low]:.1f} m above {low[0].lower()}{low[1:]}, "
-                "by the places of the photos: one of the two is placed wrongly, unless the ground is a terrace. Check "
-                "the heights of the markers that each side sees"
+                f"{high} was photographed from {above_m:.1f} m above {low[0].lower()}{low[1:]}, by the places of the "
+                "photos: one of the two is placed wrongly, unless the ground is a terrace. Check the heights of the "
+                "markers that each side sees"
             )
 
 
@@ -87,8 +88,9 @@ def _check_heights(placement: Placement, photos: Sequence[str], centers: FloatAr
         listed = ", ".join(f"{photos[i]} ({above_m[i]:+.1f} m)" for i in named[:_MOST_NAMES])
         more = f" and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
         placement.contradict(
-            f"{len(named)} photos stand far above or below those beside them, by their places: {listed}{more}. They "
-            "are placed wrongly, unless they were taken from a ladder: leave them out, or take others at shorter steps"
+            f"{len(named)} {'photo stands' if len(named) == 1 else 'photos stand'} far above or below "
+            f"those beside: {listed}{more}. Unless taken from a ladder, they are placed wrongly: leave them out, or take "
+            "others at shorter steps"
         )
     return True
 
@@ -96,5 +98,5 @@ def _check_heights(placement: Placement, photos: Sequence[str], centers: FloatAr
 def heights_above_neighbours(centers: FloatArray) -> FloatArray:
     """Return how far (n,) each camera is above the median height of those nearest to it, seen from above."""
     beside = min(_BESIDE, len(centers) - 1)
-    _, neighbours = cKDTree(centers[:, :2]).query(centers[:, :2], k=beside + 1)
+    neighbours = np.asarray(cKDTree(centers[:, :2]).query(centers[:, :2], k=beside + 1)[1])
     return np.asarray(centers[:, 2] - np.median(centers[neighbours[:, 1:], 2], axis=1))
