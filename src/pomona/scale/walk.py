@@ -62,17 +62,17 @@ def _check_vertical(placement: Placement, name: str, rotations: FloatArray) -> N
     # A photo may stand on its side, where nothing says which way up it was taken.
     askew_deg = abs(float(np.median((rolls_deg + 45) % 90 - 45)))
     pitch_deg = float(np.median(np.degrees(np.arcsin(np.clip(rotations[:, 2, 2], -1, 1)))))
-    if askew_deg > _ASKEW_DEG:
-        placement.contradict(
-            f"{name}: by the world's vertical all photos are askew by {askew_deg:.0f} degrees, which nobody holds a "
-            "camera for long: z is not up in the table of markers or positions, or columns are mixed up. Check them: "
-            "x and y level, z up"
-        )
-    elif abs(pitch_deg) > _STEEP_DEG:
+    if abs(pitch_deg) > _STEEP_DEG:
         placement.warn(
             f"{name}: by the world's vertical photos look {abs(pitch_deg):.0f} degrees "
             f"{'up' if pitch_deg > 0 else 'down'}: unless they were taken so, z is not up in the table of markers or "
             "positions, or columns are mixed up. Check them: x and y level, z up"
+        )
+    elif askew_deg > _ASKEW_DEG:
+        placement.contradict(
+            f"{name}: by the world's vertical all photos are askew by {askew_deg:.0f} degrees, which nobody holds a "
+            "camera for long: z is not up in the table of markers or positions, or columns are mixed up. Check them: "
+            "x and y level, z up"
         )
 
 
@@ -88,8 +88,8 @@ def _check_heights(placement: Placement, photos: Sequence[str], centers: FloatAr
         listed = ", ".join(f"{photos[i]} ({above_m[i]:+.1f} m)" for i in named[:_MOST_NAMES])
         more = f" and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
         placement.contradict(
-            f"{len(named)} {'photo stands' if len(named) == 1 else 'photos stand'} far above or below "
-            f"those beside: {listed}{more}. Unless taken from a ladder, they are placed wrongly: leave them out, or take "
+            f"{len(named)} {'photo stands' if len(named) == 1 else 'photos stand'} far above or below those "
+            f"beside: {listed}{more}. Unless taken from a ladder, they are placed wrongly: leave them out, or take "
             "others at shorter steps"
         )
     return True
