@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import sys
-import threading
 import urllib.request
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from pipeline_fakes import Fakes, make_photos
 from pomona.errors import InputError, MissingExtraError, MissingFileError, SurveyError
 from pomona.fuse.object.options import ObjectOptions
 from pomona.survey import SurveyFolder
+from serving import running
 
 
 @pytest.fixture
@@ -87,15 +87,9 @@ def test_evaluate_and_export(survey: pomona.Survey, tmp_path: Path) -> None:
 
 
 def test_the_page_is_served(survey: pomona.Survey) -> None:
-    with survey.viewer() as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            with urllib.request.urlopen(server.url) as answer:
-                assert b"<html" in answer.read().lower()
-        finally:
-            server.shutdown()
-            thread.join()
+    with running(survey.viewer()) as server:
+        with urllib.request.urlopen(server.url) as answer:
+            assert b"<html" in answer.read().lower()
         assert not server.changed
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import threading
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +21,7 @@ from pomona.formats.tables import read_fruits
 from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, export_folder, read_survey
 from report_scenes import row_photos
+from serving import running
 from test_report_browser import Opened, _open, browser  # noqa: F401 (a fixture)
 
 pytestmark = pytest.mark.slow
@@ -38,18 +38,15 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return write_scene(tmp_path_factory.mktemp("row"))
 
 
-def _serve(scene: Scene) -> ViewServer:
+def _server(scene: Scene) -> ViewServer:
     corrector = Corrector(SurveyFolder.open(scene.survey), read_survey(scene.survey))
-    server = ViewServer(corrector.data, corrector=corrector)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    return server
+    return ViewServer(corrector.data, corrector=corrector)
 
 
 @pytest.fixture(scope="module")
 def server(scene: Scene) -> Iterator[ViewServer]:
-    with _serve(scene) as started:
+    with running(_server(scene)) as started:
         yield started
-        started.shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -271,7 +268,7 @@ def test_another_run_with_other_numbers_still_has_them(
     write_coco(tmp_path / "masks.json", row_photos(cameras), masks_of(cameras, without=(12,)))
     scene.run(tmp_path / "masks.json")
     assert len(read_fruits(scene.survey / "fruits.csv")) == 15
-    with _serve(scene) as server:
+    with running(_server(scene)) as server:
         page = _open(browser, server.url).page
         page.set_viewport_size({"width": 1200, "height": 800})
         page.click("#tool-correct")
@@ -286,7 +283,6 @@ def test_another_run_with_other_numbers_still_has_them(
         assert _fruit(server, GRID[FALSE_ONE])
         assert not _fruit(server, MISSED)
         page.close()
-        server.shutdown()
 
 
 def test_pages_without_a_server_say_nothing_of_correcting(browser: Any, scene: Scene, tmp_path: Path) -> None:  # noqa: F811

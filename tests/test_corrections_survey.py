@@ -5,7 +5,6 @@ from __future__ import annotations
 import http.client
 import json
 import shutil
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, read_survey
 from pomona.view.corrected import with_corrections
 from report_scenes import row_photos
+from serving import running
 
 
 @pytest.fixture(scope="module")
@@ -265,14 +265,12 @@ def test_without_what_runs_keep_nothing_can_be_corrected(scene: Scene) -> None:
 @pytest.fixture
 def server(scene: Scene) -> Iterator[ViewServer]:
     corrector = Desk.of(scene).corrector
-    with ViewServer(corrector.data, corrector=corrector) as started:
-        threading.Thread(target=started.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    with running(ViewServer(corrector.data, corrector=corrector)) as started:
         yield started
-        started.shutdown()
 
 
 def post(server: ViewServer, values: Any, path: str = "/corrections", **headers: str | None) -> tuple[int, bytes]:
-    port = server.server_port
+    port = server.port
     body = values if isinstance(values, bytes) else json.dumps(values).encode()
     usual = {
         "Host": f"127.0.0.1:{port}", "Origin": f"http://127.0.0.1:{port}", "Content-Type": "application/json",
@@ -319,7 +317,8 @@ def test_the_server_corrects_for_its_own_page(server: ViewServer) -> None:
         (415, {"Content_Type": "text/plain"}),
         (415, {"Content_Type": "application/x-www-form-urlencoded"}),
         (413, {"Content_Length": "70000"}),
-        (411, {"Content_Length": "-1"}),
+        (411, {"Content_Length": None, "Transfer_Encoding": "chunked"}),
+        (400, {"Content_Length": "-1"}),
         (404, {"path": "/elsewhere"}),
     ],
 )
@@ -348,7 +347,7 @@ def test_nonsense_is_refused_in_words(server: ViewServer, values: Any) -> None:
 
 
 def test_lines_are_told(server: ViewServer) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=120)
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=120)
     connection.request("GET", "/data/lines/0/400/300.json")
     found = json.loads(connection.getresponse().read())
     assert set(found["photos"]) <= set(range(1, 6))

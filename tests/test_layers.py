@@ -20,7 +20,7 @@ ENGINES = {
     "laspy": "laspy", "pyproj": "pyproj", "sqlite3": "sqlite3", "rerun": "rerun-sdk", "pycocotools": "pycocotools",
     "yaml": "PyYAML", "pillow_heif": "pillow-heif", "onnxruntime": "ONNX Runtime", "torchvision": "torchvision",
     "transformers": "transformers", "pycolmap": "pycolmap", "sklearn": "scikit-learn", "bpy": "bpy", "torch": "torch",
-    "typer": "typer", "pandas": "pandas", "geopandas": "GeoPandas",
+    "typer": "typer", "uvicorn": "uvicorn", "starlette": "Starlette", "pandas": "pandas", "geopandas": "GeoPandas",
 }  # fmt: skip
 
 

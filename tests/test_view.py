@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import re
 import shutil
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -28,6 +26,7 @@ from pomona.view.masks import MasksByPhoto
 from pomona.view.pictures import Kept, straightened
 from pomona.view.truth import thresholds
 from report_scenes import unpacked, values_in
+from serving import get, running
 from view_scenes import write_truth, write_view_survey
 
 
@@ -43,22 +42,8 @@ def data(survey: Path) -> ReportData:
 
 @pytest.fixture(scope="module")
 def server(data: ReportData) -> Iterator[ViewServer]:
-    with ViewServer(data) as started:
-        threading.Thread(target=started.serve_forever, daemon=True).start()
+    with running(ViewServer(data)) as started:
         yield started
-        started.shutdown()
-
-
-def _get(server: ViewServer, path: str, **headers: str) -> tuple[int, http.client.HTTPMessage, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=120)
-    connection.putrequest("GET", path, skip_host="Host" in headers, skip_accept_encoding=True)
-    for name, value in headers.items():
-        connection.putheader(name, value)
-    connection.endheaders()
-    answer = connection.getresponse()
-    body = answer.read()
-    connection.close()
-    return answer.status, answer.headers, body
 
 
 def _picture(body: bytes) -> np.ndarray[Any, Any]:
@@ -80,11 +65,11 @@ def test_a_server_starts_without_names_and_without_the_masks(data: ReportData, m
     monkeypatch.setattr("socket.getfqdn", asked)
     monkeypatch.setattr("pomona.view.masks.MasksByPhoto._contents", asked)
     with ViewServer(data) as started:
-        assert started.url == f"http://127.0.0.1:{started.server_port}/"
+        assert started.url == f"http://127.0.0.1:{started.port}/"
 
 
 def test_page_lets_nothing_in_from_outside(server: ViewServer) -> None:
-    status, headers, body = _get(server, "/")
+    status, headers, body = get(server, "/")
     assert status == 200
     text = body.decode()
     rules = headers["Content-Security-Policy"]
@@ -97,7 +82,7 @@ def test_page_lets_nothing_in_from_outside(server: ViewServer) -> None:
 
 
 def test_data_are_the_contract(server: ViewServer, data: ReportData) -> None:
-    status, headers, body = _get(server, "/data/survey.bin")
+    status, headers, body = get(server, "/data/survey.bin")
     assert (status, headers["Content-Type"]) == (200, "application/octet-stream")
     values = unpacked(body)
     assert values["source"] == "server"
@@ -107,30 +92,29 @@ def test_data_are_the_contract(server: ViewServer, data: ReportData) -> None:
 
 def test_points_come_in_pieces(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pomona.view.site.PIECE_POINTS", 400)
-    site = ViewServer(data)
-    with site:
-        values = unpacked(site.site.answer("/data/survey.bin").body)
+    with running(ViewServer(data)) as site:
+        values = unpacked(get(site, "/data/survey.bin")[2])
         whole = survey_data(data, SceneOptions(source="server", max_points=None))
         for name, cloud, expected in (
             ("scene", values["scene"], whole.scene),
             ("fruit", values["fruitPoints"], whole.fruit_points),
         ):
             pieces = [cloud["points"]]
-            while answer := site.site.answer(f"/data/points/{name}/{len(pieces)}.bin"):
-                pieces.append(unpacked(answer.body)["points"])
+            while (answer := get(site, f"/data/points/{name}/{len(pieces)}.bin"))[0] == 200:
+                pieces.append(unpacked(answer[2])["points"])
             assert len(pieces) == -(-cloud["count"] // 400)
             assert np.array_equal(np.concatenate(pieces), expected.points.ravel())
 
 
 def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, data: ReportData) -> None:
-    status, headers, body = _get(server, "/photos/1/1024.jpg")
+    status, headers, body = get(server, "/photos/1/1024.jpg")
     assert (status, headers["Content-Type"]) == (200, "image/jpeg")
     assert _picture(body).shape == (600, 800, 3)  # never enlarged
-    assert _get(server, "/photos/1/999.jpg")[0] == 404
-    assert _picture(_get(server, "/straight/1/1024.jpg")[2]).shape == (600, 800, 3)
+    assert get(server, "/photos/1/999.jpg")[0] == 404
+    assert _picture(get(server, "/straight/1/1024.jpg")[2]).shape == (600, 800, 3)
     detection = int(data.observations.detection_id[0])
     photo = data.cameras.photos.index(data.observations.photo[0])
-    crop = _picture(_get(server, f"/crops/{photo}/{detection}.jpg")[2])
+    crop = _picture(get(server, f"/crops/{photo}/{detection}.jpg")[2])
     blue, green, red = crop[crop.shape[0] // 2, crop.shape[1] // 2]
     assert red > 150
     assert green < 90
@@ -140,10 +124,10 @@ def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, 
 
 def test_detections_by_photo_and_by_fruit(server: ViewServer, data: ReportData) -> None:
     assert data.masks is not None
-    of_photo = unpacked(_get(server, "/data/photos/0.bin")[2])
+    of_photo = unpacked(get(server, "/data/photos/0.bin")[2])
     assert np.array_equal(of_photo["ids"], data.masks[data.cameras.photos[0]].ids)
     fruit = int(data.observations.fruit_id[0])
-    of_fruit = unpacked(_get(server, f"/data/fruits/{fruit}.bin")[2])
+    of_fruit = unpacked(get(server, f"/data/fruits/{fruit}.bin")[2])
     expected = data.observations.detection_id[data.observations.fruit_id == fruit]
     assert sorted(of_fruit["detections"]["ids"].tolist()) == sorted(expected.tolist())
     assert sorted(of_fruit["sightings"]["detections"].tolist()) == sorted(expected.tolist())
@@ -159,17 +143,17 @@ def test_detections_by_photo_and_by_fruit(server: ViewServer, data: ReportData) 
     ],
 )  # fmt: skip
 def test_nothing_else_is_served(server: ViewServer, path: str) -> None:
-    assert _get(server, path)[0] == 404
+    assert get(server, path)[0] == 404
 
 
 def test_other_sites_cannot_ask(server: ViewServer) -> None:
-    assert _get(server, "/data/survey.bin", Host="evil.example")[0] == 403
-    assert _get(server, "/data/survey.bin", Host=f"localhost:{server.server_port}")[0] == 200
+    assert get(server, "/data/survey.bin", Host="evil.example")[0] == 403
+    assert get(server, "/data/survey.bin", Host=f"localhost:{server.port}")[0] == 200
 
 
 def test_only_this_computer_is_served(server: ViewServer) -> None:
-    assert server.server_address[0] == "127.0.0.1"
-    assert server.url == f"http://127.0.0.1:{server.server_port}/"
+    assert server.host == "127.0.0.1"
+    assert server.url == f"http://127.0.0.1:{server.port}/"
 
 
 def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
@@ -185,11 +169,9 @@ def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
     lost = read_survey(survey, photos=tmp_path / "other", progress=Told())
     assert any("`photos`" in said for said in Told.said)
     assert len(lost.photos) == 8
-    with ViewServer(lost) as started:
-        threading.Thread(target=started.serve_forever, daemon=True).start()
-        assert unpacked(_get(started, "/data/survey.bin")[2])["photos"]["files"] == [""] * 8
-        assert _get(started, "/photos/0/1024.jpg")[0] == 404
-        started.shutdown()
+    with running(ViewServer(lost)) as started:
+        assert unpacked(get(started, "/data/survey.bin")[2])["photos"]["files"] == [""] * 8
+        assert get(started, "/photos/0/1024.jpg")[0] == 404
 
 
 def test_photos_may_have_been_moved(survey: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from pomona.report import ReportData, write_report
 from pomona.view import ViewServer
 from report_scenes import observe, row_cameras, row_cloud, row_fruits, row_photos
+from serving import running
 from test_report_browser import Opened, _open, browser, drawn  # noqa: F401 (a fixture)
 
 pytestmark = pytest.mark.slow
@@ -38,14 +38,12 @@ def _survey(fruits: int, per_side: int, scene_points: int) -> ReportData:
 
 @contextmanager
 def _served(browser: Any, data: ReportData) -> Iterator[Opened]:  # noqa: F811
-    with ViewServer(data) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with running(ViewServer(data)) as server:
         opened = _open(browser, server.url)
         opened.page.set_viewport_size({"width": 1200, "height": 800})
         yield opened
         assert opened.said == []
         opened.page.close()
-        server.shutdown()
 
 
 @pytest.fixture(scope="module")

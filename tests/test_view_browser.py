@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from pomona.report.page import write_report
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
 from report_scenes import row_report
+from serving import running
 from test_report_browser import PATIENCE_MS, Opened, _open, _red_px, browser, drawn  # noqa: F401 (a fixture)
 from view_scenes import write_truth, write_view_survey
 
@@ -33,10 +33,8 @@ def url(survey: Path) -> Iterator[str]:
     data = read_survey(survey)
     write_truth(survey.parent / "truth.csv", survey)
     truth = truth_data(data.fruits, read_truth(survey.parent / "truth.csv"), origin_of(data))
-    with ViewServer(data, truth=truth) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with running(ViewServer(data, truth=truth)) as server:
         yield server.url
-        server.shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -362,8 +360,7 @@ def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, 
 
 
 def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noqa: F811
-    with ViewServer(read_survey(survey)) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with running(ViewServer(read_survey(survey))) as server:
         page = browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.route("**/data/survey.bin", lambda route: route.abort())
@@ -371,7 +368,6 @@ def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noq
         page.wait_for_selector("#no-data:not([hidden])")
         assert page.is_visible("text=still running")
         page.close()
-        server.shutdown()
 
 
 def test_red_fruits_are_seen(opened: Opened) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from firefox import Firefox
 from pomona.report import write_report
 from pomona.view import ViewServer, export_folder, read_survey
+from serving import running
 from view_scenes import write_view_survey
 
 pytestmark = pytest.mark.slow
@@ -59,12 +59,10 @@ def test_exported_folder_from_disk(firefox: Firefox, survey: Path, tmp_path: Pat
 
 
 def test_served(firefox: Firefox, survey: Path) -> None:
-    with ViewServer(read_survey(survey)) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+    with running(ViewServer(read_survey(survey))) as server:
         _works(firefox, server.url)
         firefox.run("document.querySelector('.crop').click();")
         firefox.wait("document.querySelector('#photo img').naturalWidth > 0")
         firefox.run("document.querySelector('#photo-through').click();")
         firefox.wait("document.querySelector('#through-photo').naturalWidth > 0")
         assert firefox.said() == []
-        server.shutdown()

@@ -1,34 +1,33 @@
-"""The page of `pomona view`, served to this computer alone, with Python's own HTTP server."""
+"""The page of `pomona view`, served to this computer alone."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
-from email.message import Message
+from collections.abc import Callable
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from io import BufferedIOBase
-from socketserver import TCPServer
 from typing import Any
 
-from pomona.errors import PomonaError
-from pomona.report.contract import TruthData
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from pomona.errors import InputError, PomonaError
+from pomona.report.contract import CorrectionAnswer, TruthData
 from pomona.report.data import ReportData
 from pomona.report.page import policy
-from pomona.view import posts
-from pomona.view.correct import Corrector
-from pomona.view.site import JSON, Answer, Site
-
-HOST = "127.0.0.1"
+from pomona.server import PageServer, json_of
+from pomona.view.correct import Corrector, StaleError, request_from
+from pomona.view.site import ADDRESSES, Site
 
 
-class ViewServer(ThreadingHTTPServer):
+class ViewServer(PageServer):
     """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken.
 
     With `corrector`, whose data and truth are given then, its page can correct fruits.
     """
-
-    daemon_threads = True
 
     def __init__(
         self,
@@ -38,105 +37,58 @@ class ViewServer(ThreadingHTTPServer):
         truth: TruthData | None = None,
         corrector: Corrector | None = None,
     ) -> None:
-        super().__init__((HOST, port), _Handler)
         self.corrector = corrector
         self.site = Site(data, truth, corrector)
         self._before: Site | None = None
+        routes: list[BaseRoute] = [Route(path, self._endpoint(make)) for path, make in ADDRESSES.items()]
+        if corrector is not None:
+            routes.append(Route("/corrections", self._correct, methods=["POST"]))
+        app = Starlette(routes=routes, exception_handlers={PomonaError: _not_there, OSError: _not_there})
+        app.router.redirect_slashes = False
+        super().__init__(app, policy=policy("server"), port=port)
 
     @property
     def changed(self) -> bool:
         """Whether fruits were corrected since it was started."""
         return self.corrector is not None and self.corrector.changed
 
-    def server_bind(self) -> None:
-        """Take the port, without asking name servers what this computer is called, which may take seconds."""
-        TCPServer.server_bind(self)
-        self.server_name, self.server_port = HOST, self.server_address[1]
+    def _endpoint(self, make: Callable[..., Response | None]) -> Callable[[Request], Response]:
+        def answer(request: Request) -> Response:
+            # A page that corrects may still be loading what was there before.
+            for site in filter(None, (self.site, self._before)):
+                try:
+                    found = make(site, **request.path_params)
+                except (KeyError, IndexError):
+                    continue
+                if found is not None:
+                    return found
+            raise HTTPException(HTTPStatus.NOT_FOUND)
 
-    def answer(self, path: str) -> Answer | None:
-        """Return what an address stands for; None where there is no such thing; raises for a lost photo."""
-        # A page that corrects may still be loading what was there before.
-        return self.site.answer(path) or (self._before.answer(path) if self._before else None)
+        return answer
 
-    def correct(self, path: str, headers: Message, body: BufferedIOBase) -> Answer:
-        """Do what a page asks to be changed, and show it from then on; raises `RefusedError`."""
-        answer = posts.correct(self.corrector, path, headers, body)
-        if self.corrector is not None and answer.changed:
+    async def _correct(self, request: Request) -> Response:
+        values = await json_of(request)
+        answer = await run_in_threadpool(self._corrected, values)
+        return JSONResponse(dataclasses.asdict(answer))
+
+    def _corrected(self, values: Any) -> CorrectionAnswer:
+        """Do what the page asks to be changed, and show it from then on."""
+        assert self.corrector is not None
+        try:
+            wanted = request_from(values)
+        except InputError as error:
+            raise HTTPException(HTTPStatus.BAD_REQUEST, str(error)) from None
+        try:
+            answer = self.corrector.do(wanted)
+        except StaleError as error:
+            answer = CorrectionAnswer(True, str(error), 0)
+        except PomonaError as error:
+            answer = CorrectionAnswer(False, str(error), 0)
+        if answer.changed:
             self._before = self.site
             self.site = Site(self.corrector.data, self.corrector.truth, self.corrector)
-        return Answer(json.dumps(dataclasses.asdict(answer)).encode("utf-8"), JSON)
-
-    @property
-    def url(self) -> str:
-        """Where the page is."""
-        return f"http://{HOST}:{self.server_port}/"
+        return answer
 
 
-class _Handler(BaseHTTPRequestHandler):
-    server: ViewServer
-    protocol_version = "HTTP/1.1"
-    server_version = "pomona"
-    sys_version = ""
-
-    def do_GET(self) -> None:
-        self._answer(body=True)
-
-    def do_HEAD(self) -> None:
-        self._answer(body=False)
-
-    def do_POST(self) -> None:
-        # What was not read of a body that is refused must not be taken for the next request.
-        self.close_connection = True
-        if not self._is_ours():
-            self.send_error(HTTPStatus.FORBIDDEN, "Only pages of this computer")
-            return
-        try:
-            answer = self.server.correct(self.path, self.headers, self.rfile)
-        except posts.RefusedError as error:
-            self.send_error(error.status, str(error))
-            return
-        self._send(answer, body=True)
-
-    def _answer(self, *, body: bool) -> None:
-        if not self._is_ours():
-            # Pages of others could reach this server under a name of theirs.
-            self.send_error(HTTPStatus.FORBIDDEN, "Only pages of this computer")
-            return
-        try:
-            answer = self.server.answer(self.path.split("?", 1)[0])
-        except (PomonaError, OSError) as error:
-            self.send_error(HTTPStatus.NOT_FOUND, explain=str(error))
-            return
-        if answer is None:
-            self.send_error(HTTPStatus.NOT_FOUND)
-            return
-        self._send(answer, body=body)
-
-    def _is_ours(self) -> bool:
-        host = self.headers.get("Host", "")
-        return host in (f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}")
-
-    def _send(self, answer: Answer, *, body: bool) -> None:
-        content = answer.body
-        self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", answer.kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.send_header("Content-Security-Policy", policy("server") + "; frame-ancestors 'none'")
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("Referrer-Policy", "no-referrer")
-        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-        # A survey may be made again behind the same port, and corrected masks have new crops.
-        self.send_header("Cache-Control", "private, max-age=600" if answer.lasting else "no-store")
-        self.end_headers()
-        if body:
-            self.wfile.write(content)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing of each request."""
-
-    def handle(self) -> None:
-        """Serve a connection; one that the browser drops is no error."""
-        try:
-            super().handle()
-        except (ConnectionError, TimeoutError):
-            return
+def _not_there(request: Request, error: Exception) -> Response:
+    return PlainTextResponse(str(error), HTTPStatus.NOT_FOUND)

@@ -5,15 +5,16 @@ Addresses hold indices and ids, never names of files, so that nothing but the su
 
 from __future__ import annotations
 
-import json
-import re
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from starlette.convertors import IntegerConvertor, register_url_convertor
+from starlette.responses import JSONResponse, Response
 
 from pomona.errors import PomonaError
 from pomona.report.columns import as_bytes
@@ -27,22 +28,21 @@ from pomona.view.pictures import SIDES_PX, Pictures
 
 PIECE_POINTS = 125_000
 """So many points of a cloud are sent at once; the first ones with the survey's other data."""
-JSON = "application/json; charset=utf-8"
 _DATA_URL = "data/survey.bin"
-_COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html; charset=utf-8", "image/jpeg"
+_COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html", "image/jpeg"
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><circle cx="8" cy="9" r="6" fill="#b8322a"/>'
     '<path d="M8 4q0-3 3-3" fill="none" stroke="#4f7d5a" stroke-width="1.6"/></svg>'
 )
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What is sent back: a body and its type, and whether it stays the same."""
+class _Index(IntegerConvertor):
+    """Whole numbers that an index or an id may be."""
 
-    body: bytes
-    kind: str
-    lasting: bool = False
+    regex = "[0-9]{1,9}"
+
+
+register_url_convertor("index", _Index())
 
 
 class Site:
@@ -54,30 +54,6 @@ class Site:
         self._corrector = corrector
         self._corrections = corrector.state if corrector else None
         self._pictures = Pictures(data)
-        self._routes: tuple[tuple[re.Pattern[str], Callable[..., Answer | None]], ...] = (
-            (re.compile(r"/"), self._page),
-            (re.compile(rf"/{re.escape(_DATA_URL)}"), self._survey),
-            (re.compile(r"/data/photos/(\d{1,7})\.bin"), self._photo_detections),
-            (re.compile(r"/data/fruits/(\d{1,9})\.bin"), self._fruit),
-            (re.compile(r"/data/points/scene/(\d{1,5})\.bin"), lambda k: self._points(self._whole.scene, k)),
-            (re.compile(r"/data/points/fruit/(\d{1,5})\.bin"), lambda k: self._points(self._whole.fruit_points, k)),
-            (re.compile(r"/photos/(\d{1,7})/(\d{1,5})\.jpg"), self._photo),
-            (re.compile(r"/straight/(\d{1,7})/(\d{1,5})\.jpg"), partial(self._photo, straight=True)),
-            (re.compile(r"/data/lines/(\d{1,7})/(\d{1,5})/(\d{1,5})\.json"), self._lines),
-            (re.compile(r"/crops/(\d{1,7})/(\d{1,9})\.jpg"), self._crop),
-            (re.compile(r"/favicon\.ico"), lambda: Answer(_ICON.encode("ascii"), "image/svg+xml")),
-        )
-
-    def answer(self, path: str) -> Answer | None:
-        """Return what an address stands for; None where there is no such thing; raises for a lost photo."""
-        for pattern, make in self._routes:
-            found = pattern.fullmatch(path)
-            if found:
-                try:
-                    return make(*(int(part) for part in found.groups()))
-                except (KeyError, IndexError):
-                    return None
-        return None
 
     @cached_property
     def _whole(self) -> SurveyData:
@@ -109,49 +85,99 @@ class Site:
     def _survey_body(self) -> bytes:
         return as_bytes(self.values)
 
-    def _page(self) -> Answer:
-        return Answer(self._page_body, _HTML)
+    def page(self) -> Response:
+        """The page."""
+        return Response(self._page_body, media_type=_HTML)
 
-    def _survey(self) -> Answer:
+    def survey(self) -> Response:
+        """The survey's data."""
         # The first click on a fruit is not to wait for the file of detections.
         threading.Thread(target=self._read_masks, daemon=True).start()
-        return Answer(self._survey_body, _COLUMNS)
+        return Response(self._survey_body, media_type=_COLUMNS)
 
     def _read_masks(self) -> None:
         # A damaged file is an error where a photo is asked for.
         with suppress(PomonaError):
             len(self._data.masks or ())
 
-    def _points(self, cloud: PackedCloud, piece: int) -> Answer | None:
-        points = cloud.points[piece * PIECE_POINTS : (piece + 1) * PIECE_POINTS]
-        return Answer(as_bytes(PointPiece(U16(points))), _COLUMNS) if len(points) else None
+    def scene_points(self, piece: int) -> Response | None:
+        """Points of the scene."""
+        return _points(self._whole.scene, piece)
 
-    def _photo_detections(self, index: int) -> Answer:
-        name = self._data.cameras.photos[index]
-        return Answer(as_bytes(detection_columns(self._data, photos=[name])), _COLUMNS)
+    def fruit_points(self, piece: int) -> Response | None:
+        """Points on fruits."""
+        return _points(self._whole.fruit_points, piece)
 
-    def _fruit(self, fruit_id: int) -> Answer | None:
-        if fruit_id not in self._data.fruits.ids:
+    def photo_detections(self, photo: int) -> Response:
+        """Detections of a photo, with outlines."""
+        name = self._data.cameras.photos[photo]
+        return _columns(detection_columns(self._data, photos=[name]))
+
+    def fruit(self, fruit: int) -> Response | None:
+        """Sightings and detections of a fruit."""
+        if fruit not in self._data.fruits.ids:
             return None
         seen = self._data.observations
-        mine = np.flatnonzero(seen.fruit_id == fruit_id)
+        mine = np.flatnonzero(seen.fruit_id == fruit)
         photos = {seen.photo[i] for i in mine}
         detections = detection_columns(self._data, only=seen.detection_id[mine].tolist(), photos=photos)
-        return Answer(as_bytes(SeenFruit(sightings_of(self._data, fruit_id), detections)), _COLUMNS)
+        return _columns(SeenFruit(sightings_of(self._data, fruit), detections))
 
-    def _photo(self, index: int, side_px: int, *, straight: bool = False) -> Answer | None:
+    def photo(self, photo: int, side_px: int) -> Response | None:
+        """A photo."""
+        return self._photo(photo, side_px, straight=False)
+
+    def straight(self, photo: int, side_px: int) -> Response | None:
+        """A photo without the lens's distortion."""
+        return self._photo(photo, side_px, straight=True)
+
+    def _photo(self, photo: int, side_px: int, *, straight: bool) -> Response | None:
         if side_px not in SIDES_PX:
             return None
-        return Answer(self._pictures.photo(index, side_px, straight=straight), _JPEG, lasting=True)
+        body = self._pictures.photo(photo, side_px, straight=straight)
+        # A survey may be made again behind the same port.
+        return Response(body, media_type=_JPEG, headers={"Cache-Control": "private, max-age=600"})
 
-    def _lines(self, photo: int, x: int, y: int) -> Answer | None:
+    def lines(self, photo: int, x: int, y: int) -> Response | None:
+        """Where other photos may show what is there in one."""
         if self._corrector is None:
             return None
         found = self._corrector.lines(PhotoMark(photo, x, y))
-        return Answer(json.dumps({"photos": found.photos, "lines": found.lines}).encode("utf-8"), JSON)
+        return JSONResponse({"photos": found.photos, "lines": found.lines})
 
-    def _crop(self, index: int, detection_id: int) -> Answer:
-        return Answer(self._pictures.crop(index, detection_id), _JPEG)
+    def crop(self, photo: int, detection: int) -> Response:
+        """The crop of a detection; corrected masks have new ones."""
+        return Response(self._pictures.crop(photo, detection), media_type=_JPEG)
+
+    def icon(self) -> Response:
+        """The page's icon."""
+        return Response(_ICON, media_type="image/svg+xml")
+
+
+ADDRESSES: dict[str, Callable[..., Response | None]] = {
+    "/": Site.page,
+    f"/{_DATA_URL}": Site.survey,
+    "/data/photos/{photo:index}.bin": Site.photo_detections,
+    "/data/fruits/{fruit:index}.bin": Site.fruit,
+    "/data/points/scene/{piece:index}.bin": Site.scene_points,
+    "/data/points/fruit/{piece:index}.bin": Site.fruit_points,
+    "/photos/{photo:index}/{side_px:index}.jpg": Site.photo,
+    "/straight/{photo:index}/{side_px:index}.jpg": Site.straight,
+    "/data/lines/{photo:index}/{x:index}/{y:index}.json": Site.lines,
+    "/crops/{photo:index}/{detection:index}.jpg": Site.crop,
+    "/favicon.ico": Site.icon,
+}
+"""What answers an address: a response, None or a `KeyError` or `IndexError` where there is no such thing, an error of
+files for a lost photo."""
+
+
+def _points(cloud: PackedCloud, piece: int) -> Response | None:
+    points = cloud.points[piece * PIECE_POINTS : (piece + 1) * PIECE_POINTS]
+    return _columns(PointPiece(U16(points))) if len(points) else None
+
+
+def _columns(values: Any) -> Response:
+    return Response(as_bytes(values), media_type=_COLUMNS)
 
 
 def _first(cloud: PackedCloud) -> PackedCloud:
