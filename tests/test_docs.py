@@ -149,6 +149,8 @@ def unknown(call: str) -> str | None:
     while getattr(command, "commands", None):
         if words and words[0].startswith("-"):
             break
+        if words and words[0] not in command.commands and (default := getattr(command, "default", None)):
+            words.insert(0, default)  # pomona orchard FILE is pomona orchard run FILE
         if not words or words[0] not in command.commands:
             return f"pomona {call}: no command '{words[0] if words else ''}'"
         command = command.commands[words.pop(0)]

@@ -21,6 +21,7 @@ ENGINES = {
     "yaml": "PyYAML", "pillow_heif": "pillow-heif", "onnxruntime": "ONNX Runtime", "torchvision": "torchvision",
     "transformers": "transformers", "pycolmap": "pycolmap", "sklearn": "scikit-learn", "bpy": "bpy", "torch": "torch",
     "typer": "typer", "uvicorn": "uvicorn", "starlette": "Starlette", "pandas": "pandas", "geopandas": "GeoPandas",
+    "pyarrow": "pyarrow", "distributed": "Dask distributed", "fsspec": "fsspec",
 }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from pomona.cli.demo import demo
 from pomona.cli.evaluate import evaluate
 from pomona.cli.export import export
 from pomona.cli.failures import reporting_errors
+from pomona.cli.orchard import orchard
 from pomona.cli.run import run
 from pomona.cli.segment import segment
 from pomona.cli.stages import fuse, measure, reconstruct, report
@@ -51,4 +52,5 @@ _COMMANDS = (
 )  # fmt: skip
 for command in _COMMANDS:
     app.command()(reporting_errors(command))
+app.add_typer(orchard, name="orchard")
 app.add_typer(benchmark, name="benchmark")

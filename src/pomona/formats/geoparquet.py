@@ -1,30 +1,94 @@
-"""`fruits.parquet`: fruits as points of a GeoParquet, for dataframes, DuckDB and databases (GeoPandas, pyarrow)."""
+"""GeoParquet: features with their columns, for dataframes, DuckDB and databases (pyarrow).
+
+Source: GeoParquet 1.1.0 (OGC): well-known binary in a column `geometry`, described by JSON under the key `geo`.
+"""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
 from pomona.cameras import WorldFrame
-from pomona.data_frames import geo_data_frame
 from pomona.errors import MissingExtraError
-from pomona.formats.on_earth import places_of
-from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
+from pomona.formats.layers import Layer, fruit_layer, well_known_binary
 from pomona.fruits import Fruits
+
+_ROWS_AT_A_TIME = 50_000  # of a row group: few enough for memory, many enough for readers
+
+
+class GeoParquet:
+    """Writes one layer to a GeoParquet file part by part, so that memory holds one part at a time; `path` is replaced.
+
+    `on_earth`: places are WGS 84 longitude, latitude and altitude; otherwise the file says that it has no coordinate
+    system. Use it as a context manager. Raises `MissingExtraError` where pyarrow is not installed.
+    """
+
+    def __init__(self, path: Path, *, on_earth: bool) -> None:
+        try:
+            import pyarrow.parquet
+        except ImportError as error:
+            raise MissingExtraError(
+                "GeoParquet needs pyarrow: install it with `pip install 'pomona[geoparquet]'`"
+            ) from error
+        self._arrow = pyarrow
+        self._path, self._on_earth = path, on_earth
+        self._writer: Any = None
+        self._columns: dict[str, list[Any]] = {}
+        self._waiting = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            if error is None and self._waiting:
+                self._flush()
+            self._writer.close()
+
+    def append(self, layer: Layer) -> None:
+        """Write features; all parts have the columns of the first one."""
+        if self._writer is None:
+            self._begin(layer)
+        for name in layer.columns:
+            self._columns[name] += [row[name] for row in layer.rows]
+        self._columns["geometry"] += [well_known_binary(places) for places in layer.geometries]
+        self._waiting += len(layer.rows)
+        if self._waiting >= _ROWS_AT_A_TIME:
+            self._flush()
+
+    def _begin(self, layer: Layer) -> None:
+        arrow = self._arrow
+        kinds = {"whole": arrow.int64(), "real": arrow.float64(), "text": arrow.string()}
+        fields = [(name, kinds[kind]) for name, kind in layer.columns.items()]
+        schema = arrow.schema([*fields, ("geometry", arrow.binary())], metadata={"geo": json.dumps(self._geo(layer))})
+        self._columns = {name: [] for name in (*layer.columns, "geometry")}
+        self._writer = arrow.parquet.ParquetWriter(self._path, schema)
+
+    def _geo(self, layer: Layer) -> dict[str, Any]:
+        shape = ("LineString" if layer.is_line else "Point") + (" Z" if layer.has_z else "")
+        crs = None
+        if self._on_earth:
+            from pyproj import CRS
+
+            crs = CRS.from_epsg(4326).to_json_dict()
+        column = {"encoding": "WKB", "geometry_types": [shape], "crs": crs}
+        return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+
+    def _flush(self) -> None:
+        self._writer.write_table(self._arrow.table(self._columns, schema=self._writer.schema))
+        self._columns = {name: [] for name in self._columns}
+        self._waiting = 0
 
 
 def write_geoparquet(path: Path, fruits: Fruits, frame: WorldFrame) -> None:
-    """Write fruits with the columns of `fruits.csv`, where GeoPandas and pyarrow are installed.
+    """Write fruits with the columns of `fruits.csv`.
 
     With a place on Earth, points are WGS 84 longitude, latitude and altitude; without one the survey's x, y, z, and the
-    file says that it has no coordinate system. Raises `MissingExtraError` where a package is missing.
+    file says that it has no coordinate system. Raises `MissingExtraError` where pyarrow is missing.
     """
-    rows = fruit_rows(fruits)
-    columns = {name: [row[name] for row in rows] for name in FRUIT_COLUMNS}
-    points = places_of(fruits.centers_in_world, frame).reshape(-1, 3)
-    table = geo_data_frame(columns, points, None if frame.crs is None else "EPSG:4326")
-    try:
-        table.to_parquet(path)
-    except ImportError as error:
-        raise MissingExtraError(
-            "GeoParquet needs pyarrow: install it with `pip install 'pomona[geoparquet]'`"
-        ) from error
+    with GeoParquet(path, on_earth=frame.crs is not None) as file:
+        file.append(fruit_layer(fruits, frame))

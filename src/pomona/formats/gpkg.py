@@ -9,27 +9,28 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.crop import RowSegments
-from pomona.formats.on_earth import places_of
+from pomona.errors import FormatError, MissingFileError
+from pomona.formats.layers import Layer, fruit_layer, segment_layer, tree_layer, well_known_binary
 from pomona.formats.qgis_style import graduated_style
-from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows, rows_of
 from pomona.fruits import Fruits
 from pomona.trees import Trees
 
 _APPLICATION, _VERSION = 0x47504B47, 10300  # "GPKG", 1.3.0
 _WGS84, _LOCAL = 4326, -1
-_WHOLE, _TEXTS = ("id", "views", "tree_id", "other_tree_id", "fruits", "fruits_low", "fruits_high"), ("side", "reason")
-_POINT, _LINE = 1, 2  # of well-known binary; 1000 more with z
+_MOST_FOR_STYLE = 20_000  # values of a column that its classes of colour are found from
+_KINDS = {"whole": "INTEGER", "real": "DOUBLE", "text": "TEXT"}
+_HEAD = struct.Struct("<2sBBi")
 _WKT = (
     'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG","7030"]],'
     'AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],UNIT["degree",0.0174532925199433,'
@@ -57,24 +58,96 @@ INSERT INTO gpkg_contents (table_name, data_type, identifier) VALUES ('layer_sty
 """
 
 
-@dataclass(frozen=True, eq=False)
-class _Layer:
-    """A table of features: each `geometries` (n, k, 2 or 3) of k places, a point or the corners of a line, and its
-    cells by the names of `columns`; coloured by `coloured_by`."""
+class GeoPackage:
+    """Writes layers to a GeoPackage part by part, so that memory holds one part at a time; `path` is replaced.
 
-    name: str
-    columns: Sequence[str]
-    rows: Sequence[Mapping[str, Any]]
-    geometries: FloatArray
-    coloured_by: str
+    `on_earth`: places are WGS 84 longitude, latitude and altitude; otherwise x, y, z of an undefined Cartesian system.
+    Use it as a context manager: extents and styles, which need all features, are written at its end.
+    """
 
-    @property
-    def is_line(self) -> bool:
-        return self.geometries.shape[1] > 1
+    def __init__(self, path: Path, *, on_earth: bool) -> None:
+        path.unlink(missing_ok=True)
+        self._srs_id = _WGS84 if on_earth else _LOCAL
+        self._layers: dict[str, tuple[Layer, FloatArray]] = {}  # the first part of each, its extent so far
+        self._database = sqlite3.connect(path)
+        # A new file needs no journal: it is whole at the end, or of no use.
+        for name, value in (("application_id", _APPLICATION), ("user_version", _VERSION), ("journal_mode", "OFF")):
+            self._database.execute(f"PRAGMA {name} = {value}")
+        self._database.executescript(_TABLES)
+        self._database.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _SYSTEMS)
 
-    @property
-    def has_z(self) -> bool:
-        return self.geometries.shape[2] > 2
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with closing(self._database), self._database:
+            if error is None:
+                for first, extent in self._layers.values():
+                    self._finish(first, extent)
+
+    def append(self, layer: Layer) -> None:
+        """Write features to the layer of that name, which is made when the first ones come."""
+        if layer.name not in self._layers:
+            self._begin(layer)
+        marks = ", ".join("?" * (len(layer.columns) + 1))
+        names = ", ".join(f'"{name}"' for name in layer.columns)
+        rows = (
+            (self._geometry(places), *(row[name] for name in layer.columns))
+            for places, row in zip(layer.geometries, layer.rows, strict=True)
+        )
+        self._database.executemany(f"INSERT INTO {layer.name} (geom, {names}) VALUES ({marks})", rows)
+        first, extent = self._layers[layer.name]
+        if len(known := layer.known):
+            low, high = np.fmin(extent[:2], known.min(0)), np.fmax(extent[2:], known.max(0))
+            self._layers[layer.name] = first, np.concatenate([low, high])
+
+    def _begin(self, layer: Layer) -> None:
+        shape = "LINESTRING" if layer.is_line else "POINT"
+        kinds = ", ".join(f'"{name}" {_KINDS[kind]}' for name, kind in layer.columns.items())
+        self._database.execute(
+            f"CREATE TABLE {layer.name} (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom {shape}, {kinds})"
+        )
+        self._database.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) VALUES (?, 'features', ?, ?)",
+            (layer.name, layer.name, self._srs_id),
+        )
+        self._database.execute(
+            "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', ?, ?, ?, 0)",
+            (layer.name, shape, self._srs_id, int(layer.has_z)),
+        )
+        self._layers[layer.name] = layer, np.full(4, np.nan)
+
+    def _finish(self, layer: Layer, extent: FloatArray) -> None:
+        if np.isfinite(extent).all():
+            self._database.execute(
+                "UPDATE gpkg_contents SET min_x = ?, min_y = ?, max_x = ?, max_y = ? WHERE table_name = ?",
+                (*extent.tolist(), layer.name),
+            )
+        values = self._shares(layer.name, layer.coloured_by)
+        style = graduated_style(layer.coloured_by, values, "line" if layer.is_line else "marker")
+        self._database.execute(
+            "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, "
+            "styleQML, useAsDefault, description) VALUES ('', '', ?, 'geom', ?, ?, 1, ?)",
+            (layer.name, layer.name, style, f"coloured by {layer.coloured_by}"),
+        )
+
+    def _shares(self, table: str, column: str) -> FloatArray:
+        """Return values of a column that have its percentiles: all of them where they are few."""
+        (count,) = self._database.execute(f'SELECT count("{column}") FROM {table}').fetchone()
+        step = max(1, count // _MOST_FOR_STYLE)
+        ordered = self._database.execute(
+            f'SELECT value FROM (SELECT "{column}" AS value, row_number() OVER (ORDER BY "{column}") - 1 AS place '
+            f'FROM {table} WHERE "{column}" IS NOT NULL) WHERE place % ? = 0 OR place = ?',
+            (step, count - 1),
+        )
+        return np.array([value for (value,) in ordered], float)
+
+    def _geometry(self, places: FloatArray) -> bytes | None:
+        """GeoPackage's head (little-endian, no envelope), then well-known binary."""
+        binary = well_known_binary(places)
+        return None if binary is None else _HEAD.pack(b"GP", 0, 1, self._srs_id) + binary
 
 
 def write_gpkg(
@@ -85,83 +158,39 @@ def write_gpkg(
     With a place on Earth they are in WGS 84 longitude, latitude and (fruits) altitude; without one in the survey's x, y
     and z in an undefined Cartesian system. Layers of what is not known are left out.
     """
-    path.unlink(missing_ok=True)
-    srs_id = _LOCAL if frame.crs is None else _WGS84
-    layers = [_of_fruits(fruits, frame)]
-    if trees is not None and len(trees):
-        layers.append(_of_trees(trees, frame))
-    if segments is not None and len(segments):
-        layers.append(_of_segments(segments, frame))
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(f"PRAGMA application_id = {_APPLICATION}")
-        database.execute(f"PRAGMA user_version = {_VERSION}")
-        database.executescript(_TABLES)
-        database.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _SYSTEMS)
-        for layer in layers:
-            _write_layer(database, layer, srs_id)
+    with GeoPackage(path, on_earth=frame.crs is not None) as package:
+        package.append(fruit_layer(fruits, frame))
+        if trees is not None and len(trees):
+            package.append(tree_layer(trees, frame))
+        if segments is not None and len(segments):
+            package.append(segment_layer(segments, frame))
 
 
-def _of_fruits(fruits: Fruits, frame: WorldFrame) -> _Layer:
-    places = places_of(fruits.centers_in_world, frame)
-    return _Layer("fruits", FRUIT_COLUMNS, fruit_rows(fruits), places[:, None], "diameter_m")
+def read_layer(path: Path, name: str) -> Iterator[dict[str, Any]]:
+    """Yield the features of a layer that `GeoPackage` wrote, one at a time: cells by column, and `places` (k, 2).
+
+    `places` is None where the place is not known. A layer that is not there has no features. Raises `MissingFileError`,
+    and `FormatError` where the file is no GeoPackage.
+    """
+    if not path.is_file():
+        raise MissingFileError(f"{path}: expected a GeoPackage, but there is no such file")
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+        database.row_factory = sqlite3.Row
+        try:
+            if not database.execute("SELECT 1 FROM gpkg_contents WHERE table_name = ?", (name,)).fetchone():
+                return
+            for row in database.execute(f'SELECT * FROM "{name}" ORDER BY fid'):
+                cells = {key: row[key] for key in row.keys() if key not in ("fid", "geom")}  # noqa: SIM118
+                yield {**cells, "places": _places(row["geom"])}
+        except sqlite3.DatabaseError as error:
+            raise FormatError(f"{path}: expected a GeoPackage, but {error}") from None
 
 
-def _of_trees(trees: Trees, frame: WorldFrame) -> _Layer:
-    columns = trees.columns()
-    return _Layer("trees", tuple(columns), rows_of(columns), _on_ground(trees.xy_in_world, frame)[:, None], "fruits")
-
-
-def _of_segments(segments: RowSegments, frame: WorldFrame) -> _Layer:
-    columns = segments.columns()
-    ends = [_on_ground(xy, frame) for xy in (segments.starts_in_world, segments.ends_in_world)]
-    return _Layer("segments", tuple(columns), rows_of(columns), np.stack(ends, axis=1), "all_fruits")
-
-
-def _on_ground(xy_in_world: FloatArray, frame: WorldFrame) -> FloatArray:
-    """Return places (n, 2) of x and y (n, 2), as `places_of`."""
-    places = places_of(np.column_stack([xy_in_world, np.zeros(len(xy_in_world))]), frame)
-    return np.asarray(places.reshape(-1, 3)[:, :2])
-
-
-def _write_layer(database: sqlite3.Connection, layer: _Layer, srs_id: int) -> None:
-    kind = "LINESTRING" if layer.is_line else "POINT"
-    kinds = ", ".join(f'"{name}" {_kind(name)}' for name in layer.columns)
-    database.execute(f"CREATE TABLE {layer.name} (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom {kind}, {kinds})")
-    known = layer.geometries[np.isfinite(layer.geometries).all(axis=(1, 2))][..., :2].reshape(-1, 2)
-    extent = [*known.min(0).tolist(), *known.max(0).tolist()] if len(known) else [None] * 4
-    database.execute(
-        "INSERT INTO gpkg_contents (table_name, data_type, identifier, min_x, min_y, max_x, max_y, srs_id) "
-        "VALUES (?, 'features', ?, ?, ?, ?, ?, ?)",
-        (layer.name, layer.name, *extent, srs_id),
-    )
-    database.execute(
-        "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', ?, ?, ?, 0)", (layer.name, kind, srs_id, int(layer.has_z))
-    )
-    marks = ", ".join("?" * (len(layer.columns) + 1))
-    names = ", ".join(f'"{name}"' for name in layer.columns)
-    rows = (
-        (_geometry(places, srs_id), *(row[name] for name in layer.columns))
-        for places, row in zip(layer.geometries, layer.rows, strict=True)
-    )
-    database.executemany(f"INSERT INTO {layer.name} (geom, {names}) VALUES ({marks})", rows)
-    values = np.array([row[layer.coloured_by] for row in layer.rows], float)  # None becomes NaN
-    style = graduated_style(layer.coloured_by, values, "line" if layer.is_line else "marker")
-    database.execute(
-        "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, "
-        "styleQML, useAsDefault, description) VALUES ('', '', ?, 'geom', ?, ?, 1, ?)",
-        (layer.name, layer.name, style, f"coloured by {layer.coloured_by}"),
-    )
-
-
-def _kind(column: str) -> str:
-    return "INTEGER" if column in _WHOLE else "TEXT" if column in _TEXTS else "DOUBLE"
-
-
-def _geometry(places: FloatArray, srs_id: int) -> bytes | None:
-    """A point or line (k, 2 or 3): GeoPackage's head (little-endian, no envelope), then well-known binary."""
-    if not np.isfinite(places).all():
+def _places(geometry: bytes | None) -> FloatArray | None:
+    """The places (k, 2) of a point or line that `GeoPackage` wrote."""
+    if geometry is None:
         return None
-    kind = (_LINE if len(places) > 1 else _POINT) + (1000 if places.shape[1] > 2 else 0)
-    count = struct.pack("<I", len(places)) if len(places) > 1 else b""
-    head = struct.pack("<2sBBi", b"GP", 0, 1, srs_id) + struct.pack("<BI", 1, kind)
-    return head + count + struct.pack(f"<{places.size}d", *places.ravel().tolist())
+    (kind,) = struct.unpack_from("<I", geometry, _HEAD.size + 1)
+    start = _HEAD.size + (9 if kind % 1000 == 2 else 5)
+    numbers = np.frombuffer(geometry, "<f8", offset=start)
+    return np.asarray(numbers.reshape(-1, 3 if kind > 1000 else 2)[:, :2])

@@ -335,14 +335,15 @@ def _from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
     """Return the options of which `plain` gave the entries."""
     assert is_dataclass(cls)
     known = {field.name: values[field.name] for field in fields(cls) if field.name in values}
-    kinds = get_type_hints(cls, localns=_option_classes())
+    kinds = get_type_hints(cls, localns=option_classes())
     try:
         return cls(**{name: _value(kinds[name], value) for name, value in known.items()})
     except (TypeError, ValueError, AttributeError) as error:
         raise FormatError(f"Options of {cls.__name__}: expected those of a run, but {error}") from None
 
 
-def _option_classes() -> dict[str, Any]:
+def option_classes() -> dict[str, Any]:
+    """Return the classes of the options of single stages by name, which annotations of `RunOptions` speak of."""
     from pomona.capture import KeyFrameOptions
 
     of_stages = vars(StageOptions.usual(RunOptions())).values()

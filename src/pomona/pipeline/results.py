@@ -199,6 +199,7 @@ def results_stage(
     store = Store(
         save=_save,
         load=_load,
+        rounds=True,
         outputs=lambda survey: (
             survey.fruits,
             survey.geojson,

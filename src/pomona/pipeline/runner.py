@@ -189,6 +189,8 @@ class Runner:
         assert stage.store is not None
         value = stage.compute(**self._arguments(stage, progress))
         info = stage.store.save(value, self._context)
+        if stage.store.rounds and stage.store.load is not None:
+            value = stage.store.load(info, self._context)
         folder = self._survey.folder
         outputs = stage.store.outputs(self._survey)
         return value, {path.relative_to(folder).as_posix(): file_digest(path) for path in outputs}, info

@@ -70,12 +70,15 @@ class Store(Generic[T]):
     """How a value is kept: `save` writes `outputs` and returns the stage's facts for the manifest, `load` reads it.
 
     Outputs in `work/` may be missing as long as nobody asks for the value; the others belong to the result. A store
-    without `load` keeps the facts alone: the value is computed again from the inputs when it is asked for.
+    without `load` keeps the facts alone: the value is computed again from the inputs when it is asked for. `rounds`:
+    the files hold less than the value, which is read back at once, so that later stages take the same whether or not
+    the run was stopped in between.
     """
 
     save: Callable[[T, SurveyContext], Mapping[str, Any]]
     load: Callable[[Mapping[str, Any], SurveyContext], T] | None = None
     outputs: Callable[[SurveyFolder], tuple[Path, ...]] = _no_outputs
+    rounds: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,301 @@
+"""`report.html` of an orchard: totals, a map of rows, tables of surveys and of changes; it fetches nothing.
+
+The page is written from the orchard's GeoPackage, line by line, so that memory does not depend on the number of rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from itertools import chain
+from pathlib import Path
+from string import Template
+from typing import Any, TextIO
+from urllib.parse import quote
+
+import numpy as np
+
+from pomona import __version__
+from pomona.arrays import FloatArray
+from pomona.formats.gpkg import read_layer
+from pomona.orchard.plan import Orchard
+from pomona.progress import Progress
+from pomona.report.svg import nice_step, number
+from pomona.report.totals import card
+
+_PAGE = files("pomona.orchard") / "page.html"
+_BODY = "<!-- body -->"
+_COLOURS = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")  # viridis: few to many
+_WIDTH, _MARGIN = 1000.0, 60.0
+_LEAST_HEIGHT, _MOST_HEIGHT = 160.0, 620.0
+_MOST_NAMES = 60  # rows whose names are written on the map
+_DEGREE_M = 111_195.0  # of latitude
+_MOST_COUNTED = 20_000  # rows that the classes of colour are found from
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Figures of all rows, each by its newest finished survey; `surveys` and those that `failed` or are `missing`.
+
+    `all_fruits` are hidden ones too, of rows where that could be estimated; the ends are the sums of those of rows, as
+    errors of one orchard's surveys are alike.
+    """
+
+    rows: int
+    surveys: int
+    failed: int
+    missing: int
+    photos: int
+    trees: int
+    fruits: int
+    all_fruits: float
+    all_low: float
+    all_high: float
+    weight_kg: float
+    length_m: float
+
+
+def write_page(orchard: Orchard, package: Path, page: Path, progress: Progress) -> Totals:
+    """Write the page of the orchard whose tables are in `package`, and return the totals."""
+    progress.start("report")
+    totals = _totals(package)
+    head, tail = _template(orchard, totals).split(_BODY)
+    with page.open("w", encoding="utf-8") as file:
+        file.write(head)
+        _write_map(file, package)
+        _write_changes(file, package)
+        _write_surveys(file, package)
+        file.write(tail)
+    return totals
+
+
+def _template(orchard: Orchard, totals: Totals) -> str:
+    done = totals.surveys - totals.failed - totals.missing
+    subtitle = f"{done:,} of {totals.surveys:,} surveys done" + (f", {totals.failed:,} failed" if totals.failed else "")
+    return Template(_PAGE.read_text(encoding="utf-8")).substitute(
+        title=escape(orchard.title), version=escape(__version__), subtitle=subtitle, totals=_cards(totals)
+    )
+
+
+def _totals(package: Path) -> Totals:
+    names = ("photos", "trees", "fruits", "all_fruits", "all_low", "all_high", "weight_kg", "length_m")
+    sums = dict.fromkeys(names, 0.0)
+    counts = {"rows": 0, "surveys": 0, "failed": 0, "missing": 0}
+    for row in read_layer(package, "rows"):
+        counts["surveys"] += 1
+        counts["rows"] += row["newest"]
+        if row["state"] in counts:
+            counts[row["state"]] += 1
+        if row["newest"]:
+            sums = {name: value + (row[name] or 0) for name, value in sums.items()}
+    return Totals(
+        **counts,
+        photos=round(sums["photos"]),
+        trees=round(sums["trees"]),
+        fruits=round(sums["fruits"]),
+        all_fruits=round(sums["all_fruits"], 1),
+        all_low=round(sums["all_low"], 1),
+        all_high=round(sums["all_high"], 1),
+        weight_kg=round(sums["weight_kg"], 3),
+        length_m=round(sums["length_m"], 2),
+    )
+
+
+def _cards(totals: Totals) -> str:
+    cards = [
+        card("Rows", f"{totals.rows:,}", f"{totals.length_m:,.0f} m" if totals.length_m else "of unknown length"),
+        card("Fruits found", f"{totals.fruits:,}", "by the newest survey of each row", "main"),
+    ]
+    if totals.all_fruits:
+        span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}: the rows' 95 % intervals, added"
+        cards.append(card("All fruits, hidden ones too", f"{totals.all_fruits:,.0f}", span))
+    if totals.weight_kg:
+        kilograms, each_g = totals.weight_kg, 1000 * totals.weight_kg / max(totals.fruits, 1)
+        in_tonnes = kilograms > 2000
+        figure = f"{kilograms / 1000:,.2f} <small>t</small>" if in_tonnes else f"{kilograms:,.1f} <small>kg</small>"
+        cards.append(card("Weight of those found", figure, f"{each_g:.0f} g each"))
+    if totals.trees:
+        cards.append(card("Trees", f"{totals.trees:,}", f"{totals.fruits / totals.trees:.0f} fruits found on each"))
+    cards.append(card("Photos", f"{totals.photos:,}", ""))
+    return "".join(cards)
+
+
+# ---- map -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Map:
+    """From longitude and latitude to places on the page, north up; `unit_m` is a metre in units of the page, `left` the
+    westernmost place."""
+
+    west: float
+    north: float
+    squeeze: float
+    unit_m: float
+    left: float
+    height: float
+
+    def at(self, places: FloatArray) -> FloatArray:
+        east_m = (places[:, 0] - self.west) * self.squeeze * _DEGREE_M
+        south_m = (self.north - places[:, 1]) * _DEGREE_M
+        return np.column_stack([east_m, south_m]) * self.unit_m + [self.left, _MARGIN]
+
+
+def _write_map(file: TextIO, package: Path) -> None:
+    """Write the newest survey of each row as a line, coloured by fruits a metre; what has no place is said."""
+    extent, density, placed, nowhere = _extent(package)
+    file.write('<section class="sheet"><h2>Map</h2>')
+    if extent is None:
+        file.write(
+            '<p class="note">No row has a place on Earth: photos with GNSS, markers with a coordinate system or ground '
+            "control points give one.</p></section>\n"
+        )
+        return
+    shown = _map_of(extent)
+    classes = np.percentile(density, np.linspace(0, 100, len(_COLOURS) + 1)) if len(density) else np.zeros(0)
+    file.write(f'<svg viewBox="0 0 {_WIDTH:g} {shown.height:.0f}" role="img" aria-label="Map of the rows">\n')
+    for row in _newest(package):
+        if row["places"] is not None:
+            file.write(_line(row, shown, classes, named=placed <= _MOST_NAMES))
+    file.write(_scale_bar(shown) + "</svg>")
+    if len(classes) and classes[0] < classes[-1]:
+        entries = (
+            f'<li><i style="background:{colour}"></i>{classes[k]:.3g} to {classes[k + 1]:.3g}</li>'
+            for k, colour in enumerate(_COLOURS)
+        )
+        file.write(f'<ul class="legend"><li>Fruits a metre of row, hidden ones too:</li>{"".join(entries)}</ul>')
+    if nowhere:
+        file.write(f'<p class="note">{nowhere:,} row{"s have" if nowhere > 1 else " has"} no place on Earth.</p>')
+    file.write("</section>\n")
+
+
+def _newest(package: Path) -> Iterator[dict[str, Any]]:
+    return (row for row in read_layer(package, "rows") if row["newest"])
+
+
+def _extent(package: Path) -> tuple[FloatArray | None, FloatArray, int, int]:
+    """West, south, east, north of all rows (None: none has a place), fruits a metre, rows with and without a place."""
+    extent, placed, nowhere = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0, 0
+    density: list[float] = []
+    for row in _newest(package):
+        if row["places"] is None:
+            nowhere += 1
+            continue
+        placed += 1
+        extent[:2] = np.minimum(extent[:2], row["places"].min(0))
+        extent[2:] = np.maximum(extent[2:], row["places"].max(0))
+        if row["all_per_metre"] is not None and len(density) < _MOST_COUNTED:
+            density.append(row["all_per_metre"])
+    return (extent if np.isfinite(extent).all() else None), np.array(density), placed, nowhere
+
+
+def _map_of(extent: FloatArray) -> _Map:
+    west, south, east, north = extent.tolist()
+    squeeze = math.cos(math.radians((south + north) / 2))
+    width_m = max((east - west) * squeeze * _DEGREE_M, 1.0)
+    height_m = max((north - south) * _DEGREE_M, 1.0)
+    unit_m = min((_WIDTH - 2 * _MARGIN) / width_m, (_MOST_HEIGHT - 2 * _MARGIN) / height_m)
+    left = (_WIDTH - width_m * unit_m) / 2
+    return _Map(west, north, squeeze, unit_m, left, max(_LEAST_HEIGHT, height_m * unit_m + 2 * _MARGIN))
+
+
+def _line(row: Row, shown: _Map, classes: FloatArray, *, named: bool) -> str:
+    (x0, y0), (x1, y1) = shown.at(row["places"])
+    value = row["all_per_metre"]
+    colour = ' class="bare"'
+    if value is not None and len(classes):
+        k = min(int(np.searchsorted(classes[1:-1], value, side="right")), len(_COLOURS) - 1)
+        colour = f' stroke="{_COLOURS[k]}"'
+    said = f"{row['row']} {row['date']}".strip() + f": {row['fruits']:,} fruits found"
+    said += f", {value:.3g} a metre with hidden ones" if value is not None else ""
+    return (
+        f'<line{colour} stroke-width="4" x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}">'
+        f"<title>{escape(said)}</title></line>{_name(row['row'], (x0, y0), (x1, y1)) if named else ''}\n"
+    )
+
+
+def _name(name: str, start: tuple[float, float], end: tuple[float, float]) -> str:
+    """A row's name beyond its western end."""
+    x, y = min(start, end)
+    return f'<text x="{x - 8:.1f}" y="{y + 4:.1f}" text-anchor="end">{escape(name)}</text>'
+
+
+def _scale_bar(shown: _Map) -> str:
+    length_m = nice_step((_WIDTH - 2 * _MARGIN) / shown.unit_m, 6)
+    x, y = _WIDTH - _MARGIN - length_m * shown.unit_m, shown.height - 10
+    end = _WIDTH - _MARGIN
+    return (
+        f'<line class="scale" stroke-width="2" x1="{x:.1f}" x2="{end:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+        f'<text x="{(x + end) / 2:.1f}" y="{y - 6:.1f}" text-anchor="middle">{number(length_m)} m</text>'
+    )
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def _write_surveys(file: TextIO, package: Path) -> None:
+    heads = ("row", "date", "state", "photos", "fruits", "all, hidden ones too", "95 %", "trees", "length m",
+             "weight kg", "diameter mm", "metres from", "why")  # fmt: skip
+    _begin_table(file, "Surveys", heads)
+    for row in read_layer(package, "rows"):
+        name = escape(row["row"])
+        if row["state"] == "done":
+            name = f'<a href="surveys/{quote(row["survey"])}/report.html">{name}</a>'
+        used = "" if row["photos"] is None else f"{row['photos_used']:,} of {row['photos']:,}"
+        span = "" if row["all_low"] is None else f"{row['all_low']:,.0f} to {row['all_high']:,.0f}"
+        cells = [
+            row["date"], row["state"], used, _said(row["fruits"]), _said(row["all_fruits"]), span, _said(row["trees"]),
+            _said(row["length_m"], 1), _said(row["weight_kg"], 1), _said(row["diameter_mm"], 1), row["scale"] or "",
+        ]  # fmt: skip
+        _write_row(file, row["state"], name, cells, row["reason"])
+    _end_table(file)
+
+
+def _write_changes(file: TextIO, package: Path) -> None:
+    changes = read_layer(package, "changes")
+    first = next(changes, None)
+    if first is None:
+        return
+    heads = ("row", "from", "to", "in both", "not found again", "really gone, about", "new", "growth mm", "95 %",
+             "mm a day", "note")  # fmt: skip
+    _begin_table(file, "Changes", heads)
+    for row in chain([first], changes):
+        name = escape(row["row"])
+        if row["state"] == "done":
+            folder = f"{row['row']}_{row['before']}_to_{row['after']}"
+            name = f'<a href="comparisons/{quote(folder)}/comparison.html">{name}</a>'
+        span = "" if row["growth_low_mm"] is None else f"{row['growth_low_mm']:.1f} to {row['growth_high_mm']:.1f}"
+        cells = [
+            row["before"], row["after"], _said(row["same"]), _said(row["gone"]), _said(row["really_gone"]),
+            _said(row["new"]), _said(row["growth_mm"], 1), span, _said(row["growth_mm_per_day"], 2),
+        ]  # fmt: skip
+        _write_row(file, row["state"], name, cells, row["reason"])
+    _end_table(file)
+
+
+def _begin_table(file: TextIO, title: str, heads: tuple[str, ...]) -> None:
+    columns = "".join(f'<th scope="col"{_kind(k, len(heads))}>{escape(head)}</th>' for k, head in enumerate(heads))
+    file.write(f'<section class="sheet"><h2>{title}</h2><div class="scroll"><table><thead><tr>{columns}</tr></thead>')
+    file.write("<tbody>\n")
+
+
+def _write_row(file: TextIO, state: str, name: str, cells: list[str], reason: str) -> None:
+    texts = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+    file.write(f'<tr class="{escape(state)}"><td>{name}</td>{texts}<td class="text">{escape(reason)}</td></tr>\n')
+
+
+def _end_table(file: TextIO) -> None:
+    file.write("</tbody></table></div></section>\n")
+
+
+def _kind(k: int, count: int) -> str:
+    return ' class="text"' if k == count - 1 else ""
+
+
+def _said(value: float | None, digits: int = 0) -> str:
+    return "" if value is None else f"{value:,.{digits}f}"

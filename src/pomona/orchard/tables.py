@@ -1,0 +1,97 @@
+"""The orchard's tables, survey by survey: a GeoPackage with all layers, and a GeoParquet file of each.
+
+Each survey is read, written and forgotten, so that memory does not depend on the number of rows.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pomona.arrays import FloatArray
+from pomona.errors import PomonaError
+from pomona.formats.geoparquet import GeoParquet
+from pomona.formats.gpkg import GeoPackage
+from pomona.formats.layers import Layer
+from pomona.orchard.folder import LAYERS, OrchardFolder
+from pomona.orchard.plan import Orchard, PlannedSurvey
+from pomona.orchard.rows import EMPTY_LAYERS, change_layer, row_without_survey, tables_of
+from pomona.orchard.work import local_survey
+from pomona.progress import Progress
+
+
+class _Tables:
+    """The files of the tables, open for writing in a folder."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._package = stack.enter_context(GeoPackage(folder / "orchard.gpkg", on_earth=True))
+        self._files = {
+            layer: stack.enter_context(GeoParquet(folder / f"{layer}.parquet", on_earth=True)) for layer in LAYERS
+        }
+        for layer in EMPTY_LAYERS:
+            self.append(layer)
+
+    def append(self, layer: Layer) -> None:
+        self._package.append(layer)
+        self._files[layer.name].append(layer)
+
+
+def write_tables(orchard: Orchard, folder: OrchardFolder, into: Path, progress: Progress) -> None:
+    """Write `orchard.gpkg` and the GeoParquet files of all surveys and comparisons to the folder `into`.
+
+    A survey that cannot be read any more is a row that failed, with the reason.
+    """
+    newest = _newest(orchard, folder)
+    progress.start("tables", len(orchard.surveys))
+    with ExitStack() as stack:
+        tables = _Tables(into, stack)
+        pairs = {(before.name, after.name): (before, after) for before, after in orchard.comparisons}
+        of_later = {after: pair for (_, after), pair in pairs.items()}
+        for planned in orchard.surveys:
+            places = _append_survey(tables, planned, folder, newest=newest.get(planned.row) == planned.name)
+            pair = of_later.get(planned.name)
+            if pair and (outcome := folder.outcome("comparisons", comparison_name(*pair))):
+                tables.append(change_layer(pair, outcome, places))
+            progress.advance()
+
+
+def comparison_name(before: PlannedSurvey, after: PlannedSurvey) -> str:
+    """The name of what compares two surveys of one row."""
+    return f"{before.name}_to_{after.day}"
+
+
+def _append_survey(
+    tables: _Tables, planned: PlannedSurvey, folder: OrchardFolder, *, newest: bool
+) -> FloatArray | None:
+    """Write one survey; return where its row is (2, 2), longitude and latitude, None where that is not known."""
+    outcome = folder.outcome("surveys", planned.name)
+    if outcome is None or outcome.state != "done":
+        tables.append(row_without_survey(planned, outcome))
+        return None
+    try:
+        with tempfile.TemporaryDirectory(prefix="pomona-") as scratch:
+            of_survey = tables_of(local_survey(folder.survey(planned.name), Path(scratch)), planned, newest=newest)
+    except (PomonaError, KeyError) as error:
+        reason = str(error) if isinstance(error, PomonaError) else f"its survey.json lacks {error}: make it again"
+        tables.append(row_without_survey(planned, replace(outcome, state="failed", reason=reason)))
+        return None
+    for layer in (of_survey.row, of_survey.trees, of_survey.fruits):
+        tables.append(layer)
+    places: FloatArray = of_survey.row.geometries[0]
+    return places if np.isfinite(places).all() else None
+
+
+def _newest(orchard: Orchard, folder: OrchardFolder) -> Mapping[str, str]:
+    """The newest survey of each row that is done."""
+    newest: dict[str, PlannedSurvey] = {}
+    for survey in orchard.surveys:
+        before = newest.get(survey.row)
+        later = before is None or str(survey.day) > str(before.day)
+        if later and (outcome := folder.outcome("surveys", survey.name)) and outcome.state == "done":
+            newest[survey.row] = survey
+    return {row: survey.name for row, survey in newest.items()}

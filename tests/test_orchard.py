@@ -1,0 +1,381 @@
+"""Many rows from one file: what is read of it, what workers make, tables and report of all of them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import pomona
+from orchard_scenes import digests, write_finished, write_rows
+from pomona.cli import wording
+from pomona.cli.app import app
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.gpkg import read_layer
+from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
+from pomona.orchard.folder import LAYERS, OrchardFolder
+from pomona.orchard.jobs import Outcome, Part, SurveyJob
+from pomona.orchard.page import write_page
+from pomona.orchard.places import Place, Sender, is_url
+from pomona.orchard.plan import option_fields
+from pomona.orchard.run import parts_of
+from pomona.orchard.tables import write_tables
+from pomona.orchard.work import do_job
+from pomona.pipeline import STAGES
+from pomona.progress import Silent
+from pomona.survey import SurveyFolder
+
+runner = CliRunner()
+
+# ---- the file --------------------------------------------------------------------------------------------------------
+
+FILE = """
+title = "Home farm"
+out = "results"
+[defaults]
+fruit = "pear"
+tree-spacing = 0.9
+gnss = false
+[workers]
+processes = 2
+memory-gb = 3
+retry-after = 1
+resources = { GPU = 1 }
+[resources.segment]
+GPU = 1
+[[survey]]
+row = "7"
+date = 2026-07-01
+photos = ["row-7/east", "s3://farm/row-7/west"]
+markers = "markers.csv"
+tree-spacing = 1.2
+[[survey]]
+row = "7"
+date = 2026-06-01
+photos = "row-7.mp4"
+scale-bar = [0, 1, 0.85]
+[[survey]]
+row = "8 süd"
+photos = ["row-8"]
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "orchard.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_what_the_file_says(tmp_path: Path) -> None:
+    orchard = read_orchard(written(tmp_path, FILE))
+    assert (orchard.title, orchard.out) == ("Home farm", str(tmp_path / "results"))
+    assert [survey.name for survey in orchard.surveys] == ["7_2026-07-01", "7_2026-06-01", "8 süd"]
+    first, second, third = orchard.surveys
+    assert first.photos == (str(tmp_path / "row-7" / "east"), "s3://farm/row-7/west")
+    assert first.options == {
+        "fruit": "pear", "tree_spacing": 1.2, "use_gnss": False, "markers": str(tmp_path / "markers.csv"),
+    }  # fmt: skip
+    assert second.options["scale_bar"] == [0, 1, 0.85]
+    assert third.options == {"fruit": "pear", "tree_spacing": 0.9, "use_gnss": False}
+    assert orchard.comparisons == ((second, first),)
+    assert orchard.workers == WorkerOptions(processes=2, memory_gb=3, retry_after_s=1, resources={"GPU": 1.0})
+    assert orchard.resources == {"segment": {"GPU": 1.0}}
+
+
+def test_options_are_those_of_the_command_line() -> None:
+    command = typer.main.get_command(app).commands["run"]  # type: ignore[attr-defined]
+    there = {option.lstrip("-") for parameter in command.params for option in parameter.opts if option.startswith("--")}
+    assert set(option_fields()) == there - {"out", "overwrite", "adapt", "json"}
+    for said, field in option_fields().items():
+        assert wording.with_options(f"`{field}`") == f"--{said}"
+
+
+SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("rows = [", "expected TOML"),
+        ("", r"\[\[survey\]\] for each survey"),
+        ("nothing = 1\n" + SURVEY, "`nothing`: expected some of title, out"),
+        ('[[survey]]\nphotos = "p"\n', "number 1: expected `row`"),
+        ('[[survey]]\nrow = "../../x"\nphotos = "p"\n', "can be a folder's; found '../../x'"),
+        ('[[survey]]\nrow = "con"\nphotos = "p"\n', "expected `row`"),
+        ('[[survey]]\nrow = "1"\n', r"number 1 \(row 1\): expected `photos`"),
+        ('[[survey]]\nrow = "1"\nphotos = [1]\n', "expected `photos`, a list of folders"),
+        (SURVEY + 'date = "2026-07-01"\n', "without quotes, such as 2026-07-01, found '2026-07-01'"),
+        (SURVEY + "fruit-diameter = true\n", r"\(row 1\) fruit-diameter: expected a number, found True"),
+        (SURVEY + "fruit_diameter = 0.07\n", "has `fruit_diameter`: expected some of .*fruit-diameter"),
+        (SURVEY + "scale-bar = [0, 1]\n", "scale-bar: expected a list of 3, found"),
+        (SURVEY + 'fruit = "potato"\n', r"number 1 \(row 1\): .*potato"),
+        (SURVEY + 'method = "guess"\n', "expected one of object, paper, found 'guess'"),
+        (SURVEY + SURVEY, "1 is there more than once: give the surveys of one row a `date`"),
+        (SURVEY + SURVEY + "date = 2026-07-01\n", "several surveys of one row need a `date` each"),
+        ("[workers]\nprocesses = 0\n" + SURVEY, r"\[workers\] processes: expected 1 or more, found 0"),
+        ("[resources.guess]\nGPU = 1\n" + SURVEY, r"\[resources.guess\]: expected a stage \(segment"),
+        ('[resources.segment]\nGPU = "yes"\n' + SURVEY, "expected tags of workers with numbers"),
+    ],
+)
+def test_mistakes_in_the_file_are_said_before_any_work(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(FormatError, match=said) as error:
+        read_orchard(written(tmp_path, text))
+    assert str(tmp_path / "orchard.toml") in str(error.value)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="no such file"):
+        read_orchard(tmp_path / "orchard.toml")
+
+
+def test_stages_are_cut_where_tags_of_workers_change() -> None:
+    gpu = {"GPU": 1.0}
+    assert parts_of({}, "object") == (Part("report"),)
+    assert parts_of({"segment": gpu}, "object") == (Part("segment", gpu), Part("report", {}))
+    assert [part.until for part in parts_of({"dense": gpu}, "object")] == ["planting", "dense", "report"]
+    assert [part.until for part in parts_of({"dense": gpu}, "paper")] == ["scale", "dense", "report"]
+    assert [part.until for part in parts_of(dict.fromkeys(STAGES, gpu), "object")] == ["report"]
+
+
+# ---- one survey ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two rows, one of them on two days, and one whose photos are missing."""
+    folder = tmp_path_factory.mktemp("orchard")
+    dated = [{"row": "7", "date": f"2026-0{month}-01", "count": 24} for month in (7, 8)]
+    path = write_rows(folder, [*dated, {"row": "8 süd"}], head="[workers]\ncores = 1\nprocesses = 1\nretry-after = 0\n")
+    path.write_text(path.read_text() + '[[survey]]\nrow = "9"\nphotos = "nowhere"\n')
+    return path
+
+
+def job_of(planned: PlannedSurvey, out: Path | str, **more: object) -> SurveyJob:
+    return SurveyJob(name=planned.name, photos=planned.photos, options=planned.options, out=str(out), **more)  # type: ignore[arg-type]
+
+
+def test_a_survey_that_nothing_changed_is_known_without_its_photos(scene: Path, tmp_path: Path) -> None:
+    planned = read_orchard(scene).surveys[2]
+    out = tmp_path / "survey"
+    made = do_job(job_of(planned, out), tmp_path)
+    assert (made.state, made.kept, made.reason) == ("done", False, "")
+    again = job_of(planned, out, left=made.left)
+    manifest = (out / "survey.json").read_bytes()
+    assert do_job(again, tmp_path).kept
+    assert (out / "survey.json").read_bytes() == manifest
+    (out / "trees.csv").unlink()
+    mended = do_job(again, tmp_path)
+    assert (mended.state, mended.kept) == ("done", False)
+    assert (out / "trees.csv").is_file()
+    other = replace(again, options={**planned.options, "tree_spacing": 0.7}, left=mended.left)
+    assert not do_job(other, tmp_path).kept
+    assert list(tmp_path.glob("pomona-*")) == []
+
+
+def test_a_survey_made_in_parts_is_the_same(scene: Path, tmp_path: Path) -> None:
+    planned = read_orchard(scene).surveys[2]
+    pomona.run(planned.photos, tmp_path / "whole", **planned.options)
+    parts = tuple(Part(until) for until in ("segment", "scale", "measure", "results", "report"))
+    job = job_of(planned, tmp_path / "parts", parts=parts)
+    assert [do_job(job.at(k), tmp_path).state for k in range(len(parts))] == ["done"] * len(parts)
+    assert digests(tmp_path / "parts") == digests(tmp_path / "whole")
+
+
+def test_why_a_survey_failed(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    orchard = read_orchard(scene)
+    failed = do_job(job_of(orchard.surveys[3], tmp_path / "a"), tmp_path)
+    assert (failed.state, failed.may_pass) == ("failed", False)
+    assert "nowhere does not exist" in failed.reason
+    assert failed.attempts[0].reason == failed.reason
+    other = do_job(replace(job_of(orchard.surveys[2], tmp_path / "b"), version="9.9"), tmp_path)
+    assert "9.9 where the orchard was started" in other.reason
+
+    def broken(*given: object, **more: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("pomona.orchard.work.run", broken)
+    outcome = do_job(job_of(orchard.surveys[2], tmp_path / "c"), tmp_path)
+    assert (outcome.state, outcome.may_pass) == ("failed", True)
+    assert "Input/output error" in outcome.reason
+    assert "test_orchard.py" in outcome.details
+    assert Outcome.from_json(json.loads(json.dumps(outcome.to_json()))) == outcome
+
+
+# ---- shared storage --------------------------------------------------------------------------------------------------
+
+
+def test_a_url_is_no_path() -> None:
+    assert is_url("s3://farm/row-7")
+    assert not is_url("/farm/row-7")
+    assert (Place("s3://farm/row-7/") / "a").text == "s3://farm/row-7/a"
+
+
+def test_a_folder_goes_to_a_storage_and_comes_back(tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    place = Place("memory://farm/survey")
+    folder = tmp_path / "survey"
+    (folder / "work").mkdir(parents=True)
+    for name in ("survey.json", "fruits.csv", "work/lock", "work/x.npz", ".part.csv"):
+        (folder / name).write_text(name)
+    sender = Sender(folder, place, "survey.json")
+    sender.send()
+    assert set(place.listing()) == {"survey.json", "fruits.csv", "work/x.npz"}
+    (folder / "fruits.csv").unlink()
+    (folder / "trees.csv").write_text("trees")
+    sender.send()
+    assert set(place.listing()) == {"survey.json", "trees.csv", "work/x.npz"}
+    back = place.bring(tmp_path / "back", leave=("work",))
+    assert {p.name: p.read_text() for p in back.iterdir()} == {"survey.json": "survey.json", "trees.csv": "trees"}
+    assert (place / "nothing").read_bytes() is None
+    with pytest.raises(MissingFileError, match="does not exist"):
+        (place / "nothing").bring(tmp_path)
+
+
+def test_a_name_in_a_storage_cannot_leave_the_folder(tmp_path: Path) -> None:
+    memory = pytest.importorskip("fsspec.implementations.memory")
+    name, store = "/hostile/photos/../../outside.jpg", memory.MemoryFileSystem.store
+    store[name] = memory.MemoryFile(memory.MemoryFileSystem(), name, b"x")
+    try:
+        with pytest.raises(FormatError, match="leaves the folder"):
+            Place("memory://hostile/photos").bring(tmp_path / "here")
+        assert not list(tmp_path.rglob("outside.jpg"))
+    finally:
+        del store[name]
+
+
+def test_a_storage_that_is_not_known() -> None:
+    pytest.importorskip("fsspec")
+    with pytest.raises(InputError, match="gopher"):
+        Place("gopher://farm/row").exists()
+
+
+# ---- tables, map and report ------------------------------------------------------------------------------------------
+
+
+def planned_rows(out: Path, count: int) -> Orchard:
+    surveys = tuple(PlannedSurvey(row=f"{k:04}", day=None, photos=("p",), options={}) for k in range(count))
+    return Orchard(title="Many <rows>", out=str(out), surveys=surveys)
+
+
+def test_tables_and_report_of_all_rows(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'cluster' is not installed")
+    orchard = planned_rows(tmp_path, 3)
+    write_finished(orchard, fruits=30)
+    folder = OrchardFolder(Place(orchard.out))
+    (folder.survey("0001").path / "fruits.csv").write_text("not a table\n")
+    folder.keep("surveys", Outcome(name="0002", state="failed", reason="No camera & no <place>"))
+    into = tmp_path / "tables"
+    into.mkdir()
+    write_tables(orchard, folder, into, Silent())
+    rows = list(read_layer(into / "orchard.gpkg", "rows"))
+    assert [(row["row"], row["state"], row["newest"]) for row in rows] == [
+        ("0000", "done", 1),
+        ("0001", "failed", 0),
+        ("0002", "failed", 0),
+    ]
+    assert "expected columns id" in rows[1]["reason"]
+    assert rows[2]["reason"] == "No camera & no <place>"
+    first = rows[0]
+    assert (first["fruits"], first["trees"], first["photos"], first["photos_used"]) == (30, 4, 10, 9)
+    assert (first["all_fruits"], first["all_low"], first["all_high"]) == (37.5, 36, 42)
+    assert first["length_m"] == 40
+    assert first["places"][0] == pytest.approx([0.87, 41.62], abs=1e-7)
+    assert rows[1]["places"] is None
+    for layer, count in zip(LAYERS, (3, 4, 30, 0), strict=True):
+        assert len(list(read_layer(into / "orchard.gpkg", layer))) == count
+        table = parquet.read_table(into / f"{layer}.parquet")
+        assert table.num_rows == count
+        assert json.loads(table.schema.metadata[b"geo"])["columns"]["geometry"]["crs"]["id"]["code"] == 4326
+    assert set(parquet.read_table(into / "fruits.parquet")["row"].to_pylist()) == {"0000"}
+    totals = write_page(orchard, into / "orchard.gpkg", tmp_path / "report.html", Silent())
+    assert (totals.rows, totals.surveys, totals.failed, totals.fruits, totals.trees) == (1, 3, 2, 30, 4)
+    assert (totals.all_fruits, totals.weight_kg, totals.length_m) == (37.5, pytest.approx(5.4), 40)
+    page = (tmp_path / "report.html").read_text()
+    assert "Many &lt;rows&gt;" in page
+    assert "No camera &amp; no &lt;place&gt;" in page
+    assert page.count("<line stroke=") == 1
+    assert 'href="surveys/0000/report.html"' in page
+    assert "<script" not in page
+
+
+def test_the_geopackage_opens_in_another_reader(tmp_path: Path) -> None:
+    geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
+    pyogrio = pytest.importorskip("pyogrio", reason="GDAL's reader is not installed")
+    orchard = planned_rows(tmp_path, 5)
+    write_finished(orchard)
+    (tmp_path / "tables").mkdir()
+    write_tables(orchard, OrchardFolder(Place(orchard.out)), tmp_path / "tables", Silent())
+    path = tmp_path / "tables" / "orchard.gpkg"
+    layers = dict(pyogrio.list_layers(path).tolist())
+    assert {name: layers[name] for name in LAYERS} == {
+        "rows": "LineString", "trees": "Point", "fruits": "Point Z", "changes": "LineString",
+    }  # fmt: skip
+    rows = geopandas.read_file(path, layer="rows").to_crs("EPSG:32631")
+    assert rows.length.tolist() == pytest.approx([40.0] * 5, rel=0.001)
+    apart = [rows.geometry[k].distance(rows.geometry[k + 1]) for k in range(4)]
+    assert apart == pytest.approx([4.0] * 4, rel=0.01)
+    fruits = geopandas.read_parquet(tmp_path / "tables" / "fruits.parquet")
+    assert len(fruits) == 30 + 31 + 32 + 33 + 34
+    assert fruits.crs.to_epsg() == 4326
+
+
+def peak_mb_of_tables(folder: Path, count: int) -> float:
+    """The peak memory of a process that writes tables and report of so many finished rows."""
+    code = (
+        "import sys, resource; sys.path.insert(0, sys.argv[1]); from pathlib import Path\n"
+        "from test_orchard import planned_rows, OrchardFolder, Place, Silent, write_page, write_tables\n"
+        "out, count = Path(sys.argv[2]), int(sys.argv[3]); orchard = planned_rows(out, count)\n"
+        "write_tables(orchard, OrchardFolder(Place(orchard.out)), out, Silent())\n"
+        "write_page(orchard, out / 'orchard.gpkg', out / 'report.html', Silent())\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    )
+    write_finished(planned_rows(folder, count), fruits=100)
+    command = [sys.executable, "-c", code, str(Path(__file__).parent), str(folder), str(count)]
+    return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+@pytest.mark.slow
+def test_memory_is_flat_in_the_number_of_rows(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    few, many = (peak_mb_of_tables(tmp_path / str(count), count) for count in (100, 500))
+    assert 50 < few < many + 20
+    # What grows is the plan, 1 kB a row; 40,000 fruits more would be 30 MB.
+    assert many - few < 10
+
+
+def test_status_says_what_is_done_failed_stopped_and_missing(tmp_path: Path) -> None:
+    days = "".join(f'[[survey]]\nrow = "{row}"\ndate = 2026-0{m}-01\nphotos = "p"\n' for row in "ab" for m in (6, 7))
+    path = written(tmp_path, days + SURVEY)
+    orchard = read_orchard(path)
+    folder = OrchardFolder(Place(orchard.out))
+    first, second, third, _, last = orchard.surveys
+    folder.keep("surveys", Outcome(name=first.name, state="done", plan=first.key))
+    folder.keep("surveys", Outcome(name=second.name, state="failed", reason="the disk was full", plan=second.key))
+    folder.keep("surveys", Outcome(name=third.name, state="done", plan="of another text"))
+    SurveyFolder.create(folder.survey(last.name).path)
+    found = orchard_status(orchard)
+    assert [survey.standing for survey in found.surveys] == ["done", "failed", "changed", "missing", "stopped"]
+    assert found.counts() == {"done": 1, "changed": 1, "failed": 1, "stopped": 1, "missing": 1}
+    assert [(c.standing, c.reason) for c in found.comparisons] == [
+        ("missing", "waits for a_2026-07-01"), ("missing", "waits for b_2026-07-01"),
+    ]  # fmt: skip
+    said = runner.invoke(app, ["orchard", "status", str(path)])
+    assert said.exit_code == 0
+    assert "5 surveys: 1 done, 1 changed, 1 failed, 1 stopped, 1 missing" in said.stdout
+    assert "a_2026-07-01: the disk was full" in said.stdout
+    as_json = json.loads(runner.invoke(app, ["orchard", "status", str(path), "--json"]).stdout)
+    assert as_json["surveys"][1]["reason"] == "the disk was full"
+    assert as_json["counts"]["missing"] == 1
+
+
+def test_the_command_says_what_is_wrong_with_the_file(tmp_path: Path) -> None:
+    said = runner.invoke(app, ["orchard", str(written(tmp_path, "title = 'x'"))])
+    assert said.exit_code == 1
+    assert "[[survey]]" in said.stderr
+    assert "Usage" in runner.invoke(app, ["orchard", "--help"]).stdout

@@ -1,0 +1,74 @@
+"""What is shipped: one version, and a wheel, made of the sdist, that works without the repository."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+import pomona
+from conftest import REPOSITORY
+
+PYPROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_the_version_is_said_in_one_place() -> None:
+    assert re.fullmatch(r"\d+\.\d+\.\d+", pomona.__version__)
+    assert PYPROJECT["project"]["dynamic"] == ["version"]
+    assert "version" not in PYPROJECT["project"]
+    assert REPOSITORY / PYPROJECT["tool"]["hatch"]["version"]["path"] == Path(pomona.__file__).resolve()
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == pomona.__version__
+    assert citation["license"] == PYPROJECT["project"]["license"]
+    changes = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.+)$", changes, re.MULTILINE)
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+ \((unreleased|\d{4}-\d\d-\d\d)\)", heading) for heading in headings)
+    assert headings[0].split()[0] == pomona.__version__
+
+
+def test_every_extra_is_tried_before_a_release() -> None:
+    script = (REPOSITORY / "packaging" / "check_extras.py").read_text(encoding="utf-8")
+    tried = re.findall(r'^    "([\w-]+)":', script, re.MULTILINE)
+    assert set(tried) - {"none"} == set(PYPROJECT["project"]["optional-dependencies"]) - {"dev", "docs"}
+
+
+@pytest.mark.slow
+def test_a_wheel_of_the_sdist_works_without_the_repository(tmp_path: Path) -> None:
+    pytest.importorskip("build", reason="the package build is not installed")
+    pytest.importorskip("hatchling", reason="the package hatchling is not installed")
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(REPOSITORY)]
+    subprocess.run(build, check=True, capture_output=True)  # the sdist, and the wheel from it
+    (sdist,), (wheel,) = tmp_path.glob("*.tar.gz"), tmp_path.glob("*.whl")
+    assert f"pomona-{pomona.__version__}-py3-none-any.whl" == wheel.name
+    with tarfile.open(sdist) as archive:
+        inside = {name.split("/", 1)[1] for name in archive.getnames() if "/" in name}
+    assert {"LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "tests/test_packaging.py"} <= inside
+    names = set(zipfile.ZipFile(wheel).namelist())
+    needed = (
+        "segment/weights/fruit.onnx", "second_look/weights/second_look.onnx", "filter/weights/object_svm.json",
+        "report/static/viewer.js", "report/static/viewer.css", "report/template.html", "orchard/page.html",
+        "demo/markers.csv", "demo/truth/fruits.csv", "py.typed",
+    )  # fmt: skip
+    assert {f"pomona/{name}" for name in needed} <= names
+    assert sum(name.startswith("pomona/demo/east/") for name in names) >= 10
+    assert not [name for name in names if not name.startswith(("pomona/", "pomona-"))]
+    assert 1e6 < wheel.stat().st_size < 40e6
+    installed = tmp_path / "installed"
+    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(installed), str(wheel)]
+    subprocess.run(install, check=True, capture_output=True)
+    code = "import pomona; print(pomona.__file__); print(pomona.sample_folder()); print(len(pomona.__all__))"
+    for command in (["-c", code], ["-m", "pomona", "--version"], ["-m", "pomona", "demo", "--help"]):
+        done = subprocess.run(
+            [sys.executable, *command], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(installed)},
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        if command[0] == "-c":
+            assert all(line.startswith(str(installed)) for line in done.stdout.splitlines()[:2])
