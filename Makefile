@@ -2,12 +2,12 @@
 #   make demo   makes .venv, installs Pomona, runs the main job on the bundled sample
 #   make test   makes .venv-dev, installs what the tests need, runs the quick tests
 # Others: make check (what .ci/run runs), make docs (the documentation as a site: site/index.html), make viewer (rebuild the
-# viewer; needs Node).
+# viewer; needs Node), make nightly (slow tests, fuzzing and benchmarks; a table of their figures over revisions).
 
 PYTHON ?= python3
 DEMO_OUT ?= pomona-demo
 
-.PHONY: demo test check lint docs slow viewer clean
+.PHONY: demo test check lint docs slow nightly viewer clean
 
 demo: .venv/installed
 	.venv/bin/pomona demo --out $(DEMO_OUT)
@@ -28,6 +28,9 @@ docs: .venv-dev/installed
 
 slow: .venv-dev/installed
 	.venv-dev/bin/python -m pytest -m slow
+
+nightly: .venv-dev/installed
+	.ci/nightly
 
 viewer:
 	cd viewer && npm ci && npm run build && npm test

@@ -15,7 +15,7 @@ from pomona.orchard.jobs import ComparisonJob, Outcome, Part, SurveyJob
 from pomona.orchard.page import Totals, write_page
 from pomona.orchard.places import Place
 from pomona.orchard.plan import Orchard
-from pomona.orchard.tables import comparison_name, write_tables
+from pomona.orchard.tables import comparison_name, is_done, write_tables
 from pomona.orchard.work import do_job
 from pomona.pipeline import STAGES
 from pomona.progress import Progress, Silent
@@ -133,8 +133,7 @@ def _survey_jobs(orchard: Orchard, folder: OrchardFolder) -> Iterator[SurveyJob]
 
 def _comparison_jobs(orchard: Orchard, folder: OrchardFolder) -> Iterator[ComparisonJob]:
     for pair in orchard.comparisons:
-        done = [folder.outcome("surveys", survey.name) for survey in pair]
-        if not all(outcome and outcome.state == "done" for outcome in done):
+        if not all(is_done(folder, survey) for survey in pair):
             continue
         before, after = pair
         assert before.day is not None

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pomona.orchard.folder import OrchardFolder
 from pomona.orchard.places import Place
 from pomona.orchard.plan import Orchard, PlannedSurvey
-from pomona.orchard.tables import comparison_name
+from pomona.orchard.tables import comparison_name, is_done
 
 Standing = Literal["done", "changed", "failed", "stopped", "missing"]
 """Done; done, but the file says something else now; failed; begun and not finished; not begun."""
@@ -81,8 +81,7 @@ def _comparisons(orchard: Orchard, folder: OrchardFolder) -> Iterator[SurveyStat
 
 
 def _waits_for(before: PlannedSurvey, after: PlannedSurvey, folder: OrchardFolder) -> str:
-    outcomes = {survey.name: folder.outcome("surveys", survey.name) for survey in (before, after)}
-    lacking = [name for name, outcome in outcomes.items() if outcome is None or outcome.state != "done"]
+    lacking = [survey.name for survey in (before, after) if not is_done(folder, survey)]
     return f"waits for {' and '.join(lacking)}" if lacking else ""
 
 

@@ -55,14 +55,22 @@ def write_tables(orchard: Orchard, folder: OrchardFolder, into: Path, progress: 
         for planned in orchard.surveys:
             places = _append_survey(tables, planned, folder, newest=newest.get(planned.row) == planned.name)
             pair = of_later.get(planned.name)
-            if pair and (outcome := folder.outcome("comparisons", comparison_name(*pair))):
-                tables.append(change_layer(pair, outcome, places))
+            if pair and all(is_done(folder, survey) for survey in pair):
+                outcome = folder.outcome("comparisons", comparison_name(*pair))
+                if outcome is not None:
+                    tables.append(change_layer(pair, outcome, places))
             progress.advance()
 
 
 def comparison_name(before: PlannedSurvey, after: PlannedSurvey) -> str:
     """The name of what compares two surveys of one row."""
     return f"{before.name}_to_{after.day}"
+
+
+def is_done(folder: OrchardFolder, survey: PlannedSurvey) -> bool:
+    """Say whether the last that became of a survey is that it was made."""
+    outcome = folder.outcome("surveys", survey.name)
+    return outcome is not None and outcome.state == "done"
 
 
 def _append_survey(
@@ -91,7 +99,6 @@ def _newest(orchard: Orchard, folder: OrchardFolder) -> Mapping[str, str]:
     newest: dict[str, PlannedSurvey] = {}
     for survey in orchard.surveys:
         before = newest.get(survey.row)
-        later = before is None or str(survey.day) > str(before.day)
-        if later and (outcome := folder.outcome("surveys", survey.name)) and outcome.state == "done":
+        if (before is None or str(survey.day) > str(before.day)) and is_done(folder, survey):
             newest[survey.row] = survey
     return {row: survey.name for row, survey in newest.items()}
