@@ -18,7 +18,7 @@ from pomona.cli.app import app
 
 DOCS = REPOSITORY / "docs"
 FROM_ROOT = ("ARCHITECTURE.md", "CHANGELOG.md")  # pages of the site as well (docs/assemble.py)
-PAGES = sorted([*(REPOSITORY / name for name in ("README.md", *FROM_ROOT)), *DOCS.rglob("*.md")])
+PAGES = sorted([*(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", *FROM_ROOT)), *DOCS.rglob("*.md")])
 TEXTS = sorted(
     path
     for folder in ("src", "tests", "benchmarks", "viewer/src")

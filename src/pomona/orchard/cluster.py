@@ -30,6 +30,7 @@ class Workers:
 
     def __init__(self, client: Any, options: WorkerOptions) -> None:
         self._client, self._options = client, options
+        self._address = str(client.scheduler.address)
         self._slots, self._looked = 1, float("-inf")
 
     @property
@@ -54,8 +55,8 @@ class Workers:
         under_way: dict[Any, tuple[J, int, tuple[Attempt, ...], str]] = {}
 
         def submit(job: J, part: int, attempts: tuple[Attempt, ...]) -> None:
-            tried = sum(1 for attempt in attempts if attempt.reason)
-            pause_s = self._options.retry_after_s * 2 ** (tried - 1) if attempts and attempts[-1].reason else 0.0
+            again = bool(attempts and attempts[-1].reason)
+            pause_s = self._options.retry_after_s * 2 ** (_failures(attempts) - 1) if again else 0.0
             future = self._client.submit(
                 _on_worker, work, job.at(part), pause_s,
                 key=f"{job.name}-{part}-{len(attempts)}-{os.urandom(4).hex()}",
@@ -78,8 +79,7 @@ class Workers:
             attempts += outcome.attempts
             future.release()
             failed = outcome.state == "failed"
-            tried = sum(1 for attempt in attempts if attempt.reason)
-            if failed and outcome.may_pass and tried <= self._options.retries:
+            if failed and outcome.may_pass and _failures(attempts) <= self._options.retries:
                 submit(job, part, attempts)
             elif not failed and part + 1 < len(job.parts):
                 submit(job, part + 1, attempts)
@@ -102,7 +102,7 @@ class Workers:
         except Exception as error:
             if future.status in ("cancelled", "lost") or self._client.status != "running":
                 raise SurveyError(
-                    f"The scheduler at {self._client} went away: what was finished is kept; start it and use the same "
+                    f"The scheduler at {self._address} went away: what was finished is kept; start it and use the same "
                     "command again"
                 ) from error
             reason = f"{type(error).__name__}: {error}"
@@ -113,6 +113,10 @@ class Workers:
             self._slots = max(1, sum(self._client.nthreads().values()))
             self._looked = time.monotonic()
         return self._slots
+
+
+def _failures(attempts: Iterable[Attempt]) -> int:
+    return sum(1 for attempt in attempts if attempt.reason)
 
 
 def _on_worker(work: Work[Any], job: Job, pause_s: float) -> Outcome:
