@@ -297,7 +297,7 @@ def test_the_server_corrects_for_its_own_page(server: ViewServer) -> None:
     state = server.corrector.state
     status, body = post(server, request(state, "delete", fruits=[1]))
     assert (status, json.loads(body)) == (200, {"changed": True, "message": "Fruit 1 deleted. 15 fruits", "fruit": 0})
-    assert 1 not in server.site.values.fruits.ids
+    assert 1 not in server.pages.site.values.fruits.ids
     # Another window, with the old page.
     status, body = post(server, request(state, "delete", fruits=[2]))
     assert (status, json.loads(body)["changed"]) == (200, True)  # by somebody else

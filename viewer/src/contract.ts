@@ -6,6 +6,7 @@ export type U32 = Uint32Array;
 export type F32 = Float32Array;
 export type Source = "report" | "folder" | "server";
 export type CorrectionKind = "delete" | "add" | "split" | "merge" | "move" | "undo" | "redo";
+export type WatchPhase = "waiting" | "looking" | "finishing" | "finished";
 
 /**
  * `count` points in an order by chance, so that the first of them are an even sample of all: `points` (k, 4).
@@ -231,12 +232,43 @@ export interface SightLines {
 }
 
 /**
+ * What is the `matter` with a photo, and in words what to do.
+ */
+export interface WatchHint {
+  photo: string;
+  matter: string;
+  text: string;
+}
+
+/**
+ * How far the watch of photos that arrive is. `doing`: in words; the survey's folder where it is finished.
+ *
+ * `revision` is that of the page with the present answer. `placed` of the `photos` have a place; the others are null
+ * where they are not known: `fruits`, the `length` of row in metres, the usual `step`, and `well_seen`, the share of
+ * fruits that three photos saw. `hints`: the last ones, the newest first.
+ */
+export interface WatchState {
+  phase: WatchPhase;
+  doing: string;
+  revision: number;
+  photos: number;
+  placed: number;
+  fruits: number | null;
+  length: number | null;
+  step: number | null;
+  wellSeen: number | null;
+  hints: WatchHint[];
+}
+
+/**
  * All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
  *
- * `sightings` and `detections` are null where a server is asked for them, by fruit and by photo.
+ * `sightings` and `detections` are null where a server is asked for them, by fruit and by photo. `provisional`: photos
+ * still arrive, and the server tells of that.
  */
 export interface SurveyData {
   source: Source;
+  provisional: boolean;
   photosNote: string;
   title: string;
   unit: string;

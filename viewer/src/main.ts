@@ -14,6 +14,7 @@ import { FruitTable } from "./table";
 import { Through } from "./through";
 import { Tools } from "./tools";
 import { View } from "./view";
+import { following } from "./watch";
 
 class Page {
   private readonly fruits: Fruit[];
@@ -88,6 +89,11 @@ class Page {
     this.correcting?.restore();
   }
 
+  /** Follow photos that still arrive. */
+  follow(): void {
+    following({ data: this.data, view: this.view, selected: () => this.selected, select: (id) => this.select(id, "view") });
+  }
+
   private lookThrough(photo: number): void {
     this.box.scrollIntoView({ block: "nearest" });
     this.through?.open(photo);
@@ -141,6 +147,7 @@ async function start(): Promise<void> {
     const page = new Page(await loadSurvey(find("#survey-data")));
     page.start();
     page.correct();
+    page.follow();
   } catch (error) {
     const note = find("#no-data");
     note.hidden = false;

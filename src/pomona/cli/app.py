@@ -21,6 +21,7 @@ from pomona.cli.stages import fuse, measure, reconstruct, report
 from pomona.cli.synth import synth
 from pomona.cli.train import train
 from pomona.cli.view import view
+from pomona.cli.watch import watch
 
 app = typer.Typer(
     name="pomona",
@@ -48,7 +49,7 @@ def common(
 
 
 _COMMANDS = (
-    run, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, compare, adapt, train, synth,
+    run, watch, demo, segment, reconstruct, fuse, measure, report, evaluate, view, export, compare, adapt, train, synth,
 )  # fmt: skip
 for command in _COMMANDS:
     app.command()(reporting_errors(command))

@@ -28,7 +28,7 @@ SAME_NAMES = frozenset(
         "learning_rate", "copy_paste", "check_every", "patience", "held_out", "split_by", "workers", "seed", "trees",
         "fruits_per_tree", "variety", "light", "photos_per_side", "photos_round_end", "rough", "second_look",
         "markers_crs", "gcp", "positions", "days_later", "drop_share", "dates",
-        "hand_counts", "scheduler",
+        "hand_counts", "scheduler", "host", "until", "idle",
     )
 )  # fmt: skip
 

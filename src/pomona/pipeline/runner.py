@@ -113,21 +113,17 @@ class Runner:
             return RunLog(self._survey.folder.name, self._survey.records, self._warnings, chosen)
         return self._sources[source].value if isinstance(source, Source) else self.value(source)
 
-    def _own_key(self, stage: Stage[Any]) -> str:
-        """A digest of what a stage depends on besides its inputs: its options, its code, the engines."""
-        module = stage.compute.__module__
-        options = content_key(stage.options(self._options)) if stage.options else None
-        return digest([stage.name, options, code_digest(module), engine_versions(module)])
-
     def _fingerprint(self, stage: Stage[Any]) -> str:
-        return digest([self._own_key(stage), {name: self._token(source) for name, source in stage.inputs.items()}])
+        return digest(
+            [own_key(stage, self._options), {name: self._token(source) for name, source in stage.inputs.items()}]
+        )
 
     def _arguments(self, stage: Stage[Any], progress: Progress) -> dict[str, Any]:
         given = {name: self._input(source) for name, source in stage.inputs.items()}
         if stage.options:
             given["options"] = stage.options(self._options)
         if "own_key" in stage.parameters:
-            given["own_key"] = self._own_key(stage)
+            given["own_key"] = own_key(stage, self._options)
         if "work_dir" in stage.parameters:
             given["work_dir"] = self._survey.work(stage.name)
         if "progress" in stage.parameters:
@@ -218,6 +214,13 @@ class Runner:
             f"{self._survey.folder} lacks what stage '{stage.name}' keeps in work/, or it was changed, or written by "
             "another version of Pomona: use `pomona run` with the photos again, which makes it"
         )
+
+
+def own_key(stage: Stage[Any], options: StageOptions) -> str:
+    """Return a digest of what a stage depends on besides its inputs: its options, its code, the engines."""
+    module = stage.compute.__module__
+    chosen = content_key(stage.options(options)) if stage.options else None
+    return digest([stage.name, chosen, code_digest(module), engine_versions(module)])
 
 
 def _free_name(path: Path) -> Path:

@@ -57,6 +57,12 @@ class SegmentChoice:
     given: Path | None
     classes: tuple[str, ...] | None
 
+    def kept_from(self, threshold: float) -> SegmentOptions:
+        """Return the options of a segmenter whose score threshold is this."""
+        if self.lowest_score is None:
+            return self.options
+        return replace(self.options, kept_share=self.lowest_score / threshold)
+
 
 def _choice(options: StageOptions) -> SegmentChoice:
     from pomona.pipeline.code import version_of
@@ -94,8 +100,7 @@ def _segment(
     progress: Progress,
 ) -> Segmented:
     if options.given is None:
-        folder = work_dir / own_key
-        files = {photo.name: folder / f"{digest([photo.name, digests[photo.name]])}.json" for photo in photos}
+        files = {photo.name: _file_of(work_dir, own_key, photo, digests[photo.name]) for photo in photos}
         return _by_model(photos, options, files, progress)
     from pomona.formats.detections.read import read_detections
 
@@ -110,17 +115,19 @@ def _by_model(photos: Photos, options: SegmentChoice, files: Mapping[str, Path],
     from pomona.segment import iter_detections, load_segmenter
 
     segmenter = load_segmenter(options.model.name)
-    threshold = segmenter.traits.score_threshold
-    chosen = options.options
-    if options.lowest_score is not None:
-        chosen = replace(chosen, kept_share=options.lowest_score / threshold)
+    chosen = options.kept_from(segmenter.traits.score_threshold)
     done, found = _done(photos, files), dict[str, Detections]()
     by_name = photos.by_name()
     for of_photo in iter_detections(photos, segmenter, options=chosen, progress=progress, done=done):
         found[of_photo.photo] = of_photo
         if of_photo.photo not in done:
             _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
-    return Segmented(SurveyDetections(found), threshold)
+    return Segmented(SurveyDetections(found), segmenter.traits.score_threshold)
+
+
+def _file_of(work_dir: Path, own_key: str, photo: Photo, content: str) -> Path:
+    """Where the detections of a photo are kept, by what made them and the digest of its content."""
+    return work_dir / own_key / f"{digest([photo.name, content])}.json"
 
 
 def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
@@ -170,3 +177,61 @@ SEGMENT = Stage(
     store=Store(save=_save, load=_load, outputs=lambda survey: (survey.detections,)),
 )
 """Writes `detections.json`."""
+
+
+class PhotoByPhoto:
+    """Detections of photos as they come in, each kept where a run with the same options finds it.
+
+    At which scale photos are read is found out once for each side and camera, from the first photos that are there.
+    """
+
+    def __init__(self, options: StageOptions, own_key: str, work_dir: Path) -> None:
+        from pomona.segment import load_segmenter
+
+        choice = _choice(options)
+        self._key, self._work_dir = own_key, work_dir
+        self._segmenter = load_segmenter(choice.model.name)
+        self._threshold = self._segmenter.traits.score_threshold
+        self._options = choice.kept_from(self._threshold)
+        self._scales: dict[tuple[str, str, int, int], float] = {}
+        self._found: dict[str, Detections] = {}
+
+    @property
+    def segmented(self) -> Segmented:
+        """All that was found so far."""
+        return Segmented(SurveyDetections(dict(self._found)), self._threshold)
+
+    def detect(self, photo: Photo, content: str, photos: Photos, progress: Progress) -> None:
+        """Find the fruits in a photo, by the digest of its content; `photos` are those to learn the reading scale from.
+
+        A photo that cannot be read is warned of, and has no detections.
+        """
+        from pomona.formats.detections.coco import write_coco
+        from pomona.segment import iter_detections
+
+        path, one = _file_of(self._work_dir, self._key, photo, content), Photos((photo,))
+        kept = _done(one, {photo.name: path}).get(photo.name)
+        if kept is not None and not set(kept.ids.tolist()) & {i for d in self._found.values() for i in d.ids.tolist()}:
+            self._found[photo.name] = kept
+            return
+        options = replace(self._options, scale=self._scale_of(photo, photos, progress))
+        for found in iter_detections(one, self._segmenter, options=options, progress=progress, done=self._found):
+            self._found[photo.name] = found
+            _keep(write_coco, path, photo, found)
+
+    def _scale_of(self, photo: Photo, photos: Photos, progress: Progress) -> float:
+        if self._options.scale is not None:
+            return self._options.scale
+        group = photo.side, photo.camera_key, photo.width_px, photo.height_px
+        if group not in self._scales:
+            from pomona.segment.reading_scale import reading_scales
+
+            alike = tuple(p for p in photos if (p.side, p.camera_key, p.width_px, p.height_px) == group)
+            self._scales[group] = reading_scales(
+                Photos(alike[: self._options.sample_photos]),
+                self._segmenter,
+                sample_photos=self._options.sample_photos,
+                score_threshold=self._threshold,
+                progress=progress,
+            )[alike[0].name]
+        return self._scales[group]

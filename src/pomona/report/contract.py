@@ -24,6 +24,7 @@ F32 = NewType("F32", Array)
 Vector = tuple[float, float, float]
 Source = Literal["report", "folder", "server"]
 CorrectionKind = Literal["delete", "add", "split", "merge", "move", "undo", "redo"]
+WatchPhase = Literal["waiting", "looking", "finishing", "finished"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,6 +195,36 @@ class ViewHints:
 
 
 @dataclasses.dataclass(frozen=True)
+class WatchHint:
+    """What is the `matter` with a photo, and in words what to do."""
+
+    photo: str
+    matter: str
+    text: str
+
+
+@dataclasses.dataclass(frozen=True)
+class WatchState:
+    """How far the watch of photos that arrive is. `doing`: in words; the survey's folder where it is finished.
+
+    `revision` is that of the page with the present answer. `placed` of the `photos` have a place; the others are null
+    where they are not known: `fruits`, the `length` of row in metres, the usual `step`, and `well_seen`, the share of
+    fruits that three photos saw. `hints`: the last ones, the newest first.
+    """
+
+    phase: WatchPhase
+    doing: str
+    revision: int
+    photos: int
+    placed: int
+    fruits: int | None
+    length: float | None
+    step: float | None
+    well_seen: float | None
+    hints: list[WatchHint]
+
+
+@dataclasses.dataclass(frozen=True)
 class CorrectionState:
     """What a person changed, in words, the last one last; and what was undone, the next to be redone last.
 
@@ -264,10 +295,12 @@ class SightLines:
 class SurveyData:
     """All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
 
-    `sightings` and `detections` are null where a server is asked for them, by fruit and by photo.
+    `sightings` and `detections` are null where a server is asked for them, by fruit and by photo. `provisional`: photos
+    still arrive, and the server tells of that.
     """
 
     source: Source
+    provisional: bool
     photos_note: str
     title: str
     unit: str

@@ -38,7 +38,7 @@ class ReportData:
     `trees` are the table of trees, none where they are not known; `fruit_words` is what many of the fruits are called,
     `weight` that of all of them (None: not known); `crop` is what hangs there, hidden fruits too, and `segments` the
     same along the row. `settings` are a person's options in words, `engines` the versions of outside packages,
-    `version` is Pomona's.
+    `version` is Pomona's. `provisional`: it is an answer so far, while photos still arrive.
     """
 
     title: str
@@ -62,6 +62,7 @@ class ReportData:
     settings: Mapping[str, str] = field(default_factory=dict)
     engines: Mapping[str, str] = field(default_factory=dict)
     version: str = ""
+    provisional: bool = False
 
 
 def settings_in_words(options: Mapping[str, Any]) -> dict[str, str]:

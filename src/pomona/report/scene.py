@@ -94,6 +94,7 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
         truth=options.truth,
         earlier=options.earlier,
         corrections=options.corrections,
+        provisional=data.provisional,
     )
 
 

@@ -32,16 +32,19 @@ from pomona.report.contract import (
     TreePlaces,
     TruthData,
     ViewHints,
+    WatchHint,
+    WatchPhase,
+    WatchState,
     camel_case,
 )  # fmt: skip
 
 _INTERFACES = (
     PackedCloud, PointPiece, FruitColumns, PhotoColumns, Sightings, DetectionColumns, SeenFruit, TreePlaces, Rates,
     TruthData, EarlierFruits, ViewHints, CorrectionState, PhotoMark, CorrectionRequest, CorrectionAnswer, SightLines,
-    SurveyData,
+    WatchHint, WatchState, SurveyData,
 )  # fmt: skip
 _COLUMNS = {U8: "Uint8Array", U16: "Uint16Array", U32: "Uint32Array", F32: "Float32Array"}
-_CHOICES = {"Source": Source, "CorrectionKind": CorrectionKind}
+_CHOICES = {"Source": Source, "CorrectionKind": CorrectionKind, "WatchPhase": WatchPhase}
 _PLAIN = {str: "string", int: "number", float: "number", bool: "boolean", type(None): "null"}
 
 

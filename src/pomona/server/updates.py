@@ -30,8 +30,9 @@ class Updates:
         self._wake()
 
     def close(self) -> None:
-        """End what pages listen to."""
-        self._closed = True
+        """End what pages listen to, once they were told the last state."""
+        with self._lock:
+            self._closed = True
         self._wake()
 
     async def endpoint(self, request: Request) -> Response:
@@ -45,7 +46,7 @@ class Updates:
             self._listeners[news] = asyncio.get_running_loop()
         told: str | None = None
         try:
-            while not self._closed:
+            while True:
                 try:
                     await asyncio.wait_for(news.wait(), _QUIET_S)
                 except TimeoutError:
@@ -53,10 +54,12 @@ class Updates:
                     continue
                 news.clear()
                 with self._lock:
-                    state = self._state
+                    state, closed = self._state, self._closed
                 if state is not None and state is not told:
                     told = state
                     yield f"data: {state}\n\n"
+                if closed:
+                    return
         finally:
             with self._lock:
                 del self._listeners[news]

@@ -64,26 +64,42 @@ def create_database(path: Path, cameras: Sequence[CameraEntry], images: Sequence
         path.with_name(path.name + suffix).unlink(missing_ok=True)
     with pycolmap.Database.open(path) as database:
         for i, entry in enumerate(cameras):
-            width, height = entry.width_px * entry.scale, entry.height_px * entry.scale
-            camera = pycolmap.Camera(
-                model=CAMERA_MODEL,
-                width=round(width),
-                height=round(height),
-                params=[entry.focal_px * entry.scale, width / 2, height / 2, 0.0],
-                camera_id=i + 1,
-                has_prior_focal_length=entry.focal_is_known,
-            )
-            database.write_camera(camera, use_camera_id=True)
-            rig = pycolmap.Rig(rig_id=i + 1)
-            rig.add_ref_sensor(camera.sensor_id)
-            database.write_rig(rig, use_rig_id=True)
+            _write_camera(database, i, entry)
         for i, photo in enumerate(images):
-            camera_id = photo.camera_idx + 1
-            image = pycolmap.Image(name=photo.name, camera_id=camera_id, image_id=i + 1)
-            database.write_image(image, use_image_id=True)
-            frame = pycolmap.Frame(frame_id=i + 1, rig_id=camera_id)
-            frame.add_data_id(image.data_id)
-            database.write_frame(frame, use_frame_id=True)
+            _write_image(database, i, photo)
+
+
+def add_to_database(path: Path, i: int, image: ImageEntry, new_camera: CameraEntry | None) -> None:
+    """Write photo i, and its camera where no photo before it has that, to a database that knows those before."""
+    with pycolmap.Database.open(path) as database:
+        if new_camera is not None:
+            _write_camera(database, image.camera_idx, new_camera)
+        _write_image(database, i, image)
+
+
+def _write_camera(database: Any, i: int, entry: CameraEntry) -> None:
+    width, height = entry.width_px * entry.scale, entry.height_px * entry.scale
+    camera = pycolmap.Camera(
+        model=CAMERA_MODEL,
+        width=round(width),
+        height=round(height),
+        params=[entry.focal_px * entry.scale, width / 2, height / 2, 0.0],
+        camera_id=i + 1,
+        has_prior_focal_length=entry.focal_is_known,
+    )
+    database.write_camera(camera, use_camera_id=True)
+    rig = pycolmap.Rig(rig_id=i + 1)
+    rig.add_ref_sensor(camera.sensor_id)
+    database.write_rig(rig, use_rig_id=True)
+
+
+def _write_image(database: Any, i: int, photo: ImageEntry) -> None:
+    camera_id = photo.camera_idx + 1
+    image = pycolmap.Image(name=photo.name, camera_id=camera_id, image_id=i + 1)
+    database.write_image(image, use_image_id=True)
+    frame = pycolmap.Frame(frame_id=i + 1, rig_id=camera_id)
+    frame.add_data_id(image.data_id)
+    database.write_frame(frame, use_frame_id=True)
 
 
 def missing_features(path: Path, count: int) -> list[int]:
@@ -149,6 +165,17 @@ def read_overlaps(path: Path) -> list[Overlap]:
         if len(idx):
             overlaps.append(Overlap(first - 1, second - 1, idx))
     return overlaps
+
+
+def count_matches(path: Path, pairs: Sequence[tuple[int, int]]) -> list[int]:
+    """Return how many verified matches each pair of photos has."""
+    with pycolmap.Database.open(path) as database:
+        return [
+            len(database.read_two_view_geometry(i + 1, j + 1).inlier_matches)
+            if database.exists_two_view_geometry(i + 1, j + 1)
+            else 0
+            for i, j in pairs
+        ]
 
 
 def create_mapping_database(
@@ -219,6 +246,34 @@ def map_incremental(
     pycolmap.incremental_mapping(
         path, path.parent, out, settings, initial_image_pair_callback=on_photo, next_image_callback=on_photo
     )
+
+
+def map_further(path: Path, out: Path, options: SfmOptions, names: Sequence[str], before: Path | None) -> None:
+    """Add those of `names` to the model in folder `before` that have no place in it, and write the model to `out`/0.
+
+    Without `before` a model is begun. What is new is adjusted among its neighbours, all of it only now and then: this
+    is for an answer at once, not for the best one.
+    """
+    settings = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=options.min_matches,
+        min_model_size=options.min_piece_photos,
+        num_threads=options.threads or -1,
+        random_seed=options.seed,
+        extract_colors=False,
+        multiple_models=False,
+        image_names=list(names),
+        ba_global_max_num_iterations=10,
+        ba_global_max_refinements=1,
+    )
+    settings.mapper.init_min_tri_angle = options.first_pair_angle_deg
+    settings.mapper.abs_pose_min_num_inliers = options.least_known_points
+    settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
+    pycolmap.set_random_seed(options.seed)
+    if before is None:
+        pycolmap.incremental_mapping(path, path.parent, out, settings)
+    else:  # COLMAP writes a model that goes on to the folder itself
+        (out / "0").mkdir()
+        pycolmap.incremental_mapping(path, path.parent, out / "0", settings, input_path=before)
 
 
 def map_global(path: Path, out: Path, options: SfmOptions) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pomona.sfm.options import Mapper, SfmOptions
 
-Task = Mapper | Literal["joining"]
+Task = Mapper | Literal["joining", "growing"]
 
 _RUN = "import sys; from pomona.sfm.mapping_process import main; main(sys.argv[1:])"
 
@@ -25,7 +25,8 @@ class MappingProcess:
     """A mapper at work in another process, or an adjustment of what was joined.
 
     `details` can be written as JSON: for a mapper the cameras that are fixed, for joining the poses [R | t] of photos
-    and the parameters of cameras, as pairs of index and numbers.
+    and the parameters of cameras, as pairs of index and numbers; for growing the names of the photos and the folder of
+    the model so far (None: there is none).
     """
 
     def __init__(self, task: Task, database: Path, out: Path, options: SfmOptions, details: Any = ()) -> None:
@@ -82,6 +83,9 @@ def main(arguments: list[str]) -> None:
         engine.map_global(Path(database), Path(out), options)
     elif task == "incremental":
         engine.map_incremental(Path(database), Path(out), options, details, lambda: print("photo", flush=True))
+    elif task == "growing":
+        before = Path(details["before"]) if details["before"] else None
+        engine.map_further(Path(database), Path(out), options, details["names"], before)
     else:
         poses = {photo: np.array(pose) for photo, pose in details["poses"]}
         params = {camera: np.array(numbers) for camera, numbers in details["params"]}

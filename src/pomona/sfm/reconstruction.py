@@ -22,6 +22,7 @@ from pomona.sfm import engine
 from pomona.sfm.engine import CAMERA_MODEL, Overlap
 from pomona.sfm.features import Features, extract
 from pomona.sfm.joining import Group, Scene, join_groups
+from pomona.sfm.kept_features import KeptFeatures
 from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.models import Model, read_models
 from pomona.sfm.one_lens import with_one_lens
@@ -72,12 +73,18 @@ def reconstruct(
                 lost += _too_few(of_side, side, options)
                 continue
             workspace = Workspace(work_dir / _folder_name(side), of_side.items, options, code_key)
-            side_pieces, side_lost = _reconstruct_side(workspace, side, progress)
+            kept = kept_features(work_dir, options, code_key)
+            side_pieces, side_lost = _reconstruct_side(workspace, kept, side, progress)
             pieces += side_pieces
             lost += side_lost
     if not pieces:
         raise ReconstructionError(_nothing_placed(lost))
     return Reconstruction(tuple(with_one_lens(pieces, photos, progress)), tuple(lost))
+
+
+def kept_features(work_dir: Path, options: SfmOptions, code_key: str) -> KeptFeatures:
+    """Return the features that `reconstruct` with this `work_dir` and `code_key` need not find any more."""
+    return KeptFeatures(work_dir / "kept-features", options, code_key)
 
 
 def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistered]:
@@ -86,10 +93,12 @@ def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistere
     return [Unregistered(photo.name, side, reason, advice) for photo in photos]
 
 
-def _reconstruct_side(workspace: Workspace, side: str, progress: Progress) -> tuple[list[Piece], list[Unregistered]]:
+def _reconstruct_side(
+    workspace: Workspace, kept: KeptFeatures, side: str, progress: Progress
+) -> tuple[list[Piece], list[Unregistered]]:
     label = f" (side {side})" if side else ""
     _warn_of_cameras(workspace, label, progress)
-    unreadable = _find_features(workspace, label, progress)
+    unreadable = _find_features(workspace, kept, label, progress)
     _match(workspace, label, progress)
     models, evidence = _map(workspace, unreadable, label, progress)
     pieces = [Piece(side, model.cameras, mean_error_px(model.cameras)) for model in models]
@@ -98,7 +107,7 @@ def _reconstruct_side(workspace: Workspace, side: str, progress: Progress) -> tu
     return pieces, lost
 
 
-def _find_features(workspace: Workspace, label: str, progress: Progress) -> dict[int, str]:
+def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progress: Progress) -> dict[int, str]:
     """Find the features of the photos that have none yet; return which photos could not be read, and why."""
     photos, unreadable = workspace.photos, {}
     missing = engine.missing_features(workspace.database, len(photos))
@@ -107,7 +116,7 @@ def _find_features(workspace: Workspace, label: str, progress: Progress) -> dict
     threads = workspace.options.threads or os.cpu_count() or 1
     for batch in _chunks(missing, 2 * threads):
         with ThreadPoolExecutor(threads) as pool:
-            found = list(pool.map(lambda i: _try_extract(photos[i], workspace.options), batch))
+            found = list(pool.map(lambda i: _try_extract(photos[i], workspace.options, kept), batch))
         good = {i: features for i, features in zip(batch, found, strict=True) if isinstance(features, Features)}
         unreadable.update({i: reason for i, reason in zip(batch, found, strict=True) if isinstance(reason, str)})
         workspace.save_features(good)
@@ -117,9 +126,9 @@ def _find_features(workspace: Workspace, label: str, progress: Progress) -> dict
     return unreadable
 
 
-def _try_extract(photo: Photo, options: SfmOptions) -> Features | str:
+def _try_extract(photo: Photo, options: SfmOptions, kept: KeptFeatures) -> Features | str:
     try:
-        return extract(photo, options)
+        return kept.get(photo) or extract(photo, options)
     except (InputError, MissingFileError) as error:
         return str(error)
 

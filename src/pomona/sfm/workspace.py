@@ -20,11 +20,11 @@ from pomona.photos import Photo
 from pomona.sfm import engine
 from pomona.sfm.engine import CameraEntry, ImageEntry, Overlap
 from pomona.sfm.features import Features, working_scale
+from pomona.sfm.kept_features import FEATURE_OPTIONS, known_of
 from pomona.sfm.options import SfmOptions
 
 _FORMAT = 2
-# What features, and the cameras they are stored with, depend on; matches depend on these, too.
-_FEATURE_OPTIONS = ("max_side_px", "max_features", "contrast_threshold", "focal_prior")
+# Matches depend on these, and on what features depend on.
 _MATCH_OPTIONS = ("window", "exhaustive_below", "loops", "gnss_neighbours", "min_matches", "seed")
 
 
@@ -84,11 +84,9 @@ class Workspace:
         """What features and matches were made with, as `settings.json` holds it."""
         digest, places = hashlib.sha256(), hashlib.sha256()
         for photo in self.photos:
-            stat = photo.path.stat() if photo.path.is_file() else None
-            known = (photo.name, stat and (stat.st_size, stat.st_mtime_ns), photo.width_px, photo.height_px)
-            digest.update(repr((known, photo.focal_px, photo.camera_key, photo.orientation)).encode())
+            digest.update(known_of(photo).encode())
             places.update(repr(photo.gnss).encode())
-        of_features = {name: getattr(self.options, name) for name in _FEATURE_OPTIONS}
+        of_features = {name: getattr(self.options, name) for name in FEATURE_OPTIONS}
         of_matches = {name: getattr(self.options, name) for name in _MATCH_OPTIONS}
         return {
             "features": {"format": _FORMAT, "code": code_key, "photos": digest.hexdigest(), "options": of_features},
@@ -109,15 +107,20 @@ def _entries(photos: Sequence[Photo], options: SfmOptions) -> tuple[list[CameraE
     """The cameras: one for each `camera_key` and size; and which photo was taken with which."""
     groups: dict[tuple[str, int, int], list[Photo]] = {}
     for photo in photos:
-        groups.setdefault(_camera_of(photo), []).append(photo)
+        groups.setdefault(camera_of(photo), []).append(photo)
     order = list(groups)
-    cameras = []
-    for (_, width, height), members in groups.items():
-        known = [photo.focal_px for photo in members if photo.focal_px is not None]
-        focal = float(np.median(known)) if known else options.focal_prior * max(width, height)
-        cameras.append(CameraEntry(width, height, focal, bool(known), working_scale(members[0], options)))
-    return cameras, [ImageEntry(photo.name, order.index(_camera_of(photo))) for photo in photos]
+    cameras = [camera_entry(members, options) for members in groups.values()]
+    return cameras, [ImageEntry(photo.name, order.index(camera_of(photo))) for photo in photos]
 
 
-def _camera_of(photo: Photo) -> tuple[str, int, int]:
+def camera_entry(photos: Sequence[Photo], options: SfmOptions) -> CameraEntry:
+    """Return the camera that took these photos, as far as EXIF tells."""
+    width, height = photos[0].width_px, photos[0].height_px
+    known = [photo.focal_px for photo in photos if photo.focal_px is not None]
+    focal = float(np.median(known)) if known else options.focal_prior * max(width, height)
+    return CameraEntry(width, height, focal, bool(known), working_scale(photos[0], options))
+
+
+def camera_of(photo: Photo) -> tuple[str, int, int]:
+    """Return what photos of one camera, lens and zoom have in common."""
     return photo.camera_key, photo.width_px, photo.height_px

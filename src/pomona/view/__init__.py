@@ -3,7 +3,7 @@
 from pomona.view.correct import Corrector
 from pomona.view.export import FolderOptions, export_folder
 from pomona.view.reading import read_survey
-from pomona.view.server import ViewServer
+from pomona.view.server import SurveyPages, ViewServer
 from pomona.view.truth import truth_data
 
-__all__ = ["Corrector", "FolderOptions", "ViewServer", "export_folder", "read_survey", "truth_data"]
+__all__ = ["Corrector", "FolderOptions", "SurveyPages", "ViewServer", "export_folder", "read_survey", "truth_data"]

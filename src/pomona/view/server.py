@@ -23,34 +23,21 @@ from pomona.view.correct import Corrector, StaleError, request_from
 from pomona.view.site import ADDRESSES, Site
 
 
-class ViewServer(PageServer):
-    """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken.
+class SurveyPages:
+    """The page of one survey and all that it asks for, as an ASGI application `app`, below whatever address.
 
     With `corrector`, whose data and truth are given then, its page can correct fruits.
     """
 
-    def __init__(
-        self,
-        data: ReportData,
-        *,
-        port: int = 0,
-        truth: TruthData | None = None,
-        corrector: Corrector | None = None,
-    ) -> None:
+    def __init__(self, data: ReportData, truth: TruthData | None = None, corrector: Corrector | None = None) -> None:
         self.corrector = corrector
         self.site = Site(data, truth, corrector)
         self._before: Site | None = None
         routes: list[BaseRoute] = [Route(path, self._endpoint(make)) for path, make in ADDRESSES.items()]
         if corrector is not None:
             routes.append(Route("/corrections", self._correct, methods=["POST"]))
-        app = Starlette(routes=routes, exception_handlers={PomonaError: _not_there, OSError: _not_there})
-        app.router.redirect_slashes = False
-        super().__init__(app, policy=policy("server"), port=port)
-
-    @property
-    def changed(self) -> bool:
-        """Whether fruits were corrected since it was started."""
-        return self.corrector is not None and self.corrector.changed
+        self.app = Starlette(routes=routes, exception_handlers={PomonaError: _not_there, OSError: _not_there})
+        self.app.router.redirect_slashes = False
 
     def _endpoint(self, make: Callable[..., Response | None]) -> Callable[[Request], Response]:
         def answer(request: Request) -> Response:
@@ -88,6 +75,30 @@ class ViewServer(PageServer):
             self._before = self.site
             self.site = Site(self.corrector.data, self.corrector.truth, self.corrector)
         return answer
+
+
+class ViewServer(PageServer):
+    """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken.
+
+    `truth` and `corrector` are those of `SurveyPages`.
+    """
+
+    def __init__(
+        self,
+        data: ReportData,
+        *,
+        port: int = 0,
+        truth: TruthData | None = None,
+        corrector: Corrector | None = None,
+    ) -> None:
+        self.corrector = corrector
+        self.pages = SurveyPages(data, truth, corrector)
+        super().__init__(self.pages.app, policy=policy("server"), port=port)
+
+    @property
+    def changed(self) -> bool:
+        """Whether fruits were corrected since it was started."""
+        return self.corrector is not None and self.corrector.changed
 
 
 def _not_there(request: Request, error: Exception) -> Response:

@@ -1,0 +1,118 @@
+"""`pomona watch`: count and coverage while photos arrive."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pomona.cli import options as shared
+from pomona.cli.action import with_progress
+from pomona.cli.failures import say
+from pomona.cli.progress import TerminalProgress
+from pomona.cli.summary import show
+from pomona.errors import InputError
+from pomona.pipeline import RunOptions, Summary
+
+if TYPE_CHECKING:
+    from pomona.live.checks import Hint
+
+_FOLDER = Annotated[
+    Path, typer.Argument(metavar="PHOTOS", help="The folder that photos arrive in; two folders in it are two sides.")
+]
+_UNTIL = Annotated[int | None, typer.Option(metavar="N", help="So many photos are all.")]
+_IDLE = Annotated[float | None, typer.Option(metavar="MINUTES", help="So long without a photo is the end.")]
+_HOST = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Show the page to others in the network, such as a phone: 0.0.0.0, or an address of this computer. Only "
+        "those who know the address with its token see it.",
+    ),
+]
+_PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
+_NO_BROWSER = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
+
+
+def watch(
+    photos: _FOLDER,
+    out: shared.Out,
+    until: _UNTIL = None,
+    idle: _IDLE = None,
+    host: _HOST = "127.0.0.1",
+    port: _PORT = 0,
+    no_browser: _NO_BROWSER = False,
+    markers: shared.Markers = None,
+    markers_crs: shared.MarkersCrs = None,
+    gcp: shared.Gcp = None,
+    positions: shared.Positions = None,
+    scale_bar: shared.ScaleBar = None,
+    marker_dictionary: shared.MarkerDictionary = "DICT_4X4_50",
+    fruit: shared.Fruit = None,
+    fruit_diameter: shared.FruitDiameter = None,
+    weights: shared.Weights = None,
+    trees: shared.Trees = None,
+    tree_spacing: shared.TreeSpacing = None,
+    hand_counts: shared.HandCounts = None,
+    model: shared.Model = None,
+    score_threshold: shared.ScoreThreshold = None,
+    sides: shared.Sides = "auto",
+    as_json: shared.Json = False,
+) -> None:
+    """Count while photos arrive in a folder, and say at once what is the matter with one; then make the survey.
+
+    The page in the browser follows by itself. Ctrl-C, its button, --until or --idle end the watch; the survey is then
+    made as `pomona run` makes it, which finds most of the work done.
+    """
+    from pomona.live import Watch, WatchOptions, WatchServer
+
+    chosen = RunOptions(
+        sides=sides,
+        model=model,
+        score_threshold=score_threshold,
+        markers=markers,
+        markers_crs=markers_crs,
+        gcp=gcp,
+        positions=positions,
+        scale_bar=shared.parse_scale_bar(scale_bar),
+        marker_dictionary=marker_dictionary,
+        fruit=fruit,
+        fruit_diameter_m=fruit_diameter,
+        weights=weights,
+        trees=trees,
+        tree_spacing=tree_spacing,
+        hand_counts=hand_counts,
+    )
+    watching = WatchOptions(until=until, idle_s=None if idle is None else 60 * idle)
+    try:
+        server = WatchServer(out.name, host=host, port=port)
+    except OSError as error:
+        raise InputError(f"`host` {host}, `port` {port}: {error.strerror or error}: choose another") from None
+    with server:
+        session = Watch(photos, out, chosen, watching, on_state=server.tell, on_answer=server.show, on_hint=_say)
+        server.on_stop_wanted = session.stop
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        typer.echo(server.url, err=as_json)
+        if not no_browser and not webbrowser.open(server.url):
+            typer.echo("No browser could be opened; the page is at the address above.", err=True)
+        typer.echo("Ctrl-C ends the watch, and the survey is made.", err=True)
+        with contextlib.suppress(KeyboardInterrupt):
+            session.follow()
+        typer.echo("Making the survey. Ctrl-C stops that, too.", err=True)
+
+        def work(progress: TerminalProgress) -> Summary:
+            return session.finish(progress, progress.stage)
+
+        try:
+            summary = with_progress(work, out)
+        finally:
+            server.shutdown()
+    show(summary, as_json=as_json)
+
+
+def _say(hint: Hint) -> None:
+    say("Look", "bold yellow", f"{hint.photo} {hint.text}.")

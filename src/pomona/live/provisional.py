@@ -1,0 +1,87 @@
+"""The answer so far: the photos' places in metres, and the fruits that they show.
+
+By the stages of a run, without what takes long and changes little: markers, the adjustment on fruits, the alignment of
+sides, the second look, measuring. So metres are approximate, fruits seen from both sides count twice, and it says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from pomona import __version__
+from pomona.cameras import Cameras
+from pomona.detections import SurveyDetections
+from pomona.fruits import Fruits, Observations
+from pomona.live.coverage import Coverage, coverage_of
+from pomona.photos import Photos
+from pomona.pipeline.filter import filter_stage
+from pomona.pipeline.fuse import FUSE_BY_OBJECT
+from pomona.pipeline.options import StageOptions
+from pomona.pipeline.results import scene_cloud
+from pomona.pipeline.scale import SCALE
+from pomona.pipeline.segment import Segmented
+from pomona.pipeline.select import SELECT
+from pomona.progress import Silent
+from pomona.report import ReportData
+from pomona.sfm.pieces import Piece, Reconstruction
+
+_FILTER = filter_stage(FUSE_BY_OBJECT)
+
+
+@dataclass(frozen=True, eq=False)
+class Provisional:
+    """Places, fruits and masks so far, and what they cover."""
+
+    cameras: Cameras
+    fruits: Fruits
+    observations: Observations
+    masks: SurveyDetections
+    coverage: Coverage
+
+    def page_data(self, title: str, photos: Photos, fruit_words: str) -> ReportData:
+        """Return what the page shows of it."""
+        from pomona.fruits import FruitCloud
+
+        return ReportData(
+            title=title,
+            photos=photos,
+            cameras=self.cameras,
+            fruits=self.fruits,
+            observations=self.observations,
+            cloud=scene_cloud(self.cameras, FruitCloud.empty()),
+            masks=self.masks,
+            detections=self.masks.total,
+            fruit_words=fruit_words,
+            version=__version__,
+        )
+
+
+def provisional(pieces: Sequence[Piece], segmented: Segmented, photos: Photos, options: StageOptions) -> Provisional:
+    """Return the answer for the photos that were placed and segmented so far."""
+    progress = Silent()
+    assert SELECT.options
+    assert SCALE.options
+    assert FUSE_BY_OBJECT.options
+    assert _FILTER.options
+    selected = SELECT.compute(segmented=segmented, options=SELECT.options(options), progress=progress)
+    chosen = SCALE.options(options)
+    plain = replace(chosen.scale, markers=None, markers_crs=None, gcp=None, scale_bar=None, refine=False)
+    placed = SCALE.compute(
+        reconstruction=Reconstruction(tuple(pieces)),
+        selected=selected,
+        photos=photos,
+        options=replace(chosen, scale=plain, association=None),
+        progress=progress,
+    )
+    fruits, observations = Fruits.empty(), Observations.empty()
+    if placed.cameras.frame.metric:
+        fused = FUSE_BY_OBJECT.compute(
+            selected=selected, placed=placed, options=FUSE_BY_OBJECT.options(options), progress=progress
+        )
+        fused = _FILTER.compute(
+            fused=fused, selected=selected, placed=placed, options=_FILTER.options(options), progress=progress
+        )
+        fruits, observations = fused.fruits, fused.observations
+    coverage = coverage_of(placed.cameras, fruits)
+    return Provisional(placed.cameras, fruits, observations, selected.trusted, coverage)

@@ -1,0 +1,362 @@
+"""`pomona watch`: files that arrive, what is said of photos at once, places that grow, the same survey at the end."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import cv2
+import numpy as np
+import pytest
+
+import pomona
+from pipeline_fakes import Fakes
+from pomona.errors import InputError, MissingFileError
+from pomona.geometry import estimate_similarity
+from pomona.live import Watch, WatchOptions, WatchServer
+from pomona.live.arrivals import Arrivals
+from pomona.live.checks import Checks, Hint
+from pomona.live.coverage import coverage_of
+from pomona.photos import Photo, Photos
+from pomona.pipeline import RunOptions, run
+from pomona.progress import Silent
+from pomona.report import ReportData
+from pomona.report.contract import WatchState
+from pomona.sfm import SfmOptions, reconstruct
+from pomona.sfm.features import extract
+from pomona.sfm.growing import GrowingSide, largest
+from pomona.sfm.reconstruction import kept_features
+from report_scenes import row_cameras, row_fruits
+from serving import get, running
+from sfm_scenes import boards, centres, photograph, render, row_poses, save
+
+QUICK = SfmOptions(max_features=800, threads=1)
+# Nothing is waited for: files are whole at the second look.
+AT_ONCE = WatchOptions(poll_s=0.001)
+
+
+@pytest.fixture(scope="module")
+def row(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Photo], np.ndarray]:
+    poses = row_poses(8)
+    return photograph(tmp_path_factory.mktemp("row"), poses), poses
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
+    return Fakes().install(monkeypatch)
+
+
+# Files that arrive
+
+
+def test_a_file_is_whole_when_it_no_longer_grows(tmp_path: Path) -> None:
+    clock = [0.0]
+    arrivals = Arrivals(tmp_path, 1.0, lambda: clock[0])
+    photo = tmp_path / "IMG_1.jpg"
+
+    def look() -> list[str]:
+        clock[0] += 1
+        arrivals.look()
+        return sorted(path.name for path in arrivals.whole)
+
+    assert look() == []
+    photo.touch()
+    assert look() == look() == []  # created, and nothing in it yet
+    photo.write_bytes(b"half")
+    assert look() == []
+    photo.write_bytes(b"half and whole")
+    assert look() == []
+    assert look() == ["IMG_1.jpg"]
+    (tmp_path / "IMG_2.jpg").write_bytes(b"next")
+    assert not arrivals.look()  # that was just done
+    assert look() == ["IMG_1.jpg"]
+    assert look() == ["IMG_1.jpg", "IMG_2.jpg"]
+    photo.unlink()
+    assert look() == ["IMG_2.jpg"]
+
+
+def test_folders_that_are_none_are_told_of(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError, match="arrive in"):
+        Arrivals(tmp_path / "none", 1.0)
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="is a file"):
+        Arrivals(tmp_path / "file", 1.0)
+
+
+# What is said of a photo
+
+
+@pytest.mark.parametrize(("factor", "offset", "matter"), [(1, 0, None), (0.01, 0, "dark"), (1, 200, "bright")])
+def test_light_is_told_of(row: tuple[list[Photo], np.ndarray], tmp_path: Path, factor, offset, matter) -> None:
+    pixels = cv2.imread(str(row[0][0].path)).astype(float) * factor + offset
+    photo = save(tmp_path, "p.png", np.clip(pixels, 0, 255).astype(np.uint8))
+    assert [hint.matter for hint in Checks(WatchOptions()).exposure(photo)] == ([matter] if matter else [])
+
+
+def test_a_blurred_photo_is_named_once_also_when_it_was_the_first() -> None:
+    checks = Checks(WatchOptions())
+    said = [(f"p{k}", checks.sharpness(f"p{k}", s)) for k, s in enumerate([0.02, 0.3, 0.28, 0.31, 0.05, 0.29])]
+    named = {after: [hint.photo for hint in hints] for after, hints in said if hints}
+    assert named == {"p2": ["p0"], "p4": ["p4"]}
+    assert "18% of the usual" in dict(said)["p4"][0].text
+
+
+def test_photos_that_share_little_are_told_of() -> None:
+    checks = Checks(WatchOptions(overlap=40))
+    checks.sharpness("p0", 1.0)
+    assert checks.overlap("p0", {}) == []  # nothing is before it
+    checks.sharpness("p1", 1.0)
+    assert checks.overlap("p1", {"p0": 40}) == []
+    assert "only 39 points with p0" in checks.overlap("p1", {"p0": 39})[0].text
+    assert "shares nothing" in checks.overlap("p1", {})[0].text
+
+
+def test_coverage_of_a_row() -> None:
+    cameras, fruits = row_cameras(5), row_fruits(12)
+    fruits = replace(fruits, views=np.array([1, 2, 3] * 4))
+    covered = coverage_of(cameras, fruits)
+    extent = np.ptp(cameras.centers_in_world, axis=0)
+    assert extent.max() <= covered.length_m <= np.linalg.norm(extent)
+    assert covered.well_seen == pytest.approx(1 / 3)
+    assert np.isnan(coverage_of(cameras, fruits[np.zeros(0, int)]).well_seen)
+
+
+# Places that grow
+
+
+def test_a_row_grows_photo_by_photo(row: tuple[list[Photo], np.ndarray], tmp_path: Path) -> None:
+    photos, poses = row
+    growing = GrowingSide(tmp_path / "row", "", QUICK)
+    placed = []
+    for photo in photos:
+        shared = growing.add(photo, extract(photo, QUICK))
+        assert all(name < photo.name for name in shared)
+        assert list(shared.values()) == sorted(shared.values(), reverse=True)
+        placed.append([len(piece.cameras) for piece in growing.place()])
+    assert placed == [[], [], *([k] for k in range(3, 9))]
+    (piece,) = growing.place()
+    truth = centres(poses)[[int(name[-7:-4]) for name in piece.cameras.photos]]
+    found = piece.cameras.centers_in_world
+    errors = estimate_similarity(found, truth).apply(found) - truth
+    assert 1e-6 < float(np.sqrt((errors**2).sum(1).mean())) < 0.03
+
+
+def test_after_a_gap_another_piece_begins(row: tuple[list[Photo], np.ndarray], tmp_path: Path) -> None:
+    elsewhere = boards(3.0, seed=5)
+    others = [save(tmp_path / "more", f"q_{i}.png", render(elsewhere, pose)) for i, pose in enumerate(row_poses(5))]
+    growing = GrowingSide(tmp_path / "row", "", QUICK)
+    for photo in row[0][:5]:
+        growing.add(photo, extract(photo, QUICK))
+    assert [len(piece.cameras) for piece in growing.place()] == [5]
+    assert growing.add(others[0], extract(others[0], QUICK)) == {}
+    for photo in others[1:]:
+        assert growing.add(photo, extract(photo, QUICK))
+    assert [len(piece.cameras) for piece in growing.place()] == [5, 5]
+
+
+def test_the_largest_features_are_kept_in_order(row: tuple[list[Photo], np.ndarray]) -> None:
+    features = extract(row[0][0], QUICK)
+    few = largest(features, 50)
+    assert len(few.keypoints) == len(few.descriptors) == len(few.rgb) == 50
+    assert few.keypoints[:, 2].min() >= np.sort(features.keypoints[:, 2])[-50]
+
+
+# The survey at the end
+
+
+def test_a_run_finds_features_that_were_kept(
+    row: tuple[list[Photo], np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photos = row[0][:4]
+    kept = kept_features(tmp_path, QUICK, "key")
+    for photo in photos:
+        assert kept.get(photo) is None
+        kept.keep(photo, extract(photo, QUICK))
+    assert kept_features(tmp_path, QUICK, "other code").get(photos[0]) is None
+    assert kept_features(tmp_path, replace(QUICK, max_features=900), "key").get(photos[0]) is None
+
+    def again(*_: object) -> NoReturn:
+        raise AssertionError("features are found again")
+
+    fresh = reconstruct(Photos(tuple(photos)), options=QUICK, work_dir=tmp_path / "fresh", code_key="key")
+    monkeypatch.setattr("pomona.sfm.reconstruction.extract", again)
+    reused = reconstruct(Photos(tuple(photos)), options=QUICK, work_dir=tmp_path, code_key="key")
+    one, other = (result.pieces[0].cameras for result in (fresh, reused))
+    assert np.allclose(one.centers_in_world, other.centers_in_world)
+
+
+def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
+    row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
+) -> None:
+    folder, source = tmp_path / "in", row[0][0].path.parent
+    folder.mkdir()
+    coming = sorted(source.glob("*.png"))
+    blurred = cv2.GaussianBlur(cv2.imread(str(coming[5])), (0, 0), 8)
+    (folder / "broken.jpg").write_bytes(b"no photo")
+    states: list[WatchState] = []
+    hints: list[Hint] = []
+    answers: list[tuple[ReportData, int]] = []
+
+    def told(state: WatchState) -> None:
+        """Copy the next photo whenever one is waited for."""
+        states.append(state)
+        if state.phase == "waiting" and coming:
+            photo = coming.pop(0)
+            if photo.name == "p_005.png":
+                cv2.imwrite(str(folder / photo.name), blurred)
+            else:
+                shutil.copy(photo, folder)
+
+    watch = Watch(
+        folder,
+        tmp_path / "out",
+        RunOptions(sfm=QUICK),
+        replace(AT_ONCE, until=9),
+        on_state=told,
+        on_hint=hints.append,
+        on_answer=lambda data, revision: answers.append((data, revision)),
+    )
+    for photo in [coming.pop(0) for _ in range(4)]:
+        shutil.copy(photo, folder)
+    watch.follow()
+    assert [photo.name for photo in watch.photos] == [f"p_{k:03}.png" for k in range(8)]
+    assert {(hint.photo, hint.matter) for hint in hints} == {("broken.jpg", "unreadable"), ("p_005.png", "blurred")}
+    assert states[-1].phase == "waiting"
+    assert states[-1].fruits == 1
+    assert [revision for _, revision in answers] == list(range(1, len(answers) + 1))
+    assert states[-1].revision == len(answers) >= 1
+    before = fakes.calls["tiles"]
+    assert before >= 8
+    summary = watch.finish(Silent())
+    assert fakes.calls["tiles"] == before
+    assert (summary.fruits, states[-1].phase, states[-1].fruits) == (1, "finished", 1)
+    again = run([folder], tmp_path / "again", RunOptions(sfm=QUICK))
+    assert fakes.calls["tiles"] > before
+    assert again.detections == summary.detections
+
+
+def test_watching_can_be_stopped_and_ends_when_nothing_comes(tmp_path: Path, fakes: Fakes) -> None:
+    (tmp_path / "in").mkdir()
+    watch = Watch(tmp_path / "in", tmp_path / "out", RunOptions(), AT_ONCE)
+    watch.stop()
+    watch.follow()
+    assert watch.answer is None
+    with pytest.raises(InputError, match="no photo"):
+        watch.finish(Silent())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"method": "paper"}, "`method` object"), ({"cameras": Path(__file__)}, "without")],
+)
+def test_what_cannot_be_watched_is_told_of(tmp_path: Path, options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Watch(tmp_path, tmp_path / "out", RunOptions(**options))
+
+
+def test_nonsense_is_told_of() -> None:
+    with pytest.raises(InputError, match="at least 3 photos, found 2"):
+        WatchOptions(until=2)
+    with pytest.raises(InputError, match="more than 0 minutes, found 0"):
+        WatchOptions(idle_s=0)
+
+
+# Its page
+
+
+def _state(**more: Any) -> WatchState:
+    usual = {"photos": 3, "placed": 2, "fruits": 5, "length": 1.5, "step": 0.2, "well_seen": 0.5, "hints": []}
+    return WatchState(**{"phase": "waiting", "doing": "Waiting", "revision": 1, **usual, **more})
+
+
+def test_the_page_follows_by_addresses_of_each_answer() -> None:
+    data = ReportData(title="row", photos=Photos(()), cameras=row_cameras(4), fruits=row_fruits(6))
+    with running(WatchServer("row")) as server:
+        assert server.url == f"http://127.0.0.1:{server.port}/"
+        status, headers, _ = get(server, "/")
+        assert (status, headers["Location"]) == (303, "/at/0/")
+        assert get(server, "/at/0/")[0] == 200  # nothing is known yet
+        server.show(data, 1)
+        assert get(server, "/")[1]["Location"] == "/at/1/"
+        assert b"data/survey.bin" in get(server, "/at/1/")[2]
+        assert get(server, "/at/1/data/survey.bin")[0] == 200
+        assert get(server, "/at/0/data/survey.bin")[0] == 200  # somebody may still be loading it
+        for path in ("/at/7/", "/at/-1/", "/at/1/../../etc/passwd", "/data/survey.bin", "/at/1/photos/0/1024.jpg"):
+            assert get(server, path)[0] == 404
+        for revision in (2, 3):
+            server.show(data, revision)
+        assert get(server, "/at/0/")[0] == 404
+        server.tell(_state())
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+        connection.request("GET", "/events")
+        line = connection.getresponse().readline()
+        assert json.loads(line.removeprefix(b"data: "))["wellSeen"] == 0.5
+        connection.close()
+
+
+def test_only_its_own_page_stops_it() -> None:
+    wanted: list[str] = []
+    with running(WatchServer("row")) as server:
+        server.on_stop_wanted = lambda: wanted.append("stop")
+
+        def ask(origin: str) -> int:
+            connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+            connection.request("POST", "/stop", headers={"Origin": origin})
+            status = connection.getresponse().status
+            connection.close()
+            return status
+
+        assert ask("http://evil.example") == 403
+        assert wanted == []
+        assert ask(server.url.rstrip("/")) == 204
+        assert wanted == ["stop"]
+        assert get(server, "/stop")[0] == 405
+
+
+def test_others_in_the_network_need_the_token() -> None:
+    with running(WatchServer("row", host="0.0.0.0")) as server:
+        token = server.url.partition("?token=")[2]
+        assert len(token) >= 16
+        assert get(server, "/")[0] == get(server, "/events")[0] == get(server, "/at/0/")[0] == 403
+        status, headers, _ = get(server, f"/?token={token}")
+        assert status == 303
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        assert get(server, "/at/0/", Cookie=cookie)[0] == 200
+
+
+@pytest.mark.slow
+def test_photos_of_the_sample_one_after_another_give_the_same_fruits(tmp_path: Path) -> None:
+    sample, folder = pomona.sample_folder(), tmp_path / "in"
+    folder.mkdir()
+    coming = [*sorted((sample / "east").iterdir()), *sorted((sample / "west").iterdir())]
+    counts: list[int] = []
+
+    def copy_next() -> None:
+        photo = coming.pop(0)
+        (folder / photo.parent.name).mkdir(exist_ok=True)
+        shutil.copy(photo, folder / photo.parent.name)
+
+    def told(state: WatchState) -> None:
+        if state.phase == "waiting" and coming:
+            copy_next()
+        counts.append(state.fruits or 0)
+
+    options = RunOptions(markers=sample / "markers.csv")
+    watching = replace(AT_ONCE, until=len(coming))
+    watch = Watch(folder, tmp_path / "watched", options, watching, on_state=told)
+    for _ in range(4):
+        copy_next()
+    watch.follow()
+    assert watch.answer is not None
+    assert len(watch.answer.cameras) == watching.until
+    # Both sides are counted by themselves: fruits that both see count twice until the end.
+    assert 0.7 * 61 <= max(counts) <= 2 * 61
+    watched = watch.finish(Silent())
+    whole = run([sample / "east", sample / "west"], tmp_path / "run", options)
+    assert abs(watched.fruits - whole.fruits) <= 0.02 * whole.fruits
+    scores = [pomona.open(tmp_path / name).evaluate(sample / "truth" / "fruits.csv").all for name in ("watched", "run")]
+    assert scores[0].f1 == pytest.approx(scores[1].f1, abs=0.02)

@@ -1,0 +1,118 @@
+/** Photos that still arrive: how far it is, what is the matter with a photo, and the view of the answer so far. */
+
+import type { SurveyData, WatchHint, WatchState } from "./contract";
+import { forget, remember } from "./correct-memory";
+import { button, element, find, say } from "./dom";
+import type { Fruit } from "./payload";
+import type { View } from "./view";
+
+/** What following asks of the page. */
+export interface Followed {
+  data: SurveyData;
+  view: View | null;
+  selected(): Fruit | null;
+  select(id: number): void;
+}
+
+// The page of an answer is at `at/REVISION/`.
+const ROOT = "../../";
+/** While somebody turns the view or reads a photo, it is not taken away. */
+const STILL_MS = 2500;
+/** And a page stays for so long: loading one takes a phone a second or two. */
+const STAYS_MS = 8000;
+
+class Following {
+  private readonly sheet = element("section", "", "sheet watch");
+  private readonly figures = element("p", "", "figures");
+  private readonly doing = element("p", "Asking how far it is …", "note");
+  private readonly hints = element("ul");
+  private readonly stop = button("Stop and make the survey", "", () => void this.end());
+  private readonly events = new EventSource(`${ROOT}events`);
+  private readonly revision = Number(/\/at\/(\d+)\/$/.exec(location.pathname)?.[1] ?? 0);
+  private newest: WatchState | null = null;
+  private told = "";
+  private touched = 0;
+  private timer = 0;
+
+  constructor(private readonly page: Followed) {
+    const line = element("div", "", "line");
+    line.append(this.doing, this.stop);
+    this.sheet.setAttribute("aria-label", "Photos that arrive");
+    this.sheet.append(this.figures, line, this.hints);
+    find("main").prepend(this.sheet);
+    // What the report says of a finished survey is not known yet.
+    document.documentElement.classList.add("provisional");
+    const kept = forget(page.data, page.view);
+    if (kept?.fruit) page.select(kept.fruit);
+    for (const kind of ["pointerdown", "wheel", "keydown", "touchmove"]) {
+      document.addEventListener(kind, () => (this.touched = Date.now()), { capture: true, passive: true });
+    }
+    this.events.addEventListener("message", (event) => this.show(JSON.parse(String(event.data)) as WatchState));
+    this.events.addEventListener("error", () => {
+      if (this.newest?.phase !== "finished") this.doing.textContent = "The watch does not answer: was it ended?";
+    });
+  }
+
+  private show(state: WatchState): void {
+    this.newest = state;
+    this.figures.replaceChildren(...figuresOf(state));
+    this.doing.textContent = state.phase === "finished" ? `Finished. The survey is in ${state.doing}; pomona view shows it.` : `${state.doing} …`;
+    this.stop.hidden = state.phase === "finishing" || state.phase === "finished";
+    this.hints.replaceChildren(...state.hints.map(hintOf));
+    const [newest] = state.hints;
+    if (newest && this.told !== newest.photo + newest.matter) say(`${newest.photo} ${newest.text}`);
+    this.told = newest ? newest.photo + newest.matter : "";
+    if (state.phase === "finished") this.events.close();
+    else this.follow();
+  }
+
+  /** Go to the page of the newest answer, as soon as that disturbs nobody. */
+  private follow(): void {
+    window.clearTimeout(this.timer);
+    if (!this.newest || this.newest.revision <= this.revision) return;
+    const busy = document.hidden || document.querySelector("dialog[open]") || performance.now() < STAYS_MS || Date.now() - this.touched < STILL_MS;
+    if (busy) {
+      this.timer = window.setTimeout(() => this.follow(), STILL_MS);
+      return;
+    }
+    this.events.close();
+    remember(this.page.data, this.page.view, { message: "", fruit: this.page.selected()?.id ?? 0, fly: false });
+    location.replace(`${ROOT}at/${this.newest.revision}/`);
+  }
+
+  private async end(): Promise<void> {
+    this.stop.disabled = true;
+    try {
+      await fetch(`${ROOT}stop`, { method: "POST" });
+    } catch {
+      this.stop.disabled = false;
+      this.doing.textContent = "The watch does not answer: was it ended?";
+    }
+  }
+}
+
+/** The figures so far, each with what it is. */
+export function figuresOf(state: WatchState): HTMLElement[] {
+  const { photos, placed, fruits, length, step, wellSeen, phase } = state;
+  const known: [string, string][] = [];
+  if (fruits !== null) known.push([fruits.toLocaleString(), phase === "finished" ? "fruits" : "fruits so far"]);
+  known.push([`${placed} of ${photos}`, "photos have a place"]);
+  if (length !== null) known.push([`${length.toFixed(1)} m`, `of row${step === null ? "" : `, a photo each ${(100 * step).toFixed(0)} cm`}`]);
+  if (wellSeen !== null) known.push([`${Math.round(100 * wellSeen)} %`, "of them seen in three photos or more"]);
+  return known.map(([value, what]) => {
+    const one = element("span");
+    one.append(element("strong", value), ` ${what}`);
+    return one;
+  });
+}
+
+function hintOf(hint: WatchHint): HTMLElement {
+  const item = element("li");
+  item.append(element("strong", hint.photo), ` ${hint.text}.`);
+  return item;
+}
+
+/** Follow a watch, where the page is one's. */
+export function following(page: Followed): void {
+  if (page.data.provisional) new Following(page);
+}
