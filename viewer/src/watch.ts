@@ -38,7 +38,8 @@ class Following {
     const line = element("div", "", "line");
     line.append(this.doing, this.stop);
     this.sheet.setAttribute("aria-label", "Photos that arrive");
-    this.sheet.append(this.figures, line, this.hints);
+    const note = element("p", "An answer so far: metres are approximate, and fruits that both sides show count twice.", "note");
+    this.sheet.append(this.figures, note, line, this.hints);
     find("main").prepend(this.sheet);
     // What the report says of a finished survey is not known yet.
     document.documentElement.classList.add("provisional");
@@ -98,7 +99,7 @@ export function figuresOf(state: WatchState): HTMLElement[] {
   if (fruits !== null) known.push([fruits.toLocaleString(), phase === "finished" ? "fruits" : "fruits so far"]);
   known.push([`${placed} of ${photos}`, "photos have a place"]);
   if (length !== null) known.push([`${length.toFixed(1)} m`, `of row${step === null ? "" : `, a photo each ${(100 * step).toFixed(0)} cm`}`]);
-  if (wellSeen !== null) known.push([`${Math.round(100 * wellSeen)} %`, "of them seen in three photos or more"]);
+  if (wellSeen !== null) known.push([`${Math.round(100 * wellSeen)} %`, "of the fruits seen in three photos or more"]);
   return known.map(([value, what]) => {
     const one = element("span");
     one.append(element("strong", value), ` ${what}`);

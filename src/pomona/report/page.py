@@ -110,6 +110,7 @@ def page_html(data: ReportData, values: SurveyData, *, data_url: str = "", secti
     sections = sections or Sections.of(data)
     script = _static("viewer.js").replace("</script", "<\\/script")
     source = values.source
+    footer = "An answer so far, shown while pomona watch runs." if data.provisional else _FOOTERS[source]
     return Template(_ROOM.joinpath("template.html").read_text(encoding="utf-8")).substitute(
         source=source,
         policy=policy(source),
@@ -122,7 +123,7 @@ def page_html(data: ReportData, values: SurveyData, *, data_url: str = "", secti
         **vars(sections),
         data_url=f' data-url="{escape(data_url)}"' if data_url else "",
         payload="" if data_url else as_base64(values),
-        footer=escape(f"Made by Pomona {data.version}".strip() + ". " + _FOOTERS[source]),
+        footer=escape(f"Made by Pomona {data.version}".strip() + ". " + footer),
     )
 
 

@@ -1,0 +1,54 @@
+"""The page of `pomona watch` in a browser: it follows by itself, disturbs nobody, and stops the watch."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from pomona.live import WatchServer
+from pomona.report.contract import WatchHint, WatchState
+from pomona.view import read_survey
+from serving import running
+from test_report_browser import PATIENCE_MS, browser  # noqa: F401 (a fixture)
+from view_scenes import write_view_survey
+
+
+def test_the_page_follows_the_watch(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+    data, stopped = read_survey(write_view_survey(tmp_path)), threading.Event()
+    hint = WatchHint("IMG_0003.JPG", "blurred", "is blurred: <b>hold</b> still")
+
+    def state(**changed: Any) -> WatchState:
+        usual = {"photos": 3, "placed": 0, "fruits": None, "length": None, "step": None, "well_seen": None, "hints": []}
+        return WatchState(**{"phase": "looking", "doing": "Looking at IMG_0003.JPG", "revision": 0, **usual, **changed})
+
+    with running(WatchServer("row")) as server:
+        server.on_stop_wanted = stopped.set
+        server.tell(state())
+        page = browser.new_page()
+        said: list[str] = []
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(server.url)
+        page.wait_for_selector("text=0 of 3 photos have a place")
+        assert page.url.endswith("/at/0/")
+        server.tell(state(hints=[hint]))
+        page.wait_for_selector(".watch li")
+        assert page.inner_text(".watch li") == "IMG_0003.JPG is blurred: <b>hold</b> still."
+        # An answer: the page goes to it, and shows its fruits.
+        server.show(data, 1)
+        known = {"fruits": 24, "length": 7.71, "step": 0.183, "well_seen": 0.84, "placed": 3, "revision": 1}
+        server.tell(state(hints=[hint], **known))
+        page.wait_for_url("**/at/1/")
+        page.wait_for_selector("text=24 fruits so far")
+        assert "7.7 m of row, a photo each 18 cm" in page.inner_text(".watch .figures")
+        assert page.locator("#fruits tbody tr[data-id]").count() > 5
+        assert page.is_hidden(".totals")
+        page.click("text=Stop and make the survey")
+        assert stopped.wait(60)
+        server.tell(state(**{**known, "phase": "finished", "doing": "/surveys/row", "fruits": 23}))
+        page.wait_for_selector("text=The survey is in /surveys/row")
+        assert "23 fruits" in page.inner_text(".watch .figures")
+        assert page.is_hidden(".watch button")
+        assert said == []
+        page.close()
