@@ -74,6 +74,7 @@ class Fakes:
         monkeypatch.setattr("pomona.scale.place_in_world", self._place)
         monkeypatch.setattr("pomona.dense.fruit_cloud", self._cloud)
         monkeypatch.setattr("pomona.dense.sphere_cloud", self._sphere_cloud)
+        monkeypatch.setattr("pomona.scene.dense_scene", self._scene)
         monkeypatch.setattr("pomona.fuse.object.fuse", self._fuse)
         monkeypatch.setattr("pomona.fuse.paper.fuse", self._fuse)
         monkeypatch.setattr("pomona.second_look.look_again", self._look_again)
@@ -103,6 +104,11 @@ class Fakes:
     def _sphere_cloud(self, fruits, observations, detections, cameras, photos, *, progress):
         cloud = self._cloud(photos, detections, cameras, options=None, progress=progress)
         return FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64))
+
+    def _scene(self, photos, detections, cameras, *, options, progress):
+        self.count("scene")
+        points = np.random.default_rng(1).normal((0, 0, 2), 0.5, (80, 3))
+        return FruitCloud(points, np.full((80, 3), 90, np.uint8), np.zeros(80, np.int64))
 
     def _fuse(self, detections, cameras, cloud=None, *, options, progress):
         self.count("fuse")

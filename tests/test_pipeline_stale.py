@@ -28,6 +28,7 @@ from pomona.pipeline.stages import stages_of
 from pomona.planting import PlantingOptions
 from pomona.report import ContactSheetOptions, ReportOptions
 from pomona.scale.options import ScaleOptions
+from pomona.scene import DenseSceneOptions
 from pomona.second_look import SecondLookOptions
 from pomona.segment.photo_detections import SegmentOptions
 from pomona.sfm.options import SfmOptions
@@ -125,7 +126,7 @@ def given_cameras(folder: Path) -> dict[str, Any]:
 
 
 PAPER = {"method": "paper"}
-SELECTED = ["select", "scale", "fuse", "second_look", "filter", "report"]
+SELECTED = ["select", "scale", "fuse", "second_look", "filter", "scene", "report"]
 GIVEN = [name for name in STAGES if name != "sfm"]
 # Each option: what a run before it had (None: the defaults), what is changed, and the stages that see it. The stand-ins
 # of the stages give the same whatever they get, so that what comes after them is kept.
@@ -149,15 +150,21 @@ TABLE: dict[str, tuple[Change, Change, list[str]]] = {
     "scale_bar": ({}, {"scale_bar": (0, 1, 0.85)}, ["scale"]),
     "marker_dictionary": ({}, {"marker_dictionary": "DICT_5X5_50"}, ["scale"]),
     "use_gnss": ({}, {"use_gnss": False}, ["scale"]),
-    "positions": ({}, write_positions, ["segment", "sfm", "scale", "second_look", "measure", "dense", "report"]),
-    "fruit": ({}, {"fruit": "plum"}, ["scale", "fuse", "measure", "results", "report"]),
+    "positions": (
+        {},
+        write_positions,
+        ["segment", "sfm", "scale", "second_look", "measure", "dense", "scene", "report"],
+    ),
+    "fruit": ({}, {"fruit": "plum"}, ["scale", "fuse", "measure", "scene", "results", "report"]),
     "weights": ({}, weighed_pairs, ["measure", "results"]),
     "trees": ({}, write_trunks, ["planting", "results", "report"]),
     "tree_spacing": ({}, {"tree_spacing": 1.2}, ["planting", "results"]),
     "hand_counts": ({}, counted_trees, ["results"]),
-    "fruit_diameter_m": ({}, {"fruit_diameter_m": 0.06}, ["scale", "fuse"]),
+    "fruit_diameter_m": ({}, {"fruit_diameter_m": 0.06}, ["scale", "fuse", "scene"]),
     "engine": (PAPER, {**PAPER, "engine": "opencv"}, ["dense"]),
     "second_look": ({}, {"second_look": False}, ["second_look"]),
+    "scene": ({}, {"scene": False}, ["scene", "results", "report"]),
+    "dense_scene": ({}, {"dense_scene": DenseSceneOptions(min_pixels=3)}, ["scene"]),
     "looking": ({}, {"looking": SecondLookOptions(peaks=4)}, ["second_look"]),
     "filter_false_positives": ({}, {"filter_false_positives": False}, ["filter"]),
     "filter_model": ({}, copied_machine, ["filter"]),
@@ -285,37 +292,39 @@ ROOMS: dict[str, frozenset[str]] = {
     "adjustment": frozenset({"sfm", "scale", "report"}),
     "arrays": ALL,
     "cameras": ALL - {"segment", "select", "planting"},
-    "capture": frozenset({"segment", "sfm", "scale", "second_look", "dense", "report"}),
+    "capture": frozenset({"segment", "sfm", "scale", "second_look", "dense", "scene", "report"}),
     "corrections": HANDED,
     "crop": HANDED,
     "data_frames": ALL,
-    "dense": frozenset({"dense"}),
+    "dense": frozenset({"dense", "scene"}),
     "detections": ALL - {"sfm", "planting"},
     "drawing": frozenset({"report"}),
     "errors": ALL,
     "evaluate": frozenset({"report"}),
     "filter": frozenset({"filter"}),
-    "formats": frozenset({"segment", "sfm", "scale", "planting", "dense"}) | HANDED,
+    "formats": frozenset({"segment", "sfm", "scale", "planting", "dense", "scene"}) | HANDED,
     "fruit_discs": frozenset({"scale", "report"}),
     "fruit_kinds": frozenset({"measure"}) | HANDED,
-    "fruit_ranges": frozenset({"scale", "fuse", "second_look", "filter", "dense"}),
-    "fruit_size": SPACE | HANDED,
-    "fruits": SPACE | {"planting"} | HANDED,
+    "fruit_points": frozenset({"results"}),
+    "fruit_ranges": frozenset({"scale", "fuse", "second_look", "filter", "dense", "scene"}),
+    "fruit_size": SPACE | {"scene"} | HANDED,
+    "fruits": SPACE | {"planting", "scene"} | HANDED,
     "fuse": SPACE | {"planting"} | HANDED,
     "geometry": ALL - {"segment", "select"},
     "intrinsics": ALL - {"segment", "select", "planting"},
     "intervals": HANDED,
-    "label_image": frozenset({"fuse", "dense"}),
+    "label_image": frozenset({"fuse", "dense", "scene"}),
     "mask_rays": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
     "measure": frozenset({"measure"}) | HANDED,
     "onnx_file": frozenset({"segment", "second_look"}),
     "outlines": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
     "photo_names": frozenset({"segment", "sfm", "scale", "report"}),
-    "photos": frozenset({"segment", "sfm", "scale", "second_look", "dense", "measure"}) | HANDED,
+    "photos": frozenset({"segment", "sfm", "scale", "second_look", "dense", "measure", "scene"}) | HANDED,
     "planting": frozenset({"planting"}) | HANDED,
     "progress": ALL,
     "report": frozenset({"report"}),
     "scale": frozenset({"scale", "report"}),
+    "scene": frozenset({"scene"}),
     "second_look": frozenset({"second_look"}),
     "segment": frozenset({"segment"}),
     "sfm": frozenset({"sfm", "scale", "report"}),

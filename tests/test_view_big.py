@@ -141,7 +141,7 @@ def test_report_says_what_it_leaves_out(browser: Any, big: ReportData, tmp_path:
     write_report(dataclasses.replace(big, title="report"), tmp_path / "report.html")
     opened = _open(browser, tmp_path / "report.html")
     left_out = opened.page.inner_text("#left-out")
-    assert f"600,000 of {len(big.cloud):,} points" in left_out
+    assert f"300,000 of {len(big.cloud):,} points" in left_out
     assert "pomona view SURVEY" in left_out
     assert opened.asked == [(tmp_path / "report.html").as_uri()]
     assert opened.said == []

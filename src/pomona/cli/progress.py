@@ -34,6 +34,7 @@ LABELS = {
     "filter": "False fruits out",
     "measure": "Sizes",
     "planting": "Trees",
+    "scene": "Scene",
     "results": "Tables and map",
     "report": "Report",
 }

@@ -46,6 +46,7 @@ def run(
     second_look: Annotated[
         bool, typer.Option(help="Whether fruits are looked at again in all photos, to place them better.")
     ] = True,
+    scene: Annotated[bool, typer.Option(help="Whether a dense cloud of the whole row is made, to look at.")] = True,
     filter: Annotated[bool, typer.Option("--filter/--no-filter", help="Whether false fruits are dropped.")] = True,
     filter_model: Annotated[
         Path | None, typer.Option(metavar="JSON", help="A support vector machine of your own for that.")
@@ -84,6 +85,7 @@ def run(
         hand_counts=hand_counts,
         engine=engine,
         second_look=second_look,
+        scene=scene,
         filter_false_positives=filter,
         filter_model=filter_model,
     )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pomona.planting.options import PlantingOptions
     from pomona.report.options import ReportOptions
     from pomona.scale.options import ScaleOptions
+    from pomona.scene.options import DenseSceneOptions
     from pomona.second_look.options import SecondLookOptions
     from pomona.segment.photo_detections import SegmentOptions
     from pomona.sfm.options import SfmOptions
@@ -60,16 +61,16 @@ class RunOptions:
     where metres come from, in this order. `variant` of the
     method "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of
     both. `engine` makes the dense cloud. `second_look`: whether fruits of the method "object" are looked at again in
-    all photos. `filter_false_positives`: whether the support vector machine decides which fruits are dropped, with
-    `filter_model` (None: the shipped one).
+    all photos. `scene`: whether a dense cloud of the whole row is made, to look at. `filter_false_positives`: whether
+    the support vector machine decides which fruits are dropped, with `filter_model` (None: the shipped one).
 
     `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
     hangs on; without either, trees are where fruits gather at equal distances, if they do. `hand_counts`, a table of
     trees that were counted by hand (`tree,count`), calibrates the estimate of all fruit.
 
     `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
-    `dense`, `looking` (of the second look), `filter`, `measure`, `planting`, `yields`, `report` are options of
-    single stages, for those who know them; what the options above say goes before.
+    `dense`, `looking` (of the second look), `dense_scene`, `filter`, `measure`, `planting`, `yields`, `report` are
+    options of single stages, for those who know them; what the options above say goes before.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -97,6 +98,7 @@ class RunOptions:
     hand_counts: Path | None = None
     engine: str = "auto"
     second_look: bool = True
+    scene: bool = True
     filter_false_positives: bool = True
     filter_model: Path | None = None
     key_frames: KeyFrameOptions | None = None
@@ -108,6 +110,7 @@ class RunOptions:
     paper: PaperOptions | None = None
     dense: DenseOptions | None = None
     looking: SecondLookOptions | None = None
+    dense_scene: DenseSceneOptions | None = None
     filter: FilterOptions | None = None
     measure: MeasureOptions | None = None
     planting: PlantingOptions | None = None
@@ -179,6 +182,7 @@ class RunOptions:
                 fruit_diameter_m=self.usual_diameter_m,
             ),
             looking=self.looking or usual.looking,
+            dense_scene=replace(self.dense_scene or usual.dense_scene, fruit_diameter_m=self.usual_diameter_m),
             filter=self.filter or usual.filter,
             measure=self._measure(usual.measure),
             planting=self._planting(usual.planting),
@@ -290,6 +294,7 @@ class StageOptions:
     paper: PaperOptions
     dense: DenseOptions
     looking: SecondLookOptions
+    dense_scene: DenseSceneOptions
     filter: FilterOptions
     measure: MeasureOptions
     planting: PlantingOptions
@@ -308,6 +313,7 @@ class StageOptions:
         from pomona.planting.options import PlantingOptions
         from pomona.report.options import ReportOptions
         from pomona.scale.options import ScaleOptions
+        from pomona.scene.options import DenseSceneOptions
         from pomona.second_look.options import SecondLookOptions
         from pomona.segment.photo_detections import SegmentOptions
         from pomona.sfm.options import SfmOptions
@@ -323,6 +329,7 @@ class StageOptions:
             paper=PaperOptions(),
             dense=DenseOptions(),
             looking=SecondLookOptions(),
+            dense_scene=DenseSceneOptions(),
             filter=FilterOptions(),
             measure=MeasureOptions(),
             planting=PlantingOptions(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from pomona.corrections import Corrected, Corrections, Found, read_corrections
@@ -11,6 +12,7 @@ from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import Runner
+from pomona.pipeline.scene import SCENE
 from pomona.pipeline.sources import sources_of
 from pomona.pipeline.stage import SurveyContext
 from pomona.pipeline.stages import Stages, stages_of
@@ -33,6 +35,11 @@ class LastFound:
     def cloud(self) -> FruitCloud:
         """The points on the fruits as they were found."""
         return self._runner.value(self._stages.found).cloud
+
+    @property
+    def scene(self) -> FruitCloud:
+        """The dense scene; no points where none was made."""
+        return self._runner.value(SCENE)
 
     @property
     def corrected(self) -> Corrected | None:
@@ -67,6 +74,8 @@ def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress
     if "results" not in records:
         raise SurveyError(f"{survey.folder} has no fruits that can be corrected: `pomona report` finishes it first")
     options = RunOptions.from_json(survey.get("options", {}))
+    if "scene" not in records:  # of an older version: without the photos none can be made
+        options = replace(options, scene=False)
     photos = _photos(survey)
     runner = Runner(
         SurveyContext(survey, photos),

@@ -11,8 +11,10 @@ import numpy as np
 from pomona.arrays import IntArray
 from pomona.cameras import WorldFrame
 from pomona.crop import Crop, RowSegments
+from pomona.fruit_points import fruit_of_points
 from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.pipeline.scale import SCALE
+from pomona.pipeline.scene import SCENE
 from pomona.pipeline.stage import Input, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.files import write_file
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What the tables and the cloud of a survey hold; `scene` is the cloud with the sparse points of everything,
+    """What the tables and the cloud of a survey hold; `scene` is the cloud of the row and of the fruits,
     and `weight` that of all fruits found, None where none was weighed. `crop` is all that hangs there, hidden fruits
     too, None where too few were found to say; `segments` are the same along the row.
 
@@ -57,7 +59,14 @@ class ResultsOptions:
 
 
 def _as_found(
-    placed: Placed, candidates: Fused, measured: Fused, trunks: Trunks, *, options: ResultsOptions, progress: Progress
+    placed: Placed,
+    scene: FruitCloud,
+    candidates: Fused,
+    measured: Fused,
+    trunks: Trunks,
+    *,
+    options: ResultsOptions,
+    progress: Progress,
 ) -> Results:
     progress.start("writing tables, map and cloud")
     views = candidates.fruits.views
@@ -65,7 +74,7 @@ def _as_found(
     return Results(
         found.fruits,
         measured.observations,
-        scene_cloud(placed.cameras, measured.cloud),
+        scene_cloud(scene, placed.cameras, measured.fruits, measured.cloud),
         found.trees,
         placed.cameras.frame,
         _weight(measured.fruits, options.allometry),
@@ -76,6 +85,7 @@ def _as_found(
 
 def _as_corrected(
     placed: Placed,
+    scene: FruitCloud,
     candidates: Fused,
     measured: Fused,
     trunks: Trunks,
@@ -94,7 +104,7 @@ def _as_corrected(
     return Results(
         found.fruits,
         corrected.detected,
-        scene_cloud(placed.cameras, corrected.relabelled(measured.cloud)),
+        scene_cloud(scene, placed.cameras, corrected.fruits, corrected.relabelled(measured.cloud)),
         found.trees,
         placed.cameras.frame,
         _weight(corrected.fruits, options.allometry),
@@ -135,12 +145,17 @@ def _estimate(
     )
 
 
-def scene_cloud(cameras: Cameras, fruit_cloud: FruitCloud) -> FruitCloud:
-    """Return the sparse points of the whole scene (`fruit_id` 0) and the points of the fruits, in one cloud."""
+def scene_cloud(scene: FruitCloud, cameras: Cameras, fruits: Fruits, fruit_cloud: FruitCloud) -> FruitCloud:
+    """Return the points of the row and those of the fruits in one cloud.
+
+    Points of the dense `scene` on a fruit are its own; of all others `fruit_id` is 0. Without a dense scene the row is
+    what structure from motion has of it.
+    """
+    points, rgb = (scene.points_in_world, scene.rgb) if len(scene) else (cameras.points_in_world, cameras.points_rgb)
     return FruitCloud(
-        np.concatenate([cameras.points_in_world, fruit_cloud.points_in_world]),
-        np.concatenate([cameras.points_rgb, fruit_cloud.rgb]),
-        np.concatenate([np.zeros(len(cameras.points_in_world), np.int64), fruit_cloud.fruit_id]),
+        np.concatenate([points, fruit_cloud.points_in_world]),
+        np.concatenate([rgb, fruit_cloud.rgb]),
+        np.concatenate([fruit_of_points(points, fruits), fruit_cloud.fruit_id]),
     )
 
 
@@ -209,7 +224,13 @@ def results_stage(
             survey.cloud,
         ),
     )
-    inputs: dict[str, Input] = {"placed": SCALE, "candidates": candidates, "measured": measured, "trunks": trunks}
+    inputs: dict[str, Input] = {
+        "placed": SCALE,
+        "scene": SCENE,
+        "candidates": candidates,
+        "measured": measured,
+        "trunks": trunks,
+    }
     if corrected is None:
         return Stage(name="results", inputs=inputs, options=_options, compute=_as_found, store=store)
     return Stage(

@@ -16,6 +16,7 @@ from pomona.pipeline.planting import planted_stage, planting_stage
 from pomona.pipeline.report import report_stage
 from pomona.pipeline.results import Results, results_stage
 from pomona.pipeline.scale import SCALE
+from pomona.pipeline.scene import SCENE
 from pomona.pipeline.second_look import second_look_stage
 from pomona.pipeline.segment import SEGMENT
 from pomona.pipeline.select import SELECT
@@ -57,4 +58,4 @@ def stages_of(method: str, *, corrected: bool) -> Stages:
     by_person = correct_stage(found) if corrected else None
     results = results_stage(fuse[-1], shown, trunks, by_person)
     report = report_stage(results, by_person)
-    return Stages((*first, *middle, results, report), shown, found, by_person, results)
+    return Stages((*first, *middle, SCENE, results, report), shown, found, by_person, results)

@@ -31,12 +31,12 @@ class ContactSheetOptions:
 class ReportOptions:
     """What `report.html` carries, which makes its size, and the contact sheet.
 
-    `max_points`: points of the scene and the fruits, 6.4 MB as text by default; `max_sightings`: observations, 9.6 MB.
+    `max_points`: points of the scene and the fruits, 3.2 MB as text by default; `max_sightings`: observations, 9.6 MB.
     `crops_per_fruit` crops of photos of each fruit are in it, from at most `crop_photos` photos, of at most `crops_mb`
     together: of many fruits there are fewer of each.
     """
 
-    max_points: int = 600_000
+    max_points: int = 300_000
     max_sightings: int = 300_000
     crops_per_fruit: int = 3
     crop_photos: int = 120

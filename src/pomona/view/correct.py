@@ -142,10 +142,9 @@ class Corrector:
 
     def _show(self, log: Corrections) -> None:
         """Make the page's data those of a log."""
-        cloud = self._last.cloud
         corrected = self._applier.to(log.done)
         self._log, self._corrected = log, corrected
-        self.data = with_corrections(self._read, corrected, self._applier.found, cloud)
+        self.data = with_corrections(self._read, corrected, self._last)
         self.truth = self._compare(self.data) if self._compare else None
 
     def _next(self, log: Corrections, request: CorrectionRequest) -> tuple[Corrections, Correction | None]:
