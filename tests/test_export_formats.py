@@ -210,15 +210,20 @@ def test_geopackage(tmp_path: Path, frame: WorldFrame) -> None:
     database.close()
 
 
-@pytest.mark.parametrize("frame", [METRES, ON_EARTH])
-def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: WorldFrame) -> None:
-    geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
-    pyogrio = pytest.importorskip("pyogrio", reason="GDAL's reader is not installed")
+def _trees_and_segments() -> tuple[Trees, RowSegments]:
     known, nothing = np.array([30.0, 40.5]), np.full(2, np.nan)
     trees = Trees(np.array([1, 2]), np.array([[0.0, 0], [1.5, 0]]), np.array([28, 37]), np.array([26, 36]),
                   np.array([30, 38]), nothing, nothing, nothing, nothing, known, known - 2, known + 5)  # fmt: skip
     ends = np.array([[1.0, 0], [1.5, 0]])
     segments = RowSegments(ends - [[1, 0], [0.5, 0]], ends, np.array([40, 25]), known, known - 1, known + 1, nothing)
+    return trees, segments
+
+
+@pytest.mark.parametrize("frame", [METRES, ON_EARTH])
+def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: WorldFrame) -> None:
+    geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
+    pyogrio = pytest.importorskip("pyogrio", reason="GDAL's reader is not installed")
+    trees, segments = _trees_and_segments()
     path = tmp_path / "fruits.gpkg"
     write_gpkg(path, _fruits(), frame, trees, segments)
     layers = dict(pyogrio.list_layers(path).tolist())
@@ -245,6 +250,36 @@ def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: 
         assert all(one[1] == other[0] for one, other in pairwise(ranges))
     first, last = ranges[0][0], ranges[-1][1]
     assert (first, last) == (30.0, 40.5)
+
+
+@pytest.mark.parametrize("kind", ["geojson", "kml", "parquet"])
+def test_trees_and_row_are_in_every_map(tmp_path: Path, kind: str) -> None:
+    """GDAL reads GeoJSON and KML, pyarrow and GeoPandas' reader GeoParquet; all places and statistics are alike."""
+    geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
+    trees, segments = _trees_and_segments()
+    path = tmp_path / f"row.{kind}"
+    if kind == "geojson":
+        write_geojson(path, _fruits(), ON_EARTH, trees, segments)
+        ids = [feature.get("id") for feature in json.loads(path.read_text())["features"]]
+        assert ids == [1, 2, 7, None, None, None, None]
+    elif kind == "kml":
+        write_kml(path, _fruits(), ON_EARTH, trees, segments)
+    else:
+        pytest.importorskip("pyarrow", reason="the extra 'geoparquet' is not installed")
+        write_geoparquet(path, _fruits(), ON_EARTH, trees, segments)
+    if kind == "kml":
+        layers = {name: geopandas.read_file(path, layer=name) for name in ("fruits", "trees", "segments")}
+    else:
+        read = geopandas.read_parquet(path) if kind == "parquet" else geopandas.read_file(path)
+        assert read["layer"].tolist() == ["fruits"] * 3 + ["trees"] * 2 + ["segments"] * 2
+        layers = {str(name): rows for name, rows in read.groupby("layer")}
+    of_trees, of_row = layers["trees"], layers["segments"]
+    assert of_trees.crs.to_epsg() == of_row.crs.to_epsg() == 4326
+    assert of_trees.geometry.geom_type.tolist() == ["Point"] * 2
+    assert of_row.geometry.geom_type.tolist() == ["LineString"] * 2
+    assert of_trees["fruits"].astype(float).tolist() == [28, 37]
+    assert of_row["all_fruits"].astype(float).tolist() == [30.0, 40.5]
+    assert of_row.to_crs(ON_EARTH.crs).length.tolist() == pytest.approx([1.0, 0.5], abs=1e-3)
 
 
 @pytest.mark.parametrize("frame", [METRES, ON_EARTH])

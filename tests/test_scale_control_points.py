@@ -90,6 +90,7 @@ def test_ground_control_points_place_the_row_without_any_plate(tmp_path: Path, n
 
     assert progress.warnings == []
     assert placed.report.tied_pieces == 2
+    assert placed.report.source == placed.cameras.frame.scale_source == "control-points"
     assert 0 < off_m(placed.cameras, EAST, WEST) < 0.002
 
 

@@ -18,7 +18,7 @@ from pomona.errors import InputError
 from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 
-ScaleSource = Literal["markers", "scale-bar", "gnss", "fruit-diameter", "given", "none"]
+ScaleSource = Literal["markers", "control-points", "scale-bar", "gnss", "fruit-diameter", "given", "none"]
 
 
 @dataclass(frozen=True)

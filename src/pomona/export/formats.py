@@ -91,6 +91,12 @@ def _ply(source: ExportSource, path: Path) -> None:
     write_ply(path, source.cloud)
 
 
+def _geojson(source: ExportSource, path: Path) -> None:
+    from pomona.formats.geojson import write_geojson
+
+    write_geojson(path, source.fruits, source.frame, source.trees, source.segments)
+
+
 def _gpkg(source: ExportSource, path: Path) -> None:
     from pomona.formats.gpkg import write_gpkg
 
@@ -100,13 +106,13 @@ def _gpkg(source: ExportSource, path: Path) -> None:
 def _geoparquet(source: ExportSource, path: Path) -> None:
     from pomona.formats.geoparquet import write_geoparquet
 
-    write_geoparquet(path, source.fruits, source.frame)
+    write_geoparquet(path, source.fruits, source.frame, source.trees, source.segments)
 
 
 def _kml(source: ExportSource, path: Path) -> None:
     from pomona.formats.kml import write_kml
 
-    write_kml(path, source.fruits, source.frame)
+    write_kml(path, source.fruits, source.frame, source.trees, source.segments)
 
 
 def _colmap(source: ExportSource, path: Path) -> None:
@@ -153,7 +159,7 @@ def _warn_of_missing_points(source: ExportSource, cameras: Cameras) -> None:
 
 _FORMATS = (
     ExportFormat("csv", "a table of fruits", "fruits.csv", "fruits", "fruits", _copy_of("fruits")),
-    ExportFormat("geojson", "GeoJSON", "fruits.geojson", "fruits", "geojson", _copy_of("geojson")),
+    ExportFormat("geojson", "GeoJSON", "fruits.geojson", "fruits", "fruits", _geojson),
     ExportFormat("gpkg", "GeoPackage", "fruits.gpkg", "fruits", "fruits", _gpkg),
     ExportFormat("geoparquet", "GeoParquet", "fruits.parquet", "fruits", "fruits", _geoparquet),
     ExportFormat("kml", "KML", "fruits.kml", "fruits", "fruits", _kml),

@@ -15,7 +15,7 @@ from pomona.trees import Trees
 if TYPE_CHECKING:
     from pomona.corrections import Corrected, Found
 
-Part = Literal["fruits", "geojson", "cloud", "detections", "cameras"]
+Part = Literal["fruits", "cloud", "detections", "cameras"]
 """A part of a survey that has a file, or a folder, of its own."""
 
 

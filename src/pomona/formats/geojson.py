@@ -1,31 +1,33 @@
-"""`fruits.geojson`: fruits as points, by longitude and latitude where the survey has a place on Earth."""
+"""GeoJSON: fruits, and trees and parts of the row with them, by longitude and latitude where that is known."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
-from pomona.formats.on_earth import places_of
-from pomona.formats.tables import fruit_rows
+from pomona.crop import RowSegments
+from pomona.formats.layers import Layer, layers_of
 from pomona.fruits import Fruits
+from pomona.trees import Trees
 
 _LOCAL = "Coordinates are metres in the survey's own frame (x, y, z): it has no place on Earth."
 _ARBITRARY = "Coordinates are in the survey's own frame and have no unit, as nothing gave a scale."
 
 
-def write_geojson(path: Path, fruits: Fruits, frame: WorldFrame) -> None:
-    """Write fruits as a GeoJSON FeatureCollection (RFC 7946), a feature a line.
+def write_geojson(
+    path: Path, fruits: Fruits, frame: WorldFrame, trees: Trees | None = None, segments: RowSegments | None = None
+) -> None:
+    """Write a GeoJSON FeatureCollection (RFC 7946), a feature a line, whose member `layer` says what it is of.
 
-    With a place on Earth, positions are WGS 84 longitude, latitude and altitude in metres. Without one they are the
-    survey's x, y, z, `crs` is null (GeoJSON 2008's "unknown"), and the member `note` says so.
+    With a place on Earth, positions are WGS 84 longitude, latitude and (fruits) altitude in metres. Without one they
+    are the survey's x, y, z, `crs` is null (GeoJSON 2008's "unknown"), and the member `note` says so.
     """
-    places = places_of(fruits.centers_in_world, frame)
-    features = [_feature(place, row) for place, row in zip(places, fruit_rows(fruits), strict=True)]
+    features = [feature for layer in layers_of(fruits, frame, trees, segments) for feature in _features(layer)]
     head: dict[str, Any] = {"type": "FeatureCollection", "name": "fruits"}
     if frame.crs is None:
         head |= {"crs": None, "note": _LOCAL if frame.metric else _ARBITRARY}
@@ -36,11 +38,11 @@ def write_geojson(path: Path, fruits: Fruits, frame: WorldFrame) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _feature(place: FloatArray, row: dict[str, Any]) -> dict[str, Any]:
-    known = bool(np.isfinite(place).all())
-    return {
-        "type": "Feature",
-        "id": row["id"],
-        "geometry": {"type": "Point", "coordinates": [float(value) for value in place]} if known else None,
-        "properties": row,
-    }
+def _features(layer: Layer) -> Iterator[dict[str, Any]]:
+    kind = "LineString" if layer.is_line else "Point"
+    for places, row in zip(layer.geometries, layer.rows, strict=True):
+        known, corners = bool(np.isfinite(places).all()), places.tolist()
+        geometry = {"type": kind, "coordinates": corners if layer.is_line else corners[0]} if known else None
+        # Ids are of the whole file, and those of layers alike: fruits alone have one.
+        named = {"id": row["id"]} if layer.name == "fruits" else {}
+        yield {"type": "Feature", **named, "geometry": geometry, "properties": {"layer": layer.name, **row}}

@@ -21,7 +21,7 @@ from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.crop import RowSegments
 from pomona.errors import FormatError, MissingFileError
-from pomona.formats.layers import Layer, fruit_layer, segment_layer, tree_layer, well_known_binary
+from pomona.formats.layers import Layer, layers_of, well_known_binary
 from pomona.formats.qgis_style import graduated_style
 from pomona.fruits import Fruits
 from pomona.trees import Trees
@@ -159,11 +159,8 @@ def write_gpkg(
     and z in an undefined Cartesian system. Layers of what is not known are left out.
     """
     with GeoPackage(path, on_earth=frame.crs is not None) as package:
-        package.append(fruit_layer(fruits, frame))
-        if trees is not None and len(trees):
-            package.append(tree_layer(trees, frame))
-        if segments is not None and len(segments):
-            package.append(segment_layer(segments, frame))
+        for layer in layers_of(fruits, frame, trees, segments):
+            package.append(layer)
 
 
 def read_layer(path: Path, name: str) -> Iterator[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""`fruits.kml`: fruits as placemarks, for Google Earth and its like.
+"""`fruits.kml`: fruits, trees and parts of the row as placemarks, for Google Earth and its like.
 
 Source: OGC 12-007r2, KML 2.3. Points lie on the ground, as altitudes of cameras are not above the sea that KML means;
 each fruit's own altitude and measurements are in its data.
@@ -13,16 +13,19 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from pomona.cameras import WorldFrame
+from pomona.crop import RowSegments
 from pomona.errors import InputError
-from pomona.formats.on_earth import places_of
-from pomona.formats.tables import fruit_rows
+from pomona.formats.layers import Layer, layers_of
 from pomona.fruits import Fruits
+from pomona.trees import Trees
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
 
 
-def write_kml(path: Path, fruits: Fruits, frame: WorldFrame) -> None:
-    """Write fruits as placemarks with the columns of `fruits.csv`.
+def write_kml(
+    path: Path, fruits: Fruits, frame: WorldFrame, trees: Trees | None = None, segments: RowSegments | None = None
+) -> None:
+    """Write fruits, trees and parts of the row as placemarks with the columns of their tables, a folder each.
 
     Raises `InputError` where the survey has no place on Earth.
     """
@@ -34,17 +37,24 @@ def write_kml(path: Path, fruits: Fruits, frame: WorldFrame) -> None:
     root = Element("kml", xmlns=_NAMESPACE)
     document = SubElement(root, "Document")
     SubElement(document, "name").text = "fruits"
-    places = places_of(fruits.centers_in_world, frame)
-    for place, row in zip(places, fruit_rows(fruits), strict=True):
-        mark = SubElement(document, "Placemark", id=f"fruit-{row['id']}")
+    for layer in layers_of(fruits, frame, trees, segments):
+        _write_folder(SubElement(document, "Folder"), layer)
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _write_folder(folder: Element, layer: Layer) -> None:
+    SubElement(folder, "name").text = layer.name
+    for places, row in zip(layer.geometries, layer.rows, strict=True):
+        mark = SubElement(folder, "Placemark", id=f"{layer.name}-{row['id']}")
         SubElement(mark, "name").text = str(row["id"])
         data = SubElement(mark, "ExtendedData")
         for name, value in row.items():
             if value not in (None, ""):
                 SubElement(SubElement(data, "Data", name=name), "value").text = str(value)
-        if np.isfinite(place).all():
-            point = SubElement(mark, "Point")
-            SubElement(point, "altitudeMode").text = "clampToGround"
-            SubElement(point, "coordinates").text = ",".join(map(repr, place.tolist()))
-    ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+        if np.isfinite(places).all():
+            shape = SubElement(mark, "LineString" if layer.is_line else "Point")
+            if layer.is_line:
+                SubElement(shape, "tessellate").text = "1"  # along the ground, not through it
+            SubElement(shape, "altitudeMode").text = "clampToGround"
+            SubElement(shape, "coordinates").text = " ".join(",".join(map(repr, place)) for place in places.tolist())

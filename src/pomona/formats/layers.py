@@ -52,6 +52,18 @@ class Layer:
         return np.asarray(self.geometries[inside][..., :2].reshape(-1, 2))
 
 
+def layers_of(
+    fruits: Fruits, frame: WorldFrame, trees: Trees | None = None, segments: RowSegments | None = None
+) -> list[Layer]:
+    """Return the layers `fruits`, `trees` and `segments`; those of what is not known are left out."""
+    layers = [fruit_layer(fruits, frame)]
+    if trees is not None and len(trees):
+        layers.append(tree_layer(trees, frame))
+    if segments is not None and len(segments):
+        layers.append(segment_layer(segments, frame))
+    return layers
+
+
 def kinds_of(columns: Sequence[str]) -> dict[str, Kind]:
     """Return what each column of Pomona's tables of fruits, trees and segments holds."""
     return {name: "whole" if name in _WHOLE else "text" if name in _TEXTS else "real" for name in columns}

@@ -16,6 +16,7 @@ from pomona.survey.digest import plain
 
 _SOURCES = {
     "markers": "metres from markers",
+    "control-points": "metres from control points",
     "scale-bar": "metres from the scale bar",
     "gnss": "metres from GNSS",
     "fruit-diameter": "metres from an assumed fruit diameter",
@@ -119,7 +120,7 @@ def _scale(info: Mapping[str, Any]) -> str:
     if accuracy:
         scale_percent, position_mm = 100 * accuracy["scale_sd"], accuracy["position_sd_mm"]
         text += f" (scale ± {scale_percent:.2g} %, positions ± {position_mm:.1f} mm)"
-    elif frame.scale_source == "markers" and residuals:
+    elif frame.scale_source in ("markers", "control-points") and residuals:
         rms_mm = math.sqrt(sum(r * r for r in residuals) / len(residuals))
         text += f" (residual {rms_mm:.1f} mm)"
     if contradictions := len(info["report"]["contradictions"]):

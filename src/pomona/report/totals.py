@@ -14,6 +14,7 @@ from pomona.scale.report import ScaleReport
 
 _SOURCES = {
     "markers": "from markers",
+    "control-points": "from control points",
     "scale-bar": "from the scale bar",
     "gnss": "from GNSS positions",
     "fruit-diameter": "from an assumed fruit diameter",

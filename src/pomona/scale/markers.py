@@ -13,7 +13,7 @@ from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px, 
 from pomona.adjustment.lenses import credible_focals, share_lenses
 from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame, concatenate, split
+from pomona.cameras import Cameras, ScaleSource, WorldFrame, concatenate, split
 from pomona.errors import InputError
 from pomona.geometry import Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
@@ -97,6 +97,7 @@ def place_by_markers(
 ) -> WorldFrame | None:
     """Put every piece that sees enough markers into their frame, and refine those together."""
     places = markers.places()
+    source: ScaleSource = "markers" if options.gcp is None else "control-points"
     fits: dict[int, MarkerFit] = {}
     for idx, piece in enumerate(placement.pieces):
         fit = fit_markers(piece.cameras, sightings, places)
@@ -106,7 +107,7 @@ def place_by_markers(
                 placement.warn(f"{placement.name(idx)} has no place from the markers: {fit}")
             continue
         fits[idx] = fit
-        placement.set_scale(idx, "markers", fit.world_from_piece.scale, 1000 * fit.rms_m)
+        placement.set_scale(idx, source, fit.world_from_piece.scale, 1000 * fit.rms_m)
         _warn_of_fit(placement, idx, fit)
     if not fits:
         return None
@@ -123,7 +124,7 @@ def place_by_markers(
             warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
         placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places)
         _check_units(placement, idx, places, cameras.centers_in_world)
-    return WorldFrame("markers", approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
+    return WorldFrame(source, approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
 
 
 def _refine(

@@ -29,7 +29,7 @@ _ROBUST_ROUNDS, _TAIL = 8, 2.0
 _SAME_FRUIT = 0.5
 # Fruits of two pieces have different sizes beyond this share and so many standard deviations.
 _SAME_SIZE, _CONTRADICTION = 0.03, 4.0
-_SOURCES = ("markers", "scale-bar", "gnss", "fruit-diameter")  # of metres, the best first
+_SOURCES = ("markers", "control-points", "scale-bar", "gnss", "fruit-diameter")  # of metres, the best first
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def align_sides(
         sides[idx] = _side(placement, idx, find_fruits)
         placement.progress.advance()
     _warn_of_sizes(placement, sides)
-    exact = frame is not None and frame.scale_source == "markers"
+    exact = frame is not None and frame.scale_source in ("markers", "control-points")
     fixed = [i for i in metric if i in placement.in_world] if exact else []
     if exact:
         with_fruits = [i for i in fixed if len(sides[i].centers)]
