@@ -126,6 +126,40 @@ def test_every_tree_has_a_line(data: ReportData, text: str) -> None:
     assert data.trees.fruits.sum() == len(data.fruits)
 
 
+def test_quality_is_gathered_with_advice_that_names_photos(data: ReportData, text: str) -> None:
+    section = text[text.index('<section class="sheet" id="quality">') :]
+    section = section[: section.index("</section>")]
+    assert f"<td>{len(data.cameras)} of {len(data.photos) + len(data.photos.skipped)}</td>" in re.sub(
+        ' class="[^"]*"', "", section
+    )
+    assert f"{data.lost[0].photo}: {data.lost[0].advice}" in section
+    assert "would close the gap" not in section
+    east = [i for i, name in enumerate(data.cameras.photos) if name.startswith("east")]
+    kept = np.array([i for i in range(len(data.cameras)) if i not in east[2:6]])
+    cameras = replace(
+        data.cameras,
+        photos=tuple(data.cameras.photos[i] for i in kept),
+        intrinsics_idx=data.cameras.intrinsics_idx[kept],
+        cam_from_world=data.cameras.cam_from_world[kept],
+    )
+    gap = report_html(replace(data, cameras=cameras))
+    before, after = (data.cameras.photos[east[k]] for k in (1, 6))
+    assert f"nothing lies between {before} and {after}" in gap
+
+
+def test_chosen_packing_classes_come_first(data: ReportData, text: str) -> None:
+    first = re.search(r'<select id="packing-preset"><option data-edges="([^"]+)">([^<]+)<', text)
+    assert first is not None
+    assert first.groups() == ("50 60 65 70 75 80 85 90", "apples, 5 mm")
+    assert '<option data-edges="61 72.5">own</option>' in report_html(replace(data, packing="61,72.5"))
+
+
+def test_broken_numbers_of_plots_can_be_written_as_the_reader_does(text: str) -> None:
+    ticks = re.findall(r'<text[^>]*>(<tspan data-value="(-?\d+\.\d+)">\2</tspan>)', text)
+    assert len(ticks) > 3
+    assert not re.search(r"<text[^>]*>-?\d+\.\d+</text>", text)
+
+
 def test_a_kind_of_fruit_is_called_by_its_name(data: ReportData, tmp_path: Path) -> None:
     write_report(replace(data, fruit_words="cherries"), tmp_path / "report.html")
     assert '<div class="label">Cherries</div>' in (tmp_path / "report.html").read_text()

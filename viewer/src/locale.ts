@@ -10,6 +10,10 @@ export function localisedDay(day: string, locale?: string): string {
 }
 
 export function localisePage(): void {
+  for (const number of document.querySelectorAll<SVGTSpanElement>("tspan[data-value]")) {
+    const digits = number.dataset.value!.split(".")[1]!.length;
+    number.textContent = localised(Number(number.dataset.value), digits);
+  }
   for (const data of document.querySelectorAll<HTMLDataElement>("data[value]")) data.textContent = localised(Number(data.value), Number(data.dataset.digits ?? 0));
   for (const time of document.querySelectorAll<HTMLTimeElement>("time[datetime]")) time.textContent = localisedDay(time.dateTime);
 }

@@ -1,23 +1,7 @@
 /** How many fruits, and how much of them, fall into packing classes; the classes can be chosen and changed. */
 
 import { element, find } from "./dom";
-import { median, type Fruit } from "./payload";
-
-const steps = (from: number, to: number, step: number): number[] => Array.from({ length: Math.round((to - from) / step) + 1 }, (_, i) => from + i * step);
-
-/**
- * Edges in mm. Apples are marketed in the EU from 60 mm on (50 mm if sweet enough), in layers by classes of 5 mm
- * (Delegated Regulation (EU) 2023/2429, annex I, part B).
- */
-export const PRESETS: Record<string, number[]> = {
-  "apples, 5 mm": [50, ...steps(60, 90, 5)],
-  "pears, 5 mm": [45, ...steps(50, 85, 5)],
-  "stone fruit, 5 mm": steps(35, 80, 5),
-  "citrus, 10 mm": steps(40, 110, 10),
-  "cherries, 2 mm": steps(18, 32, 2),
-  "apples, 10 mm": steps(50, 90, 10),
-};
-const MANY = 35;
+import type { Fruit } from "./payload";
 
 export interface Class {
   from: number;
@@ -53,13 +37,10 @@ export function showPacking(fruits: Fruit[]): void {
   const sizes = fruits.map(({ diameter }) => 1000 * diameter);
   const preset = find<HTMLSelectElement>("#packing-preset");
   const typed = find<HTMLInputElement>("#packing-edges");
-  preset.append(...Object.keys(PRESETS).map((name) => new Option(name, name)));
-  preset.value = median(sizes) < MANY ? "cherries, 2 mm" : "apples, 5 mm";
   const show = (edges: number[]): void => fill(find("#packing-table"), classesOf(sizes, fruits.map(({ weight }) => weight), edges));
   const choose = (): void => {
-    const edges = PRESETS[preset.value]!;
-    typed.value = edges.join(" ");
-    show(edges);
+    typed.value = preset.selectedOptions[0]!.dataset.edges!;
+    show(edgesIn(typed.value));
   };
   preset.addEventListener("change", choose);
   typed.addEventListener("input", () => show(edgesIn(typed.value)));

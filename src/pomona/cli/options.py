@@ -60,6 +60,10 @@ HandCounts = Annotated[
     Path | None,
     typer.Option(metavar="CSV", help="tree,count: trees that you counted, for the estimate of all fruit."),
 ]
+Packing = Annotated[
+    str | None,
+    typer.Option(metavar="NAME|MM,MM,…", help="Classes of size in the report: apples, citrus, …, or edges in mm."),
+]
 Cameras = Annotated[
     Path | None,
     typer.Option(metavar="PATH", help="Cameras of COLMAP, Metashape, ODM, ... in place of structure from motion."),

@@ -79,13 +79,14 @@ def report(
         Path | None,
         typer.Option(metavar="FILE", help="True fruits: also write report-truth.html, with the paper's scores."),
     ] = None,
+    packing: shared.Packing = None,
     as_json: shared.Json = False,
 ) -> None:
     """Write the report of a survey again, doing first what is missing."""
     from pomona.report.pdf import write_pdf
     from pomona.survey import SurveyFolder
 
-    _go_on(survey, "report", {}, as_json)
+    _go_on(survey, "report", _given({"packing": packing}), as_json)
     files = SurveyFolder.open(survey)
     page, made = files.report, []
     if truth is not None:

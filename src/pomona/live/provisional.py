@@ -49,7 +49,7 @@ class Provisional:
             cameras=self.cameras,
             fruits=self.fruits,
             observations=self.observations,
-            cloud=scene_cloud(self.cameras, FruitCloud.empty()),
+            cloud=scene_cloud(FruitCloud.empty(), self.cameras, self.fruits, FruitCloud.empty()),
             masks=self.masks,
             detections=self.masks.total,
             fruit_words=fruit_words,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hint
 
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.fruit_kinds import FRUIT_KINDS, FruitKind, fruit_kind
+from pomona.packing import packing_classes
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class RunOptions:
     `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
     hangs on; without either, trees are where fruits gather at equal distances, if they do. `hand_counts`, a table of
     trees that were counted by hand (`tree,count`), calibrates the estimate of all fruit.
+    `packing` are the classes of size of the report: a name of `PACKING_PRESETS`, or edges in mm such as "60,65,70".
 
     `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
     `dense`, `looking` (of the second look), `dense_scene`, `filter`, `measure`, `planting`, `yields`, `report` are
@@ -96,6 +98,7 @@ class RunOptions:
     trees: Path | None = None
     tree_spacing: float | None = None
     hand_counts: Path | None = None
+    packing: str | None = None
     engine: str = "auto"
     second_look: bool = True
     scene: bool = True
@@ -126,6 +129,8 @@ class RunOptions:
             raise InputError(f"`variant` {self.variant} is of `method` paper, found `method` {self.method}")
         if self.classes is not None and self.detections is None:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
+        if self.packing is not None:
+            packing_classes(self.packing)
         if self.fruit is not None:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
         for name in _FILES:

@@ -35,8 +35,16 @@ def _options(options: StageOptions) -> ReportOptions:
     return options.report
 
 
-def _words(options: StageOptions) -> str:
-    return many_of(options.run.fruit)
+@dataclass(frozen=True, kw_only=True)
+class _Shown:
+    """What fruits are called, and the classes of size that they are counted in."""
+
+    words: str
+    packing: str | None
+
+
+def _shown(options: StageOptions) -> _Shown:
+    return _Shown(words=many_of(options.run.fruit), packing=options.run.packing)
 
 
 def _gathered(
@@ -48,7 +56,7 @@ def _gathered(
     results: Results,
     run_log: RunLog,
     *,
-    options: str,
+    options: _Shown,
 ) -> ReportData:
     from pomona.report import ReportData, StageTime, engines_of, settings_in_words
     from pomona.survey.facts import unregistered_from
@@ -67,7 +75,8 @@ def _gathered(
         lost=(*unregistered_from(unregistered), *placed.lost),
         scale=placed.report,
         trees=results.trees,
-        fruit_words=options,
+        fruit_words=options.words,
+        packing=options.packing,
         weight=results.weight,
         crop=results.crop,
         segments=results.segments,
@@ -123,7 +132,7 @@ def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) ->
             "results": results,
             "run_log": RUN_LOG,
         },
-        options=_words,
+        options=_shown,
         compute=_gathered,
     )
     store = Store(save=_save, outputs=lambda survey: (survey.report, survey.contact_sheet))

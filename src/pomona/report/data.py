@@ -54,6 +54,7 @@ class ReportData:
     scale: ScaleReport | None = None
     trees: Trees = field(default_factory=Trees.empty)
     fruit_words: str = "fruits"
+    packing: str | None = None
     weight: TotalWeight | None = None
     crop: Crop | None = None
     segments: RowSegments = field(default_factory=RowSegments.empty)

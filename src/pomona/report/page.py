@@ -22,6 +22,7 @@ from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
 from pomona.report.options import ReportOptions
 from pomona.report.plots import plots
+from pomona.report.quality import quality
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns
 from pomona.report.tables import how_made, photos_table, trees_table
@@ -98,7 +99,7 @@ class Sections:
             colour_choices=_colour_choices(data),
             plots=against[0] + plots(data),
             tables=against[1] + trees_table(data) + stage_times(data) + how_made(data),
-            photos=photos_table(data),
+            photos=quality(data) + photos_table(data),
         )
 
 

@@ -9,12 +9,14 @@ from html import escape
 import numpy as np
 
 from pomona.arrays import FloatArray
+from pomona.packing import PACKING_PRESETS, packing_classes
 from pomona.report.axes import row_axes
 from pomona.report.data import ReportData
 from pomona.report.svg import Axis, Bar, Dot, column_chart, dot_chart, nice_step, number, row_chart
 
 _MOST_BINS = 28  # more columns are too narrow to be told apart
 _MOST_ON_MAP = 6000  # fruits: more make the file large, and hide each other
+_SMALL_MM = 35  # fruits smaller than that are packed like cherries
 _TREE_COLOURS = ("", "sky")
 _SIDE_COLOURS = ("sky", "leaf", "")
 
@@ -52,12 +54,23 @@ def diameters(data: ReportData) -> str:
 
 
 def packing(data: ReportData) -> str:
-    """Return the frame of the histogram in packing classes, which the page's script fills: classes can be changed."""
+    """Return the frame of the histogram in packing classes, which the page's script fills: classes can be changed.
+
+    Those chosen for the survey come first; without a choice, they are those of the fruits' size.
+    """
     if not data.cameras.frame.metric or not np.isfinite(data.fruits.diameters_m).any():
         return ""
+    sizes_mm = 1000 * data.fruits.diameters_m
+    usual = "cherries" if np.nanmedian(sizes_mm) < _SMALL_MM else "apples"
+    chosen = packing_classes(data.packing or usual)
+    choices = [chosen, *(preset for preset in PACKING_PRESETS.values() if preset != chosen)]
+    options = "".join(
+        f'<option data-edges="{" ".join(map(number, each.edges_mm))}">{escape(each.title)}</option>' for each in choices
+    )
     return (
         caption("Packing classes")
-        + '<div id="packing" hidden><p class="choice"><label>Classes <select id="packing-preset"></select></label>'
+        + f'<div id="packing" hidden><p class="choice"><label>Classes <select id="packing-preset">{options}</select>'
+        "</label>"
         '<label>mm <input id="packing-edges" size="30" aria-label="Edges of the classes in mm"></label></p>'
         '<table id="packing-table"></table></div><noscript>Packing classes need JavaScript.</noscript>'
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -11,6 +12,7 @@ WIDTH, HEIGHT = 400.0, 220.0
 _HIGHEST = 260.0  # of a chart whose axes have one scale
 _MOST_WITH_HINTS = 500  # discs: more would make pages slow
 _SMALLEST_DISC = 1.2
+_BROKEN = re.compile(r"-?\b\d+\.\d+\b")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34.0, 14.0, 18.0, 36.0
 
 
@@ -191,7 +193,9 @@ def _rect(box: tuple[float, float, float, float], bar: Bar) -> str:
 
 def _text(x: float, y: float, text: str, anchor: str = "middle", kind: str = "") -> str:
     named = f' class="{kind}"' if kind else ""
-    return f'<text{named} x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
+    # Where a number is broken, its point may be a comma in the reader's language: the page's script writes it.
+    words = _BROKEN.sub(r'<tspan data-value="\g<0>">\g<0></tspan>', escape(text))
+    return f'<text{named} x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{words}</text>'
 
 
 def _svg(parts: Sequence[str], name: str) -> str:

@@ -120,20 +120,25 @@ def _scale(data: ReportData) -> str:
     if not frame.metric:
         return card("Scale", '<span class="badge">not known</span>', "lengths are in arbitrary units")
     badge = '<span class="badge">approximate</span>' if frame.approximate else ""
-    more = [_SOURCES[frame.scale_source]]
+    more = [scale_source(data)]
     if data.scale is not None:
-        more += _exactness(data.scale)
+        more += exactness(data.scale)
     if data.scale is not None and not data.scale.sides_are_tied:
         more.append("sides are not tied to each other")
-    exactness = escape(", ".join(more))
+    said = escape(", ".join(more))
     if data.scale is not None and data.scale.contradictions:
         doubt = f"contradicted by {len(data.scale.contradictions)} of the notes below"
-        exactness = f'<strong style="color: var(--apple)">{exactness}; {doubt}</strong>'
-    return card("Scale", f"metres {badge}".strip(), exactness)
+        said = f'<strong style="color: var(--apple)">{said}; {doubt}</strong>'
+    return card("Scale", f"metres {badge}".strip(), said)
 
 
-def _exactness(scale: ScaleReport) -> list[str]:
-    """How exact the cameras are: by what was not fitted where that is known, else by the fit."""
+def scale_source(data: ReportData) -> str:
+    """Return where metres come from, in words."""
+    return _SOURCES[data.cameras.frame.scale_source]
+
+
+def exactness(scale: ScaleReport) -> list[str]:
+    """Return how exact the cameras are: by what was not fitted where that is known, else by the fit."""
     if scale.accuracy is not None:
         exact = f"± {100 * scale.accuracy.scale_sd:.2g} %, positions ± {scale.accuracy.position_sd_mm:.1f} mm"
         check = scale.left_out_rms_mm

@@ -52,6 +52,7 @@ def page_data(survey: SurveyReader) -> ReportData:
         scale=survey.scale,
         trees=_trees(survey),
         fruit_words=many_of((files.get("options") or {}).get("fruit")),
+        packing=(files.get("options") or {}).get("packing"),
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
         crop=survey.crop,
         segments=survey.segments,
