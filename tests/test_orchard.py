@@ -345,7 +345,7 @@ def test_memory_is_flat_in_the_number_of_rows(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
     few, many = (peak_mb_of_tables(tmp_path / str(count), count) for count in (100, 500))
     assert 50 < few < many + 20
-    # What grows is the plan, 1 kB a row; 40,000 fruits more would be 30 MB.
+    # What grows is the plan, 1 kB a row; the 160,000 fruits that are more would be 100 MB.
     assert many - few < 10
 
 

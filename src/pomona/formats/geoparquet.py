@@ -18,7 +18,7 @@ from pomona.formats.layers import Kind, Layer, layers_of, well_known_binary
 from pomona.fruits import Fruits
 from pomona.trees import Trees
 
-_ROWS_AT_A_TIME = 50_000  # of a row group: few enough for memory, many enough for readers
+_ROWS_AT_A_TIME = 10_000  # of a row group: few enough for memory, many enough for readers
 
 
 class GeoParquet:
