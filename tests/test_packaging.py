@@ -9,6 +9,8 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,27 @@ def test_every_extra_is_tried_before_a_release() -> None:
     script = (REPOSITORY / "packaging" / "check_extras.py").read_text(encoding="utf-8")
     tried = re.findall(r'^    "([\w-]+)":', script, re.MULTILINE)
     assert set(tried) - {"none"} == set(PYPROJECT["project"]["optional-dependencies"]) - {"dev", "docs"}
+
+
+def test_the_nightly_table_has_a_column_a_revision(tmp_path: Path) -> None:
+    path = str(REPOSITORY / ".ci" / "nightly")
+    loader = SourceFileLoader("nightly", path)
+    spec = spec_from_loader("nightly", loader)
+    assert spec is not None
+    nightly = module_from_spec(spec)
+    sys.modules["nightly"] = nightly  # which its dataclasses look for
+    loader.exec_module(nightly)
+    assert nightly.of_tests("..\n3 failed, 12 passed, 1 skipped in 9s\n") == {"failed": 3, "passed": 12, "skipped": 1}
+    assert nightly.of_sample('Warning: x\n{\n "all": {"F1": 0.9, "T": 64}}') == {"F1": 0.9}
+    lines = ["date,revision,check,figure,value", "2026-07-01T01,aaa,scores,F1,0.9", "2026-07-02T01,bbb,scores,F1,0.94"]
+    (tmp_path / "figures.csv").write_text("\n".join([*lines, "2026-07-02T01,bbb,slow,passed,1"]) + "\n")
+    nightly.write_table(tmp_path / "figures.csv", tmp_path / "table.md")
+    assert (tmp_path / "table.md").read_text().splitlines() == [
+        "|  | aaa (2026-07-01) | bbb (2026-07-02) |",
+        "| --- | --- | --- |",
+        "| scores: F1 | 0.9 | 0.94 |",
+        "| slow: passed |  | 1 |",
+    ]
 
 
 @pytest.mark.slow
