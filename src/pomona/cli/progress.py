@@ -37,6 +37,7 @@ LABELS = {
     "scene": "Scene",
     "results": "Tables and map",
     "report": "Report",
+    "learn": "Learning",  # with --adapt, between two runs
 }
 _QUIET_S = 30.0  # in a log, which has no bar: often enough to see that it works, without filling the log
 
@@ -104,7 +105,7 @@ class TerminalProgress:
     def _title(self) -> str:
         names = ("photos", *STAGES)
         if self._stage not in names:
-            return self._stage
+            return LABELS.get(self._stage, self._stage)
         return f"{names.index(self._stage) + 1:2}/{len(names)} {LABELS[self._stage]}"
 
     def _end_stage(self, *, finished: bool) -> None:

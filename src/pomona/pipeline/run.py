@@ -12,6 +12,7 @@ from pomona.pipeline.options import RunOptions
 from pomona.pipeline.summary import Summary, summarise
 from pomona.progress import Progress, Recorder, Silent
 from pomona.survey import SurveyFolder
+from pomona.survey.events import EventLog
 from pomona.survey.files import disk_errors
 
 
@@ -34,14 +35,7 @@ def run(
     Raises errors of `pomona.errors`: for photos and options that cannot be used, photos that cannot be placed, a
     folder that holds something else, a full disk.
     """
-    # Imported here, as they bring the engines: `pomona --help` has to be quick.
-    from pomona.corrections import read_corrections
-    from pomona.pipeline.runner import Runner
-    from pomona.pipeline.sources import load_photos, sources_of
-    from pomona.pipeline.stage import SurveyContext
-    from pomona.pipeline.stages import stages_of
-
-    options, recorder = options or RunOptions(), Recorder(progress or Silent())
+    options = options or RunOptions()
     if until not in STAGES:
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
     options.check_files()
@@ -50,33 +44,47 @@ def run(
     with disk_errors(survey.folder), survey.locked():
         if overwrite:
             survey.clear()
-        corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
-        survey.note(sources=paths, options=options.to_json())
-        on_stage("photos")
-        least = 1 if until in ("segment", "select") else 2
-        loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
-        skipped = tuple((file.name, file.reason) for file in loaded.skipped)
-        survey.note(
-            photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],
-            skipped=[{"name": name, "reason": reason} for name, reason in skipped],
-        )
-        runner = Runner(
-            SurveyContext(survey, loaded),
-            options.of_stages,
-            sources_of(loaded, digests, corrections),
-            progress=recorder,
-            on_stage=on_stage,
-            warnings=recorder.warnings,
-        )
-        stages = stages_of(options.method, corrected=bool(corrections)).in_order
-        survey.forget_records_but([stage.name for stage in stages])
-        for stage in stages:
-            runner.ensure(stage)
-            if stage.name == until:
-                break
-        summary = summarise(survey, len(loaded), skipped, runner.ran, tuple(recorder.warnings))
-        survey.note(summary=summary.to_json(), warnings=summary.warnings)
-        return summary
+        log = EventLog(survey, progress or Silent(), on_stage=on_stage)
+        with log, disk_errors(survey.folder):  # the log tells of a full disk in the same words
+            return _run(paths, survey, options, log, until=until)
+
+
+def _run(paths: Sequence[Path], survey: SurveyFolder, options: RunOptions, log: EventLog, *, until: str) -> Summary:
+    # Imported here, as they bring the engines: `pomona --help` has to be quick.
+    from pomona.corrections import read_corrections
+    from pomona.pipeline.runner import Runner
+    from pomona.pipeline.sources import load_photos, sources_of
+    from pomona.pipeline.stage import SurveyContext
+    from pomona.pipeline.stages import stages_of
+
+    recorder = Recorder(log)
+    corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
+    survey.note(sources=paths, options=options.to_json())
+    log.stage("photos")
+    least = 1 if until in ("segment", "select") else 2
+    loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
+    skipped = tuple((file.name, file.reason) for file in loaded.skipped)
+    survey.note(
+        photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],
+        skipped=[{"name": name, "reason": reason} for name, reason in skipped],
+    )
+    runner = Runner(
+        SurveyContext(survey, loaded),
+        options.of_stages,
+        sources_of(loaded, digests, corrections),
+        progress=recorder,
+        on_stage=log.stage,
+        warnings=recorder.warnings,
+    )
+    stages = stages_of(options.method, corrected=bool(corrections)).in_order
+    survey.forget_records_but([stage.name for stage in stages])
+    for stage in stages:
+        runner.ensure(stage)
+        if stage.name == until:
+            break
+    summary = summarise(survey, len(loaded), skipped, runner.ran, tuple(recorder.warnings))
+    survey.note(summary=summary.to_json(), warnings=summary.warnings)
+    return summary
 
 
 def go_on(

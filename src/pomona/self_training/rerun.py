@@ -16,6 +16,7 @@ from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits
 from pomona.self_training.options import AdaptOptions
 from pomona.survey import SurveyFolder
+from pomona.survey.events import EventLog
 
 if TYPE_CHECKING:
     from pomona.self_training.learn import Adapted
@@ -95,7 +96,9 @@ def run_adapted(
     source = SurveySource(SurveyFolder.open(out), progress=progress)
     # Until it is judged, the model is not where another run would take it from.
     target = source.files.work("adapted.onnx")
-    outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=progress)
+    with EventLog(source.files, progress, on_stage=on_stage) as log:
+        log.stage("learn")
+        outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=log)
     in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
     if outcome.path is None:
         return Rerun(first, f"nothing: {in_words}, so the results stay as they are")
