@@ -8,6 +8,7 @@ import typer
 
 from pomona import __version__
 from pomona.cli.adapt import adapt
+from pomona.cli.app_command import app as app_command
 from pomona.cli.benchmark import benchmark
 from pomona.cli.compare import compare
 from pomona.cli.demo import demo
@@ -53,5 +54,4 @@ _COMMANDS = (
 )  # fmt: skip
 for command in _COMMANDS:
     app.command()(reporting_errors(command))
-app.add_typer(orchard, name="orchard")
-app.add_typer(benchmark, name="benchmark")
+app.command("app")(reporting_errors(app_command))

@@ -130,16 +130,21 @@ def page_html(data: ReportData, values: SurveyData, *, data_url: str = "", secti
 
 def policy(source: Source) -> str:
     """Return the content security policy of the page: no script but its own, nothing from outside."""
-    script = _static("viewer.js").replace("</script", "<\\/script")
     rules = [
         "default-src 'none'",
         "style-src 'unsafe-inline'",
-        f"script-src '{_digest(script)}'",
+        f"script-src {script_source()}",
         f"img-src {_IMAGES[source]}",
         "base-uri 'none'",
         "form-action 'none'",
     ]
     return "; ".join([*rules, "connect-src 'self'"] if source == "server" else rules)
+
+
+def script_source() -> str:
+    """Return what the content security policy of a server's page has to allow, so that the page's script runs."""
+    script = _static("viewer.js").replace("</script", "<\\/script")
+    return f"'{_digest(script)}'"
 
 
 def note_of(source: Source) -> str:

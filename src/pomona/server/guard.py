@@ -52,10 +52,10 @@ class Guard:
     that may change something). The token comes once in the address, and is kept as a cookie from then on.
     """
 
-    def __init__(self, app: ASGIApp, access: Access, policy: str) -> None:
+    def __init__(self, app: ASGIApp, access: Access, policy: str, framed_by: str) -> None:
         self._app, self._access = app, access
         self._headers = {
-            "Content-Security-Policy": policy + "; frame-ancestors 'none'",
+            "Content-Security-Policy": f"{policy}; frame-ancestors {framed_by}",
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
             "Cross-Origin-Resource-Policy": "same-origin",

@@ -22,7 +22,8 @@ class PageServer:
     """Serves an application on one address of this computer, behind a `Guard`.
 
     `port` 0 takes a free one; raises `OSError` where a port is taken, or the address is none of this computer's.
-    `policy` is the content security policy of all that is served. With a `token`, only those are answered who know it.
+    `policy` is the content security policy of all that is served, `framed_by` says in whose pages it may be shown
+    ("'self'": the server's own). With a `token`, only those are answered who know it.
     `on_stop` is called before connections are closed: streams that would not end by themselves are ended there.
     """
 
@@ -31,6 +32,7 @@ class PageServer:
         app: ASGIApp,
         *,
         policy: str,
+        framed_by: str = "'none'",
         host: str = LOOPBACK,
         port: int = 0,
         token: str = "",
@@ -41,7 +43,7 @@ class PageServer:
         listens = self._socket.getsockname()
         self._access = Access(listens[0], listens[1], token)
         config = uvicorn.Config(
-            Guard(app, self._access, policy),
+            Guard(app, self._access, policy, framed_by),
             http="h11",
             ws="none",
             loop="asyncio",

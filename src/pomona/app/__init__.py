@@ -1,0 +1,1 @@
+"""`pomona app`: surveys on this computer, made, watched and looked at in a page."""

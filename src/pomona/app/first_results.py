@@ -1,0 +1,154 @@
+"""What a survey's run has found so far: detections in photos, then cameras and points, then fruits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pomona.app.contract import PhotoSoFar, SceneSoFar
+from pomona.arrays import BoolArray, ByteArray, FloatArray
+from pomona.capture import read_pixels
+from pomona.detections import Detections
+from pomona.drawing import OTHER, SEEN, PictureFromPhoto, draw_mask, jpeg
+from pomona.errors import InputError, MissingFileError, PomonaError
+from pomona.formats.detections.coco import read_coco
+from pomona.fruits import Fruits
+from pomona.photos import Photo, Photos
+from pomona.survey import SurveyFolder
+from pomona.survey.digest import digest
+from pomona.survey.fused import fused_path, read_fused
+from pomona.survey.photos import photos_of
+from pomona.survey.reader import SurveyReader
+
+_POINTS = 12_000  # enough to know a row by, and drawn at once
+_SIDES_PX = (320, 1280)
+_QUALITY = 82
+_TINT = 0.25
+# Stages that leave fruits, the latest first.
+_FRUITS = ("filter", "second_look", "fuse")
+
+
+class FirstResults:
+    """Reads what is there of one survey, whether a run is at work on it or not."""
+
+    def __init__(self, survey: SurveyFolder) -> None:
+        self._survey = survey
+        self._photos: Photos | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the photos, in order."""
+        return [entry["name"] for entry in self._survey.get("photos", ())]
+
+    def photos(self) -> list[PhotoSoFar]:
+        """Return the photos, and how many fruits were found in each so far."""
+        kept = self._kept("*")
+        return [PhotoSoFar(name, _count(kept.get(key))) for name, key in self._keys().items()]
+
+    def picture(self, index: int, side_px: int) -> bytes:
+        """Return a photo as a JPEG with what was found in it; `side_px` is one of 320 and 1280.
+
+        Raises `MissingFileError` where there is no such photo (any more), `InputError` for another size.
+        """
+        if side_px not in _SIDES_PX:
+            raise InputError(f"Pictures have a side of {_SIDES_PX} pixels, found {side_px}")
+        photo = self._photo(index)
+        pixels = read_pixels(photo, max_side_px=side_px).copy()
+        found = self._found_in(photo)
+        if found is not None:
+            self._draw(pixels, found, PictureFromPhoto(scale=pixels.shape[1] / photo.width_px), side_px)
+        return jpeg(pixels, quality=_QUALITY)
+
+    def scene(self) -> SceneSoFar:
+        """Return cameras, points and fruits, as far as they are known."""
+        if not self._survey.cameras.is_dir():
+            return SceneSoFar([], [], [], [])
+        cameras = SurveyReader(self._survey).cameras
+        shown = np.flatnonzero(_near(cameras.points_in_world))
+        if len(shown) > _POINTS:
+            shown = np.random.default_rng(0).choice(shown, _POINTS, replace=False)
+        colours = cameras.points_rgb[shown].astype(np.int64) @ (1 << 16, 1 << 8, 1)
+        return SceneSoFar(
+            points=_flat(cameras.points_in_world[shown]),
+            colours=colours.tolist(),
+            cameras=_flat(cameras.centers_in_world),
+            fruits=_flat(self._fruits()),
+        )
+
+    def _fruits(self) -> FloatArray:
+        fruits = self._known_fruits()
+        return np.column_stack([fruits.centers_in_world, np.nan_to_num(fruits.diameters_m)])
+
+    def _known_fruits(self) -> Fruits:
+        records = self._survey.records
+        if "results" in records and records["results"].finished:
+            return SurveyReader(self._survey).fruits
+        for stage in _FRUITS:
+            if stage in records and records[stage].finished and fused_path(self._survey, stage).is_file():
+                return read_fused(self._survey, stage).fruits
+        return Fruits.empty()
+
+    def _photo(self, index: int) -> Photo:
+        names = self.names
+        if not 0 <= index < len(names):
+            raise MissingFileError("This photo is not of the survey")
+        if self._photos is None:
+            self._photos = photos_of(self._survey, names)
+        by_name = self._photos.by_name()
+        if names[index] not in by_name:
+            raise MissingFileError(f"{names[index]} is not where it was")
+        return by_name[names[index]]
+
+    def _whole_detections(self) -> bool:
+        record = self._survey.record_of("segment")
+        return record is not None and record.finished and self._survey.detections.is_file()
+
+    def _found_in(self, photo: Photo) -> Detections | None:
+        key = self._keys()[photo.name]
+        kept = self._kept(key)
+        try:
+            if key in kept:
+                return read_coco(kept[key], Photos((photo,)))[photo.name]
+            if self._whole_detections():
+                return read_coco(self._survey.detections, Photos((photo,)))[photo.name]
+        except (PomonaError, KeyError):  # it is being written, or was given in another way
+            return None
+        return None
+
+    def _keys(self) -> dict[str, str]:
+        """The names under which stage `segment` keeps what it found in each photo."""
+        return {e["name"]: digest([e["name"], e["digest"]]) for e in self._survey.get("photos", ())}
+
+    def _kept(self, pattern: str) -> dict[str, Path]:
+        """The files of photos by their keys, the latest where options changed."""
+        files = list((self._survey.folder / "work" / "segment").glob(f"*/{pattern}.json"))
+        return {path.stem: path for path in sorted(files, key=lambda path: path.parent.stat().st_mtime)}
+
+    def _draw(self, pixels: ByteArray, found: Detections, place: PictureFromPhoto, side_px: int) -> None:
+        counts_from = SurveyReader(self._survey).score_threshold
+        width = 1 if side_px == min(_SIDES_PX) else 2
+        for mask, score in zip(found.masks, found.scores, strict=True):
+            colour = SEEN if score >= counts_from else OTHER
+            draw_mask(pixels, mask, place, colour, width=width, tint=_TINT)
+
+
+def _count(kept: Path | None) -> int | None:
+    try:
+        return None if kept is None else kept.read_bytes().count(b'"segmentation"')
+    except OSError:  # replaced at this moment
+        return None
+
+
+def _near(points: FloatArray) -> BoolArray:
+    """Which points (n, 3) do not lie far behind the row: the picture would be of those."""
+    if not len(points):
+        return np.zeros(0, bool)
+    low, high = np.percentile(points, (2, 98), axis=0)
+    slack = 0.25 * (high - low)
+    near: BoolArray = ((points >= low - slack) & (points <= high + slack)).all(axis=1)
+    return near
+
+
+def _flat(values: FloatArray) -> list[float]:
+    return [round(float(value), 3) for value in values.ravel()]

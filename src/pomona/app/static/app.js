@@ -1,0 +1,2390 @@
+/*! Contains Preact.
+The MIT License (MIT)
+
+Copyright (c) 2015-present Jason Miller
+
+Permission is hereby granted, free of charge, to any person obtaining a copy
+of this software and associated documentation files (the "Software"), to deal
+in the Software without restriction, including without limitation the rights
+to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
+copies of the Software, and to permit persons to whom the Software is
+furnished to do so, subject to the following conditions:
+
+The above copyright notice and this permission notice shall be included in all
+copies or substantial portions of the Software.
+
+THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR
+IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY,
+FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE
+AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER
+LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM,
+OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE
+SOFTWARE.
+*/
+// node_modules/preact/dist/preact.module.js
+var e, t, n, r, i, a, o, s, c, l, u, d = {}, f = [], p = /acit|ex(?:s|g|n|p|$)|rph|grid|ows|mnc|ntw|ine[ch]|zoo|^ord|itera/i, m = Array.isArray;
+function h(e, t) {
+	for (var n in t) e[n] = t[n];
+	return e;
+}
+function g(e) {
+	e && e.parentNode && e.parentNode.removeChild(e);
+}
+function _(t, n, r) {
+	var i, a, o, s = {};
+	for (o in n) o == "key" ? i = n[o] : o == "ref" ? a = n[o] : s[o] = n[o];
+	if (arguments.length > 2 && (s.children = arguments.length > 3 ? e.call(arguments, 2) : r), typeof t == "function" && t.defaultProps != null) for (o in t.defaultProps) s[o] === void 0 && (s[o] = t.defaultProps[o]);
+	return v(t, s, i, a, null);
+}
+function v(e, r, i, a, o) {
+	var s = {
+		type: e,
+		props: r,
+		key: i,
+		ref: a,
+		__k: null,
+		__: null,
+		__b: 0,
+		__e: null,
+		__c: null,
+		constructor: void 0,
+		__v: o ?? ++n,
+		__i: -1,
+		__u: 0
+	};
+	return o == null && t.vnode != null && t.vnode(s), s;
+}
+function y(e) {
+	return e.children;
+}
+function b(e, t) {
+	this.props = e, this.context = t;
+}
+function x(e, t) {
+	if (t == null) return e.__ ? x(e.__, e.__i + 1) : null;
+	for (var n; t < e.__k.length; t++) if ((n = e.__k[t]) != null && n.__e != null) return n.__e;
+	return typeof e.type == "function" ? x(e) : null;
+}
+function S(e) {
+	var t, n;
+	if ((e = e.__) != null && e.__c != null) {
+		for (e.__e = e.__c.base = null, t = 0; t < e.__k.length; t++) if ((n = e.__k[t]) != null && n.__e != null) {
+			e.__e = e.__c.base = n.__e;
+			break;
+		}
+		return S(e);
+	}
+}
+function C(e) {
+	(!e.__d && (e.__d = !0) && r.push(e) && !w.__r++ || i != t.debounceRendering) && ((i = t.debounceRendering) || a)(w);
+}
+function w() {
+	for (var e, n, i, a, s, c, l, u = 1; r.length;) r.length > u && r.sort(o), e = r.shift(), u = r.length, e.__d && (i = void 0, a = void 0, s = (a = (n = e).__v).__e, c = [], l = [], n.__P && ((i = h({}, a)).__v = a.__v + 1, t.vnode && t.vnode(i), j(n.__P, i, a, n.__n, n.__P.namespaceURI, 32 & a.__u ? [s] : null, c, s ?? x(a), !!(32 & a.__u), l), i.__v = a.__v, i.__.__k[i.__i] = i, N(c, i, l), a.__e = a.__ = null, i.__e != s && S(i)));
+	w.__r = 0;
+}
+function ee(e, t, n, r, i, a, o, s, c, l, u) {
+	var p, m, h, g, _, v, y, b = r && r.__k || f, x = t.length;
+	for (c = T(n, t, b, c, x), p = 0; p < x; p++) (h = n.__k[p]) != null && (m = h.__i == -1 ? d : b[h.__i] || d, h.__i = p, v = j(e, h, m, i, a, o, s, c, l, u), g = h.__e, h.ref && m.ref != h.ref && (m.ref && P(m.ref, null, h), u.push(h.ref, h.__c || g, h)), _ == null && g != null && (_ = g), (y = !!(4 & h.__u)) || m.__k === h.__k ? c = E(h, c, e, y) : typeof h.type == "function" && v !== void 0 ? c = v : g && (c = g.nextSibling), h.__u &= -7);
+	return n.__e = _, c;
+}
+function T(e, t, n, r, i) {
+	var a, o, s, c, l, u = n.length, d = u, f = 0;
+	for (e.__k = Array(i), a = 0; a < i; a++) (o = t[a]) != null && typeof o != "boolean" && typeof o != "function" ? (c = a + f, (o = e.__k[a] = typeof o == "string" || typeof o == "number" || typeof o == "bigint" || o.constructor == String ? v(null, o, null, null, null) : m(o) ? v(y, { children: o }, null, null, null) : o.constructor == null && o.__b > 0 ? v(o.type, o.props, o.key, o.ref ? o.ref : null, o.__v) : o).__ = e, o.__b = e.__b + 1, s = null, (l = o.__i = D(o, n, c, d)) != -1 && (d--, (s = n[l]) && (s.__u |= 2)), s == null || s.__v == null ? (l == -1 && (i > u ? f-- : i < u && f++), typeof o.type != "function" && (o.__u |= 4)) : l != c && (l == c - 1 ? f-- : l == c + 1 ? f++ : (l > c ? f-- : f++, o.__u |= 4))) : e.__k[a] = null;
+	if (d) for (a = 0; a < u; a++) (s = n[a]) != null && !(2 & s.__u) && (s.__e == r && (r = x(s)), re(s, s));
+	return r;
+}
+function E(e, t, n, r) {
+	var i, a;
+	if (typeof e.type == "function") {
+		for (i = e.__k, a = 0; i && a < i.length; a++) i[a] && (i[a].__ = e, t = E(i[a], t, n, r));
+		return t;
+	}
+	e.__e != t && (r && (t && e.type && !t.parentNode && (t = x(e)), n.insertBefore(e.__e, t || null)), t = e.__e);
+	do
+		t &&= t.nextSibling;
+	while (t != null && t.nodeType == 8);
+	return t;
+}
+function D(e, t, n, r) {
+	var i, a, o, s = e.key, c = e.type, l = t[n], u = l != null && !(2 & l.__u);
+	if (l === null && e.key == null || u && s == l.key && c == l.type) return n;
+	if (r > +!!u) {
+		for (i = n - 1, a = n + 1; i >= 0 || a < t.length;) if ((l = t[o = i >= 0 ? i-- : a++]) != null && !(2 & l.__u) && s == l.key && c == l.type) return o;
+	}
+	return -1;
+}
+function O(e, t, n) {
+	t[0] == "-" ? e.setProperty(t, n ?? "") : e[t] = n == null ? "" : typeof n != "number" || p.test(t) ? n : n + "px";
+}
+function k(e, t, n, r, i) {
+	var a, o;
+	n: if (t == "style") {
+		if (typeof n == "string") e.style.cssText = n;
+		else {
+			if (typeof r == "string" && (e.style.cssText = r = ""), r) for (t in r) n && t in n || O(e.style, t, "");
+			if (n) for (t in n) r && n[t] == r[t] || O(e.style, t, n[t]);
+		}
+	} else if (t[0] == "o" && t[1] == "n") a = t != (t = t.replace(s, "$1")), o = t.toLowerCase(), t = o in e || t == "onFocusOut" || t == "onFocusIn" ? o.slice(2) : t.slice(2), e.l ||= {}, e.l[t + a] = n, n ? r ? n.u = r.u : (n.u = c, e.addEventListener(t, a ? u : l, a)) : e.removeEventListener(t, a ? u : l, a);
+	else {
+		if (i == "http://www.w3.org/2000/svg") t = t.replace(/xlink(H|:h)/, "h").replace(/sName$/, "s");
+		else if (t != "width" && t != "height" && t != "href" && t != "list" && t != "form" && t != "tabIndex" && t != "download" && t != "rowSpan" && t != "colSpan" && t != "role" && t != "popover" && t in e) try {
+			e[t] = n ?? "";
+			break n;
+		} catch {}
+		typeof n == "function" || (n == null || !1 === n && t[4] != "-" ? e.removeAttribute(t) : e.setAttribute(t, t == "popover" && n == 1 ? "" : n));
+	}
+}
+function A(e) {
+	return function(n) {
+		if (this.l) {
+			var r = this.l[n.type + e];
+			if (n.t == null) n.t = c++;
+			else if (n.t < r.u) return;
+			return r(t.event ? t.event(n) : n);
+		}
+	};
+}
+function j(e, n, r, i, a, o, s, c, l, u) {
+	var d, f, p, _, v, x, S, C, w, T, E, D, O, k, A, j, N, P = n.type;
+	if (n.constructor != null) return null;
+	128 & r.__u && (l = !!(32 & r.__u), o = [c = n.__e = r.__e]), (d = t.__b) && d(n);
+	n: if (typeof P == "function") try {
+		if (C = n.props, w = "prototype" in P && P.prototype.render, T = (d = P.contextType) && i[d.__c], E = d ? T ? T.props.value : d.__ : i, r.__c ? S = (f = n.__c = r.__c).__ = f.__E : (w ? n.__c = f = new P(C, E) : (n.__c = f = new b(C, E), f.constructor = P, f.render = F), T && T.sub(f), f.props = C, f.state || (f.state = {}), f.context = E, f.__n = i, p = f.__d = !0, f.__h = [], f._sb = []), w && f.__s == null && (f.__s = f.state), w && P.getDerivedStateFromProps != null && (f.__s == f.state && (f.__s = h({}, f.__s)), h(f.__s, P.getDerivedStateFromProps(C, f.__s))), _ = f.props, v = f.state, f.__v = n, p) w && P.getDerivedStateFromProps == null && f.componentWillMount != null && f.componentWillMount(), w && f.componentDidMount != null && f.__h.push(f.componentDidMount);
+		else {
+			if (w && P.getDerivedStateFromProps == null && C !== _ && f.componentWillReceiveProps != null && f.componentWillReceiveProps(C, E), !f.__e && f.shouldComponentUpdate != null && !1 === f.shouldComponentUpdate(C, f.__s, E) || n.__v == r.__v) {
+				for (n.__v != r.__v && (f.props = C, f.state = f.__s, f.__d = !1), n.__e = r.__e, n.__k = r.__k, n.__k.some(function(e) {
+					e && (e.__ = n);
+				}), D = 0; D < f._sb.length; D++) f.__h.push(f._sb[D]);
+				f._sb = [], f.__h.length && s.push(f);
+				break n;
+			}
+			f.componentWillUpdate != null && f.componentWillUpdate(C, f.__s, E), w && f.componentDidUpdate != null && f.__h.push(function() {
+				f.componentDidUpdate(_, v, x);
+			});
+		}
+		if (f.context = E, f.props = C, f.__P = e, f.__e = !1, O = t.__r, k = 0, w) {
+			for (f.state = f.__s, f.__d = !1, O && O(n), d = f.render(f.props, f.state, f.context), A = 0; A < f._sb.length; A++) f.__h.push(f._sb[A]);
+			f._sb = [];
+		} else do
+			f.__d = !1, O && O(n), d = f.render(f.props, f.state, f.context), f.state = f.__s;
+		while (f.__d && ++k < 25);
+		f.state = f.__s, f.getChildContext != null && (i = h(h({}, i), f.getChildContext())), w && !p && f.getSnapshotBeforeUpdate != null && (x = f.getSnapshotBeforeUpdate(_, v)), j = d, d != null && d.type === y && d.key == null && (j = te(d.props.children)), c = ee(e, m(j) ? j : [j], n, r, i, a, o, s, c, l, u), f.base = n.__e, n.__u &= -161, f.__h.length && s.push(f), S && (f.__E = f.__ = null);
+	} catch (e) {
+		if (n.__v = null, l || o != null) {
+			if (e.then) {
+				for (n.__u |= l ? 160 : 128; c && c.nodeType == 8 && c.nextSibling;) c = c.nextSibling;
+				o[o.indexOf(c)] = null, n.__e = c;
+			} else {
+				for (N = o.length; N--;) g(o[N]);
+				M(n);
+			}
+		} else n.__e = r.__e, n.__k = r.__k, e.then || M(n);
+		t.__e(e, n, r);
+	}
+	else o == null && n.__v == r.__v ? (n.__k = r.__k, n.__e = r.__e) : c = n.__e = ne(r.__e, n, r, i, a, o, s, l, u);
+	return (d = t.diffed) && d(n), 128 & n.__u ? void 0 : c;
+}
+function M(e) {
+	e && e.__c && (e.__c.__e = !0), e && e.__k && e.__k.forEach(M);
+}
+function N(e, n, r) {
+	for (var i = 0; i < r.length; i++) P(r[i], r[++i], r[++i]);
+	t.__c && t.__c(n, e), e.some(function(n) {
+		try {
+			e = n.__h, n.__h = [], e.some(function(e) {
+				e.call(n);
+			});
+		} catch (e) {
+			t.__e(e, n.__v);
+		}
+	});
+}
+function te(e) {
+	return typeof e != "object" || !e || e.__b && e.__b > 0 ? e : m(e) ? e.map(te) : h({}, e);
+}
+function ne(n, r, i, a, o, s, c, l, u) {
+	var f, p, h, _, v, y, b, S = i.props, C = r.props, w = r.type;
+	if (w == "svg" ? o = "http://www.w3.org/2000/svg" : w == "math" ? o = "http://www.w3.org/1998/Math/MathML" : o ||= "http://www.w3.org/1999/xhtml", s != null) {
+		for (f = 0; f < s.length; f++) if ((v = s[f]) && "setAttribute" in v == !!w && (w ? v.localName == w : v.nodeType == 3)) {
+			n = v, s[f] = null;
+			break;
+		}
+	}
+	if (n == null) {
+		if (w == null) return document.createTextNode(C);
+		n = document.createElementNS(o, w, C.is && C), l &&= (t.__m && t.__m(r, s), !1), s = null;
+	}
+	if (w == null) S === C || l && n.data == C || (n.data = C);
+	else {
+		if (s &&= e.call(n.childNodes), S = i.props || d, !l && s != null) for (S = {}, f = 0; f < n.attributes.length; f++) S[(v = n.attributes[f]).name] = v.value;
+		for (f in S) if (v = S[f], f != "children") {
+			if (f == "dangerouslySetInnerHTML") h = v;
+			else if (!(f in C)) {
+				if (f == "value" && "defaultValue" in C || f == "checked" && "defaultChecked" in C) continue;
+				k(n, f, null, v, o);
+			}
+		}
+		for (f in C) v = C[f], f == "children" ? _ = v : f == "dangerouslySetInnerHTML" ? p = v : f == "value" ? y = v : f == "checked" ? b = v : l && typeof v != "function" || S[f] === v || k(n, f, v, S[f], o);
+		if (p) l || h && (p.__html == h.__html || p.__html == n.innerHTML) || (n.innerHTML = p.__html), r.__k = [];
+		else if (h && (n.innerHTML = ""), ee(r.type == "template" ? n.content : n, m(_) ? _ : [_], r, i, a, w == "foreignObject" ? "http://www.w3.org/1999/xhtml" : o, s, c, s ? s[0] : i.__k && x(i, 0), l, u), s != null) for (f = s.length; f--;) g(s[f]);
+		l || (f = "value", w == "progress" && y == null ? n.removeAttribute("value") : y != null && (y !== n[f] || w == "progress" && !y || w == "option" && y != S[f]) && k(n, f, y, S[f], o), f = "checked", b != null && b != n[f] && k(n, f, b, S[f], o));
+	}
+	return n;
+}
+function P(e, n, r) {
+	try {
+		if (typeof e == "function") {
+			var i = typeof e.__u == "function";
+			i && e.__u(), i && n == null || (e.__u = e(n));
+		} else e.current = n;
+	} catch (e) {
+		t.__e(e, r);
+	}
+}
+function re(e, n, r) {
+	var i, a;
+	if (t.unmount && t.unmount(e), (i = e.ref) && (i.current && i.current != e.__e || P(i, null, n)), (i = e.__c) != null) {
+		if (i.componentWillUnmount) try {
+			i.componentWillUnmount();
+		} catch (e) {
+			t.__e(e, n);
+		}
+		i.base = i.__P = null;
+	}
+	if (i = e.__k) for (a = 0; a < i.length; a++) i[a] && re(i[a], n, r || typeof e.type != "function");
+	r || g(e.__e), e.__c = e.__ = e.__e = void 0;
+}
+function F(e, t, n) {
+	return this.constructor(e, n);
+}
+function ie(n, r, i) {
+	var a, o, s, c;
+	r == document && (r = document.documentElement), t.__ && t.__(n, r), o = (a = typeof i == "function") ? null : i && i.__k || r.__k, s = [], c = [], j(r, n = (!a && i || r).__k = _(y, null, [n]), o || d, d, r.namespaceURI, !a && i ? [i] : o ? null : r.firstChild ? e.call(r.childNodes) : null, s, !a && i ? i : o ? o.__e : r.firstChild, a, c), N(s, n, c);
+}
+e = f.slice, t = { __e: function(e, t, n, r) {
+	for (var i, a, o; t = t.__;) if ((i = t.__c) && !i.__) try {
+		if ((a = i.constructor) && a.getDerivedStateFromError != null && (i.setState(a.getDerivedStateFromError(e)), o = i.__d), i.componentDidCatch != null && (i.componentDidCatch(e, r || {}), o = i.__d), o) return i.__E = i;
+	} catch (t) {
+		e = t;
+	}
+	throw e;
+} }, n = 0, b.prototype.setState = function(e, t) {
+	var n = this.__s != null && this.__s != this.state ? this.__s : this.__s = h({}, this.state);
+	typeof e == "function" && (e = e(h({}, n), this.props)), e && h(n, e), e != null && this.__v && (t && this._sb.push(t), C(this));
+}, b.prototype.forceUpdate = function(e) {
+	this.__v && (this.__e = !0, e && this.__h.push(e), C(this));
+}, b.prototype.render = y, r = [], a = typeof Promise == "function" ? Promise.prototype.then.bind(Promise.resolve()) : setTimeout, o = function(e, t) {
+	return e.__v.__b - t.__v.__b;
+}, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = A(!1), u = A(!0);
+// node_modules/preact/hooks/dist/hooks.module.js
+var I, L, R, ae, z = 0, oe = [], B = t, se = B.__b, ce = B.__r, le = B.diffed, ue = B.__c, de = B.unmount, fe = B.__;
+function pe(e, t) {
+	B.__h && B.__h(L, e, z || t), z = 0;
+	var n = L.__H || (L.__H = {
+		__: [],
+		__h: []
+	});
+	return e >= n.__.length && n.__.push({}), n.__[e];
+}
+function V(e) {
+	return z = 1, me(Se, e);
+}
+function me(e, t, n) {
+	var r = pe(I++, 2);
+	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : Se(void 0, t), function(e) {
+		var t = r.__N ? r.__N[0] : r.__[0], n = r.t(t, e);
+		t !== n && (r.__N = [n, r.__[1]], r.__c.setState({}));
+	}], r.__c = L, !L.__f)) {
+		var i = function(e, t, n) {
+			if (!r.__c.__H) return !0;
+			var i = r.__c.__H.__.filter(function(e) {
+				return !!e.__c;
+			});
+			if (i.every(function(e) {
+				return !e.__N;
+			})) return !a || a.call(this, e, t, n);
+			var o = r.__c.props !== e;
+			return i.forEach(function(e) {
+				if (e.__N) {
+					var t = e.__[0];
+					e.__ = e.__N, e.__N = void 0, t !== e.__[0] && (o = !0);
+				}
+			}), a && a.call(this, e, t, n) || o;
+		};
+		L.__f = !0;
+		var a = L.shouldComponentUpdate, o = L.componentWillUpdate;
+		L.componentWillUpdate = function(e, t, n) {
+			if (this.__e) {
+				var r = a;
+				a = void 0, i(e, t, n), a = r;
+			}
+			o && o.call(this, e, t, n);
+		}, L.shouldComponentUpdate = i;
+	}
+	return r.__N || r.__;
+}
+function H(e, t) {
+	var n = pe(I++, 3);
+	!B.__s && xe(n.__H, t) && (n.__ = e, n.u = t, L.__H.__h.push(n));
+}
+function U(e) {
+	return z = 5, he(function() {
+		return { current: e };
+	}, []);
+}
+function he(e, t) {
+	var n = pe(I++, 7);
+	return xe(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
+}
+function ge() {
+	for (var e; e = oe.shift();) if (e.__P && e.__H) try {
+		e.__H.__h.forEach(ye), e.__H.__h.forEach(be), e.__H.__h = [];
+	} catch (t) {
+		e.__H.__h = [], B.__e(t, e.__v);
+	}
+}
+B.__b = function(e) {
+	L = null, se && se(e);
+}, B.__ = function(e, t) {
+	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), fe && fe(e, t);
+}, B.__r = function(e) {
+	ce && ce(e), I = 0;
+	var t = (L = e.__c).__H;
+	t && (R === L ? (t.__h = [], L.__h = [], t.__.forEach(function(e) {
+		e.__N && (e.__ = e.__N), e.u = e.__N = void 0;
+	})) : (t.__h.forEach(ye), t.__h.forEach(be), t.__h = [], I = 0)), R = L;
+}, B.diffed = function(e) {
+	le && le(e);
+	var t = e.__c;
+	t && t.__H && (t.__H.__h.length && (oe.push(t) !== 1 && ae === B.requestAnimationFrame || ((ae = B.requestAnimationFrame) || ve)(ge)), t.__H.__.forEach(function(e) {
+		e.u && (e.__H = e.u), e.u = void 0;
+	})), R = L = null;
+}, B.__c = function(e, t) {
+	t.some(function(e) {
+		try {
+			e.__h.forEach(ye), e.__h = e.__h.filter(function(e) {
+				return !e.__ || be(e);
+			});
+		} catch (n) {
+			t.some(function(e) {
+				e.__h &&= [];
+			}), t = [], B.__e(n, e.__v);
+		}
+	}), ue && ue(e, t);
+}, B.unmount = function(e) {
+	de && de(e);
+	var t, n = e.__c;
+	n && n.__H && (n.__H.__.forEach(function(e) {
+		try {
+			ye(e);
+		} catch (e) {
+			t = e;
+		}
+	}), n.__H = void 0, t && B.__e(t, n.__v));
+};
+var _e = typeof requestAnimationFrame == "function";
+function ve(e) {
+	var t, n = function() {
+		clearTimeout(r), _e && cancelAnimationFrame(t), setTimeout(e);
+	}, r = setTimeout(n, 35);
+	_e && (t = requestAnimationFrame(n));
+}
+function ye(e) {
+	var t = L, n = e.__c;
+	typeof n == "function" && (e.__c = void 0, n()), L = t;
+}
+function be(e) {
+	var t = L;
+	e.__c = e.__(), L = t;
+}
+function xe(e, t) {
+	return !e || e.length !== t.length || t.some(function(t, n) {
+		return t !== e[n];
+	});
+}
+function Se(e, t) {
+	return typeof t == "function" ? t(e) : t;
+}
+var Ce = {
+	en: {
+		language: "English",
+		title: "Pomona",
+		surveys: "Surveys",
+		newSurvey: "New survey",
+		openSurvey: "Add a survey of this computer",
+		close: "Close Pomona",
+		closeSure: "Pomona will end. A run that is at work stops and can go on another time.",
+		closed: "Pomona has ended. You can close this window.",
+		closedHow: "Start it again with the command pomona app.",
+		lost: "Pomona does not answer. If you ended it, start it again; otherwise this page goes on by itself.",
+		cancel: "Cancel",
+		back: "Back",
+		none: "No surveys yet",
+		noneText: "A survey is a row of trees in photos: walk along the row, a photo at every step, then give the photos to Pomona.",
+		trySample: "Try it with the sample",
+		sampleText: "28 photos of two rendered trees; takes some minutes.",
+		photos: (e, t) => e === 1 ? "1 photo" : `${t} photos`,
+		fruits: (e, t) => e === 1 ? "1 fruit" : `${t} fruits`,
+		taken: (e) => `taken ${e}`,
+		states: {
+			new: "not begun",
+			queued: "waiting its turn",
+			running: "at work",
+			stopping: "stopping",
+			stopped: "stopped",
+			failed: "failed",
+			finished: "finished",
+			missing: "folder not found"
+		},
+		missingText: "The folder of this survey is not where it was. Put it back, or add it from its new place; what is in it is not lost.",
+		left: (e) => `about ${e} left`,
+		seconds: (e) => `${e} s`,
+		minutes: (e) => `${e} min`,
+		hours: (e, t) => `${e} h ${t} min`,
+		of: (e, t) => `${e} of ${t}`,
+		forget: "Take off the list",
+		forgetText: "The folder and its results stay on disk.",
+		stop: "Stop",
+		stopNow: "Stop at once",
+		stoppingText: "The step at work comes to its end first.",
+		goOn: "Go on",
+		again: "Bring up to date",
+		unqueue: "Take out of the queue",
+		byOther: "Another Pomona works on this survey, such as a command in a terminal. It can be watched here, and stopped there.",
+		stages: {
+			photos: "Photos",
+			segment: "Fruits in photos",
+			select: "Fruits that count",
+			sfm: "Where the camera stood",
+			scale: "Metres",
+			fuse: "Fruits in space",
+			second_look: "Second look",
+			filter: "False fruits out",
+			measure: "Sizes",
+			planting: "Trees",
+			dense: "Cloud of the fruits",
+			results: "Tables and map",
+			report: "Report",
+			learn: "Learning"
+		},
+		stageStates: {
+			waiting: "waiting",
+			now: "at work",
+			done: "done",
+			kept: "kept from before"
+		},
+		progress: "Progress",
+		photosTab: "Photos",
+		sceneTab: "Row",
+		resultTab: "Fruits in 3D",
+		treesTab: "Trees",
+		exportTab: "Files",
+		compareTab: "Two dates",
+		possible: (e, t) => e === 1 ? "1 possible fruit" : `${t} possible fruits`,
+		notYet: "not looked at yet",
+		photosWait: "Photos appear here when the run has read them.",
+		photoOf: (e, t) => `${e}: ${t}`,
+		more: (e) => `Show ${e} more`,
+		sceneWait: "The row appears here as soon as the cameras have their places.",
+		sceneText: (e, t) => `${e} camera places, ${t} fruits. Drag to turn, scroll to come nearer.`,
+		sceneLabel: "The row in space: points, camera places and fruits. Arrow keys turn it, plus and minus change its size.",
+		resultWait: "The fruits appear here when the run has come to its end.",
+		viewTitle: "Report and 3D view of the survey",
+		print: "Print or save as PDF",
+		warnings: "What to know",
+		english: "",
+		log: "Log",
+		failed: "The run could not go on",
+		failedDo: "What was finished is kept. Mend what is said here, then go on.",
+		equal: "The same without this page",
+		equalCommand: "At the command line",
+		equalPython: "In Python",
+		copy: "Copy",
+		copied: "Copied",
+		folder: "Folder",
+		learn: "Learn from this survey",
+		learnText: "The network that finds fruits learns from those that many photos confirm, and from your corrections; then the survey is made again. It takes some minutes more than a run. What it learnt is kept only if it finds fruits no worse.",
+		learnMissing: "This needs the extra “train”: pip install 'pomona[train]'.",
+		learnt: "The network has learnt from this survey.",
+		files: "Take the results elsewhere",
+		fileNames: {
+			"report.html": "Report, as one file",
+			"fruits.csv": "Fruits, for a spreadsheet",
+			"trees.csv": "Trees, for a spreadsheet",
+			gpkg: "Fruits, trees and row, for QGIS",
+			"fruits.geojson": "Fruits on the map (GeoJSON)",
+			kml: "Fruits, for Google Earth (KML)",
+			laz: "Points (LAZ)",
+			ply: "Points (PLY)",
+			coco: "Masks (COCO)",
+			colmap: "Cameras and points (COLMAP)",
+			nerfstudio: "Cameras (nerfstudio)",
+			metashape: "Cameras (Metashape)",
+			geoparquet: "Fruits (GeoParquet)"
+		},
+		tree: "Tree",
+		fruitsHead: "Fruits",
+		between: "between",
+		diameter: "Diameter",
+		weight: "Weight",
+		noTrees: "Fruits were not put on trees: trees are not known. Say how far apart they stand in a new survey, or run it with --trees.",
+		compareText: "The same row on an earlier date: growth, what fell, what is new.",
+		compareWith: "Earlier survey",
+		compare: "Compare",
+		compareNone: "There is no other finished survey.",
+		comparing: "Comparing…",
+		step1: "Photos",
+		step2: "What you know",
+		step3: "Name and start",
+		chooseFolder: "Choose a folder",
+		chooseText: "The folder with the photos of the row, or two folders, one for each side. A video goes, too.",
+		dropHere: "Drop photos, a folder or a video here",
+		dropText: "They are copied; your own files stay as they are.",
+		chooseFiles: "Choose files",
+		copying: (e, t) => `Copying: ${e} of ${t}`,
+		copyFailed: (e) => `${e} could not be copied`,
+		skipped: (e) => e === 1 ? "1 file is no photo and was left out" : `${e} files are no photos and were left out`,
+		chosen: "Chosen",
+		remove: "Remove",
+		secondSide: "Add the other side",
+		choose: "Choose",
+		chooseThis: "Choose this folder",
+		up: "One folder up",
+		home: "Home",
+		roots: "Where to look",
+		emptyFolder: "Nothing to choose in here.",
+		videos: (e) => e === 1 ? "1 video" : `${e} videos`,
+		aSurvey: "survey",
+		checking: "Looking at the photos…",
+		checkGood: "The photos look good.",
+		checkOf: (e, t) => `${e} of ${t} photos were looked at.`,
+		checkSides: (e) => `Sides: ${e}`,
+		checkVideo: "Frames of the video are chosen when the run begins.",
+		checkNoPositions: "The photos do not say where they were taken.",
+		checkPositions: (e) => `${e} photos say where they were taken.`,
+		problems: {
+			blurred: "Blurred",
+			dark: "Too dark",
+			bright: "Too bright",
+			gap: "Too far from the photo before"
+		},
+		problemDo: {
+			blurred: "Hold the camera still or use a shorter exposure. A few such photos do no harm.",
+			dark: "Expose longer, or wait for better light.",
+			bright: "Do not take photos against the sun.",
+			gap: "Take a photo at every step: each should show two thirds of the one before. Gaps tear the row apart; take the missing photos if you can."
+		},
+		fruit: "Which fruit?",
+		fruitOther: "Another, or not sure",
+		fruitNames: {
+			apple: "Apples",
+			pear: "Pears",
+			orange: "Oranges",
+			mandarin: "Mandarins",
+			lemon: "Lemons",
+			peach: "Peaches",
+			plum: "Plums",
+			cherry: "Cherries",
+			mango: "Mangoes",
+			kiwi: "Kiwis",
+			tomato: "Tomatoes"
+		},
+		fruitText: "Says how heavy fruits are for their size, and how large they usually are.",
+		size: "Usual diameter",
+		sizeText: (e) => `In millimetres; ${e} if you say nothing. It sets the scale only where nothing better does.`,
+		metres: "What gives the scale?",
+		metresKinds: {
+			gnss: "Nothing special",
+			markers: "Markers whose places I measured",
+			"scale-bar": "Two markers at a known distance",
+			nothing: "Nothing, and not the places in the photos either"
+		},
+		metresText: {
+			gnss: "Places that the camera noted in the photos are used, if there are any; otherwise sizes and distances rest on the usual diameter.",
+			markers: "Best: metres and places to a few millimetres. The table has the columns id, x, y, z.",
+			"scale-bar": "Good: true metres, without a place on the map.",
+			nothing: "Sizes and distances rest on the usual diameter: good for counting."
+		},
+		markersFile: "Table of the markers",
+		barOne: "Number of one marker",
+		barOther: "Number of the other",
+		barLength: "Metres between their centres",
+		sides: "Sides of the row",
+		sidesAuto: "As the folders or names of the photos say",
+		sidesOne: "All photos are of one side",
+		spacing: "Distance of the trees in the row",
+		spacingText: "In metres. Leave it empty and trees are where fruits gather.",
+		learnToo: "Learn from the photos, too",
+		learnTooText: "Takes longer; finds more where the fruits look unlike those the network knows.",
+		name: "Name of the row",
+		nameText: (e) => `The results go to ${e}.`,
+		namePlaceholder: "Row 12, August",
+		next: "Next",
+		start: "Start",
+		problem: "This does not go",
+		markersPicture: "Printed markers stand along the row",
+		theme: "Light or dark"
+	},
+	de: {
+		language: "Deutsch",
+		title: "Pomona",
+		surveys: "Aufnahmen",
+		newSurvey: "Neue Aufnahme",
+		openSurvey: "Aufnahme auf diesem Rechner hinzufügen",
+		close: "Pomona beenden",
+		closeSure: "Pomona wird beendet. Ein laufender Durchgang hält an und kann später weitergehen.",
+		closed: "Pomona ist beendet. Dieses Fenster kann geschlossen werden.",
+		closedHow: "Neu starten mit dem Befehl pomona app.",
+		lost: "Pomona antwortet nicht. Wurde es beendet, bitte neu starten; sonst geht es von selbst weiter.",
+		cancel: "Abbrechen",
+		back: "Zurück",
+		none: "Noch keine Aufnahmen",
+		noneText: "Eine Aufnahme ist eine Baumreihe in Fotos: die Reihe entlanggehen, bei jedem Schritt ein Foto, dann die Fotos an Pomona geben.",
+		trySample: "Mit dem Beispiel ausprobieren",
+		sampleText: "28 Fotos zweier gerechneter Bäume; dauert einige Minuten.",
+		photos: (e, t) => e === 1 ? "1 Foto" : `${t} Fotos`,
+		fruits: (e, t) => e === 1 ? "1 Frucht" : `${t} Früchte`,
+		taken: (e) => `aufgenommen ${e}`,
+		states: {
+			new: "nicht begonnen",
+			queued: "wartet",
+			running: "läuft",
+			stopping: "hält an",
+			stopped: "angehalten",
+			failed: "fehlgeschlagen",
+			finished: "fertig",
+			missing: "Ordner nicht gefunden"
+		},
+		missingText: "Der Ordner dieser Aufnahme ist nicht mehr an seinem Platz. Bitte zurücklegen oder vom neuen Platz hinzufügen; verloren ist nichts.",
+		left: (e) => `noch etwa ${e}`,
+		seconds: (e) => `${e} s`,
+		minutes: (e) => `${e} min`,
+		hours: (e, t) => `${e} h ${t} min`,
+		of: (e, t) => `${e} von ${t}`,
+		forget: "Von der Liste nehmen",
+		forgetText: "Der Ordner mit den Ergebnissen bleibt auf der Platte.",
+		stop: "Anhalten",
+		stopNow: "Sofort anhalten",
+		stoppingText: "Der laufende Schritt wird erst beendet.",
+		goOn: "Weiter",
+		again: "Auf den neuesten Stand",
+		unqueue: "Aus der Warteschlange nehmen",
+		byOther: "Ein anderes Pomona arbeitet an dieser Aufnahme, etwa ein Befehl in einem Terminal. Hier kann man zusehen, anhalten nur dort.",
+		stages: {
+			photos: "Fotos",
+			segment: "Früchte in den Fotos",
+			select: "Früchte, die zählen",
+			sfm: "Standorte der Kamera",
+			scale: "Meter",
+			fuse: "Früchte im Raum",
+			second_look: "Zweiter Blick",
+			filter: "Falsche Früchte hinaus",
+			measure: "Größen",
+			planting: "Bäume",
+			dense: "Punkte der Früchte",
+			results: "Tabellen und Karte",
+			report: "Bericht",
+			learn: "Lernen"
+		},
+		stageStates: {
+			waiting: "wartet",
+			now: "läuft",
+			done: "fertig",
+			kept: "von vorher"
+		},
+		progress: "Fortschritt",
+		photosTab: "Fotos",
+		sceneTab: "Reihe",
+		resultTab: "Früchte in 3D",
+		treesTab: "Bäume",
+		exportTab: "Dateien",
+		compareTab: "Zwei Termine",
+		possible: (e, t) => e === 1 ? "1 mögliche Frucht" : `${t} mögliche Früchte`,
+		notYet: "noch nicht angesehen",
+		photosWait: "Die Fotos erscheinen hier, sobald sie gelesen sind.",
+		photoOf: (e, t) => `${e}: ${t}`,
+		more: (e) => `${e} weitere zeigen`,
+		sceneWait: "Die Reihe erscheint hier, sobald die Standorte der Kamera bekannt sind.",
+		sceneText: (e, t) => `${e} Standorte der Kamera, ${t} Früchte. Ziehen dreht, Rollen holt näher.`,
+		sceneLabel: "Die Reihe im Raum: Punkte, Standorte der Kamera und Früchte. Pfeiltasten drehen sie, Plus und Minus ändern die Größe.",
+		resultWait: "Die Früchte erscheinen hier, wenn der Durchgang zu Ende ist.",
+		viewTitle: "Bericht und 3D-Ansicht der Aufnahme",
+		print: "Drucken oder als PDF sichern",
+		warnings: "Gut zu wissen",
+		english: "Meldungen von Pomona selbst sind englisch.",
+		log: "Protokoll",
+		failed: "Der Durchgang konnte nicht weitergehen",
+		failedDo: "Was fertig ist, bleibt. Bitte beheben, was hier steht, dann weitermachen.",
+		equal: "Dasselbe ohne diese Seite",
+		equalCommand: "In der Befehlszeile",
+		equalPython: "In Python",
+		copy: "Kopieren",
+		copied: "Kopiert",
+		folder: "Ordner",
+		learn: "Aus dieser Aufnahme lernen",
+		learnText: "Das Netz, das Früchte findet, lernt aus denen, die viele Fotos bestätigen, und aus Korrekturen; dann wird die Aufnahme neu gerechnet. Das dauert einige Minuten länger als ein Durchgang. Das Gelernte bleibt nur, wenn es Früchte nicht schlechter findet.",
+		learnMissing: "Dazu fehlt die Erweiterung „train“: pip install 'pomona[train]'.",
+		learnt: "Das Netz hat aus dieser Aufnahme gelernt.",
+		files: "Ergebnisse mitnehmen",
+		fileNames: {
+			"report.html": "Bericht, eine Datei",
+			"fruits.csv": "Früchte, für die Tabellenkalkulation",
+			"trees.csv": "Bäume, für die Tabellenkalkulation",
+			gpkg: "Früchte, Bäume und Reihe, für QGIS",
+			"fruits.geojson": "Früchte auf der Karte (GeoJSON)",
+			kml: "Früchte, für Google Earth (KML)",
+			laz: "Punkte (LAZ)",
+			ply: "Punkte (PLY)",
+			coco: "Masken (COCO)",
+			colmap: "Kameras und Punkte (COLMAP)",
+			nerfstudio: "Kameras (nerfstudio)",
+			metashape: "Kameras (Metashape)",
+			geoparquet: "Früchte (GeoParquet)"
+		},
+		tree: "Baum",
+		fruitsHead: "Früchte",
+		between: "zwischen",
+		diameter: "Durchmesser",
+		weight: "Gewicht",
+		noTrees: "Die Früchte sind keinen Bäumen zugeordnet: Bäume sind nicht bekannt. In einer neuen Aufnahme den Baumabstand angeben, oder --trees verwenden.",
+		compareText: "Dieselbe Reihe an einem früheren Tag: Wachstum, was fiel, was neu ist.",
+		compareWith: "Frühere Aufnahme",
+		compare: "Vergleichen",
+		compareNone: "Es gibt keine andere fertige Aufnahme.",
+		comparing: "Vergleicht…",
+		step1: "Fotos",
+		step2: "Was bekannt ist",
+		step3: "Name und Start",
+		chooseFolder: "Ordner wählen",
+		chooseText: "Der Ordner mit den Fotos der Reihe, oder zwei Ordner, einer für jede Seite. Auch ein Video geht.",
+		dropHere: "Fotos, einen Ordner oder ein Video hierher ziehen",
+		dropText: "Sie werden kopiert; die eigenen Dateien bleiben, wie sie sind.",
+		chooseFiles: "Dateien wählen",
+		copying: (e, t) => `Kopiert: ${e} von ${t}`,
+		copyFailed: (e) => `${e} konnte nicht kopiert werden`,
+		skipped: (e) => e === 1 ? "1 Datei ist kein Foto und blieb weg" : `${e} Dateien sind keine Fotos und blieben weg`,
+		chosen: "Gewählt",
+		remove: "Entfernen",
+		secondSide: "Die andere Seite dazu",
+		choose: "Wählen",
+		chooseThis: "Diesen Ordner wählen",
+		up: "Einen Ordner höher",
+		home: "Persönlicher Ordner",
+		roots: "Wo gesucht wird",
+		emptyFolder: "Hier gibt es nichts zu wählen.",
+		videos: (e) => e === 1 ? "1 Video" : `${e} Videos`,
+		aSurvey: "Aufnahme",
+		checking: "Die Fotos werden angesehen…",
+		checkGood: "Die Fotos sehen gut aus.",
+		checkOf: (e, t) => `${e} von ${t} Fotos wurden angesehen.`,
+		checkSides: (e) => `Seiten: ${e}`,
+		checkVideo: "Bilder des Videos werden gewählt, wenn der Durchgang beginnt.",
+		checkNoPositions: "Die Fotos sagen nicht, wo sie aufgenommen sind.",
+		checkPositions: (e) => `${e} Fotos sagen, wo sie aufgenommen sind.`,
+		problems: {
+			blurred: "Unscharf",
+			dark: "Zu dunkel",
+			bright: "Zu hell",
+			gap: "Zu weit vom Foto davor"
+		},
+		problemDo: {
+			blurred: "Kamera ruhig halten oder kürzer belichten. Einige wenige schaden nicht.",
+			dark: "Länger belichten oder auf besseres Licht warten.",
+			bright: "Nicht gegen die Sonne fotografieren.",
+			gap: "Bei jedem Schritt ein Foto: jedes sollte zwei Drittel des vorigen zeigen. Lücken reißen die Reihe auseinander; fehlende Fotos möglichst nachholen."
+		},
+		fruit: "Welche Frucht?",
+		fruitOther: "Eine andere, oder unsicher",
+		fruitNames: {
+			apple: "Äpfel",
+			pear: "Birnen",
+			orange: "Orangen",
+			mandarin: "Mandarinen",
+			lemon: "Zitronen",
+			peach: "Pfirsiche",
+			plum: "Pflaumen",
+			cherry: "Kirschen",
+			mango: "Mangos",
+			kiwi: "Kiwis",
+			tomato: "Tomaten"
+		},
+		fruitText: "Sagt, wie schwer Früchte für ihre Größe sind, und wie groß meistens.",
+		size: "Üblicher Durchmesser",
+		sizeText: (e) => `In Millimetern; ${e}, wenn nichts angegeben ist. Bestimmt den Maßstab nur, wo nichts Besseres da ist.`,
+		metres: "Was gibt den Maßstab?",
+		metresKinds: {
+			gnss: "Nichts Besonderes",
+			markers: "Marken, deren Orte gemessen sind",
+			"scale-bar": "Zwei Marken mit bekanntem Abstand",
+			nothing: "Nichts, auch nicht die Orte in den Fotos"
+		},
+		metresText: {
+			gnss: "Orte, die die Kamera in den Fotos vermerkt hat, werden genutzt, wenn es welche gibt; sonst beruhen Größen und Abstände auf dem üblichen Durchmesser.",
+			markers: "Am besten: Meter und Orte auf einige Millimeter. Die Tabelle hat die Spalten id, x, y, z.",
+			"scale-bar": "Gut: wahre Meter, ohne Ort auf der Karte.",
+			nothing: "Größen und Abstände beruhen auf dem üblichen Durchmesser: gut zum Zählen."
+		},
+		markersFile: "Tabelle der Marken",
+		barOne: "Nummer der einen Marke",
+		barOther: "Nummer der anderen",
+		barLength: "Meter zwischen ihren Mitten",
+		sides: "Seiten der Reihe",
+		sidesAuto: "Wie Ordner oder Namen der Fotos sagen",
+		sidesOne: "Alle Fotos sind von einer Seite",
+		spacing: "Abstand der Bäume in der Reihe",
+		spacingText: "In Metern. Bleibt es leer, stehen Bäume da, wo sich Früchte sammeln.",
+		learnToo: "Auch aus den Fotos lernen",
+		learnTooText: "Dauert länger; findet mehr, wo Früchte anders aussehen als die, die das Netz kennt.",
+		name: "Name der Reihe",
+		nameText: (e) => `Die Ergebnisse kommen nach ${e}.`,
+		namePlaceholder: "Reihe 12, August",
+		next: "Weiter",
+		start: "Starten",
+		problem: "So geht es nicht",
+		markersPicture: "Gedruckte Marken stehen entlang der Reihe",
+		theme: "Hell oder dunkel"
+	}
+}, we = "pomona-language";
+function Te(e) {
+	return e.map((e) => e.split("-")[0]).find((e) => e in Ce) ?? "en";
+}
+var W = Te([localStorage.getItem(we) ?? "", ...navigator.languages]);
+function Ee(e) {
+	W = e, localStorage.setItem(we, e), document.documentElement.lang = e;
+}
+function De() {
+	return W;
+}
+function G() {
+	return Ce[W];
+}
+function Oe() {
+	return navigator.languages.find((e) => e.split("-")[0] === W) ?? W;
+}
+function K(e, t = 0) {
+	return new Intl.NumberFormat(Oe(), {
+		minimumFractionDigits: t,
+		maximumFractionDigits: t
+	}).format(e);
+}
+function ke(e) {
+	return new Intl.DateTimeFormat(Oe(), {
+		dateStyle: "medium",
+		timeZone: e.length === 10 ? "UTC" : void 0
+	}).format(new Date(e));
+}
+function Ae(e) {
+	let t = G();
+	if (e < 55) return t.seconds(Math.max(1, e < 10 ? Math.ceil(e) : Math.round(e / 5) * 5));
+	let n = Math.round(e / 60);
+	return n < 60 ? t.minutes(n) : t.hours(Math.floor(n / 60), n % 60);
+}
+// node_modules/preact/jsx-runtime/dist/jsxRuntime.module.js
+var je = 0;
+Array.isArray;
+function q(e, n, r, i, a, o) {
+	n ||= {};
+	var s, c, l = n;
+	if ("ref" in l) for (c in l = {}, n) c == "ref" ? s = n[c] : l[c] = n[c];
+	var u = {
+		type: e,
+		props: l,
+		key: r,
+		ref: s,
+		__k: null,
+		__: null,
+		__b: 0,
+		__e: null,
+		__c: null,
+		constructor: void 0,
+		__v: --je,
+		__i: -1,
+		__u: 0,
+		__source: a,
+		__self: o
+	};
+	if (typeof e == "function" && (s = e.defaultProps)) for (c in s) l[c] === void 0 && (l[c] = s[c]);
+	return t.vnode && t.vnode(u), u;
+}
+// src/app/parts.tsx
+function Me({ text: e }) {
+	return /* @__PURE__ */ q(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ q("code", { children: e }, t) : e) });
+}
+function J({ text: e, title: t }) {
+	return /* @__PURE__ */ q("div", {
+		class: "problem",
+		role: "alert",
+		children: [/* @__PURE__ */ q("strong", { children: t ?? G().problem }), /* @__PURE__ */ q("p", { children: /* @__PURE__ */ q(Me, { text: e }) })]
+	});
+}
+function Y({ onDo: e, class: t, disabled: n, children: r }) {
+	let [i, a] = V(!1), [o, s] = V(""), c = U(!0);
+	return H(() => () => void (c.current = !1), []), /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q("button", {
+		type: "button",
+		class: t,
+		disabled: i || n,
+		onClick: async () => {
+			a(!0), s("");
+			try {
+				await e();
+			} catch (e) {
+				c.current && s(e.message);
+			}
+			c.current && a(!1);
+		},
+		children: r
+	}), o && /* @__PURE__ */ q(J, { text: o })] });
+}
+function Ne({ title: e, onClose: t, children: n }) {
+	let r = U(null);
+	return H(() => r.current?.showModal(), []), /* @__PURE__ */ q("dialog", {
+		ref: r,
+		"aria-label": e,
+		onClose: t,
+		children: [/* @__PURE__ */ q("div", {
+			class: "bar",
+			children: [/* @__PURE__ */ q("h2", { children: e }), /* @__PURE__ */ q("button", {
+				type: "button",
+				class: "plain",
+				"aria-label": G().cancel,
+				onClick: t,
+				children: "×"
+			})]
+		}), n]
+	});
+}
+function Pe({ text: e }) {
+	let [t, n] = V(!1);
+	return /* @__PURE__ */ q("div", {
+		class: "copyable",
+		children: [/* @__PURE__ */ q("pre", {
+			tabIndex: 0,
+			children: e
+		}), /* @__PURE__ */ q("button", {
+			type: "button",
+			onClick: async () => {
+				await navigator.clipboard.writeText(e), n(!0);
+			},
+			children: t ? G().copied : G().copy
+		})]
+	});
+}
+// src/app/server.ts
+async function Fe(e) {
+	if (e.ok) return e.status === 204 ? void 0 : await e.json();
+	let t = await e.text(), n = t;
+	try {
+		n = JSON.parse(t).message;
+	} catch {}
+	throw Error(n || `${e.status}`);
+}
+async function X(e) {
+	return Fe(await fetch(`api/${e}`));
+}
+async function Z(e, t = {}) {
+	let n = JSON.stringify(t);
+	return Fe(await fetch(`api/${e}`, {
+		method: "POST",
+		headers: { "Content-Type": "application/json" },
+		body: n
+	}));
+}
+async function Ie(e) {
+	let t = await fetch(`api/${e}`);
+	t.ok || await Fe(t);
+	let n = /filename="?([^";]+)/.exec(t.headers.get("Content-Disposition") ?? "")?.[1] ?? "pomona", r = document.createElement("a");
+	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
+}
+function Le(e, t, n) {
+	return new Promise((r, i) => {
+		let a = new XMLHttpRequest();
+		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error("network")), a.onload = () => {
+			try {
+				let e = JSON.parse(a.responseText);
+				a.status === 200 ? r(e) : i(Error(e.message));
+			} catch {
+				i(Error(a.responseText || String(a.status)));
+			}
+		}, a.send(t);
+	});
+}
+function Re(e, t) {
+	let n = new EventSource("api/events");
+	return n.onmessage = (n) => {
+		t(!1), e(JSON.parse(n.data));
+	}, n.onerror = () => t(!0), () => n.close();
+}
+// src/app/chooser.tsx
+function ze(e) {
+	let t = G();
+	return [e.photos ? t.photos(e.photos, K(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
+}
+function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+	let o = G(), [s, c] = V(null), [l, u] = V(""), d = async (e) => {
+		try {
+			c(await X(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
+		} catch (t) {
+			u(t.message), e !== r[0] && !s && await d(r[0]);
+		}
+	};
+	H(() => void d(n), []);
+	let f = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
+	return /* @__PURE__ */ q(Ne, {
+		title: e,
+		onClose: a,
+		children: [
+			s && /* @__PURE__ */ q("div", {
+				class: "bar",
+				children: [
+					/* @__PURE__ */ q("select", {
+						"aria-label": o.roots,
+						value: r.filter((e) => s.path.startsWith(e)).sort((e, t) => t.length - e.length)[0],
+						onChange: (e) => d(e.currentTarget.value),
+						children: r.map((e, t) => /* @__PURE__ */ q("option", {
+							value: e,
+							children: t ? e : o.home
+						}, e))
+					}),
+					/* @__PURE__ */ q("button", {
+						type: "button",
+						disabled: !s.parent,
+						onClick: () => d(s.parent),
+						children: o.up
+					}),
+					/* @__PURE__ */ q("span", {
+						class: "path",
+						children: s.path
+					})
+				]
+			}),
+			l && /* @__PURE__ */ q(J, { text: l }),
+			/* @__PURE__ */ q("ul", {
+				class: "places",
+				children: s?.places.map((e) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("button", {
+					type: "button",
+					onClick: () => f(e),
+					children: [
+						/* @__PURE__ */ q("svg", {
+							viewBox: "0 0 16 16",
+							"aria-hidden": "true",
+							children: e.isFolder ? /* @__PURE__ */ q("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ q("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
+						}),
+						/* @__PURE__ */ q("span", { children: e.name }),
+						/* @__PURE__ */ q("span", {
+							class: "soft",
+							children: e.isSurvey ? o.aSurvey : ze(e)
+						})
+					]
+				}) }, e.path))
+			}),
+			s && !s.places.length && /* @__PURE__ */ q("p", {
+				class: "soft inside",
+				children: ze(s) || o.emptyFolder
+			}),
+			t === "photos" && s && /* @__PURE__ */ q("div", {
+				class: "bar foot",
+				children: [/* @__PURE__ */ q("span", {
+					class: "soft",
+					children: ze(s)
+				}), /* @__PURE__ */ q("button", {
+					type: "button",
+					class: "main",
+					onClick: () => i(s.path),
+					children: o.chooseThis
+				})]
+			})
+		]
+	});
+}
+// src/app/list.tsx
+function Q(e) {
+	location.hash = e;
+}
+function Ve(e) {
+	let t = G();
+	if (e.fruits === null) return "";
+	let n = t.fruitNames[e.fruit];
+	return n && e.fruits !== 1 ? `${K(e.fruits)} ${n}` : t.fruits(e.fruits, K(e.fruits));
+}
+function He(e) {
+	if (e.state !== "running" || !e.run) return null;
+	let { stages: t, done: n, total: r } = e.run;
+	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
+}
+function Ue({ survey: e }) {
+	let t = G(), n = He(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+	return /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("a", {
+		class: "card",
+		href: `#/survey/${e.id}`,
+		children: [/* @__PURE__ */ q("span", {
+			class: "picture",
+			children: e.photos ? /* @__PURE__ */ q("img", {
+				src: `api/surveys/${e.id}/photos/${r}/320.jpg?${e.version}`,
+				alt: "",
+				loading: "lazy",
+				onError: (e) => e.currentTarget.hidden = !0
+			}) : null
+		}), /* @__PURE__ */ q("span", {
+			class: "about",
+			children: [
+				/* @__PURE__ */ q("strong", { children: e.name }),
+				/* @__PURE__ */ q("span", {
+					class: `state ${e.state}`,
+					children: t.states[e.state]
+				}),
+				n !== null && /* @__PURE__ */ q("progress", {
+					value: n,
+					max: 1,
+					"aria-label": t.progress
+				}),
+				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ q("span", {
+					class: "soft",
+					children: t.left(Ae(e.run.leftS))
+				}),
+				e.fruits !== null && /* @__PURE__ */ q("span", {
+					class: "figure",
+					children: Ve(e)
+				}),
+				/* @__PURE__ */ q("span", {
+					class: "soft",
+					children: [e.photos === null ? "" : t.photos(e.photos, K(e.photos)), e.day ? t.taken(ke(e.day)) : ke(e.changed)].filter(Boolean).join(" · ")
+				})
+			]
+		})]
+	}) });
+}
+function We({ everything: e }) {
+	let t = G(), [n, r] = V(!1), [i, a] = V(""), o = async (e) => {
+		r(!1), a("");
+		try {
+			Q(`/survey/${await Z("surveys/add", { folder: e })}`);
+		} catch (e) {
+			a(e.message);
+		}
+	}, s = /* @__PURE__ */ q(Y, {
+		onDo: async () => Q(`/survey/${await Z("surveys/sample")}`),
+		children: t.trySample
+	});
+	return /* @__PURE__ */ q("main", { children: [
+		/* @__PURE__ */ q("div", {
+			class: "head",
+			children: [/* @__PURE__ */ q("h1", { children: t.surveys }), /* @__PURE__ */ q("span", {
+				class: "end",
+				children: [/* @__PURE__ */ q("button", {
+					type: "button",
+					onClick: () => r(!0),
+					children: t.openSurvey
+				}), /* @__PURE__ */ q("a", {
+					class: "button main",
+					href: "#/new",
+					children: t.newSurvey
+				})]
+			})]
+		}),
+		i && /* @__PURE__ */ q(J, { text: i }),
+		e.surveys.length ? /* @__PURE__ */ q("ul", {
+			class: "cards",
+			children: e.surveys.map((e) => /* @__PURE__ */ q(Ue, { survey: e }, e.id))
+		}) : /* @__PURE__ */ q("div", {
+			class: "sheet empty",
+			children: [
+				/* @__PURE__ */ q("h2", { children: t.none }),
+				/* @__PURE__ */ q("p", { children: t.noneText }),
+				/* @__PURE__ */ q("p", {
+					class: "line",
+					children: [
+						/* @__PURE__ */ q("a", {
+							class: "button main",
+							href: "#/new",
+							children: t.newSurvey
+						}),
+						s,
+						/* @__PURE__ */ q("span", {
+							class: "soft",
+							children: t.sampleText
+						})
+					]
+				})
+			]
+		}),
+		n && /* @__PURE__ */ q(Be, {
+			title: t.openSurvey,
+			kind: "survey",
+			start: e.facts.surveysFolder,
+			roots: e.facts.roots,
+			onClose: () => r(!1),
+			onChoose: o
+		})
+	] });
+}
+// src/app/dropping.ts
+var Ge = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function Ke(e) {
+	return Ge.test(e) && !e.split("/").some((e) => e.startsWith("."));
+}
+async function qe(e, t) {
+	let n = t + e.name;
+	if (e.isFile) return [{
+		name: n,
+		file: await new Promise((t, n) => e.file(t, n))
+	}];
+	let r = e.createReader(), i = [];
+	for (;;) {
+		let e = await new Promise((e, t) => r.readEntries(e, t));
+		if (!e.length) return i;
+		for (let t of e) i.push(...await qe(t, `${n}/`));
+	}
+}
+async function Je(e) {
+	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
+	return (await Promise.all(t.map((e) => qe(e, "")))).flat();
+}
+function Ye(e) {
+	return [...e].map((e) => ({
+		name: e.webkitRelativePath || e.name,
+		file: e
+	}));
+}
+function Xe(e) {
+	let t = e[0]?.name.split("/")[0];
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Xe(e.map(({ name: e, file: n }) => ({
+		name: e.slice(t.length + 1),
+		file: n
+	}))) : e;
+}
+async function Ze(e, t) {
+	let n = await Z("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
+	for (let [o, { name: s, file: c }] of e.entries()) i = await Le(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
+	let o = e.length === 1 ? e[0].name : "";
+	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
+}
+// src/app/new.tsx
+var Qe = [
+	"gnss",
+	"markers",
+	"scale-bar",
+	"nothing"
+];
+function $e(e) {
+	let t = Number(e.trim().replace(",", "."));
+	return e.trim() && Number.isFinite(t) ? t : null;
+}
+function et(e) {
+	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
+}
+function tt({ check: e }) {
+	let t = G(), n = [
+		"gap",
+		"blurred",
+		"dark",
+		"bright"
+	], r = [
+		e.photos ? t.photos(e.photos, K(e.photos)) + (e.day ? `, ${t.taken(ke(e.day))}` : "") : t.checkVideo,
+		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${K(e.photos)})`).join(", ")) : "",
+		e.photos ? e.positions ? t.checkPositions(K(e.positions)) : t.checkNoPositions : "",
+		e.lookedAt < e.photos ? t.checkOf(K(e.lookedAt), K(e.photos)) : ""
+	];
+	return /* @__PURE__ */ q("div", {
+		class: "check",
+		role: "status",
+		children: [
+			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ q("p", {
+				class: "good",
+				children: ["✓ ", t.checkGood]
+			}),
+			/* @__PURE__ */ q("p", {
+				class: "soft",
+				children: r.filter(Boolean).join(" · ")
+			}),
+			n.map((n) => {
+				let r = e.problems.filter((e) => e.kind === n).map((e) => e.photo);
+				return r.length > 0 && /* @__PURE__ */ q("div", {
+					class: "warning",
+					children: [
+						/* @__PURE__ */ q("strong", { children: [
+							t.problems[n],
+							": ",
+							t.photos(r.length, K(r.length))
+						] }),
+						/* @__PURE__ */ q("p", { children: t.problemDo[n] }),
+						/* @__PURE__ */ q("p", {
+							class: "soft names",
+							children: r.slice(0, 12).join(", ") + (r.length > 12 ? " …" : "")
+						})
+					]
+				}, n);
+			}),
+			e.warnings.map((e) => /* @__PURE__ */ q("p", {
+				class: "warning",
+				children: /* @__PURE__ */ q(Me, { text: e })
+			}, e))
+		]
+	});
+}
+function nt({ kind: e }) {
+	let t = G(), n = e === "markers" ? [
+		30,
+		95,
+		160
+	] : e === "scale-bar" ? [70, 120] : [];
+	return /* @__PURE__ */ q("svg", {
+		class: "picture-of",
+		viewBox: "0 0 190 70",
+		role: "img",
+		"aria-label": n.length ? t.markersPicture : t.metresKinds[e],
+		children: [
+			/* @__PURE__ */ q("path", {
+				d: "M0 62H190",
+				class: "ground"
+			}),
+			[
+				20,
+				62,
+				104,
+				146
+			].map((e) => /* @__PURE__ */ q("g", { children: [
+				/* @__PURE__ */ q("path", {
+					d: `M${e + 12} 62V34`,
+					class: "trunk"
+				}),
+				/* @__PURE__ */ q("circle", {
+					cx: e + 12,
+					cy: "24",
+					r: "17",
+					class: "crown"
+				}),
+				/* @__PURE__ */ q("circle", {
+					cx: e + 6,
+					cy: "20",
+					r: "3",
+					class: "apple"
+				}),
+				/* @__PURE__ */ q("circle", {
+					cx: e + 17,
+					cy: "27",
+					r: "3",
+					class: "apple"
+				})
+			] }, e)),
+			n.map((e) => /* @__PURE__ */ q("g", { children: [
+				/* @__PURE__ */ q("rect", {
+					x: e - 6,
+					y: "44",
+					width: "12",
+					height: "12",
+					class: "marker"
+				}),
+				/* @__PURE__ */ q("path", {
+					d: `M${e - 3} 47h4v4h-4zM${e + 1} 51h3v3h-3z`,
+					class: "code"
+				}),
+				/* @__PURE__ */ q("path", {
+					d: `M${e} 56V62`,
+					class: "trunk"
+				})
+			] }, e)),
+			e === "scale-bar" && /* @__PURE__ */ q("path", {
+				d: "M76 50H114",
+				class: "bar"
+			}),
+			e === "gnss" && /* @__PURE__ */ q("path", {
+				d: "M150 8l8 4-8 4zM158 12h14",
+				class: "bar"
+			})
+		]
+	});
+}
+function rt({ facts: e }) {
+	let t = G(), [n, r] = V([]), [i, a] = V(""), [o, s] = V(null), [c, l] = V(0), [u, d] = V(!1), [f, p] = V(null), [m, h] = V(!1), [g, _] = V(""), [v, y] = V(!1), [b, x] = V(""), [S, C] = V(""), [w, ee] = V("gnss"), [T, E] = V(""), [D, O] = V([
+		"0",
+		"1",
+		""
+	]), [k, A] = V(""), [j, M] = V(!1), [N, te] = V(""), [ne, P] = V(null), [re, F] = V(""), ie = U(null), I = {
+		name: N.trim(),
+		photos: n,
+		oneSide: v,
+		fruit: b,
+		diameterMm: $e(S),
+		metres: w,
+		markers: w === "markers" ? T : "",
+		scaleBar: w === "scale-bar" ? D.map((e) => $e(e) ?? 0) : [],
+		treeSpacingM: $e(k),
+		learn: j
+	};
+	H(() => {
+		if (!n.length) {
+			p(null);
+			return;
+		}
+		let e = !0;
+		return h(!0), _(""), Z("check", {
+			photos: n,
+			oneSide: v
+		}).then((t) => e && p(t)).catch((t) => {
+			e && (p(null), _(t.message));
+		}).finally(() => e && h(!1)), () => void (e = !1);
+	}, [n.join("\n"), v]), H(() => {
+		if (P(null), F(""), !n.length || !I.name) return;
+		let e = setTimeout(() => {
+			Z("equal", I).then(P, (e) => F(e.message));
+		}, 300);
+		return () => clearTimeout(e);
+	}, [JSON.stringify(I)]);
+	let L = (e) => {
+		a(""), i === "table" ? E(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), N || te(et(e).replace(/\.[^.]+$/, "")));
+	}, R = async (e) => {
+		let t = Xe(e.filter((e) => Ke(e.name)));
+		if (l(e.length - t.length), t.length) {
+			_(""), r([]);
+			try {
+				r([await Ze(t, (e, n, r) => s({
+					done: e,
+					files: t.length,
+					bytes: n,
+					all: r
+				}))]);
+			} catch (e) {
+				_(e.message);
+			}
+			s(null);
+		}
+	}, ae = async () => {
+		F("");
+		try {
+			Q(`/survey/${await Z("surveys", I)}`);
+		} catch (e) {
+			F(e.message);
+		}
+	}, z = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	return /* @__PURE__ */ q("main", { children: [
+		/* @__PURE__ */ q("div", {
+			class: "head",
+			children: /* @__PURE__ */ q("h1", { children: t.newSurvey })
+		}),
+		/* @__PURE__ */ q("section", {
+			class: "sheet",
+			"aria-labelledby": "step-photos",
+			children: [
+				/* @__PURE__ */ q("h2", {
+					id: "step-photos",
+					children: ["1. ", t.step1]
+				}),
+				/* @__PURE__ */ q("div", {
+					class: `drop ${u ? "over" : ""}`,
+					onDragOver: (e) => {
+						e.preventDefault(), d(!0);
+					},
+					onDragLeave: () => d(!1),
+					onDrop: (e) => {
+						e.preventDefault(), d(!1), e.dataTransfer && Je(e.dataTransfer).then(R);
+					},
+					children: [/* @__PURE__ */ q("p", {
+						class: "line",
+						children: [/* @__PURE__ */ q("button", {
+							type: "button",
+							class: "main",
+							onClick: () => a("photos"),
+							children: n.length === 1 ? t.secondSide : t.chooseFolder
+						}), /* @__PURE__ */ q("span", {
+							class: "soft",
+							children: t.chooseText
+						})]
+					}), /* @__PURE__ */ q("p", {
+						class: "line",
+						children: [
+							/* @__PURE__ */ q("button", {
+								type: "button",
+								onClick: () => ie.current?.click(),
+								children: t.chooseFiles
+							}),
+							/* @__PURE__ */ q("span", {
+								class: "soft",
+								children: [
+									t.dropHere,
+									". ",
+									t.dropText
+								]
+							}),
+							/* @__PURE__ */ q("input", {
+								ref: ie,
+								type: "file",
+								multiple: !0,
+								hidden: !0,
+								"aria-label": t.chooseFiles,
+								onChange: (e) => e.currentTarget.files && void R(Ye(e.currentTarget.files))
+							})
+						]
+					})]
+				}),
+				o && /* @__PURE__ */ q("p", {
+					role: "status",
+					children: [
+						/* @__PURE__ */ q("progress", {
+							value: o.bytes,
+							max: o.all,
+							"aria-label": t.copying(K(o.done), K(o.files))
+						}),
+						" ",
+						t.copying(K(o.done), K(o.files))
+					]
+				}),
+				c > 0 && /* @__PURE__ */ q("p", {
+					class: "soft",
+					children: t.skipped(c)
+				}),
+				n.length > 0 && /* @__PURE__ */ q("ul", {
+					class: "chosen",
+					"aria-label": t.chosen,
+					children: n.map((e) => /* @__PURE__ */ q("li", { children: [/* @__PURE__ */ q("span", {
+						class: "path",
+						children: e
+					}), /* @__PURE__ */ q("button", {
+						type: "button",
+						"aria-label": `${t.remove}: ${e}`,
+						onClick: () => r(n.filter((t) => t !== e)),
+						children: t.remove
+					})] }, e))
+				}),
+				m && /* @__PURE__ */ q("p", {
+					role: "status",
+					children: [
+						/* @__PURE__ */ q("progress", { "aria-label": t.checking }),
+						" ",
+						t.checking
+					]
+				}),
+				g && /* @__PURE__ */ q(J, { text: g }),
+				f && !m && /* @__PURE__ */ q(tt, { check: f })
+			]
+		}),
+		/* @__PURE__ */ q("section", {
+			class: "sheet",
+			"aria-labelledby": "step-known",
+			children: [
+				/* @__PURE__ */ q("h2", {
+					id: "step-known",
+					children: ["2. ", t.step2]
+				}),
+				/* @__PURE__ */ q("div", {
+					class: "fields",
+					children: [
+						/* @__PURE__ */ q("label", { children: [
+							t.fruit,
+							/* @__PURE__ */ q("select", {
+								value: b,
+								onChange: (e) => x(e.currentTarget.value),
+								children: [/* @__PURE__ */ q("option", {
+									value: "",
+									children: t.fruitOther
+								}), e.fruits.map((e) => /* @__PURE__ */ q("option", {
+									value: e.name,
+									children: t.fruitNames[e.name] ?? e.name
+								}, e.name))]
+							}),
+							/* @__PURE__ */ q("span", {
+								class: "soft",
+								children: t.fruitText
+							})
+						] }),
+						/* @__PURE__ */ q("label", { children: [
+							t.size,
+							/* @__PURE__ */ q("input", {
+								inputMode: "decimal",
+								value: S,
+								placeholder: K(z),
+								onInput: (e) => C(e.currentTarget.value)
+							}),
+							/* @__PURE__ */ q("span", {
+								class: "soft",
+								children: t.sizeText(K(z))
+							})
+						] }),
+						/* @__PURE__ */ q("label", { children: [t.sides, /* @__PURE__ */ q("select", {
+							value: v ? "one" : "auto",
+							onChange: (e) => y(e.currentTarget.value === "one"),
+							children: [/* @__PURE__ */ q("option", {
+								value: "auto",
+								children: t.sidesAuto
+							}), /* @__PURE__ */ q("option", {
+								value: "one",
+								children: t.sidesOne
+							})]
+						})] }),
+						/* @__PURE__ */ q("label", { children: [
+							t.spacing,
+							/* @__PURE__ */ q("input", {
+								inputMode: "decimal",
+								value: k,
+								onInput: (e) => A(e.currentTarget.value)
+							}),
+							/* @__PURE__ */ q("span", {
+								class: "soft",
+								children: t.spacingText
+							})
+						] })
+					]
+				}),
+				/* @__PURE__ */ q("fieldset", { children: [
+					/* @__PURE__ */ q("legend", { children: t.metres }),
+					/* @__PURE__ */ q("div", {
+						class: "kinds",
+						children: Qe.map((e) => /* @__PURE__ */ q("label", {
+							class: `kind ${w === e ? "on" : ""}`,
+							children: [
+								/* @__PURE__ */ q("span", {
+									class: "line",
+									children: [/* @__PURE__ */ q("input", {
+										type: "radio",
+										name: "metres",
+										checked: w === e,
+										onChange: () => ee(e)
+									}), /* @__PURE__ */ q("strong", { children: t.metresKinds[e] })]
+								}),
+								/* @__PURE__ */ q(nt, { kind: e }),
+								/* @__PURE__ */ q("span", {
+									class: "soft",
+									children: t.metresText[e]
+								})
+							]
+						}, e))
+					}),
+					w === "markers" && /* @__PURE__ */ q("p", {
+						class: "line",
+						children: [/* @__PURE__ */ q("button", {
+							type: "button",
+							onClick: () => a("table"),
+							children: [t.markersFile, "…"]
+						}), /* @__PURE__ */ q("span", {
+							class: "path",
+							children: T
+						})]
+					}),
+					w === "scale-bar" && /* @__PURE__ */ q("div", {
+						class: "fields",
+						children: [
+							t.barOne,
+							t.barOther,
+							t.barLength
+						].map((e, t) => /* @__PURE__ */ q("label", { children: [e, /* @__PURE__ */ q("input", {
+							inputMode: "decimal",
+							value: D[t],
+							onInput: (e) => O(D.map((n, r) => r === t ? e.currentTarget.value : n))
+						})] }, e))
+					})
+				] }),
+				e.canLearn && /* @__PURE__ */ q("label", {
+					class: "line",
+					children: [/* @__PURE__ */ q("input", {
+						type: "checkbox",
+						checked: j,
+						onChange: (e) => M(e.currentTarget.checked)
+					}), /* @__PURE__ */ q("span", { children: [
+						t.learnToo,
+						" ",
+						/* @__PURE__ */ q("span", {
+							class: "soft",
+							children: t.learnTooText
+						})
+					] })]
+				})
+			]
+		}),
+		/* @__PURE__ */ q("section", {
+			class: "sheet",
+			"aria-labelledby": "step-start",
+			children: [
+				/* @__PURE__ */ q("h2", {
+					id: "step-start",
+					children: ["3. ", t.step3]
+				}),
+				/* @__PURE__ */ q("div", {
+					class: "fields",
+					children: /* @__PURE__ */ q("label", { children: [
+						t.name,
+						/* @__PURE__ */ q("input", {
+							value: N,
+							placeholder: t.namePlaceholder,
+							maxLength: 100,
+							onInput: (e) => te(e.currentTarget.value)
+						}),
+						/* @__PURE__ */ q("span", {
+							class: "soft path",
+							children: t.nameText(`${e.surveysFolder}/${N.trim()}`)
+						})
+					] })
+				}),
+				re && /* @__PURE__ */ q(J, { text: re }),
+				/* @__PURE__ */ q("p", {
+					class: "line",
+					children: [/* @__PURE__ */ q("button", {
+						type: "button",
+						class: "main",
+						disabled: !n.length || !N.trim() || o !== null,
+						onClick: ae,
+						children: t.start
+					}), /* @__PURE__ */ q("a", {
+						class: "button",
+						href: "#/",
+						children: t.cancel
+					})]
+				}),
+				ne && /* @__PURE__ */ q("details", { children: [
+					/* @__PURE__ */ q("summary", { children: t.equal }),
+					/* @__PURE__ */ q("h3", { children: t.equalCommand }),
+					/* @__PURE__ */ q(Pe, { text: ne.command }),
+					/* @__PURE__ */ q("h3", { children: t.equalPython }),
+					/* @__PURE__ */ q(Pe, { text: ne.python })
+				] })
+			]
+		}),
+		i && /* @__PURE__ */ q(Be, {
+			title: i === "photos" ? t.chooseFolder : t.markersFile,
+			kind: i,
+			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
+			roots: e.roots,
+			onClose: () => a(""),
+			onChoose: L
+		})
+	] });
+}
+// src/app/scene.tsx
+function it(e) {
+	let t = e.length / 3, n = [
+		0,
+		1,
+		2
+	].map((n) => {
+		let r = 0;
+		for (let t = n; t < e.length; t += 3) r += e[t];
+		return r / t;
+	}), r = 0;
+	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
+	return [n, r || 1];
+}
+function at(e, t, n) {
+	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
+	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
+	let a = e.getContext("2d");
+	if (!a || !r.width) return;
+	let [o, s] = it(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+		Math.cos(n.turn),
+		Math.sin(n.turn),
+		Math.cos(n.tilt),
+		Math.sin(n.tilt)
+	], p = (t, n) => {
+		let [r, i, a] = [
+			t[n] - o[0],
+			t[n + 1] - o[1],
+			t[n + 2] - o[2]
+		];
+		return [e.width / 2 + (l * r + u * i) * c, e.height / 2 - (f * (l * i - u * r) + d * a) * c];
+	}, m = (t) => (e.style.color = `var(--${t})`, getComputedStyle(e).color);
+	for (let e = 0; e < t.points.length; e += 3) {
+		let [n, r] = p(t.points, e);
+		a.fillStyle = `#${t.colours[e / 3].toString(16).padStart(6, "0")}`, a.fillRect(n, r, 1.8 * i, 1.8 * i);
+	}
+	a.fillStyle = m("fruit");
+	for (let e = 0; e < t.fruits.length; e += 4) {
+		let [n, r] = p(t.fruits, e);
+		a.beginPath(), a.arc(n, r, Math.max(2.2 * i, t.fruits[e + 3] / 2 * c), 0, 7), a.fill();
+	}
+	a.fillStyle = m("camera");
+	for (let e = 0; e < t.cameras.length; e += 3) {
+		let [n, r] = p(t.cameras, e);
+		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
+	}
+}
+function ot({ survey: e }) {
+	let t = G(), [n, r] = V(null), i = U({
+		turn: 0,
+		tilt: .35,
+		zoom: 1
+	}), a = U(null), o = () => a.current && n && at(a.current, n, i.current);
+	if (H(() => void X(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), H(() => {
+		o();
+		let e = new ResizeObserver(o);
+		return a.current && e.observe(a.current), () => e.disconnect();
+	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ q("p", {
+		class: "soft",
+		children: t.sceneWait
+	});
+	let s = (e, t) => {
+		i.current = {
+			...i.current,
+			turn: i.current.turn + e,
+			tilt: Math.min(1.57, Math.max(0, i.current.tilt + t))
+		}, o();
+	}, c = (e) => {
+		i.current = {
+			...i.current,
+			zoom: Math.min(20, Math.max(.2, i.current.zoom * e))
+		}, o();
+	}, l = {
+		ArrowLeft: [-.1, 0],
+		ArrowRight: [.1, 0],
+		ArrowUp: [0, .1],
+		ArrowDown: [0, -.1]
+	};
+	return /* @__PURE__ */ q("figure", { children: [/* @__PURE__ */ q("canvas", {
+		ref: a,
+		class: "scene",
+		tabIndex: 0,
+		role: "img",
+		"aria-label": t.sceneLabel,
+		onPointerDown: (e) => e.currentTarget.setPointerCapture(e.pointerId),
+		onPointerMove: (e) => e.buttons && s(e.movementX / 150, e.movementY / 150),
+		onWheel: (e) => {
+			e.preventDefault(), c(Math.exp(-e.deltaY / 500));
+		},
+		onKeyDown: (e) => {
+			(e.key === "+" || e.key === "-") && c(e.key === "+" ? 1.2 : 1 / 1.2);
+			let t = l[e.key];
+			t && (e.preventDefault(), s(...t));
+		}
+	}), /* @__PURE__ */ q("figcaption", {
+		class: "soft",
+		children: t.sceneText(K(n.cameras.length / 3), K(n.fruits.length / 4))
+	})] });
+}
+// src/app/survey.tsx
+var st = [
+	"queued",
+	"running",
+	"stopping"
+], ct = 24, lt = [
+	"report.html",
+	"fruits.csv",
+	"trees.csv",
+	"gpkg",
+	"fruits.geojson",
+	"kml",
+	"laz",
+	"ply",
+	"coco",
+	"colmap",
+	"nerfstudio",
+	"metashape",
+	"geoparquet"
+];
+function ut({ survey: e }) {
+	let t = G();
+	if (e.run?.byOther) return /* @__PURE__ */ q("p", {
+		class: "soft",
+		children: t.byOther
+	});
+	let n = (t) => () => Z(`surveys/${e.id}/${t}`);
+	if (e.state === "queued") return /* @__PURE__ */ q(Y, {
+		onDo: n("stop"),
+		children: t.unqueue
+	});
+	if (e.state === "running") return /* @__PURE__ */ q(Y, {
+		onDo: n("stop"),
+		children: t.stop
+	});
+	if (e.state === "stopping") return /* @__PURE__ */ q("span", {
+		class: "line",
+		children: [
+			/* @__PURE__ */ q(Y, {
+				onDo: n("stop"),
+				children: t.stopNow
+			}),
+			" ",
+			/* @__PURE__ */ q("span", {
+				class: "soft",
+				children: t.stoppingText
+			})
+		]
+	});
+	if (e.state === "missing") return /* @__PURE__ */ q("p", {
+		class: "soft",
+		children: t.missingText
+	});
+	let r = e.state === "finished";
+	return /* @__PURE__ */ q(Y, {
+		class: r ? "" : "main",
+		onDo: n("go-on"),
+		children: r ? t.again : t.goOn
+	});
+}
+function dt({ survey: e }) {
+	let t = G(), n = e.run;
+	if (!n) return null;
+	let r = He(e), i = n.stages.find((e) => e.state === "now");
+	return /* @__PURE__ */ q("section", {
+		class: "sheet",
+		"aria-label": t.progress,
+		children: [
+			r !== null && /* @__PURE__ */ q("div", {
+				class: "now",
+				role: "status",
+				children: [/* @__PURE__ */ q("span", {
+					class: "line",
+					children: [
+						/* @__PURE__ */ q("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
+						/* @__PURE__ */ q("span", {
+							class: "soft",
+							children: [
+								t.english ? "" : n.label,
+								" ",
+								n.total ? t.of(K(n.done), K(n.total)) : ""
+							]
+						}),
+						n.leftS !== null && /* @__PURE__ */ q("span", {
+							class: "end",
+							children: t.left(Ae(n.leftS))
+						})
+					]
+				}), /* @__PURE__ */ q("progress", {
+					value: r,
+					max: 1,
+					"aria-label": t.progress
+				})]
+			}),
+			/* @__PURE__ */ q("ol", {
+				class: "stages",
+				children: n.stages.map((e) => /* @__PURE__ */ q("li", {
+					class: e.state,
+					"aria-current": e.state === "now" ? "step" : void 0,
+					children: [
+						/* @__PURE__ */ q("span", {
+							class: "name",
+							children: t.stages[e.name] ?? e.name
+						}),
+						/* @__PURE__ */ q("span", {
+							class: "soft",
+							children: e.seconds === null ? "" : Ae(e.seconds)
+						}),
+						/* @__PURE__ */ q("span", {
+							class: "hidden",
+							children: t.stageStates[e.state]
+						})
+					]
+				}, e.name))
+			}),
+			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q(J, {
+				title: t.failed,
+				text: n.message
+			}), /* @__PURE__ */ q("p", {
+				class: "soft",
+				children: t.failedDo
+			})] }),
+			n.warnings.length > 0 && /* @__PURE__ */ q("div", {
+				class: "warnings",
+				children: [
+					/* @__PURE__ */ q("h3", { children: t.warnings }),
+					t.english && /* @__PURE__ */ q("p", {
+						class: "soft",
+						children: t.english
+					}),
+					/* @__PURE__ */ q("ul", { children: n.warnings.map((e) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q(Me, { text: e }) }, e)) })
+				]
+			}),
+			n.log.length > 0 && /* @__PURE__ */ q("details", { children: [/* @__PURE__ */ q("summary", { children: t.log }), /* @__PURE__ */ q("pre", {
+				class: "log",
+				tabIndex: 0,
+				children: n.log.join("\n")
+			})] })
+		]
+	});
+}
+function ft({ survey: e }) {
+	let t = G(), [n, r] = V([]), [i, a] = V(ct), [o, s] = V(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+	if (H(() => void X(`surveys/${e.id}/photos`).then(r, () => r([])), [
+		e.id,
+		e.version,
+		c
+	]), !n.length) return /* @__PURE__ */ q("p", {
+		class: "soft",
+		children: t.photosWait
+	});
+	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, K(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
+	return /* @__PURE__ */ q(y, { children: [
+		/* @__PURE__ */ q("ul", {
+			class: "photos",
+			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("button", {
+				type: "button",
+				onClick: () => s(n),
+				"aria-label": t.photoOf(e.name, l(e)),
+				children: [
+					/* @__PURE__ */ q("img", {
+						src: u(n, 320),
+						alt: "",
+						loading: "lazy"
+					}),
+					/* @__PURE__ */ q("span", {
+						class: "path",
+						children: e.name
+					}),
+					/* @__PURE__ */ q("span", {
+						class: "soft",
+						children: l(e)
+					})
+				]
+			}) }, e.name))
+		}),
+		n.length > i && /* @__PURE__ */ q("button", {
+			type: "button",
+			onClick: () => a(n.length),
+			children: t.more(K(n.length - i))
+		}),
+		d && o !== null && /* @__PURE__ */ q(Ne, {
+			title: t.photoOf(d.name, l(d)),
+			onClose: () => s(null),
+			children: /* @__PURE__ */ q("img", {
+				class: "large",
+				src: u(o, 1280),
+				alt: t.photoOf(d.name, l(d))
+			})
+		})
+	] });
+}
+function pt({ survey: e }) {
+	let t = G(), [n, r] = V(null), [i, a] = V("");
+	return H(() => void X(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ q(J, { text: i }) : n ? n.length ? /* @__PURE__ */ q("div", {
+		class: "scroll",
+		tabIndex: 0,
+		role: "region",
+		"aria-label": t.treesTab,
+		children: /* @__PURE__ */ q("table", { children: [/* @__PURE__ */ q("thead", { children: /* @__PURE__ */ q("tr", { children: [
+			t.tree,
+			t.fruitsHead,
+			t.between,
+			`${t.diameter} (mm)`,
+			`${t.weight} (kg)`
+		].map((e) => /* @__PURE__ */ q("th", {
+			scope: "col",
+			children: e
+		}, e)) }) }), /* @__PURE__ */ q("tbody", { children: n.map((e) => /* @__PURE__ */ q("tr", { children: [
+			/* @__PURE__ */ q("th", {
+				scope: "row",
+				children: e.id
+			}),
+			/* @__PURE__ */ q("td", { children: K(e.fruits) }),
+			/* @__PURE__ */ q("td", { children: e.low === null || e.high === null ? "" : `${K(e.low)} – ${K(e.high)}` }),
+			/* @__PURE__ */ q("td", { children: e.diameterMm === null ? "" : K(e.diameterMm, 1) }),
+			/* @__PURE__ */ q("td", { children: e.weightKg === null ? "" : K(e.weightKg, 2) })
+		] }, e.id)) })] })
+	}) : /* @__PURE__ */ q("p", {
+		class: "soft",
+		children: t.noTrees
+	}) : /* @__PURE__ */ q("progress", { "aria-label": t.treesTab });
+}
+function mt({ survey: e, everything: t }) {
+	let n = G(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = V(r[0]?.id ?? ""), [o, s] = V("");
+	return r.length ? /* @__PURE__ */ q(y, { children: [
+		/* @__PURE__ */ q("p", {
+			class: "soft",
+			children: n.compareText
+		}),
+		/* @__PURE__ */ q("p", {
+			class: "line",
+			children: [/* @__PURE__ */ q("label", {
+				class: "line",
+				children: [n.compareWith, /* @__PURE__ */ q("select", {
+					value: i,
+					onChange: (e) => a(e.currentTarget.value),
+					children: r.map((e) => /* @__PURE__ */ q("option", {
+						value: e.id,
+						children: e.name
+					}, e.id))
+				})]
+			}), /* @__PURE__ */ q(Y, {
+				class: "main",
+				onDo: async () => s(await Z(`surveys/${e.id}/compare`, { before: i })),
+				children: n.compare
+			})]
+		}),
+		o && /* @__PURE__ */ q("iframe", {
+			class: "view",
+			src: o.slice(1),
+			title: n.compareTab
+		})
+	] }) : /* @__PURE__ */ q("p", {
+		class: "soft",
+		children: n.compareNone
+	});
+}
+function ht({ survey: e, everything: t }) {
+	let n = G(), r = lt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+	return /* @__PURE__ */ q(y, { children: [
+		/* @__PURE__ */ q("h2", { children: n.files }),
+		/* @__PURE__ */ q("ul", {
+			class: "files",
+			children: r.map((t) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q(Y, {
+				onDo: () => Ie(`surveys/${e.id}/files/${t}`),
+				children: n.fileNames[t] ?? t
+			}) }, t))
+		}),
+		/* @__PURE__ */ q("p", {
+			class: "soft path",
+			children: [
+				n.folder,
+				": ",
+				e.folder
+			]
+		})
+	] });
+}
+function gt({ survey: e, canLearn: t }) {
+	let n = G();
+	return /* @__PURE__ */ q("section", {
+		class: "sheet",
+		children: [
+			/* @__PURE__ */ q("h2", { children: n.learn }),
+			/* @__PURE__ */ q("p", {
+				class: "soft",
+				children: n.learnText
+			}),
+			e.learnt && /* @__PURE__ */ q("p", { children: n.learnt }),
+			t ? /* @__PURE__ */ q(Y, {
+				onDo: () => Z(`surveys/${e.id}/learn`),
+				children: n.learn
+			}) : /* @__PURE__ */ q("p", {
+				class: "soft",
+				children: n.learnMissing
+			})
+		]
+	});
+}
+function _t({ survey: e }) {
+	let t = G(), [n, r] = V(null);
+	return /* @__PURE__ */ q("details", {
+		class: "sheet",
+		onToggle: () => void X(`surveys/${e.id}/equal`).then(r, () => r(null)),
+		children: [/* @__PURE__ */ q("summary", { children: t.equal }), n && /* @__PURE__ */ q(y, { children: [
+			/* @__PURE__ */ q("h3", { children: t.equalCommand }),
+			/* @__PURE__ */ q(Pe, { text: n.command }),
+			/* @__PURE__ */ q("h3", { children: t.equalPython }),
+			/* @__PURE__ */ q(Pe, { text: n.python })
+		] })]
+	});
+}
+var $ = [
+	"photos",
+	"scene",
+	"result",
+	"trees",
+	"compare",
+	"files"
+];
+function vt({ survey: e, everything: t, place: n }) {
+	let r = G(), i = e.state === "finished" && !st.includes(e.state), a = $.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
+		photos: r.photosTab,
+		scene: r.sceneTab,
+		result: r.resultTab,
+		trees: r.treesTab,
+		compare: r.compareTab,
+		files: r.exportTab
+	};
+	return /* @__PURE__ */ q("main", { children: [
+		/* @__PURE__ */ q("div", {
+			class: "head",
+			children: [
+				/* @__PURE__ */ q("a", {
+					class: "button plain",
+					href: "#/",
+					"aria-label": r.back,
+					children: "‹"
+				}),
+				/* @__PURE__ */ q("h1", { children: e.name }),
+				/* @__PURE__ */ q("span", {
+					class: `state ${e.state}`,
+					children: r.states[e.state]
+				}),
+				/* @__PURE__ */ q("span", {
+					class: "end",
+					children: /* @__PURE__ */ q(ut, { survey: e })
+				})
+			]
+		}),
+		/* @__PURE__ */ q("p", {
+			class: "soft",
+			children: [
+				Ve(e),
+				e.weightKg === null ? "" : `${K(e.weightKg, 1)} kg`,
+				e.photos === null ? "" : r.photos(e.photos, K(e.photos)),
+				e.day ? r.taken(ke(e.day)) : ""
+			].filter(Boolean).join(" · ")
+		}),
+		!i && /* @__PURE__ */ q(dt, { survey: e }),
+		/* @__PURE__ */ q("section", {
+			class: "sheet results",
+			children: [/* @__PURE__ */ q("div", {
+				class: "tabs",
+				role: "tablist",
+				children: $.map((t) => /* @__PURE__ */ q("a", {
+					role: "tab",
+					id: `tab-${t}`,
+					"aria-selected": a === t,
+					"aria-controls": "panel",
+					href: `#/survey/${e.id}/${t}`,
+					tabIndex: a === t ? 0 : -1,
+					onKeyDown: (n) => {
+						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
+						if (!r) return;
+						let i = $[($.indexOf(t) + r + $.length) % $.length];
+						Q(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
+					},
+					children: o[t]
+				}, t))
+			}), /* @__PURE__ */ q("div", {
+				id: "panel",
+				role: "tabpanel",
+				"aria-labelledby": `tab-${a}`,
+				children: a === "photos" ? /* @__PURE__ */ q(ft, { survey: e }) : a === "scene" ? /* @__PURE__ */ q(ot, { survey: e }) : i ? a === "trees" ? /* @__PURE__ */ q(pt, { survey: e }) : a === "compare" ? /* @__PURE__ */ q(mt, {
+					survey: e,
+					everything: t
+				}) : a === "files" ? /* @__PURE__ */ q(ht, {
+					survey: e,
+					everything: t
+				}) : /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q("p", {
+					class: "line",
+					children: /* @__PURE__ */ q("button", {
+						type: "button",
+						class: "end",
+						onClick: () => document.querySelector("iframe.view")?.contentWindow?.print(),
+						children: r.print
+					})
+				}), /* @__PURE__ */ q("iframe", {
+					class: "view",
+					src: `surveys/${e.id}/view/`,
+					title: r.viewTitle
+				}, e.id)] }) : /* @__PURE__ */ q("p", {
+					class: "soft",
+					children: r.resultWait
+				})
+			})]
+		}),
+		i && /* @__PURE__ */ q(gt, {
+			survey: e,
+			canLearn: t.facts.canLearn
+		}),
+		i && /* @__PURE__ */ q(dt, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ q(_t, { survey: e }),
+		!st.includes(e.state) && /* @__PURE__ */ q("p", {
+			class: "line",
+			children: [/* @__PURE__ */ q(Y, {
+				onDo: async () => {
+					await Z(`surveys/${e.id}/forget`), Q("/");
+				},
+				children: r.forget
+			}), /* @__PURE__ */ q("span", {
+				class: "soft",
+				children: r.forgetText
+			})]
+		})
+	] });
+}
+// src/app/main.tsx
+function yt() {
+	let e = document.documentElement, t = e.dataset.theme ? e.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+	e.dataset.theme = t ? "light" : "dark";
+}
+function bt() {
+	let [e, t] = V(null), [n, r] = V(!1), [i, a] = V(location.hash), [o, s] = V(De()), [c, l] = V(!1), [u, d] = V(!1);
+	H(() => u ? void 0 : Re(t, r), [u]), H(() => {
+		let e = () => a(location.hash);
+		return addEventListener("hashchange", e), () => removeEventListener("hashchange", e);
+	}, []), H(() => {
+		document.documentElement.lang = o;
+	}, [o]);
+	let f = G();
+	if (u) return /* @__PURE__ */ q("main", {
+		class: "closed",
+		children: [/* @__PURE__ */ q("h1", { children: f.closed }), /* @__PURE__ */ q("p", { children: f.closedHow })]
+	});
+	let [, p, m, h] = i.replace(/^#/, "").split("/"), g = e?.surveys.find((e) => e.id === m);
+	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ q(y, { children: [
+		/* @__PURE__ */ q("header", {
+			class: "top",
+			children: [/* @__PURE__ */ q("a", {
+				href: "#/",
+				class: "brand",
+				children: [/* @__PURE__ */ q("svg", {
+					viewBox: "0 0 16 16",
+					"aria-hidden": "true",
+					children: [/* @__PURE__ */ q("circle", {
+						cx: "8",
+						cy: "9",
+						r: "6",
+						fill: "#b8322a"
+					}), /* @__PURE__ */ q("path", {
+						d: "M8 4q0-3 3-3",
+						fill: "none",
+						stroke: "#4f7d5a",
+						"stroke-width": "1.6"
+					})]
+				}), f.title]
+			}), /* @__PURE__ */ q("span", {
+				class: "end",
+				children: [
+					/* @__PURE__ */ q("select", {
+						"aria-label": "Language, Sprache",
+						value: o,
+						onChange: (e) => {
+							Ee(e.currentTarget.value), s(e.currentTarget.value);
+						},
+						children: Object.entries(Ce).map(([e, t]) => /* @__PURE__ */ q("option", {
+							value: e,
+							children: t.language
+						}, e))
+					}),
+					/* @__PURE__ */ q("button", {
+						type: "button",
+						"aria-label": f.theme,
+						title: f.theme,
+						onClick: yt,
+						children: /* @__PURE__ */ q("svg", {
+							viewBox: "0 0 16 16",
+							"aria-hidden": "true",
+							children: [/* @__PURE__ */ q("path", {
+								d: "M8 2a6 6 0 1 0 0 12z",
+								fill: "currentColor"
+							}), /* @__PURE__ */ q("circle", {
+								cx: "8",
+								cy: "8",
+								r: "6",
+								fill: "none",
+								stroke: "currentColor"
+							})]
+						})
+					}),
+					/* @__PURE__ */ q("button", {
+						type: "button",
+						onClick: () => l(!0),
+						children: f.close
+					})
+				]
+			})]
+		}),
+		n && /* @__PURE__ */ q("p", {
+			class: "lost",
+			role: "alert",
+			children: f.lost
+		}),
+		e ? p === "new" ? /* @__PURE__ */ q(rt, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ q(vt, {
+			survey: g,
+			everything: e,
+			place: h ?? ""
+		}, g.id) : /* @__PURE__ */ q(We, { everything: e }) : /* @__PURE__ */ q("main", { children: /* @__PURE__ */ q("progress", { "aria-label": f.surveys }) }),
+		c && /* @__PURE__ */ q(Ne, {
+			title: f.close,
+			onClose: () => l(!1),
+			children: [/* @__PURE__ */ q("p", { children: f.closeSure }), /* @__PURE__ */ q("p", {
+				class: "line",
+				children: [/* @__PURE__ */ q(Y, {
+					class: "main",
+					onDo: async () => {
+						await Z("close"), d(!0);
+					},
+					children: f.close
+				}), /* @__PURE__ */ q("button", {
+					type: "button",
+					onClick: () => l(!1),
+					children: f.cancel
+				})]
+			})]
+		})
+	] });
+}
+ie(/* @__PURE__ */ q(bt, {}), document.getElementById("app"));

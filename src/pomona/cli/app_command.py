@@ -1,0 +1,47 @@
+"""`pomona app`: surveys made, watched and looked at in a page, without a terminal."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pomona.errors import InputError
+
+_PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
+_NO_BROWSER = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
+_SURVEYS = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Where new surveys go. Default: Pomona in your documents.")
+]
+_PHOTOS = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="FOLDER", help="A folder to choose photos from besides your own and memory cards."),
+]
+
+
+def app(port: _PORT = 0, no_browser: _NO_BROWSER = False, surveys: _SURVEYS = None, photos: _PHOTOS = None) -> None:
+    """Make surveys in the browser: choose or drop photos, watch the run, look at the fruits, correct them.
+
+    The page is served to this computer alone. Ctrl-C, or the page's button, ends it; a run that is at work is stopped
+    then, and goes on another time.
+    """
+    from pomona.app.folders import Folders
+    from pomona.app.pages import AppServer
+    from pomona.app.service import Homes
+
+    try:
+        server = AppServer(Homes.usual(surveys), Folders.usual(photos or ()), port=port)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"`port` {port}: {reason}: choose another, or none for a free one") from None
+    with server:
+        typer.echo(server.url)
+        typer.echo("Ctrl-C ends it.", err=True)
+        if not no_browser and not webbrowser.open(server.url):
+            typer.echo("No browser could be opened; the page is at the address above.", err=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo("", err=True)

@@ -1,0 +1,67 @@
+/** What the page asks its server for. Whatever does not go comes back as an `Error` with what Pomona says. */
+
+import type { Everything, Refusal } from "./contract";
+
+async function answer<T>(response: Response): Promise<T> {
+  if (response.ok) return response.status === 204 ? (undefined as T) : ((await response.json()) as T);
+  const text = await response.text();
+  let message = text;
+  try {
+    message = (JSON.parse(text) as Refusal).message;
+  } catch {
+    // Plain text is the message itself.
+  }
+  throw new Error(message || `${response.status}`);
+}
+
+export async function ask<T>(path: string): Promise<T> {
+  return answer<T>(await fetch(`api/${path}`));
+}
+
+export async function tell<T>(path: string, values: unknown = {}): Promise<T> {
+  const body = JSON.stringify(values);
+  return answer<T>(await fetch(`api/${path}`, { method: "POST", headers: { "Content-Type": "application/json" }, body }));
+}
+
+/** Save a file that the server makes, under the name that it gives. */
+export async function download(path: string): Promise<void> {
+  const response = await fetch(`api/${path}`);
+  if (!response.ok) await answer(response);
+  const name = /filename="?([^";]+)/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? "pomona";
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(await response.blob());
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+/** Send a file, saying how many bytes have gone. */
+export function send(path: string, file: File, onSent: (bytes: number) => void): Promise<string> {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("PUT", `api/${path}`);
+    request.upload.onprogress = (event) => onSent(event.loaded);
+    request.onerror = () => reject(new Error("network"));
+    request.onload = () => {
+      try {
+        const values = JSON.parse(request.responseText) as string | Refusal;
+        if (request.status === 200) resolve(values as string);
+        else reject(new Error((values as Refusal).message));
+      } catch {
+        reject(new Error(request.responseText || String(request.status)));
+      }
+    };
+    request.send(file);
+  });
+}
+
+/** Be told the list of surveys, now and whenever it changes. Returns what ends it. */
+export function listen(onNews: (everything: Everything) => void, onLost: (lost: boolean) => void): () => void {
+  const source = new EventSource("api/events");
+  source.onmessage = (event) => {
+    onLost(false);
+    onNews(JSON.parse(event.data as string) as Everything);
+  };
+  source.onerror = () => onLost(true);
+  return () => source.close();
+}
