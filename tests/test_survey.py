@@ -11,11 +11,14 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
+from pipeline_fakes import make_photos
+from pomona.capture import load_photos
 from pomona.errors import FormatError, MissingFileError, SurveyError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import disk_errors, write_file
+from pomona.survey.photos import photo_of
 from pomona.survey.record import Meter
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
 
@@ -165,3 +168,18 @@ def test_files_that_are_not_there_are_named_with_what_writes_them(tmp_path: Path
     survey.need(survey.fruits)
     with pytest.raises(MissingFileError, match=r"cameras does not exist: `pomona reconstruct .*s` writes it"):
         survey.need(survey.fruits, survey.cameras, survey.detections)
+
+
+@pytest.mark.parametrize("sides", [["photos"], ["photos/east", "photos/west"], ["photos/1/card", "photos/2/card"]])
+def test_one_photo_is_found_without_the_others(tmp_path: Path, sides: list[str]) -> None:
+    for k, side in enumerate(sides):
+        make_photos(tmp_path / side, 2, seed=k)
+    photos = load_photos([tmp_path / side for side in sides])
+    survey = SurveyFolder.create(tmp_path / "row")
+    survey.note(sources=[tmp_path / side for side in sides])
+    for photo in photos:
+        found = photo_of(survey, photo.name)
+        assert (found.name, found.path, found.width_px) == (photo.name, photo.path, photo.width_px)
+        photo.path.unlink()
+        with pytest.raises(MissingFileError, match="not where it was"):
+            photo_of(survey, photo.name)

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import MissingFileError, PomonaError
-from pomona.survey import SurveyFolder
+from pomona.app.opened import opened
+from pomona.errors import MissingFileError
 from pomona.survey.files import disk_errors, write_file
 from pomona.survey.record import now
 
@@ -121,11 +121,8 @@ def _entry(values: Mapping[str, Any]) -> Entry:
 
 def _created(folder: Path) -> str:
     """When the survey in a folder was begun, which no other one has in common with it; "" where there is none."""
-    if not folder.is_dir():
-        return ""
-    try:
-        survey = SurveyFolder.open(folder)
-    except (PomonaError, OSError):
+    survey = opened(folder)
+    if survey is None:
         return ""
     return f"{survey.get('created', '')} {' '.join(survey.get('sources', ()))}".strip()
 

@@ -18,7 +18,7 @@ from pomona.photos import Photo, Photos
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest
 from pomona.survey.fused import fused_path, read_fused
-from pomona.survey.photos import photos_of
+from pomona.survey.photos import photo_of
 from pomona.survey.reader import SurveyReader
 
 _POINTS = 12_000  # enough to know a row by, and drawn at once
@@ -34,7 +34,6 @@ class FirstResults:
 
     def __init__(self, survey: SurveyFolder) -> None:
         self._survey = survey
-        self._photos: Photos | None = None
 
     @property
     def names(self) -> list[str]:
@@ -93,12 +92,7 @@ class FirstResults:
         names = self.names
         if not 0 <= index < len(names):
             raise MissingFileError("This photo is not of the survey")
-        if self._photos is None:
-            self._photos = photos_of(self._survey, names)
-        by_name = self._photos.by_name()
-        if names[index] not in by_name:
-            raise MissingFileError(f"{names[index]} is not where it was")
-        return by_name[names[index]]
+        return photo_of(self._survey, names[index])
 
     def _whole_detections(self) -> bool:
         record = self._survey.record_of("segment")

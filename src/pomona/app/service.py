@@ -31,16 +31,16 @@ from pomona.app.contract import (
 from pomona.app.first_results import FirstResults
 from pomona.app.folders import Folders
 from pomona.app.jobs import Job, Jobs
+from pomona.app.opened import opened
 from pomona.app.progress_view import run_view
 from pomona.app.request import begun_with, equal_of_survey, equal_to, folder_name, options_of, run_arguments
 from pomona.app.wire import as_json
-from pomona.capture.images import read_header
-from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
+from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.export import EXPORT_FORMATS, export_format
 from pomona.fruit_kinds import FRUIT_KINDS
 from pomona.survey import SurveyFolder
 from pomona.survey.events import RunStatus, run_status
-from pomona.survey.photos import photos_of
+from pomona.survey.photos import photo_of
 
 _PACE_S = 0.7  # so often the page is told what changed
 _WORKING = ("queued", "running", "stopping")
@@ -217,7 +217,7 @@ class Service:
 
     def _arguments(self, entry: Entry, *, learn: bool) -> tuple[str, ...]:
         """How a run goes on: with the survey's own options where it has some, else as it was asked for."""
-        survey = _opened(entry.folder)
+        survey = opened(entry.folder)
         if survey is not None and survey.get("sources"):
             try:
                 return run_arguments(*begun_with(survey), adapt=learn)
@@ -241,7 +241,7 @@ class Service:
         )
 
     def _view(self, entry: Entry) -> SurveyView:
-        survey, job = _opened(entry.folder), self._jobs.of(entry.id)
+        survey, job = opened(entry.folder), self._jobs.of(entry.id)
         status = run_status(survey) if survey else None
         if job is not None and status is not None and job.state not in _WORKING and status.began > job.ended:
             job = None  # the survey went on elsewhere since
@@ -299,9 +299,8 @@ class Service:
         if entry.id not in self._days:
             self._days[entry.id] = ""
             with suppress(PomonaError, OSError):
-                first = survey.get("photos")[0]["name"]
-                header = read_header(photos_of(survey, [first]).by_name()[first].path)
-                self._days[entry.id] = header.exif.taken_at.date().isoformat() if header.exif.taken_at else ""
+                first = photo_of(survey, survey.get("photos")[0]["name"])
+                self._days[entry.id] = first.taken_at.date().isoformat() if first.taken_at else ""
         return self._days[entry.id]
 
     def _tell(self) -> None:
@@ -313,13 +312,6 @@ class Service:
                     self._publish(text)
             self._news.wait(_PACE_S)
             self._news.clear()
-
-
-def _opened(folder: Path) -> SurveyFolder | None:
-    try:
-        return SurveyFolder.open(folder)
-    except (MissingFileError, PomonaError, OSError):
-        return None
 
 
 def _state(

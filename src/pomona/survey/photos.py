@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 from pomona.cameras import Cameras
+from pomona.errors import MissingFileError
 from pomona.photo_names import photos_named
 from pomona.photos import Photo, Photos
 from pomona.survey.folder import SurveyFolder
@@ -31,6 +32,33 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
         key_frames=KeyFrameOptions(**{f.name: chosen[f.name] for f in fields(KeyFrameOptions) if f.name in chosen}),
     )
     return photos_named(photos, names)
+
+
+def photo_of(survey: SurveyFolder, name: str) -> Photo:
+    """Return one photo, without a look at the others; raises `MissingFileError` where it is not where it was.
+
+    Its side is not looked for. Raises `InputError` where the file cannot be read.
+    """
+    from pomona.capture import load_photos
+
+    path = next((path for path in _places(survey, name) if path.is_file()), None)
+    if path is None:
+        raise MissingFileError(f"{name} is not where it was")
+    (photo,) = load_photos([path], sides="none", min_photos=1)
+    return replace(photo, name=name)
+
+
+def _places(survey: SurveyFolder, name: str) -> Iterator[Path]:
+    """Where a photo may be: below the folder that photos came from, or that of its side, or among key frames."""
+    sources = [Path(source) for source in survey.get("sources") or ()]
+    side, _, inside = name.partition("/")
+    numbers = [str(number) for number in range(1, len(sources) + 1)]
+    if len(sources) == 1:
+        yield sources[0] / name
+    for source, number in zip(sources, numbers, strict=True) if len(sources) > 1 else ():
+        if side in source.parts or side in (source.stem, number):
+            yield source / inside
+    yield survey.folder / "work" / "frames" / name
 
 
 def placeholder(name: str, cameras: Cameras, side: str = "") -> Photo:
