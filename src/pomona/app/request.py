@@ -67,7 +67,10 @@ def run_arguments(photos: Sequence[Path], out: Path, options: RunOptions, *, ada
         if is_dataclass(value):
             raise InputError(f"`{name}` was set in Python: go on with the survey there")
         option = _OTHER_NAMES.get(name, name.replace("_", "-"))
-        arguments += [f"--no-{option}"] if value is False else [f"--{option}", _text(value)]
+        if isinstance(value, bool):
+            arguments.append(f"--{option}" if value else f"--no-{option}")
+        else:
+            arguments += [f"--{option}", _text(value)]
     return (*arguments, *(["--adapt"] if adapt else []))
 
 

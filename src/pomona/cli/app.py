@@ -55,3 +55,5 @@ _COMMANDS = (
 for command in _COMMANDS:
     app.command()(reporting_errors(command))
 app.command("app")(reporting_errors(app_command))
+app.add_typer(orchard, name="orchard")
+app.add_typer(benchmark, name="benchmark")

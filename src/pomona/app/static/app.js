@@ -463,6 +463,7 @@ var Ce = {
 			measure: "Sizes",
 			planting: "Trees",
 			dense: "Cloud of the fruits",
+			scene: "Cloud of the row",
 			results: "Tables and map",
 			report: "Report",
 			learn: "Learning"
@@ -682,6 +683,7 @@ var Ce = {
 			measure: "Größen",
 			planting: "Bäume",
 			dense: "Punkte der Früchte",
+			scene: "Punkte der Reihe",
 			results: "Tabellen und Karte",
 			report: "Bericht",
 			learn: "Lernen"
