@@ -103,6 +103,13 @@ def test_a_survey_is_listed_once_and_known_after_a_restart(tmp_path: Path, surve
         catalogue.find(other.id)
 
 
+def test_two_programs_keep_one_list(tmp_path: Path, surveyed: Path) -> None:
+    one, other = Catalogue(tmp_path / "surveys.json"), Catalogue(tmp_path / "surveys.json")
+    first = one.add("row", surveyed)
+    second = other.add("later", tmp_path / "later")
+    assert [entry.id for entry in one.entries] == [second.id, first.id]
+
+
 def test_a_survey_that_was_renamed_is_found_again(tmp_path: Path, surveyed: Path) -> None:
     catalogue = Catalogue(tmp_path / "surveys.json")
     added = catalogue.add("row", surveyed)

@@ -36,18 +36,21 @@ class Entry:
 class Catalogue:
     """A file of surveys, the newest first. What is in it is never deleted from disk by forgetting it here.
 
+    The file is read whenever something is asked, as another Pomona may have changed it.
+
     A file that is damaged is kept aside, and the catalogue begins anew. Raises `SurveyError` where none can be written.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.RLock()
-        self._entries = self._read()
+        self._entries: list[Entry] = []
 
     @property
     def entries(self) -> tuple[Entry, ...]:
         """All surveys; of one that was moved beside where it was, or beside another one, its new place."""
         with self._lock:
+            self._entries = self._read()
             found = [self._followed(entry) for entry in self._entries]
             if found != self._entries:
                 self._entries = found
@@ -57,6 +60,7 @@ class Catalogue:
     def find(self, survey_id: str) -> Entry:
         """Return a survey; raises `MissingFileError` where it is not known (any more)."""
         with self._lock:
+            self._entries = self._read()
             for entry in self._entries:
                 if entry.id == survey_id:
                     return entry
@@ -66,6 +70,7 @@ class Catalogue:
         """Add a survey, or return the one of that folder, with what is asked of it now."""
         folder = folder.expanduser().resolve()
         with self._lock:
+            self._entries = self._read()
             known = next((entry for entry in self._entries if entry.folder == folder), None)
             if known is not None:
                 entry = replace(known, name=name, asked=asked or known.asked)
@@ -79,7 +84,8 @@ class Catalogue:
     def forget(self, survey_id: str) -> None:
         """Take a survey off the list; its folder stays."""
         with self._lock:
-            self._entries.remove(self.find(survey_id))
+            entry = self.find(survey_id)
+            self._entries.remove(entry)
             self._write()
 
     def _followed(self, entry: Entry) -> Entry:

@@ -84,11 +84,6 @@ class Service:
         self._news.set()
         self._jobs.close()
 
-    @property
-    def busy(self) -> bool:
-        """Whether a run of this program is at work."""
-        return any(survey.state in _WORKING for survey in self.everything().surveys)
-
     def everything(self) -> Everything:
         """Return the list of surveys, the newest first."""
         return Everything(self._facts(), [self._view(entry) for entry in self._catalogue.entries])

@@ -1,0 +1,29 @@
+import { describe, expect, it } from "vitest";
+import { isFit, withoutCommon, type Dropped } from "../src/app/dropping";
+import { LANGUAGES } from "../src/app/texts";
+
+const named = (...names: string[]): Dropped[] => names.map((name) => ({ name, file: new File([], name) }));
+
+describe("dropped files", () => {
+  it("are photos and videos, and nothing hidden", () => {
+    for (const name of ["IMG_1.JPG", "east/a.heic", "walk.mp4"]) expect(isFit(name)).toBe(true);
+    for (const name of ["notes.txt", ".a.jpg", ".trash/a.jpg", "survey.json"]) expect(isFit(name)).toBe(false);
+  });
+  it("lose the folder that all lie in, and keep the sides of the row", () => {
+    const kept = (...names: string[]) => withoutCommon(named(...names)).map(({ name }) => name);
+    expect(kept("row/a.jpg", "row/b.jpg")).toEqual(["a.jpg", "b.jpg"]);
+    expect(kept("row/east/a.jpg", "row/west/a.jpg")).toEqual(["east/a.jpg", "west/a.jpg"]);
+    expect(kept("a.jpg", "row/b.jpg")).toEqual(["a.jpg", "row/b.jpg"]);
+  });
+});
+
+describe("texts", () => {
+  it("say a thing in each language", () => {
+    const empty = Object.entries(LANGUAGES).flatMap(([code, texts]) =>
+      Object.entries(texts).filter(([name, text]) => text === "" && name !== "english").map(([name]) => `${code}.${name}`),
+    );
+    expect(empty).toEqual([]);
+    expect(Object.keys(LANGUAGES.de!.fruitNames)).toEqual(Object.keys(LANGUAGES.en!.fruitNames));
+    expect(Object.keys(LANGUAGES.de!.stages)).toEqual(Object.keys(LANGUAGES.en!.stages));
+  });
+});
