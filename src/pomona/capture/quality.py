@@ -15,6 +15,8 @@ from pomona.errors import PomonaError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 
+_BLACK, _WHITE = 6, 249
+
 
 @dataclass(frozen=True, kw_only=True)
 class QualityOptions:
@@ -70,15 +72,15 @@ def look_at(
     for index in track(chosen, progress or Silent(), "looking at the photos"):
         photo = listed[index]
         try:
-            grey = cv2.cvtColor(read_pixels(photo, max_side_px=options.side_px), cv2.COLOR_RGB2GRAY)
+            pixels = read_pixels(photo, max_side_px=options.side_px)
         except PomonaError:
             before = None
             continue
-        features = _features(np.asarray(grey, np.uint8))
+        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
+        features = _features(grey)
         follows = before is not None and before[0].side == photo.side and index - 1 in chosen
         overlap = _overlap(before[1], features, options.least_matches) if before is not None and follows else np.nan
-        dark, bright = float((grey <= 6).mean()), float((grey >= 249).mean())
-        found.append(PhotoQuality(photo.name, sharpness(grey), dark, bright, overlap))
+        found.append(PhotoQuality(photo.name, sharpness(grey), *clipped_shares(pixels), overlap))
         before = photo, features
     return found
 
@@ -95,6 +97,11 @@ def problems_of(seen: Sequence[PhotoQuality], *, options: QualityOptions | None 
         bright=tuple(photo.photo for photo in seen if photo.bright > options.clipped),
         gap=tuple(photo.photo for photo in seen if photo.overlap < options.overlap),
     )
+
+
+def clipped_shares(pixels: ByteArray) -> tuple[float, float]:
+    """Return which shares of pixels (h, w, 3) are black and white in all channels: light that no one can bring back."""
+    return float((pixels.max(axis=2) <= _BLACK).mean()), float((pixels.min(axis=2) >= _WHITE).mean())
 
 
 @dataclass(frozen=True, eq=False)

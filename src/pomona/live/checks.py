@@ -13,10 +13,6 @@ from pomona.photos import Photo
 
 Matter = Literal["unreadable", "dark", "bright", "blurred", "gap"]
 
-# Photos are decoded this small to see how they are exposed.
-_SIDE_PX = 800
-_BLACK, _WHITE = 6, 249
-
 
 @dataclass(frozen=True)
 class Hint:
@@ -38,10 +34,9 @@ class Checks:
     def exposure(self, photo: Photo) -> list[Hint]:
         """Return what is to be said of the light; raises as `capture.read_pixels` does."""
         from pomona.capture import read_pixels
+        from pomona.capture.quality import QualityOptions, clipped_shares
 
-        pixels = read_pixels(photo, max_side_px=_SIDE_PX)
-        dark = float((pixels.max(axis=2) <= _BLACK).mean())
-        bright = float((pixels.min(axis=2) >= _WHITE).mean())
+        dark, bright = clipped_shares(read_pixels(photo, max_side_px=QualityOptions.side_px))
         hints = []
         if dark > self._options.clipped:
             text = f"is dark: {dark:.0%} of it is black. Expose longer or wait for light; then take it again"
