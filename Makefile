@@ -2,12 +2,13 @@
 #   make demo   makes .venv, installs Pomona, runs the main job on the bundled sample
 #   make test   makes .venv-dev, installs what the tests need, runs the quick tests
 # Others: make check (what .ci/run runs), make docs (the documentation as a site: site/index.html), make viewer (rebuild the
-# viewer; needs Node), make nightly (slow tests, fuzzing and benchmarks; a table of their figures over revisions).
+# viewer; needs Node), make fuzz (damaged files by every reader, for hours), make nightly (slow tests, fuzzing and
+# benchmarks; a table of their figures over revisions).
 
 PYTHON ?= python3
 DEMO_OUT ?= pomona-demo
 
-.PHONY: demo test check lint docs slow nightly viewer clean
+.PHONY: demo test check lint docs slow nightly fuzz viewer clean
 
 demo: .venv/installed
 	.venv/bin/pomona demo --out $(DEMO_OUT)
@@ -31,6 +32,11 @@ slow: .venv-dev/installed
 
 nightly: .venv-dev/installed
 	.ci/nightly
+
+FUZZ_FILES ?= 10000
+fuzz: .venv-dev/installed
+	mkdir -p build
+	cd tests && ../.venv-dev/bin/python -m fuzz --files $(FUZZ_FILES) --out ../build/fuzz.md
 
 viewer:
 	cd viewer && npm ci && npm run build && npm test

@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -390,3 +391,32 @@ def voc(folder: Path) -> Path:
         text = f'<?xml version="1.0" ?>\n<annotation><folder>VOC</folder>{file}{size}{"".join(objects)}</annotation>'
         written(folder / f"{Path(name).stem}.xml", text)
     return folder
+
+
+Writer = Callable[[Path], Path]
+# Whether masks are as they were, to the pixel; and whether scores are there.
+WRITERS: dict[str, tuple[Writer, bool, bool]] = {
+    "COCO, compressed runs": (coco_file(lambda f: rle_of(f.pixels)), True, True),
+    "COCO, runs": (coco_file(lambda f: runs_of(f.pixels)), True, True),
+    "COCO, polygons": (coco_file(polygon_of), False, True),
+    "COCO results and images": (results_with_images, True, True),
+    "COCO results by name": (results_of_names, True, True),
+    "SAHI": (sahi_results, True, True),
+    "supervision, COCO": (supervision_coco, True, False),
+    "supervision, YOLO": (yolo_traced, True, False),
+    "supervision, Pascal VOC": (voc, True, False),
+    "VIA 1": (via1, False, True),
+    "VIA 2": (via2, False, True),
+    "VIA 3": (via3, False, True),
+    "VIA, a table": (via_csv, False, True),
+    "YOLO": (yolo, False, True),
+    "YOLO without scores": (partial(yolo, scored=False), False, False),
+    "images of 8 bits": (partial(label_images, kind="8 bits"), True, False),
+    "images of 16 bits": (partial(label_images, kind="16 bits"), True, False),
+    "images of colours": (partial(label_images, kind="colours"), True, False),
+    "images with a palette": (partial(label_images, kind="palette"), True, False),
+    "TIFF, little-endian": (partial(label_images, kind="<"), True, False),
+    "TIFF, big-endian": (partial(label_images, kind=">"), True, False),
+    "MATLAB": (mats, True, True),
+    "CVAT": (cvat, False, True),
+}

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 
 import detection_scenes as scenes
-from detection_scenes import FRUITS, SCENE, scene_photos, whole, written
+from detection_scenes import FRUITS, SCENE, WRITERS, scene_photos, whole, written
 from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.detections.read import read_detections
@@ -21,33 +19,6 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from work import counted
 
-Writer = Callable[[Path], Path]
-# Whether masks are as they were, to the pixel; and whether scores are there.
-WRITERS: dict[str, tuple[Writer, bool, bool]] = {
-    "COCO, compressed runs": (scenes.coco_file(lambda f: scenes.rle_of(f.pixels)), True, True),
-    "COCO, runs": (scenes.coco_file(lambda f: scenes.runs_of(f.pixels)), True, True),
-    "COCO, polygons": (scenes.coco_file(scenes.polygon_of), False, True),
-    "COCO results and images": (scenes.results_with_images, True, True),
-    "COCO results by name": (scenes.results_of_names, True, True),
-    "SAHI": (scenes.sahi_results, True, True),
-    "supervision, COCO": (scenes.supervision_coco, True, False),
-    "supervision, YOLO": (scenes.yolo_traced, True, False),
-    "supervision, Pascal VOC": (scenes.voc, True, False),
-    "VIA 1": (scenes.via1, False, True),
-    "VIA 2": (scenes.via2, False, True),
-    "VIA 3": (scenes.via3, False, True),
-    "VIA, a table": (scenes.via_csv, False, True),
-    "YOLO": (scenes.yolo, False, True),
-    "YOLO without scores": (partial(scenes.yolo, scored=False), False, False),
-    "images of 8 bits": (partial(scenes.label_images, kind="8 bits"), True, False),
-    "images of 16 bits": (partial(scenes.label_images, kind="16 bits"), True, False),
-    "images of colours": (partial(scenes.label_images, kind="colours"), True, False),
-    "images with a palette": (partial(scenes.label_images, kind="palette"), True, False),
-    "TIFF, little-endian": (partial(scenes.label_images, kind="<"), True, False),
-    "TIFF, big-endian": (partial(scenes.label_images, kind=">"), True, False),
-    "MATLAB": (scenes.mats, True, True),
-    "CVAT": (scenes.cvat, False, True),
-}
 UNLISTED = "COCO results by name"  # they have no place for a photo without fruit
 
 

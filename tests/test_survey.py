@@ -54,7 +54,7 @@ def test_a_foreign_survey_json_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_a_damaged_survey_json_is_told_of(tmp_path: Path) -> None:
     (tmp_path / "survey.json").write_text("{")
-    with pytest.raises(FormatError, match=r"survey\.json: expected JSON"):
+    with pytest.raises(FormatError, match=r"survey\.json: .*it is no JSON"):
         SurveyFolder.create(tmp_path)
 
 

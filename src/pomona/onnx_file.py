@@ -41,9 +41,12 @@ class OnnxFile:
         if not self.path.is_file():
             raise MissingFileError(f"Model {path}: no such file")
         self._session = _open(self.path, threads)
-        self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        self.inputs = tuple(map(_tensor, self._session.get_inputs()))
-        self.outputs = tuple(map(_tensor, self._session.get_outputs()))
+        try:
+            self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+            self.inputs = tuple(map(_tensor, self._session.get_inputs()))
+            self.outputs = tuple(map(_tensor, self._session.get_outputs()))
+        except UnicodeDecodeError as error:
+            raise FormatError(f"{path}: expected an ONNX model with names and metadata in UTF-8, but {error}") from None
 
     def run(self, image: Array, outputs: Sequence[str]) -> list[Float32Array]:
         """Run the network on its one input and return the outputs named, as float32."""
@@ -135,9 +138,11 @@ def _open(path: Path, threads: int | None) -> Any:
         options.intra_op_num_threads = threads
     wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
     available = ort.get_available_providers()
+    providers = [name for name in wanted if name in available]
     try:
+        # Where there is nothing to fall back to, ONNX Runtime would try the same again, and print that it does.
         return ort.InferenceSession(
-            str(path), sess_options=options, providers=[name for name in wanted if name in available]
+            str(path), sess_options=options, providers=providers, enable_fallback=int(len(providers) > 1)
         )
     except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
         reason = _first_line(error)

@@ -16,6 +16,7 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.datasets.values import BenchmarkResult, Comparison, Figure
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.files import read_text
 from pomona.formats.xyz import first_lines, read_numbers
 from pomona.fruits import FruitCloud
 from pomona.fuse.cloud import fruits_of_cloud
@@ -84,7 +85,7 @@ def _is_table(path: Path) -> bool:
 
 
 def _lines(table: Path) -> list[tuple[int, str]]:
-    lines = enumerate(table.read_text(encoding="utf-8-sig").splitlines(), start=1)
+    lines = enumerate(read_text(table, _TABLE).splitlines(), start=1)
     return [(number, line) for number, line in lines if line.strip()]
 
 

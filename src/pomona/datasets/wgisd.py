@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from zipfile import BadZipFile
-
-import numpy as np
 
 from pomona.arrays import Array
 from pomona.datasets.pictures import read_labels, segment_pictures
@@ -27,6 +24,7 @@ from pomona.evaluate.detections import (
 )
 from pomona.formats.detections.label_sets import LabelSet
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.npz import read_npz
 from pomona.progress import Progress
 
 NAME = "WGISD"
@@ -83,17 +81,10 @@ def _fruit(path: Path, pixels: Array, number: int) -> LabelledFruit:
 
 
 def _read_masks(path: Path) -> Array:
-    if not path.is_file():
-        raise MissingFileError(f"{path}: expected the masks of {path.stem}, but there is no such file")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            if len(file.files) != 1:
-                raise FormatError(f"{path}: expected one array of masks, found {', '.join(file.files) or 'none'}")
-            return np.asarray(file[file.files[0]])
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(f"{path}: expected NumPy's masks of {path.stem}, but {error}") from None
+    arrays = read_npz(path, f"NumPy's masks of {path.stem}")
+    if len(arrays) != 1:
+        raise FormatError(f"{path}: expected one array of masks, found {', '.join(arrays) or 'none'}")
+    return next(iter(arrays.values()))
 
 
 def _stems(file: Path, photos: dict[str, LabelledPhoto]) -> Sequence[str]:

@@ -7,6 +7,7 @@ origin, and the file's CRS is that frame's own, as WKT, so that a GIS puts the c
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import laspy
 import numpy as np
@@ -22,6 +23,9 @@ FRUIT_ID = "fruit_id"
 _STEP_M = 1e-4  # a tenth of a millimetre: finer than any cloud is, and room for 200 km
 # LAS keeps coordinates as 32-bit integers of steps: what is further from the offset than this cannot be written.
 _REACH_M = _STEP_M * (2**31 - 1)
+# LAZ makes real clouds 5 to 20 times smaller; a file that says more than this is made to fill the memory.
+_MOST_COMPRESSED, _ALWAYS_FINE_BYTES = 500, 64_000_000
+_VLR_BYTES, _EVLR_BYTES, _LEAST_CHUNK_BYTES = 54, 60, 1
 
 
 def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None) -> None:
@@ -53,8 +57,10 @@ def read_las(path: Path) -> FruitCloud:
     path = Path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such file; expected a LAS or LAZ cloud")
+    _check_header(path)
     try:
-        las = laspy.read(str(path))
+        # One thread: on a damaged file, those of the parallel reader wait for each other for ever.
+        las = laspy.read(str(path), laz_backend=laspy.LazBackend.Lazrs)
     except Exception as error:  # laspy and its decompressors raise many kinds, all of them about this file
         raise FormatError(f"{path}: expected a LAS or LAZ file, could not read it: {error}") from error
     names = set(las.point_format.dimension_names)
@@ -67,6 +73,47 @@ def read_las(path: Path) -> FruitCloud:
         rgb = np.full((len(points), 3), 128, np.uint8)
     fruit_id = np.asarray(las[FRUIT_ID], np.int64) if FRUIT_ID in names else np.zeros(len(points), np.int64)
     return FruitCloud(points, rgb, fruit_id)
+
+
+def _check_header(path: Path) -> None:
+    """Refuse counts of points and records that the file has no room for, which laspy would count to.
+
+    Source: LAS Specification 1.4 R15 (ASPRS), tables 3 and 10; LAZ sets the highest bits of the point format.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(375)
+        chunks = _chunks(file, size, int.from_bytes(head[96:100], "little"))
+    if len(head) < 227 or not head.startswith(b"LASF"):
+        raise FormatError(f"{path}: expected a LAS or LAZ file, which begins with 'LASF' and a header")
+    minor, start = head[25], int.from_bytes(head[96:100], "little")
+    vlrs, count = (int.from_bytes(head[at : at + 4], "little") for at in (100, 107))
+    compressed, record_bytes = bool(head[104] & 0xC0), int.from_bytes(head[105:107], "little")
+    evlrs = 0
+    if minor >= 4 and len(head) == 375:
+        evlrs = int.from_bytes(head[243:247], "little")
+        count = int.from_bytes(head[247:255], "little")
+    room = max(size * _MOST_COMPRESSED, _ALWAYS_FINE_BYTES) if compressed else max(0, size - start)
+    if compressed and chunks * _LEAST_CHUNK_BYTES > size:
+        raise FormatError(f"{path}: expected a LAZ file, found a table of {chunks} chunks: it is damaged or cut short")
+    if count * record_bytes > room or vlrs * _VLR_BYTES + evlrs * _EVLR_BYTES > size:
+        raise FormatError(
+            f"{path}: its header says {count} points of {record_bytes} bytes and {vlrs + evlrs} records before and "
+            f"after them, which a file of {size} bytes cannot hold: it is damaged or cut short"
+        )
+
+
+def _chunks(file: BinaryIO, size: int, start: int) -> int:
+    """How many chunks the table at the end of LAZ's points has; 0 where there is no table."""
+    file.seek(start)
+    at = int.from_bytes(file.read(8), "little", signed=True)
+    if at == -1:  # of a file that was written without going back
+        file.seek(max(0, size - 8))
+        at = int.from_bytes(file.read(8), "little", signed=True)
+    if not 0 < at <= size - 8:
+        return 0
+    file.seek(at)
+    return int.from_bytes(file.read(8)[4:], "little")
 
 
 def _header(path: Path, points: FloatArray, frame: WorldFrame | None) -> laspy.LasHeader:

@@ -13,6 +13,8 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError, MissingFileError
 
+_GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
+
 
 @dataclass(frozen=True)
 class SmallTable:
@@ -46,7 +48,7 @@ class SmallTable:
         found: list[int] = []
         for line, cell in self._of(column):
             value = self._number(line, column, cell)
-            if value != int(value) or value < 0:
+            if value != int(value) or not 0 <= value <= _GREATEST_ID:
                 raise FormatError(f"{self._at(line, column)}: expected a whole number of 0 or more, found {cell!r}")
             if int(value) in found:
                 raise FormatError(f"{self._at(line, column)}: {self.entry} {int(value)} stands there twice")
@@ -90,7 +92,8 @@ def read_small_table(
     if not lines:
         raise FormatError(f"{path}: the file is empty; expected {wanted}")
     separator = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
-    header, *rows = csv.reader([line for _, line in lines], delimiter=separator)
+    # Line by line: a quotation mark that nothing closes is of its own line alone.
+    header, *rows = (_cells(path, number, line, separator) for number, line in lines)
     names = [cell.strip().lower() for cell in header]
     if missing := [column for column in columns if column not in names]:
         raise FormatError(
@@ -102,3 +105,10 @@ def read_small_table(
     at = {column: names.index(column) for column in [*columns, *optional] if column in names}
     cells = {column: tuple(row[k].strip() if k < len(row) else "" for row in rows) for column, k in at.items()}
     return SmallTable(path, tuple(number for number, _ in lines[1:]), cells, entry)
+
+
+def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except (csv.Error, StopIteration) as error:
+        raise FormatError(f"{path}, line {number}: expected cells parted by '{separator}', but {error}") from None

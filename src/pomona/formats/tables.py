@@ -190,6 +190,13 @@ def _read(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:
         raise FormatError(f"{path}: expected a table (CSV, UTF-8), but {error}") from None
 
 
+def _whole(text: str) -> int:
+    value = int(text)
+    if not -(2**63) <= value < 2**63:  # what a column of numbers has room for
+        raise ValueError(text)
+    return value
+
+
 class _Columns:
     """The cells of one column as numbers; empty ones are NaN, or 0 where the column holds whole numbers."""
 
@@ -197,7 +204,7 @@ class _Columns:
         self._path, self._rows = path, rows
 
     def whole(self, name: str) -> list[int]:
-        return self._numbers(name, int, 0, "a whole number")
+        return self._numbers(name, _whole, 0, "a whole number")
 
     def real(self, name: str) -> list[float]:
         return self._numbers(name, float, math.nan, "a number")

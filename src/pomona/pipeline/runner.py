@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from pomona.errors import SurveyError
+from pomona.errors import FormatError, SurveyError
 from pomona.pipeline.code import code_digest, engine_versions
 from pomona.pipeline.stage import RUN_LOG, Fact, Input, RunLog, Source, Stage, SurveyContext
 from pomona.progress import Progress, Recorder
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import content_key, digest, file_digest
-from pomona.survey.files import disk_errors
+from pomona.survey.files import disk_errors, flush_name, flush_to_disk
 from pomona.survey.record import Meter, now
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Runner:
         assert stage.store.load is not None
         try:
             return stage.store.load(record.info, self._context)
-        except KeyError as error:
+        except (KeyError, FormatError) as error:
             if stage.name in self._finished:
                 raise self._lost(stage) from error
             raise
@@ -189,6 +189,9 @@ class Runner:
             value = stage.store.load(info, self._context)
         folder = self._survey.folder
         outputs = stage.store.outputs(self._survey)
+        for path in outputs:  # before the manifest says that they are there: the power may fail in between
+            flush_to_disk(path)
+            flush_name(path)
         return value, {path.relative_to(folder).as_posix(): file_digest(path) for path in outputs}, info
 
     def _note_stopped(self, stage: Stage[Any], record: StageRecord) -> None:

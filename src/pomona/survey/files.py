@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pomona.errors import PomonaError, SurveyError
@@ -24,9 +25,37 @@ def write_file(path: Path, write: Callable[[Path], None]) -> None:
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         write(temporary)
+        flush_to_disk(temporary)
         temporary.replace(path)
+        flush_name(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def flush_to_disk(path: Path) -> None:
+    """Wait until a file, or all in a folder, is on the disk: what names it may be written after that."""
+    if path.is_dir():
+        for inside in sorted(path.iterdir()):
+            flush_to_disk(inside)
+    _flush(path)
+
+
+def flush_name(path: Path) -> None:
+    """Wait until the disk knows of a file or folder under its name."""
+    _flush(path.parent)
+
+
+def _flush(path: Path) -> None:
+    # Windows has no handles of folders to flush, and some network shares cannot.
+    with suppress(PermissionError, IsADirectoryError):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+                raise
+        finally:
+            os.close(handle)
 
 
 @contextmanager

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from pomona import __version__
-from pomona.errors import FormatError, MissingFileError, SurveyError
+from pomona.errors import MissingFileError, SurveyError
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors, write_file
+from pomona.survey.manifest import FORMAT, MANIFEST, read_manifest
 from pomona.survey.record import StageRecord, now
 
-_FORMAT = "pomona-survey"
-_MANIFEST = "survey.json"
 # The command that writes each, of a survey that was stopped before it.
 _WRITERS = {
     "detections.json": "pomona segment PHOTOS --out {survey}",
@@ -57,35 +56,31 @@ class SurveyFolder:
         if folder.exists() and not folder.is_dir():
             raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for `out`")
         present = [p.name for p in folder.iterdir() if p.name not in _IGNORED] if folder.exists() else []
-        if present and _MANIFEST not in present:
+        if present and MANIFEST not in present:
             few = ", ".join(sorted(present)[:4]) + (" and more" if len(present) > 4 else "")
             raise SurveyError(
                 f"{folder} holds something else than a survey ({few}): nothing was written. "
                 "Choose a new or empty folder for `out`"
             )
         survey = cls.open(folder) if present else cls(folder, _new_manifest())
-        with disk_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            survey._write()
+        if not present:  # a survey that is there may be another run's, which is known once it is locked
+            with disk_errors(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+                survey._write()
         return survey
 
     @classmethod
     def open(cls, folder: Path) -> SurveyFolder:
         """Open an existing survey.
 
-        Raises `MissingFileError` when there is none, and `SurveyError` when `survey.json` is not one of Pomona's.
+        Raises `MissingFileError` when there is none, `SurveyError` when `survey.json` is not one of Pomona's, and
+        `FormatError` when it is damaged.
         """
         folder = Path(folder).expanduser().resolve()
-        path = folder / _MANIFEST
+        path = folder / MANIFEST
         if not path.is_file():
-            raise MissingFileError(f"{folder} is not a survey: expected a folder that `pomona run` wrote ({_MANIFEST})")
-        try:
-            manifest = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise FormatError(f"{path}: expected JSON, but {error}: use another folder, or remove this file") from None
-        if not isinstance(manifest, dict) or manifest.get("format") != _FORMAT:
-            raise SurveyError(f"{folder} holds something else than a survey: its {_MANIFEST} was not written by Pomona")
-        return cls(folder, manifest)
+            raise MissingFileError(f"{folder} is not a survey: expected a folder that `pomona run` wrote ({MANIFEST})")
+        return cls(folder, read_manifest(path))
 
     def need(self, *paths: Path) -> None:
         """Raise `MissingFileError` for the first of its files that is not there, naming the command that writes it."""
@@ -97,7 +92,7 @@ class SurveyFolder:
     @property
     def manifest_path(self) -> Path:
         """`survey.json`."""
-        return self.folder / _MANIFEST
+        return self.folder / MANIFEST
 
     @property
     def detections(self) -> Path:
@@ -179,7 +174,7 @@ class SurveyFolder:
         with disk_errors(self.folder):
             shutil.rmtree(self.before_adapting, ignore_errors=True)
             self.before_adapting.mkdir()
-            for name in (*_WRITERS, _MANIFEST):
+            for name in (*_WRITERS, MANIFEST):
                 path = self.folder / name
                 if path.is_dir():
                     shutil.copytree(path, self.before_adapting / name)
@@ -241,7 +236,10 @@ class SurveyFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other runs out of the folder while this one works; raises `SurveyError` when one is there already."""
+        """Keep other runs out of the folder while this one works; raises `SurveyError` when one is there already.
+
+        The manifest is read again then: another run may have written it in the meantime.
+        """
         try:
             import fcntl
         except ImportError:  # not on Windows
@@ -258,6 +256,7 @@ class SurveyFolder:
                 pass
             file.write(str(os.getpid()))
             file.flush()
+            self._manifest = read_manifest(self.manifest_path)
             yield
 
     def clear(self) -> None:
@@ -283,4 +282,4 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _new_manifest() -> dict[str, Any]:
-    return {"format": _FORMAT, "pomona": __version__, "created": now(), "stages": {}}
+    return {"format": FORMAT, "pomona": __version__, "created": now(), "stages": {}}

@@ -28,7 +28,7 @@ def write_fused(survey: SurveyFolder, stage: str, fused: Fused) -> None:
 def read_fused(survey: SurveyFolder, stage: str) -> Fused:
     """Return the fruits that `write_fused` kept.
 
-    Raises `FormatError` when the file is damaged or missing, and `KeyError` when another version wrote it.
+    Raises `MissingFileError`, and `FormatError` when the file is damaged or another version wrote it.
     """
     arrays = read_arrays(fused_path(survey, stage))
     return Fused(

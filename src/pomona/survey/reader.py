@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pomona.cameras import Cameras, WorldFrame
 from pomona.crop import Crop, RowSegments
 from pomona.detections import SurveyDetections
-from pomona.errors import PomonaError, few
+from pomona.errors import PomonaError, SurveyError, few
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos, Skipped
 from pomona.progress import Progress, Silent
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from pomona.scale.report import ScaleReport
     from pomona.sfm.pieces import Unregistered
     from pomona.survey.record import StageRecord
+
+_Fact = TypeVar("_Fact")
 
 
 class SurveyReader:
@@ -90,7 +92,7 @@ class SurveyReader:
     def crop(self) -> Crop | None:
         """All that hangs there, hidden fruits too, with intervals; None where too few were found to say."""
         record = self._finished("results")
-        return Crop.from_json(record.info.get("crop")) if record else None
+        return self._fact(record, "crop", Crop.from_json) if record and "crop" in record.info else None
 
     @cached_property
     def detections(self) -> SurveyDetections:
@@ -188,7 +190,7 @@ class SurveyReader:
         from pomona.survey.facts import frame_from
 
         record = self._finished("scale")
-        return replace(cameras, frame=frame_from(record.info["frame"])) if record else cameras
+        return replace(cameras, frame=self._fact(record, "frame", frame_from)) if record else cameras
 
     @property
     def scale(self) -> ScaleReport | None:
@@ -197,8 +199,8 @@ class SurveyReader:
 
         record = self._finished("scale")
         try:
-            return scale_report_from(record.info["report"]) if record else None
-        except KeyError:
+            return self._fact(record, "report", scale_report_from) if record else None
+        except SurveyError:
             return None
 
     @property
@@ -207,8 +209,8 @@ class SurveyReader:
         from pomona.survey.facts import unregistered_from
 
         sfm, scale = self._finished("sfm"), self._finished("scale")
-        entries = [*(sfm.info.get("unregistered", ()) if sfm else ()), *(scale.info.get("lost", ()) if scale else ())]
-        return unregistered_from(entries)
+        of_sfm = self._fact(sfm, "unregistered", unregistered_from) if sfm and "unregistered" in sfm.info else ()
+        return of_sfm + (self._fact(scale, "lost", unregistered_from) if scale and "lost" in scale.info else ())
 
     @property
     def score_threshold(self) -> float:
@@ -223,7 +225,7 @@ class SurveyReader:
 
     def _score(self, name: str) -> float:
         record = self._finished("select")
-        return float(record.info[name]) if record and name in record.info else 0.0
+        return self._fact(record, name, float) if record and name in record.info else 0.0
 
     @cached_property
     def before_filter(self) -> tuple[Fruits, Observations] | None:
@@ -244,6 +246,16 @@ class SurveyReader:
             return None
         before, after = (read_fused(self.files, stage).fruits for stage in ("fuse", "second_look"))
         return before, after
+
+    def _fact(self, record: StageRecord, name: str, read: Callable[[Any], _Fact]) -> _Fact:
+        """An entry of a stage's facts as a value; raises `SurveyError` where it is none."""
+        try:
+            return read(record.info[name])
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+            raise SurveyError(
+                f"{self.files.manifest_path}: {name}: not what a stage notes there ({error!r}): "
+                "`pomona run` with the photos again writes it anew"
+            ) from None
 
     def _finished(self, stage: str) -> StageRecord | None:
         record = self.files.record_of(stage)

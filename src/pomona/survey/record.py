@@ -46,7 +46,16 @@ class StageRecord:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> StageRecord:
-        """Return the record that `to_json` gave; entries of other versions are ignored."""
+        """Return the record that `to_json` gave; entries of other versions are ignored.
+
+        Raises `TypeError` or `ValueError` where it is none.
+        """
+        for name in ("outputs", "info", "engines"):
+            if not isinstance(values.get(name, {}), dict):
+                raise TypeError(f"{name}: expected an object, found {values[name]!r:.60}")
+        if not isinstance(values.get("fingerprint"), str):
+            raise TypeError("fingerprint: expected a text")
+        float(values.get("wall_s", 0.0))
         known = {name: values[name] for name in cls.__dataclass_fields__ if name in values}
         return cls(**{**known, "warnings": tuple(known.get("warnings", ()))})
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, TypeVar
-from zipfile import BadZipFile
 
 import numpy as np
 
 from pomona.arrays import Array
 from pomona.errors import FormatError
+from pomona.formats.npz import read_npz
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.survey.files import write_file
 
@@ -26,11 +26,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
 
 def read_arrays(path: Path) -> dict[str, Array]:
     """Read what `write_arrays` wrote; raises `FormatError` when it is damaged."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise FormatError(f"{path}: expected arrays that Pomona wrote, but {error}: delete it and run again") from None
+    return read_npz(path, "arrays that Pomona wrote (where they are damaged, delete the file and run again)")
 
 
 def arrays_of(value: Fruits | Observations | FruitCloud, prefix: str = "") -> dict[str, Array]:
@@ -39,10 +35,13 @@ def arrays_of(value: Fruits | Observations | FruitCloud, prefix: str = "") -> di
 
 
 def columns_from(kind: type[_Columns], arrays: Arrays, prefix: str = "") -> _Columns:
-    """Return the fruits, observations or cloud of which `arrays_of` gave the columns."""
+    """Return the fruits, observations or cloud of which `arrays_of` gave the columns; raises `FormatError`."""
     texts = {"sides", "reasons", "photo"}
     # A column that an older version did not write is as where it is not known.
     wanted = [f.name for f in fields(kind) if prefix + f.name in arrays or f.default_factory is MISSING]
-    columns: dict[str, Any] = {name: arrays[prefix + name] for name in wanted}
-    columns |= {name: tuple(str(text) for text in columns[name]) for name in texts & columns.keys()}
-    return kind(**columns)
+    try:
+        columns: dict[str, Any] = {name: arrays[prefix + name] for name in wanted}
+        columns |= {name: tuple(str(text) for text in columns[name]) for name in texts & columns.keys()}
+        return kind(**columns)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"expected the columns of {kind.__name__}, but {error!r}: run again") from None

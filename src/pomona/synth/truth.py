@@ -11,6 +11,8 @@ from PIL import Image
 
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, MissingFileError
+from pomona.formats.files import read_text
+from pomona.formats.json_file import load_json
 from pomona.photos import Photo, Photos
 from pomona.synth.cameras import RowCamera
 from pomona.synth.encoding import visible_pixels
@@ -76,18 +78,15 @@ def write_markers(path: Path, plates: Plates) -> None:
 
 
 def _read_table(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
-    if not path.is_file():
-        raise MissingFileError(f"{path} does not exist; expected a table with the columns {','.join(columns)}")
-    with path.open(newline="") as file:
-        table = csv.DictReader(file)
-        if not set(columns) <= set(table.fieldnames or ()):
-            raise FormatError(f"{path}, line 1: expected the columns {','.join(columns)}, found {table.fieldnames}")
-        rows = []
-        for row in table:
-            try:
-                rows.append([float(row[c]) for c in columns])
-            except (TypeError, ValueError) as error:
-                raise FormatError(f"{path}, line {table.line_num}: expected numbers, found {row}") from error
+    table = csv.DictReader(read_text(path, f"a table with the columns {','.join(columns)}").splitlines())
+    if not set(columns) <= set(table.fieldnames or ()):
+        raise FormatError(f"{path}, line 1: expected the columns {','.join(columns)}, found {table.fieldnames}")
+    rows = []
+    for row in table:
+        try:
+            rows.append([float(row[c]) for c in columns])
+        except (TypeError, ValueError) as error:
+            raise FormatError(f"{path}, line {table.line_num}: expected numbers, found {row}") from error
     return rows
 
 
@@ -105,10 +104,8 @@ def write_cameras(path: Path, cameras: tuple[RowCamera, ...]) -> None:
 
 def read_cameras(path: Path) -> tuple[RowCamera, ...]:
     """Read what `write_cameras` wrote."""
-    if not path.is_file():
-        raise MissingFileError(f"{path} does not exist; expected the row's true cameras")
+    table = load_json(path, "the row's true cameras")
     try:
-        table = json.loads(path.read_text())
         return tuple(
             RowCamera(name, np.array(c["R"], float), np.array(c["t"], float), c["f"], c["width"], c["height"])
             for name, c in table.items()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,6 +10,8 @@ import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.files import read_text
+from pomona.formats.json_file import load_json
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def read_truth(path: Path) -> Truth:
     Raises `MissingFileError`, and `FormatError` naming the line and what was expected.
     """
     file = _file_of(Path(path))
-    lines = file.read_text(encoding="utf-8-sig").splitlines()
+    lines = read_text(file, "true fruits").splitlines()
     header = {name.strip() for name in lines[0].split(",")} if lines else set()
     if header >= set(_FRUIT_COLUMNS):
         return _with_visible(file, _read_columns(file, lines))
@@ -137,10 +138,10 @@ def _with_visible(file: Path, truth: Truth) -> Truth:
     beside = file.with_name("visible_pixels.json")
     if not beside.is_file():
         return truth
+    table = load_json(beside, "{photo: {fruit id: pixels}}")
     try:
-        table = json.loads(beside.read_text())
         seen = [(photo, int(i), int(px)) for photo, pixels in table.items() for i, px in pixels.items()]
-    except (ValueError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise FormatError(f"{beside}: expected {{photo: {{fruit id: pixels}}}}, but {error}") from error
     return Truth(
         truth.ids, truth.centers_in_world, truth.diameters_m, truth.tree_ids, truth.boxes_in_world,
