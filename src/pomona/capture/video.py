@@ -74,7 +74,7 @@ def extract_key_frames(
         frames.append(KeyFrame(name, frame.frame_idx, round(frame.time_s, 4), width, height))
     # The manifest is written last: without it the frames are made anew.
     partial = frames_dir / (_MANIFEST + ".part")
-    partial.write_text(json.dumps({"made_from": made_from, "frames": [asdict(f) for f in frames]}, indent=1))
+    partial.write_text(json.dumps({"made_from": made_from, "frames": [asdict(f) for f in frames]}, indent=1), "utf-8")
     partial.replace(frames_dir / _MANIFEST)
     return tuple(frames)
 
@@ -91,9 +91,11 @@ def _digest(video: Path) -> str:
 
 def _read_manifest(frames_dir: Path) -> dict[str, Any] | None:
     try:
-        manifest = json.loads((frames_dir / _MANIFEST).read_text())
-        return manifest if {"made_from", "frames"} <= set(manifest) else None
-    except (OSError, ValueError):
+        manifest = json.loads((frames_dir / _MANIFEST).read_text(encoding="utf-8"))
+        # Names are used to remove files: in a folder that somebody else made, they may lead anywhere.
+        plain = all(frame["name"] == Path(frame["name"]).name for frame in manifest["frames"])
+        return manifest if plain and "made_from" in manifest else None
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 

@@ -147,6 +147,10 @@ def _scene(transforms: Path) -> Scene:
 
 def _file(transforms: Path, folder: Path, name: str, place: str) -> Path:
     path = folder / name.replace("\\", "/")
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise FormatError(
+            f"{transforms}: {place}: expected a file in {folder}, found '{name:.80}', which leads out of it"
+        )
     if not path.is_file():
         raise MissingFileError(f"{transforms}: {place}: {path} does not exist")
     return path

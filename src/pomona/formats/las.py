@@ -84,13 +84,14 @@ def _check_header(path: Path) -> None:
     with path.open("rb") as file:
         head = file.read(375)
         chunks = _chunks(file, size, int.from_bytes(head[96:100], "little"))
-    if len(head) < 227 or not head.startswith(b"LASF"):
+    least = 375 if head[24:25] == b"\x01" and head[25:26] >= b"\x04" else 227
+    if len(head) < least or not head.startswith(b"LASF"):
         raise FormatError(f"{path}: expected a LAS or LAZ file, which begins with 'LASF' and a header")
-    minor, start = head[25], int.from_bytes(head[96:100], "little")
+    start = int.from_bytes(head[96:100], "little")
     vlrs, count = (int.from_bytes(head[at : at + 4], "little") for at in (100, 107))
     compressed, record_bytes = bool(head[104] & 0xC0), int.from_bytes(head[105:107], "little")
     evlrs = 0
-    if minor >= 4 and len(head) == 375:
+    if least == 375:
         evlrs = int.from_bytes(head[243:247], "little")
         count = int.from_bytes(head[247:255], "little")
     room = max(size * _MOST_COMPRESSED, _ALWAYS_FINE_BYTES) if compressed else max(0, size - start)

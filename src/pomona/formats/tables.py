@@ -27,6 +27,9 @@ _DIGITS = {
     "weight_kg": 3, "weight_low_kg": 3, "weight_high_kg": 3, "all_fruits": 1, "all_low": 1, "all_high": 1,
 }  # fmt: skip
 
+# What a spreadsheet takes a cell that begins so for: a formula, which may call programs and send data away.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
 Number = TypeVar("Number", int, float)
 
 
@@ -58,7 +61,8 @@ def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
 
 def write_fruits(path: Path, fruits: Fruits) -> None:
     """Write `fruits.csv`, a line a fruit in the order of `fruits`."""
-    _write(path, FRUIT_COLUMNS, (list(row.values()) for row in fruit_rows(fruits)))
+    rows = ([_as_cell(cell) if isinstance(cell, str) else cell for cell in row.values()] for row in fruit_rows(fruits))
+    _write(path, FRUIT_COLUMNS, rows)
 
 
 def read_fruits(path: Path) -> Fruits:
@@ -78,8 +82,8 @@ def read_fruits(path: Path) -> Fruits:
         visibilities=np.array(column.real("visibility"), float),
         weights_g=np.array(column.real("weight_g"), float),
         tree_ids=np.array(column.whole("tree_id"), np.int64),
-        sides=tuple(row.get("side") or "" for row in rows),
-        reasons=tuple(row.get("reason") or "" for row in rows),
+        sides=tuple(_from_cell(row.get("side") or "") for row in rows),
+        reasons=tuple(_from_cell(row.get("reason") or "") for row in rows),
         weight_sds_g=np.array(column.real("weight_sd_g"), float),
         other_tree_ids=np.array(column.whole("other_tree_id"), np.int64),
         heights_m=np.array(column.real("height_m"), float),
@@ -90,7 +94,7 @@ def read_fruits(path: Path) -> Fruits:
 def write_observations(path: Path, observations: Observations) -> None:
     """Write `observations.csv`, a line a sighting."""
     columns = (observations.fruit_id, observations.photo, observations.detection_id, *observations.xy_px.T)
-    rows = ([int(f), p, int(d), f"{x:.2f}", f"{y:.2f}"] for f, p, d, x, y in zip(*columns, strict=True))
+    rows = ([int(f), _as_cell(p), int(d), f"{x:.2f}", f"{y:.2f}"] for f, p, d, x, y in zip(*columns, strict=True))
     _write(path, OBSERVATION_COLUMNS, rows)
 
 
@@ -100,7 +104,7 @@ def read_observations(path: Path) -> Observations:
     column = _Columns(path, rows)
     return Observations(
         np.array(column.whole("fruit_id"), np.int64),
-        tuple(row["photo"] for row in rows),
+        tuple(_from_cell(row["photo"]) for row in rows),
         np.array(column.whole("detection_id"), np.int64),
         np.array([column.real("x_px"), column.real("y_px")], float).T,
     )
@@ -166,6 +170,15 @@ def read_trees(path: Path) -> Trees:
 
 def _rounded(value: float, digits: int) -> float | None:
     return round(float(value), digits) if math.isfinite(value) else None
+
+
+def _as_cell(text: str) -> str:
+    """A text as a spreadsheet shows it: with an apostrophe first where it would be taken for a formula."""
+    return f"'{text}" if text.lstrip("'").startswith(_FORMULA) else text
+
+
+def _from_cell(text: str) -> str:
+    return text[1:] if text.startswith("'") and text.lstrip("'").startswith(_FORMULA) else text
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -26,7 +26,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     try:
         _check(manifest)
     except (InputError, TypeError, ValueError) as error:
-        raise FormatError(f"{path}: {error}: the file is damaged; a run with `overwrite` begins anew") from None
+        raise FormatError(f"{path}: {error}: the file is damaged: use another folder, or remove it") from None
     return manifest
 
 
@@ -50,7 +50,7 @@ def _check(manifest: Mapping[str, Any]) -> None:
 
 
 def _list_of(manifest: Mapping[str, Any], name: str, fits: Any, expected: str) -> None:
-    entries = manifest.get(name) or []
+    entries = manifest.get(name, [])
     if not isinstance(entries, list):
         raise InputError(f"{name}: expected a list, found {_shown(entries)}")
     wrong = next((k for k, entry in enumerate(entries) if not fits(entry)), None)

@@ -73,11 +73,18 @@ class PhotoFinder:
             path, named_within(path, images if path.is_relative_to(images) else self._beside), *self._size_of(path)
         )
 
+    def _is_there(self, path: Path) -> bool:
+        """Whether there is a file, below the folder above the labels: what leads elsewhere is a trick."""
+        try:
+            return path.resolve().is_relative_to(self._beside.parent.resolve()) and path.is_file()
+        except (OSError, ValueError):  # no name that a file can have
+            return False
+
     def _path(self, name: str, place: str) -> Path | None:
         base = PurePosixPath(name).name
         for tried in dict.fromkeys((name, base)):
             for folder in self._folders:
-                if tried and (folder / tried).is_file():
+                if tried and self._is_there(folder / tried):
                     return folder / tried
         if self._by_name is None:
             self._by_name = {}

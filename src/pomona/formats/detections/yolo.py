@@ -188,6 +188,8 @@ def _category(cell: str, names: Mapping[int, str] | None) -> str:
         raise InputError(f"expected the number of a class first, found '{cell[:20]}'") from None
     if names is None:
         return str(number)
+    if not names:
+        raise InputError("expected names of classes beside, found an empty list of them")
     if number not in names:
         raise InputError(f"expected the number of a class from {min(names)} to {max(names)}, found {number}")
     return names[number]
