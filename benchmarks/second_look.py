@@ -1,21 +1,27 @@
 """Fruits with and without the second look, paired: for docs/lab/second-look.md.
 
-python benchmarks/second_look.py ROW[=SURVEY] [...] [--network FILE.onnx] [--true-masks] [--every N]
+python benchmarks/second_look.py ROW[=SURVEY] [...] [--network FILE.onnx] [--true-masks] [--every N] [--side SIDE]
+    [--scale FACTOR]
 
 A ROW is a rendered row's folder with its truth; cameras are the true ones, or those of a SURVEY of it. Detections are
-the shipped segmenter's, or the true masks. Scores are over visible fruits, after the filter and the measures.
+the shipped segmenter's, or the true masks. Scores are over visible fruits, after the filter and the measures; with
+--side, over those that photos of this side show. --scale makes the cameras' metres so many times too long.
 """
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from pomona import filter as filters
 from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
-from pomona.evaluate.fruits import evaluate_fruits, read_truth
+from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.fuse import object
+from pomona.geometry import Similarity
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.second_look import CentersNetwork, look_again
@@ -32,6 +38,8 @@ def main() -> None:
     parser.add_argument("--network", type=Path, default=SHIPPED)
     parser.add_argument("--true-masks", action="store_true")
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--side")
+    parser.add_argument("--scale", type=float, default=1.0)
     arguments = parser.parse_args()
     network, options = CentersNetwork(arguments.network), RunOptions().of_stages
     print("| row | second look | F1 | R | P | centre, mm (median) | processor seconds a photo |")
@@ -44,9 +52,11 @@ def main() -> None:
         segmenter = load_segmenter(None)
         least = options.select.trusted_share * segmenter.traits.score_threshold
         found = true_detections(row, photos) if arguments.true_masks else segment_photos(photos, segmenter)
-        names = sorted(cameras.photos)[:: arguments.every]
+        of_side = {photo.name for photo in photos if arguments.side in (None, photo.side)}
+        names = [name for name in sorted(cameras.photos) if name in of_side][:: arguments.every]
+        truth = scaled(truth if arguments.side is None else seen_in(truth, names), arguments.scale)
         detections = SurveyDetections({n: found[n] for n in names if n in found}).at_least(least)
-        cameras = part_of(cameras, frozenset(names))
+        cameras = part_of(cameras, frozenset(names)).transformed(Similarity(arguments.scale, np.eye(3), np.zeros(3)))
         fused = object.fuse(detections, cameras)
         began = time.process_time()
         looked = look_again(fused, detections, photos, cameras, network=network)
@@ -56,12 +66,26 @@ def main() -> None:
             measured = measure(kept, detections, cameras, options=options.measure)
             scores = evaluate_fruits(measured, truth).visible
             assert scores is not None
-            off_mm = 1e3 * scores.center_median_m
+            off_mm = 1e3 * scores.center_median_m / arguments.scale
             cells = [
                 row.root.name, label, *(f"{v:.3f}" for v in (scores.f1, scores.recall, scores.precision)),
                 f"{off_mm:.1f}", f"{seconds:.2f}" if fruits is looked else "",
             ]  # fmt: skip
             print("| " + " | ".join(cells) + " |", flush=True)
+
+
+def scaled(truth: Truth, factor: float) -> Truth:
+    return replace(truth, centers_in_world=factor * truth.centers_in_world, diameters_m=factor * truth.diameters_m)
+
+
+def seen_in(truth: Truth, names: list[str]) -> Truth:
+    kept = [i for i, photo in enumerate(truth.seen_photo or ()) if photo in names or photo in map(stem, names)]
+    photos = tuple((truth.seen_photo or ())[i] for i in kept)
+    return replace(truth, seen_photo=photos, seen_id=truth.seen_id[kept], seen_px=truth.seen_px[kept])
+
+
+def stem(name: str) -> str:
+    return Path(name).stem
 
 
 if __name__ == "__main__":
