@@ -248,7 +248,7 @@ def test_progress_in_a_file_is_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = text.getvalue().splitlines()
     assert any("Matching: 2 of 10" in line for line in lines)
     assert "Warning: IMG_1 is dark" in lines
-    assert lines[-1].startswith(" 4/13 Cameras")
+    assert lines[-1].startswith(" 4/14 Cameras")
     assert lines[-1].endswith("s")
 
 
@@ -260,7 +260,7 @@ def test_progress_in_a_terminal_shows_stage_bar_and_remaining_time() -> None:
         progress.start("segmenting", 4)
         progress.advance(2)
         progress._bar.refresh()
-    assert "2/13 Fruits in photos: segmenting" in text.getvalue()
+    assert "2/14 Fruits in photos: segmenting" in text.getvalue()
     assert "2/4" in text.getvalue()
     assert "left" in text.getvalue()
 

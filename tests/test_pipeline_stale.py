@@ -303,7 +303,10 @@ ROOMS: dict[str, frozenset[str]] = {
     "errors": ALL,
     "evaluate": frozenset({"report"}),
     "filter": frozenset({"filter"}),
-    "formats": frozenset({"segment", "sfm", "scale", "planting", "dense", "scene"}) | HANDED,
+    "formats": frozenset(
+        {"segment", "sfm", "scale", "fuse", "second_look", "filter", "measure", "planting", "dense", "scene"}
+    )
+    | HANDED,
     "fruit_discs": frozenset({"scale", "report"}),
     "fruit_kinds": frozenset({"measure"}) | HANDED,
     "fruit_points": frozenset({"results"}),
