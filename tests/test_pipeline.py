@@ -57,6 +57,7 @@ def test_survey_json_tells_of_the_run(fakes: Fakes, photos: Path, tmp_path: Path
     assert list(manifest["stages"]) == list(STAGES)
     for record in manifest["stages"].values():
         assert 0 <= record["wall_s"] < elapsed_s + 0.001  # it is written with three digits
+        assert 0 <= record["processor_s"] < 100 * elapsed_s + 1
         assert 1 < record["peak_memory_mb"] < 100_000
     assert len({photo["digest"] for photo in manifest["photos"]}) == 4
     assert "a warning of fuse" in manifest["warnings"]

@@ -154,7 +154,8 @@ class Runner:
         fingerprint = self._fingerprint(stage)
         self._on_stage(stage.name)
         before = self._survey.record_of(stage.name)
-        earlier_s = before.wall_s if before and not before.finished and before.fingerprint == fingerprint else 0.0
+        goes_on = before is not None and not before.finished and before.fingerprint == fingerprint
+        earlier_s, earlier_used_s = (before.wall_s, before.processor_s) if before and goes_on else (0.0, 0.0)
         self._keep_edited(before)
         meter, recorder = Meter(), Recorder(self._progress)
         unfinished = StageRecord(fingerprint=fingerprint, finished=False, outputs=before.outputs if before else {})
@@ -162,11 +163,13 @@ class Runner:
             with disk_errors(self._survey.folder):
                 value, outputs, info = self._computed(stage, recorder)
         except BaseException:
-            self._note_stopped(stage, replace(unfinished, wall_s=earlier_s + meter.wall_s))
+            spent_s, used_s = earlier_s + meter.wall_s, earlier_used_s + meter.processor_s
+            self._note_stopped(stage, replace(unfinished, wall_s=spent_s, processor_s=used_s))
             raise
         done = StageRecord(
             fingerprint=fingerprint,
             wall_s=earlier_s + meter.wall_s,
+            processor_s=earlier_used_s + meter.processor_s,
             peak_memory_mb=meter.peak_memory_mb,
             finished_at=now(),
             engines=engine_versions(stage.compute.__module__),

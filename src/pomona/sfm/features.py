@@ -41,7 +41,11 @@ def extract(photo: Photo, options: SfmOptions) -> Features:
 
     Raises `InputError` or `MissingFileError` when the photo cannot be read.
     """
-    pixels = read_pixels(photo, max_side_px=options.max_side_px)
+    return features_of(read_pixels(photo, max_side_px=options.max_side_px), photo, options)
+
+
+def features_of(pixels: ByteArray, photo: Photo, options: SfmOptions) -> Features:
+    """Find the features of a photo in its pixels (H, W, 3) at the working scale."""
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
     settings = {
         "nfeatures": options.max_features,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
 import sys
 import time
@@ -21,12 +22,14 @@ class StageRecord:
 
     `token` stands for the result in the fingerprints of later stages. `info` are the stage's facts, `engines` the
     versions of the outside packages it ran with.
-    A stage that was stopped has `finished` False; its `wall_s` counts when it goes on with the same fingerprint.
+    A stage that was stopped has `finished` False; its `wall_s` and `processor_s` (of all threads and processes) count
+    when it goes on with the same fingerprint.
     """
 
     fingerprint: str
     finished: bool = True
     wall_s: float = 0.0
+    processor_s: float = 0.0
     peak_memory_mb: float | None = None
     finished_at: str = ""
     engines: Mapping[str, str] = field(default_factory=dict)
@@ -42,7 +45,7 @@ class StageRecord:
     def to_json(self) -> dict[str, Any]:
         """Return it as `survey.json` holds it."""
         values: dict[str, Any] = plain(self)
-        return {**values, "wall_s": round(self.wall_s, 3)}
+        return {**values, "wall_s": round(self.wall_s, 3), "processor_s": round(self.processor_s, 3)}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> StageRecord:
@@ -66,14 +69,15 @@ def now() -> str:
 
 
 class Meter:
-    """Wall seconds and peak memory from its making on.
+    """Seconds of the clock and of processors, and peak memory, from its making on.
 
     On Linux the peak is the stage's own (the kernel's high-water mark is reset); elsewhere it is the program's so far.
-    Processes that a stage starts count where one of them is larger than this one.
+    Processes that a stage starts count for memory where one of them is larger than this one, and for seconds once they
+    have ended.
     """
 
     def __init__(self) -> None:
-        self._start = time.monotonic()
+        self._start, self._used = time.monotonic(), _processor_s()
         with contextlib.suppress(OSError):
             Path("/proc/self/clear_refs").write_text("5")
         self._children_kb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
@@ -82,6 +86,11 @@ class Meter:
     def wall_s(self) -> float:
         """Seconds so far."""
         return time.monotonic() - self._start
+
+    @property
+    def processor_s(self) -> float:
+        """Seconds that processors worked so far, the system's for it included."""
+        return _processor_s() - self._used
 
     @property
     def peak_memory_mb(self) -> float:
@@ -94,3 +103,9 @@ class Meter:
         children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
         larger_child = children * unit_bytes if children > self._children_kb else 0
         return round(max(own, larger_child) / 1e6, 1)
+
+
+def _processor_s() -> float:
+    """Processor seconds of this program, and of the processes that it started and that ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
