@@ -22,6 +22,7 @@ from pomona.errors import FormatError, InputError
 from pomona.label_image import paint_labels
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.sfm.gpu import what_is_missing
 
 
 def two_masks() -> Detections:
@@ -137,7 +138,7 @@ def test_colmaps_depth_maps_are_read_row_by_row(tmp_path: Path) -> None:
 
 
 def test_patchmatch_without_a_gpu_falls_back_and_says_so(tmp_path: Path) -> None:
-    if not patchmatch.what_is_missing():
+    if not what_is_missing():
         pytest.skip("PatchMatch can run here")
     photos, detections, cameras = small_survey(tmp_path)
     progress = Silent()

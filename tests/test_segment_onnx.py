@@ -11,10 +11,14 @@ from hypothesis import strategies as st
 
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.onnx_file import OnnxFile, chosen_providers
+from pomona.photos import Photos
+from pomona.progress import Silent
 from pomona.segment import Segmenter, load_segmenter, segment_photo
 from pomona.segment.center_offset import ModelMetadata
 from pomona.segment.decode import DecodeOptions, decode
 from pomona.segment.load import SHIPPED_WEIGHTS
+from pomona.segment.photo_detections import iter_detections
 from segment_scenes import DISC_PX, disc, painted_maps, write_disc_model
 
 METADATA = {
@@ -176,3 +180,48 @@ def test_decoded_masks_and_boxes_stay_in_the_tile(x: float, y: float, radius: fl
 
 def test_nothing_on_the_maps_is_nothing_found() -> None:
     assert len(decode(painted_maps(64, 64, []), 64, 64, DecodeOptions())) == 0
+
+
+@pytest.mark.parametrize(
+    ("available", "chosen"),
+    [
+        (["TensorrtExecutionProvider", "CUDAExecutionProvider", "CPUExecutionProvider"], ["CUDA", "CPU"]),
+        (["AzureExecutionProvider", "CPUExecutionProvider"], ["CPU"]),
+    ],
+    ids=["made for GPUs", "plain"],
+)
+def test_networks_run_on_cuda_where_there_is_one(available: list[str], chosen: list[str]) -> None:
+    assert chosen_providers(available) == [f"{name}ExecutionProvider" for name in chosen]
+
+
+@pytest.mark.parametrize("how", ["raises", "is left out"])
+def test_a_gpu_that_cannot_be_used_is_said_and_the_cpu_does_the_same(
+    model: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    import onnxruntime
+
+    on_cpu = OnnxFile(model)
+    real = onnxruntime.InferenceSession
+
+    def without_cuda(path: str, *, providers: list[str], **named: object) -> object:
+        if "CUDAExecutionProvider" in providers and how == "raises":
+            raise RuntimeError("CUDA failure 100: no CUDA-capable device is detected\nand more")
+        return real(path, providers=providers[-1:], **named)
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", without_cuda)
+    monkeypatch.setattr(
+        onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    )
+    segmenter, progress = load_segmenter(model), Silent()
+    pixels = red_image(64, 64, [(30.0, 30.0)])
+    image = pixels.transpose(2, 0, 1)[None].astype(np.float32)
+    names = [node.name for node in on_cpu.outputs]
+    for found, wanted in zip(OnnxFile(model).run(image, names), on_cpu.run(image, names), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    assert on_cpu.note is None
+    assert list(iter_detections(Photos(()), segmenter, progress=progress)) == []
+    (said,) = progress.warnings
+    assert "could not use one" in said
+    assert "CPU" in said
+    assert "\n" not in said
+    assert ("no CUDA-capable device" in said) == (how == "raises")

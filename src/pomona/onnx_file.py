@@ -14,6 +14,8 @@ import numpy as np
 from pomona.arrays import Array, Float32Array
 from pomona.errors import FormatError, MissingFileError
 
+# What runs a network, the best first; CUDA's is there where the package `onnxruntime-gpu` is installed.
+_PROVIDERS = ("CUDAExecutionProvider", "CPUExecutionProvider")
 _FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 
@@ -31,7 +33,9 @@ class Tensor:
 
 
 class OnnxFile:
-    """A network that runs on the GPU where ONNX Runtime has one, else on the CPU.
+    """A network that runs on the GPU where ONNX Runtime can use one, else on the CPU.
+
+    `note` says why it runs on the CPU where ONNX Runtime was made for GPUs.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when ONNX Runtime cannot load it.
     """
@@ -40,7 +44,7 @@ class OnnxFile:
         self.path = Path(path)
         if not self.path.is_file():
             raise MissingFileError(f"Model {path}: no such file")
-        self._session = _open(self.path, threads)
+        self._session, self.note = _open(self.path, threads)
         try:
             self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
             self.inputs = tuple(map(_tensor, self._session.get_inputs()))
@@ -129,24 +133,45 @@ def _tensor(node: Any) -> Tensor:
     return Tensor(node.name, node.type, tuple(size if isinstance(size, int) else None for size in node.shape))
 
 
-def _open(path: Path, threads: int | None) -> Any:
+def chosen_providers(available: Sequence[str]) -> list[str]:
+    """Return which of ONNX Runtime's providers a network is to run on, the best first."""
+    return [name for name in _PROVIDERS if name in available]
+
+
+def _open(path: Path, threads: int | None) -> tuple[Any, str | None]:
+    """A session on the best provider that works, and why it is not the best that ONNX Runtime has."""
     import onnxruntime as ort
 
     options = ort.SessionOptions()
     options.log_severity_level = 3
+    # Threads that wait for work by turning in circles take processors from each other, and from others: half as much
+    # again of what a photo takes, on two that were busy.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if threads is not None:
         options.intra_op_num_threads = threads
-    wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
-    available = ort.get_available_providers()
-    providers = [name for name in wanted if name in available]
-    try:
-        # Where there is nothing to fall back to, ONNX Runtime would try the same again, and print that it does.
-        return ort.InferenceSession(
-            str(path), sess_options=options, providers=providers, enable_fallback=int(len(providers) > 1)
-        )
-    except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
-        reason = _first_line(error)
-        raise FormatError(f"{path}: expected an ONNX model, but ONNX Runtime cannot load it: {reason}") from None
+    best, *_ = providers = chosen_providers(ort.get_available_providers())
+    reason = "it was not loaded"
+    while True:
+        try:
+            # Without ONNX Runtime's own fallback, which prints to where results go.
+            session = ort.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
+        except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
+            reason = _first_line(error)
+            if len(providers) < 2:
+                raise FormatError(
+                    f"{path}: expected an ONNX model, but ONNX Runtime cannot load it: {reason}"
+                ) from None
+            providers = providers[1:]
+            continue
+        return session, None if session.get_providers()[0] == best else _without_gpu(reason)
+
+
+def _without_gpu(reason: str) -> str:
+    return (
+        "This ONNX Runtime is made for NVIDIA GPUs, but could not use one, so that networks run on the CPU, which "
+        f"gives the same results and takes longer ({reason}). It needs a GPU with its driver, and the versions of CUDA "
+        "and cuDNN that it was built for"
+    )
 
 
 def _first_line(error: Exception) -> str:

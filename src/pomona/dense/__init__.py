@@ -16,6 +16,7 @@ from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
+from pomona.sfm.gpu import what_is_missing
 
 __all__ = ["DenseOptions", "SphereCloudOptions", "fruit_cloud", "sphere_cloud"]
 
@@ -34,7 +35,7 @@ def fruit_cloud(
     """
     options, progress = options or DenseOptions(), progress or Silent()
     scene = Scene(photos, detections, cameras, options)
-    missing = patchmatch.what_is_missing() if options.engine != "opencv" else "not asked for"
+    missing = what_is_missing() if options.engine != "opencv" else "not asked for"
     if options.engine == "patchmatch" and missing:
         progress.warn(f"COLMAP's PatchMatch cannot run: {missing}. The cloud is made on the CPU instead.")
     if missing:

@@ -6,8 +6,6 @@ photo the neighbours to compare it with. Its depth maps then pass the same check
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,18 +24,6 @@ from pomona.formats.cameras.colmap import write_colmap
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, track
-
-
-def what_is_missing() -> str:
-    """Say in words what PatchMatch lacks here, "" where it can run."""
-    import pycolmap
-
-    if not pycolmap.has_cuda:
-        return "this pycolmap was built without CUDA; install pycolmap-cuda12 in its place"
-    tool = shutil.which("nvidia-smi")
-    if tool is None or subprocess.run([tool, "-L"], capture_output=True, check=False).returncode != 0:
-        return "no NVIDIA GPU was found"
-    return ""
 
 
 @contextmanager

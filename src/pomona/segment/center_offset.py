@@ -89,7 +89,7 @@ class CenterOffsetSegmenter(TileByTile):
         _check_signature(self._file)
         there = {node.name for node in self._file.outputs}
         self._channels = _CHANNELS | {name: count for name, count in _OPTIONAL.items() if name in there}
-        super().__init__(f"onnx:{name_of_file(self._path)}", self._metadata.traits, score_floor)
+        super().__init__(f"onnx:{name_of_file(self._path)}", self._metadata.traits, score_floor, self._file.note)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:

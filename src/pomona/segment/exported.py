@@ -37,7 +37,7 @@ class ExportedSegmenter(TileByTile):
         # Tiles of the network's own size, so that the photo's scale is kept.
         traits = traits_of(file, tile_px=min(self._input_px), score_threshold=self.usual_score_threshold)
         name = ":".join([self.kind, name_of_file(file.path), "+".join(map(str, self._fruits))])
-        super().__init__(name, traits, score_floor)
+        super().__init__(name, traits, score_floor, file.note)
 
     @staticmethod
     @abstractmethod

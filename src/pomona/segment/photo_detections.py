@@ -13,7 +13,7 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, PomonaError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
-from pomona.segment.protocol import KEPT_SHARE, Segmenter
+from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
 from pomona.segment.reading_scale import MAX_ENLARGEMENT, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
 from pomona.segment.tiled_image import segment_tiled
@@ -79,6 +79,8 @@ def iter_detections(
     one is segmented.
     """
     options, progress, done = options or SegmentOptions(), progress or Silent(), done or {}
+    if isinstance(segmenter, TileByTile) and segmenter.note:
+        progress.warn(segmenter.note)
     todo = [photo for photo in photos if photo.name not in done]
     scales = _scales(photos, segmenter, options, progress) if todo else {}
     next_id = 1 + max((int(d.ids.max()) for d in done.values() if len(d)), default=0)

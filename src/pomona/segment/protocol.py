@@ -98,11 +98,14 @@ class Segmenter(Protocol):
 class TileByTile(ABC):
     """What Pomona's own segmenters have in common: a name, traits, and one tile after the other.
 
-    `score_floor` is the least score that is reported; None: `KEPT_SHARE` of the score threshold.
+    `score_floor` is the least score that is reported; None: `KEPT_SHARE` of the score threshold. `note`: what a person
+    should know of how the network runs here.
     """
 
-    def __init__(self, name: str, traits: SegmenterTraits, score_floor: float | None = None) -> None:
-        self._name, self._traits = name, traits
+    def __init__(
+        self, name: str, traits: SegmenterTraits, score_floor: float | None = None, note: str | None = None
+    ) -> None:
+        self._name, self._traits, self.note = name, traits, note
         self._score_floor = KEPT_SHARE * traits.score_threshold if score_floor is None else score_floor
 
     @property

@@ -1,0 +1,24 @@
+"""Whether COLMAP can use a GPU here."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from functools import cache
+
+
+@cache
+def what_is_missing() -> str:
+    """Say in words what COLMAP lacks for a GPU here, "" where it has one."""
+    import pycolmap
+
+    return reason_against(pycolmap.has_cuda, shutil.which("nvidia-smi"))
+
+
+def reason_against(has_cuda: bool, tool: str | None) -> str:
+    """Say why there is no GPU for COLMAP, by whether it was built with CUDA, and what NVIDIA's `tool` lists."""
+    if not has_cuda:
+        return "this pycolmap was built without CUDA; install pycolmap-cuda12 in its place"
+    if tool is None or subprocess.run([tool, "-L"], capture_output=True, check=False).returncode != 0:
+        return "no NVIDIA GPU was found"
+    return ""
