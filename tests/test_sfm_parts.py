@@ -16,6 +16,7 @@ from pomona.photos import Photo
 from pomona.sfm import SfmOptions, engine
 from pomona.sfm.engine import Overlap
 from pomona.sfm.features import Features, root_sift
+from pomona.sfm.gpu import reason_against
 from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
 from pomona.sfm.selection import credible, distinct, explained, sampson_distance, support, take
@@ -285,3 +286,16 @@ def test_a_work_folder_that_does_not_say_what_it_holds_is_begun_anew(tmp_path: P
 def test_the_scene_of_these_tests() -> None:
     assert centres(row_poses(3)).shape == (3, 3)
     assert len(as_photos(*photos(2))) == 2
+
+
+def test_a_gpu_is_used_only_where_all_that_it_takes_is_there(tmp_path: Path) -> None:
+    def tool(status: int) -> str:
+        path = tmp_path / f"lists-{status}"
+        path.write_text(f"#!/bin/sh\nexit {status}\n")
+        path.chmod(0o755)
+        return str(path)
+
+    assert "without CUDA" in reason_against(False, tool(0))
+    assert "no NVIDIA GPU" in reason_against(True, None)
+    assert "no NVIDIA GPU" in reason_against(True, tool(9))
+    assert reason_against(True, tool(0)) == ""

@@ -6,7 +6,7 @@ pixels, mean the same for photos of any size; what comes out is in pixels of the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,8 @@ import numpy as np
 import pycolmap
 
 from pomona.arrays import ByteArray, FloatArray, IntArray
+from pomona.sfm.epipolar import DescribedPoints
+from pomona.sfm.gpu import what_is_missing
 from pomona.sfm.options import SfmOptions
 
 if TYPE_CHECKING:
@@ -55,6 +57,15 @@ class Overlap:
     first: int
     second: int
     idx: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class TwoViews:
+    """Two photos that overlap; `fundamental` (3, 3) in working pixels, None where their matches leave it open."""
+
+    first: int
+    second: int
+    fundamental: FloatArray | None
 
 
 def create_database(path: Path, cameras: Sequence[CameraEntry], images: Sequence[ImageEntry]) -> None:
@@ -119,10 +130,31 @@ def write_features(path: Path, batch: Mapping[int, Features]) -> None:
             database.write_descriptors(i + 1, pycolmap.FeatureDescriptors(sift, features.descriptors))
 
 
-def read_descriptors(path: Path, count: int) -> list[ByteArray]:
-    """Return the descriptors (n, 128) of each photo."""
+def copy_largest(source: Path, path: Path, count: int, most: int) -> None:
+    """Store in another database the `most` largest features of each of the photos 0 to count - 1."""
+    sift = pycolmap.FeatureExtractorType.SIFT
+    with pycolmap.Database.open(source) as full, pycolmap.Database.open(path) as database:
+        for i in range(count):
+            if not full.exists_descriptors(i + 1):
+                continue
+            keypoints, descriptors = full.read_keypoints(i + 1), full.read_descriptors(i + 1).data
+            largest = np.sort(np.argsort(-keypoints[:, 2], kind="stable")[:most])
+            database.write_keypoints(i + 1, keypoints[largest])
+            database.write_descriptors(i + 1, pycolmap.FeatureDescriptors(sift, descriptors[largest]))
+
+
+def iter_descriptors(path: Path) -> Iterator[ByteArray]:
+    """Yield the descriptors (n, 128) of each photo."""
     with pycolmap.Database.open(path) as database:
-        return [np.asarray(database.read_descriptors(i + 1).data, np.uint8) for i in range(count)]
+        for i in range(database.num_images()):
+            yield np.asarray(database.read_descriptors(i + 1).data, np.uint8)
+
+
+def read_points(path: Path, i: int) -> DescribedPoints:
+    """Return all features of photo i, in working pixels."""
+    with pycolmap.Database.open(path) as database:
+        keypoints = np.asarray(database.read_keypoints(i + 1), float)
+        return DescribedPoints(keypoints[:, :2], np.asarray(database.read_descriptors(i + 1).data, np.uint8))
 
 
 def read_keypoints(path: Path, count: int) -> list[FloatArray]:
@@ -133,18 +165,62 @@ def read_keypoints(path: Path, count: int) -> list[FloatArray]:
 
 
 def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> None:
-    """Match and verify pairs of photos; pairs that were matched before are left as they are.
+    """Match and verify pairs of photos, on a GPU where there is one; what was matched before is left as it is.
 
     Raises `KeyboardInterrupt` as soon as Ctrl-C is pressed: what was matched by then stays.
     """
     listing = path.with_suffix(".pairs.txt")
     listing.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
-    matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=options.threads or -1)
-    verification = pycolmap.TwoViewGeometryOptions(min_num_inliers=options.min_matches)
-    verification.ransac.random_seed = options.seed
+    on_gpu = not what_is_missing()
+    matching = pycolmap.FeatureMatchingOptions(use_gpu=on_gpu, num_threads=options.threads or -1)
+    device = pycolmap.Device.cuda if on_gpu else pycolmap.Device.cpu
     pairing = pycolmap.ImportedPairingOptions(match_list_path=listing)
-    pycolmap.match_image_pairs(path, matching, pairing, verification, pycolmap.Device.cpu)
+    pycolmap.match_image_pairs(path, matching, pairing, _verification(options), device)
     listing.unlink(missing_ok=True)
+
+
+def matched_pairs(path: Path) -> set[tuple[int, int]]:
+    """Return the pairs (i, j) of photos that were matched and verified, with or without success."""
+    with pycolmap.Database.open(path) as database:
+        ids, _ = database.read_two_view_geometries()
+    return {_photos_of(pair_id) for pair_id in ids}
+
+
+def write_verified(path: Path, matches: Mapping[tuple[int, int], IntArray], options: SfmOptions) -> None:
+    """Verify the matches (k, 2) of pairs of photos, as `match` does, and store them."""
+    with pycolmap.Database.open(path) as database:
+        for (i, j), idx in matches.items():
+            cameras = [database.read_camera(database.read_image(k + 1).camera_id) for k in (i, j)]
+            points = [np.asarray(database.read_keypoints(k + 1), float)[:, :2] for k in (i, j)]
+            pairs = idx.astype(np.uint32)
+            geometry = pycolmap.estimate_two_view_geometry(
+                cameras[0], points[0], cameras[1], points[1], pairs, _verification(options)
+            )
+            database.write_matches(i + 1, j + 1, pairs)
+            database.write_two_view_geometry(i + 1, j + 1, geometry)
+
+
+def read_two_views(path: Path) -> list[TwoViews]:
+    """Return the pairs of photos whose matches passed verification."""
+    general = pycolmap.TwoViewGeometryConfiguration.CALIBRATED, pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+    with pycolmap.Database.open(path) as database:
+        ids, geometries = database.read_two_view_geometries()
+    return [
+        TwoViews(*_photos_of(pair_id), np.asarray(geometry.F, float) if geometry.config in general else None)
+        for pair_id, geometry in zip(ids, geometries, strict=True)
+        if len(geometry.inlier_matches)
+    ]
+
+
+def _verification(options: SfmOptions) -> Any:
+    settings = pycolmap.TwoViewGeometryOptions(min_num_inliers=options.min_matches)
+    settings.ransac.random_seed = options.seed
+    return settings
+
+
+def _photos_of(pair_id: int) -> tuple[int, int]:
+    first, second = pycolmap.pair_id_to_image_pair(pair_id)
+    return first - 1, second - 1
 
 
 def clear_matches(path: Path) -> None:
@@ -160,10 +236,9 @@ def read_overlaps(path: Path) -> list[Overlap]:
         ids, geometries = database.read_two_view_geometries()
     overlaps = []
     for pair_id, geometry in zip(ids, geometries, strict=True):
-        first, second = pycolmap.pair_id_to_image_pair(pair_id)
         idx = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
         if len(idx):
-            overlaps.append(Overlap(first - 1, second - 1, idx))
+            overlaps.append(Overlap(*_photos_of(pair_id), idx))
     return overlaps
 
 

@@ -18,6 +18,7 @@ class SfmOptions:
     `max_features`: the strongest features kept of a photo.
     `contrast_threshold`: SIFT's. OpenCV's default is 0.04; leaves in the shade are dim, and `max_features` bounds the
     number of features anyway.
+    `first_look_features`: so many of the largest features of a photo say which others it overlaps with.
     `window`: each photo is matched with so many photos before and after it, in order of capture.
     `exhaustive_below`: sides of at most so many photos are matched all with all.
     `loops`: each photo is matched with so many photos which look alike, wherever they are in the order.
@@ -41,6 +42,7 @@ class SfmOptions:
     max_side_px: int = 1600
     max_features: int = 8000
     contrast_threshold: float = 0.02
+    first_look_features: int = 2000
     window: int = 6
     exhaustive_below: int = 20
     loops: int = 3
@@ -62,6 +64,7 @@ class SfmOptions:
         least = {
             "max_side_px": 200,
             "max_features": 500,
+            "first_look_features": 500,
             "window": 1,
             "enough_tracks": 100,
             "min_matches": 8,

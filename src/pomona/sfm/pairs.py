@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ _WORDS = 64
 _EARTH_RADIUS_M = 6_371_000.0
 
 
-def candidate_pairs(photos: Sequence[Photo], descriptors: Sequence[ByteArray], options: SfmOptions) -> list[Pair]:
+def candidate_pairs(photos: Sequence[Photo], descriptors: Iterable[ByteArray], options: SfmOptions) -> list[Pair]:
     """Return the pairs (i, j), i < j, of photos to match; their number grows with the row's length, not its square."""
     n = len(photos)
     if n <= options.exhaustive_below:
@@ -48,15 +48,15 @@ def spatial_pairs(photos: Sequence[Photo], neighbours: int) -> set[Pair]:
     return {_ordered(located[i], located[int(j)]) for i, row in enumerate(rows) for j in row if int(j) != i}
 
 
-def lookalike_pairs(descriptors: Sequence[ByteArray], count: int, *, apart: int, seed: int = 0) -> set[Pair]:
+def lookalike_pairs(descriptors: Iterable[ByteArray], count: int, *, apart: int, seed: int = 0) -> set[Pair]:
     """Return each photo with the `count` most similar photos that are more than `apart` away from it in order.
 
     Similarity is that of VLAD vectors over words learned from these photos. Source: Jégou et al. 2010, section 3.
     """
-    n = len(descriptors)
-    if count == 0 or n <= apart + 1:
+    if count == 0:
         return set()
     vectors = _vlad(descriptors, seed)
+    n = len(vectors)
     pairs: set[Pair] = set()
     for i in range(n):
         similarity = vectors @ vectors[i]
@@ -66,12 +66,12 @@ def lookalike_pairs(descriptors: Sequence[ByteArray], count: int, *, apart: int,
     return pairs
 
 
-def _vlad(descriptors: Sequence[ByteArray], seed: int) -> Array:
+def _vlad(descriptors: Iterable[ByteArray], seed: int) -> Array:
     """(n photos, words * 128): unit vectors; zeros for photos without features."""
     random = np.random.default_rng(seed)
     samples = [_sample(d, 1000, random) for d in descriptors]
-    pool = _sample(np.concatenate(samples), 20_000, random)
-    vectors = np.zeros((len(descriptors), _WORDS * 128), np.float32)
+    pool = _sample(np.concatenate(samples), 20_000, random).astype(np.float32) if samples else np.zeros((0, 128))
+    vectors = np.zeros((len(samples), _WORDS * 128), np.float32)
     if len(pool) < 4 * _WORDS:
         return vectors
     cv2.setRNGSeed(seed)
@@ -79,7 +79,7 @@ def _vlad(descriptors: Sequence[ByteArray], seed: int) -> Array:
     _, _, words = cv2.kmeans(pool, _WORDS, None, stop, 1, cv2.KMEANS_PP_CENTERS)
     for vector, sample in zip(vectors, samples, strict=True):
         if len(sample):
-            vector[:] = _vlad_of(sample, words)
+            vector[:] = _vlad_of(sample.astype(np.float32), words)
     # What all photos of an orchard have in common says nothing about which of them overlap.
     vectors -= vectors.mean(axis=0)
     vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
@@ -95,9 +95,8 @@ def _vlad_of(sample: Array, words: Array) -> Array:
     return unit
 
 
-def _sample(rows: Array, count: int, random: np.random.Generator) -> Array:
-    chosen = rows if len(rows) <= count else rows[random.choice(len(rows), count, replace=False)]
-    return np.ascontiguousarray(chosen, np.float32)
+def _sample(rows: ByteArray, count: int, random: np.random.Generator) -> ByteArray:
+    return rows if len(rows) <= count else rows[random.choice(len(rows), count, replace=False)]
 
 
 def _local_metres(photos: Sequence[Photo]) -> FloatArray:

@@ -24,10 +24,10 @@ from pomona.sfm.features import Features, extract
 from pomona.sfm.joining import Group, Scene, join_groups
 from pomona.sfm.kept_features import KeptFeatures
 from pomona.sfm.mapping_process import MappingProcess
+from pomona.sfm.matching import match_photos
 from pomona.sfm.models import Model, read_models
 from pomona.sfm.one_lens import with_one_lens
 from pomona.sfm.options import SfmOptions
-from pomona.sfm.pairs import candidate_pairs
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.sfm.seams import parted
 from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support, well_held
@@ -35,8 +35,6 @@ from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
 
-# Matching can be stopped, and its progress is shown, after so many pairs.
-_PAIRS_AT_ONCE = 64
 _T = TypeVar("_T")
 
 
@@ -99,7 +97,7 @@ def _reconstruct_side(
     label = f" (side {side})" if side else ""
     _warn_of_cameras(workspace, label, progress)
     unreadable = _find_features(workspace, kept, label, progress)
-    _match(workspace, label, progress)
+    match_photos(workspace, label, progress)
     models, evidence = _map(workspace, unreadable, label, progress)
     pieces = [Piece(side, model.cameras, mean_error_px(model.cameras)) for model in models]
     lost = explain_unregistered(evidence)
@@ -131,16 +129,6 @@ def _try_extract(photo: Photo, options: SfmOptions, kept: KeptFeatures) -> Featu
         return kept.get(photo) or extract(photo, options)
     except (InputError, MissingFileError) as error:
         return str(error)
-
-
-def _match(workspace: Workspace, label: str, progress: Progress) -> None:
-    photos = workspace.photos
-    descriptors = engine.read_descriptors(workspace.database, len(photos))
-    pairs = [(photos[i].name, photos[j].name) for i, j in candidate_pairs(photos, descriptors, workspace.options)]
-    progress.start(f"Matching{label}", len(pairs))
-    for chunk in _chunks(pairs, _PAIRS_AT_ONCE):
-        engine.match(workspace.database, chunk, workspace.options)
-        progress.advance(len(chunk))
 
 
 def _map(

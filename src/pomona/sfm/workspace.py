@@ -1,8 +1,8 @@
 """The work folder of one side: what it holds lets a stopped run go on where it was.
 
 `settings.json` (photos, options and code that the rest was made with), `features.db` (COLMAP's database: features,
-matches), `features/*.npz` (colours of the keypoints, sharpness), `mapping.db` (what the mappers read), `incremental/`,
-`global/` (models) and their logs.
+matches), `first-look.db` (the largest features and their matches), `features/*.npz` (colours of the keypoints,
+sharpness), `mapping.db` (what the mappers read), `incremental/`, `global/` (models) and their logs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,15 @@ from pomona.sfm.options import SfmOptions
 
 _FORMAT = 2
 # Matches depend on these, and on what features depend on.
-_MATCH_OPTIONS = ("window", "exhaustive_below", "loops", "gnss_neighbours", "min_matches", "seed")
+_MATCH_OPTIONS = (
+    "first_look_features",
+    "window",
+    "exhaustive_below",
+    "loops",
+    "gnss_neighbours",
+    "min_matches",
+    "seed",
+)
 
 
 class Workspace:
@@ -48,12 +56,30 @@ class Workspace:
             return
         if stored.get("features") == settings["features"]:
             engine.clear_matches(self.database)
+            self._first_look.unlink(missing_ok=True)
         else:
             shutil.rmtree(folder, ignore_errors=True)
             (folder / "features").mkdir(parents=True)
             engine.create_database(self.database, self.cameras, self.images)
         # Written last: without it, the folder is begun anew.
         path.write_text(json.dumps(settings, indent=1), encoding="utf-8")
+
+    @property
+    def _first_look(self) -> Path:
+        return self.folder / "first-look.db"
+
+    def first_look_database(self) -> Path:
+        """Return the path of the database of the largest features alone; made where it is not there yet."""
+        count = len(self.photos)
+        without = set(engine.missing_features(self.database, count))
+        if not self._first_look.is_file() or without != set(engine.missing_features(self._first_look, count)):
+            engine.create_database(self._first_look, self.cameras, self.images)
+            engine.copy_largest(self.database, self._first_look, count, self.options.first_look_features)
+        return self._first_look
+
+    def named(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[str, str]]:
+        """Return pairs of photos by their names."""
+        return [(self.photos[i].name, self.photos[j].name) for i, j in pairs]
 
     def mapping_database(self, overlaps: Sequence[Overlap]) -> Path:
         """Write the database that the mappers read, with these overlaps alone; return its path."""
