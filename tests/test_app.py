@@ -318,6 +318,16 @@ def test_runs_end_with_the_program() -> None:
     assert not waiting.log
 
 
+def test_a_command_on_the_leash_that_is_done_ends_well() -> None:
+    jobs = Jobs()
+    try:
+        job = jobs.put("a", ["--version"])
+        _until(lambda: job.ended > 0)
+        assert (job.state, job.error) == ("finished", "")
+    finally:
+        jobs.close()
+
+
 @pytest.mark.slow
 def test_a_command_on_the_leash_stops_as_by_ctrl_c(tmp_path: Path) -> None:
     jobs = Jobs()

@@ -15,7 +15,8 @@ from pomona.cli import main
 
 
 def _stop_at_the_end_of_input() -> None:
-    while sys.stdin.buffer.read(1):
+    # Not by `sys.stdin`: its lock, held by a thread that waits, ends Python with an error when the command is done.
+    while os.read(sys.stdin.fileno(), 1):
         pass
     if hasattr(os, "killpg") and os.getpid() == os.getpgrp():
         os.killpg(0, signal.SIGINT)
