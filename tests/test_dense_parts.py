@@ -11,6 +11,7 @@ import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.cameras import Cameras
+from pomona.colmap_gpu import what_is_missing
 from pomona.dense import DenseOptions, SphereCloudOptions, fruit_cloud, patchmatch
 from pomona.dense.atlas import pack
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
@@ -22,7 +23,6 @@ from pomona.errors import FormatError, InputError
 from pomona.label_image import paint_labels
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
-from pomona.sfm.gpu import what_is_missing
 
 
 def two_masks() -> Detections:

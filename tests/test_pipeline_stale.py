@@ -294,6 +294,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "arrays": ALL,
     "cameras": ALL - {"segment", "select", "planting"},
     "capture": frozenset({"segment", "sfm", "scale", "second_look", "dense", "scene", "report"}),
+    "colmap_gpu": frozenset({"sfm", "scale", "dense", "scene", "report"}),
     "corrections": HANDED,
     "crop": HANDED,
     "data_frames": ALL,

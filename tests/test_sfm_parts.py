@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from pomona.cameras import Cameras
+from pomona.colmap_gpu import reason_against
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.sfm import SfmOptions, engine
 from pomona.sfm.engine import Overlap
 from pomona.sfm.features import Features, root_sift
-from pomona.sfm.gpu import reason_against
 from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
 from pomona.sfm.selection import credible, distinct, explained, sampson_distance, support, take

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from pomona.cameras import Cameras
+from pomona.colmap_gpu import what_is_missing
 from pomona.dense import patchmatch
 from pomona.dense.options import DenseOptions, SphereCloudOptions
 from pomona.dense.plane_sweep import plane_sweep_map
@@ -16,7 +17,6 @@ from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-from pomona.sfm.gpu import what_is_missing
 
 __all__ = ["DenseOptions", "SphereCloudOptions", "fruit_cloud", "sphere_cloud"]
 

@@ -15,8 +15,8 @@ import numpy as np
 import pycolmap
 
 from pomona.arrays import ByteArray, FloatArray, IntArray
+from pomona.colmap_gpu import what_is_missing
 from pomona.sfm.epipolar import DescribedPoints
-from pomona.sfm.gpu import what_is_missing
 from pomona.sfm.options import SfmOptions
 
 if TYPE_CHECKING:
