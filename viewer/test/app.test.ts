@@ -1,6 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { isFit, withoutCommon, type Dropped } from "../src/app/dropping";
 import { LANGUAGES } from "../src/app/texts";
+import { fileName } from "../src/app/server";
 
 const named = (...names: string[]): Dropped[] => names.map((name) => ({ name, file: new File([], name) }));
 
@@ -25,5 +26,13 @@ describe("texts", () => {
     expect(empty).toEqual([]);
     expect(Object.keys(LANGUAGES.de!.fruitNames)).toEqual(Object.keys(LANGUAGES.en!.fruitNames));
     expect(Object.keys(LANGUAGES.de!.stages)).toEqual(Object.keys(LANGUAGES.en!.stages));
+  });
+});
+
+describe("the name of a download", () => {
+  it("may have spaces and letters of any script", () => {
+    expect(fileName("attachment; filename=\"row-fruits.gpkg\"")).toBe("row-fruits.gpkg");
+    expect(fileName("attachment; filename*=utf-8''Row%201-%C3%84pfel.gpkg")).toBe("Row 1-Äpfel.gpkg");
+    expect(fileName("")).toBe("pomona");
   });
 });

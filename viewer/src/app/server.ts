@@ -27,12 +27,18 @@ export async function tell<T>(path: string, values: unknown = {}): Promise<T> {
 export async function download(path: string): Promise<void> {
   const response = await fetch(`api/${path}`);
   if (!response.ok) await answer(response);
-  const name = /filename="?([^";]+)/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? "pomona";
+  const name = fileName(response.headers.get("Content-Disposition") ?? "");
   const link = document.createElement("a");
   link.href = URL.createObjectURL(await response.blob());
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+/** The name of a file in a Content-Disposition header: names that are not plain ASCII stand there encoded (RFC 6266). */
+export function fileName(disposition: string): string {
+  const encoded = /filename\*=utf-8''([^;]+)/i.exec(disposition)?.[1];
+  return encoded ? decodeURIComponent(encoded) : (/filename="?([^";]+)/.exec(disposition)?.[1] ?? "pomona");
 }
 
 /** Send a file, saying how many bytes have gone. */

@@ -986,10 +986,14 @@ async function Z(e, t = {}) {
 async function Ie(e) {
 	let t = await fetch(`api/${e}`);
 	t.ok || await Fe(t);
-	let n = /filename="?([^";]+)/.exec(t.headers.get("Content-Disposition") ?? "")?.[1] ?? "pomona", r = document.createElement("a");
+	let n = Le(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
 	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
 }
-function Le(e, t, n) {
+function Le(e) {
+	let t = /filename\*=utf-8''([^;]+)/i.exec(e)?.[1];
+	return t ? decodeURIComponent(t) : /filename="?([^";]+)/.exec(e)?.[1] ?? "pomona";
+}
+function Re(e, t, n) {
 	return new Promise((r, i) => {
 		let a = new XMLHttpRequest();
 		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error("network")), a.onload = () => {
@@ -1002,18 +1006,18 @@ function Le(e, t, n) {
 		}, a.send(t);
 	});
 }
-function Re(e, t) {
+function ze(e, t) {
 	let n = new EventSource("api/events");
 	return n.onmessage = (n) => {
 		t(!1), e(JSON.parse(n.data));
 	}, n.onerror = () => t(!0), () => n.close();
 }
 // src/app/chooser.tsx
-function ze(e) {
+function Be(e) {
 	let t = G();
 	return [e.photos ? t.photos(e.photos, K(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
 }
-function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+function Ve({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
 	let o = G(), [s, c] = V(null), [l, u] = V(""), d = async (e) => {
 		try {
 			c(await X(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
@@ -1066,20 +1070,20 @@ function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 						/* @__PURE__ */ q("span", { children: e.name }),
 						/* @__PURE__ */ q("span", {
 							class: "soft",
-							children: e.isSurvey ? o.aSurvey : ze(e)
+							children: e.isSurvey ? o.aSurvey : Be(e)
 						})
 					]
 				}) }, e.path))
 			}),
 			s && !s.places.length && /* @__PURE__ */ q("p", {
 				class: "soft inside",
-				children: ze(s) || o.emptyFolder
+				children: Be(s) || o.emptyFolder
 			}),
 			t === "photos" && s && /* @__PURE__ */ q("div", {
 				class: "bar foot",
 				children: [/* @__PURE__ */ q("span", {
 					class: "soft",
-					children: ze(s)
+					children: Be(s)
 				}), /* @__PURE__ */ q("button", {
 					type: "button",
 					class: "main",
@@ -1094,19 +1098,19 @@ function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 function Q(e) {
 	location.hash = e;
 }
-function Ve(e) {
+function He(e) {
 	let t = G();
 	if (e.fruits === null) return "";
 	let n = t.fruitNames[e.fruit];
 	return n && e.fruits !== 1 ? `${K(e.fruits)} ${n}` : t.fruits(e.fruits, K(e.fruits));
 }
-function He(e) {
+function Ue(e) {
 	if (e.state !== "running" || !e.run) return null;
 	let { stages: t, done: n, total: r } = e.run;
 	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
 }
-function Ue({ survey: e }) {
-	let t = G(), n = He(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+function We({ survey: e }) {
+	let t = G(), n = Ue(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
 	return /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("a", {
 		class: "card",
 		href: `#/survey/${e.id}`,
@@ -1137,7 +1141,7 @@ function Ue({ survey: e }) {
 				}),
 				e.fruits !== null && /* @__PURE__ */ q("span", {
 					class: "figure",
-					children: Ve(e)
+					children: He(e)
 				}),
 				/* @__PURE__ */ q("span", {
 					class: "soft",
@@ -1147,7 +1151,7 @@ function Ue({ survey: e }) {
 		})]
 	}) });
 }
-function We({ everything: e }) {
+function Ge({ everything: e }) {
 	let t = G(), [n, r] = V(!1), [i, a] = V(""), o = async (e) => {
 		r(!1), a("");
 		try {
@@ -1178,7 +1182,7 @@ function We({ everything: e }) {
 		i && /* @__PURE__ */ q(J, { text: i }),
 		e.surveys.length ? /* @__PURE__ */ q("ul", {
 			class: "cards",
-			children: e.surveys.map((e) => /* @__PURE__ */ q(Ue, { survey: e }, e.id))
+			children: e.surveys.map((e) => /* @__PURE__ */ q(We, { survey: e }, e.id))
 		}) : /* @__PURE__ */ q("div", {
 			class: "sheet empty",
 			children: [
@@ -1201,7 +1205,7 @@ function We({ everything: e }) {
 				})
 			]
 		}),
-		n && /* @__PURE__ */ q(Be, {
+		n && /* @__PURE__ */ q(Ve, {
 			title: t.openSurvey,
 			kind: "survey",
 			start: e.facts.surveysFolder,
@@ -1212,11 +1216,11 @@ function We({ everything: e }) {
 	] });
 }
 // src/app/dropping.ts
-var Ge = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
-function Ke(e) {
-	return Ge.test(e) && !e.split("/").some((e) => e.startsWith("."));
+var Ke = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function qe(e) {
+	return Ke.test(e) && !e.split("/").some((e) => e.startsWith("."));
 }
-async function qe(e, t) {
+async function Je(e, t) {
 	let n = t + e.name;
 	if (e.isFile) return [{
 		name: n,
@@ -1226,47 +1230,47 @@ async function qe(e, t) {
 	for (;;) {
 		let e = await new Promise((e, t) => r.readEntries(e, t));
 		if (!e.length) return i;
-		for (let t of e) i.push(...await qe(t, `${n}/`));
+		for (let t of e) i.push(...await Je(t, `${n}/`));
 	}
 }
-async function Je(e) {
+async function Ye(e) {
 	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
-	return (await Promise.all(t.map((e) => qe(e, "")))).flat();
+	return (await Promise.all(t.map((e) => Je(e, "")))).flat();
 }
-function Ye(e) {
+function Xe(e) {
 	return [...e].map((e) => ({
 		name: e.webkitRelativePath || e.name,
 		file: e
 	}));
 }
-function Xe(e) {
+function Ze(e) {
 	let t = e[0]?.name.split("/")[0];
-	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Xe(e.map(({ name: e, file: n }) => ({
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Ze(e.map(({ name: e, file: n }) => ({
 		name: e.slice(t.length + 1),
 		file: n
 	}))) : e;
 }
-async function Ze(e, t) {
+async function Qe(e, t) {
 	let n = await Z("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
-	for (let [o, { name: s, file: c }] of e.entries()) i = await Le(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
+	for (let [o, { name: s, file: c }] of e.entries()) i = await Re(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
 // src/app/new.tsx
-var Qe = [
+var $e = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function $e(e) {
+function et(e) {
 	let t = Number(e.trim().replace(",", "."));
 	return e.trim() && Number.isFinite(t) ? t : null;
 }
-function et(e) {
+function tt(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
-function tt({ check: e }) {
+function nt({ check: e }) {
 	let t = G(), n = [
 		"gap",
 		"blurred",
@@ -1315,7 +1319,7 @@ function tt({ check: e }) {
 		]
 	});
 }
-function nt({ kind: e }) {
+function rt({ kind: e }) {
 	let t = G(), n = e === "markers" ? [
 		30,
 		95,
@@ -1388,7 +1392,7 @@ function nt({ kind: e }) {
 		]
 	});
 }
-function rt({ facts: e }) {
+function it({ facts: e }) {
 	let t = G(), [n, r] = V([]), [i, a] = V(""), [o, s] = V(null), [c, l] = V(0), [u, d] = V(!1), [f, p] = V(null), [m, h] = V(!1), [g, _] = V(""), [v, y] = V(!1), [b, x] = V(""), [S, C] = V(""), [w, ee] = V("gnss"), [T, E] = V(""), [D, O] = V([
 		"0",
 		"1",
@@ -1398,11 +1402,11 @@ function rt({ facts: e }) {
 		photos: n,
 		oneSide: v,
 		fruit: b,
-		diameterMm: $e(S),
+		diameterMm: et(S),
 		metres: w,
 		markers: w === "markers" ? T : "",
-		scaleBar: w === "scale-bar" ? D.map((e) => $e(e) ?? 0) : [],
-		treeSpacingM: $e(k),
+		scaleBar: w === "scale-bar" ? D.map((e) => et(e) ?? 0) : [],
+		treeSpacingM: et(k),
 		learn: j
 	};
 	H(() => {
@@ -1425,13 +1429,13 @@ function rt({ facts: e }) {
 		return () => clearTimeout(e);
 	}, [JSON.stringify(I)]);
 	let L = (e) => {
-		a(""), i === "table" ? E(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), N || te(et(e).replace(/\.[^.]+$/, "")));
+		a(""), i === "table" ? E(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), N || te(tt(e).replace(/\.[^.]+$/, "")));
 	}, R = async (e) => {
-		let t = Xe(e.filter((e) => Ke(e.name)));
+		let t = Ze(e.filter((e) => qe(e.name)));
 		if (l(e.length - t.length), t.length) {
 			_(""), r([]);
 			try {
-				r([await Ze(t, (e, n, r) => s({
+				r([await Qe(t, (e, n, r) => s({
 					done: e,
 					files: t.length,
 					bytes: n,
@@ -1470,7 +1474,7 @@ function rt({ facts: e }) {
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Je(e.dataTransfer).then(R);
+						e.preventDefault(), d(!1), e.dataTransfer && Ye(e.dataTransfer).then(R);
 					},
 					children: [/* @__PURE__ */ q("p", {
 						class: "line",
@@ -1505,7 +1509,7 @@ function rt({ facts: e }) {
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: (e) => e.currentTarget.files && void R(Ye(e.currentTarget.files))
+								onChange: (e) => e.currentTarget.files && void R(Xe(e.currentTarget.files))
 							})
 						]
 					})]
@@ -1548,7 +1552,7 @@ function rt({ facts: e }) {
 					]
 				}),
 				g && /* @__PURE__ */ q(J, { text: g }),
-				f && !m && /* @__PURE__ */ q(tt, { check: f })
+				f && !m && /* @__PURE__ */ q(nt, { check: f })
 			]
 		}),
 		/* @__PURE__ */ q("section", {
@@ -1622,7 +1626,7 @@ function rt({ facts: e }) {
 					/* @__PURE__ */ q("legend", { children: t.metres }),
 					/* @__PURE__ */ q("div", {
 						class: "kinds",
-						children: Qe.map((e) => /* @__PURE__ */ q("label", {
+						children: $e.map((e) => /* @__PURE__ */ q("label", {
 							class: `kind ${w === e ? "on" : ""}`,
 							children: [
 								/* @__PURE__ */ q("span", {
@@ -1634,7 +1638,7 @@ function rt({ facts: e }) {
 										onChange: () => ee(e)
 									}), /* @__PURE__ */ q("strong", { children: t.metresKinds[e] })]
 								}),
-								/* @__PURE__ */ q(nt, { kind: e }),
+								/* @__PURE__ */ q(rt, { kind: e }),
 								/* @__PURE__ */ q("span", {
 									class: "soft",
 									children: t.metresText[e]
@@ -1731,7 +1735,7 @@ function rt({ facts: e }) {
 				] })
 			]
 		}),
-		i && /* @__PURE__ */ q(Be, {
+		i && /* @__PURE__ */ q(Ve, {
 			title: i === "photos" ? t.chooseFolder : t.markersFile,
 			kind: i,
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
@@ -1742,7 +1746,7 @@ function rt({ facts: e }) {
 	] });
 }
 // src/app/scene.tsx
-function it(e) {
+function at(e) {
 	let t = e.length / 3, n = [
 		0,
 		1,
@@ -1755,12 +1759,12 @@ function it(e) {
 	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
 	return [n, r || 1];
 }
-function at(e, t, n) {
+function ot(e, t, n) {
 	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
 	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
 	let a = e.getContext("2d");
 	if (!a || !r.width) return;
-	let [o, s] = it(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+	let [o, s] = at(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
 		Math.cos(n.turn),
 		Math.sin(n.turn),
 		Math.cos(n.tilt),
@@ -1788,12 +1792,12 @@ function at(e, t, n) {
 		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
 	}
 }
-function ot({ survey: e }) {
+function st({ survey: e }) {
 	let t = G(), [n, r] = V(null), i = U({
 		turn: 0,
 		tilt: .35,
 		zoom: 1
-	}), a = U(null), o = () => a.current && n && at(a.current, n, i.current);
+	}), a = U(null), o = () => a.current && n && ot(a.current, n, i.current);
 	if (H(() => void X(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), H(() => {
 		o();
 		let e = new ResizeObserver(o);
@@ -1841,11 +1845,11 @@ function ot({ survey: e }) {
 	})] });
 }
 // src/app/survey.tsx
-var st = [
+var ct = [
 	"queued",
 	"running",
 	"stopping"
-], ct = 24, lt = [
+], lt = 24, ut = [
 	"report.html",
 	"fruits.csv",
 	"trees.csv",
@@ -1860,7 +1864,7 @@ var st = [
 	"metashape",
 	"geoparquet"
 ];
-function ut({ survey: e }) {
+function dt({ survey: e }) {
 	let t = G();
 	if (e.run?.byOther) return /* @__PURE__ */ q("p", {
 		class: "soft",
@@ -1900,10 +1904,10 @@ function ut({ survey: e }) {
 		children: r ? t.again : t.goOn
 	});
 }
-function dt({ survey: e }) {
+function ft({ survey: e }) {
 	let t = G(), n = e.run;
 	if (!n) return null;
-	let r = He(e), i = n.stages.find((e) => e.state === "now");
+	let r = Ue(e), i = n.stages.find((e) => e.state === "now");
 	return /* @__PURE__ */ q("section", {
 		class: "sheet",
 		"aria-label": t.progress,
@@ -1981,8 +1985,8 @@ function dt({ survey: e }) {
 		]
 	});
 }
-function ft({ survey: e }) {
-	let t = G(), [n, r] = V([]), [i, a] = V(ct), [o, s] = V(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+function pt({ survey: e }) {
+	let t = G(), [n, r] = V([]), [i, a] = V(lt), [o, s] = V(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
 	if (H(() => void X(`surveys/${e.id}/photos`).then(r, () => r([])), [
 		e.id,
 		e.version,
@@ -2032,7 +2036,7 @@ function ft({ survey: e }) {
 		})
 	] });
 }
-function pt({ survey: e }) {
+function mt({ survey: e }) {
 	let t = G(), [n, r] = V(null), [i, a] = V("");
 	return H(() => void X(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ q(J, { text: i }) : n ? n.length ? /* @__PURE__ */ q("div", {
 		class: "scroll",
@@ -2063,7 +2067,7 @@ function pt({ survey: e }) {
 		children: t.noTrees
 	}) : /* @__PURE__ */ q("progress", { "aria-label": t.treesTab });
 }
-function mt({ survey: e, everything: t }) {
+function ht({ survey: e, everything: t }) {
 	let n = G(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = V(r[0]?.id ?? ""), [o, s] = V("");
 	return r.length ? /* @__PURE__ */ q(y, { children: [
 		/* @__PURE__ */ q("p", {
@@ -2098,8 +2102,8 @@ function mt({ survey: e, everything: t }) {
 		children: n.compareNone
 	});
 }
-function ht({ survey: e, everything: t }) {
-	let n = G(), r = lt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+function gt({ survey: e, everything: t }) {
+	let n = G(), r = ut.filter((e) => e.includes(".") || t.facts.exports.includes(e));
 	return /* @__PURE__ */ q(y, { children: [
 		/* @__PURE__ */ q("h2", { children: n.files }),
 		/* @__PURE__ */ q("ul", {
@@ -2119,7 +2123,7 @@ function ht({ survey: e, everything: t }) {
 		})
 	] });
 }
-function gt({ survey: e, canLearn: t }) {
+function _t({ survey: e, canLearn: t }) {
 	let n = G();
 	return /* @__PURE__ */ q("section", {
 		class: "sheet",
@@ -2140,7 +2144,7 @@ function gt({ survey: e, canLearn: t }) {
 		]
 	});
 }
-function _t({ survey: e }) {
+function vt({ survey: e }) {
 	let t = G(), [n, r] = V(null);
 	return /* @__PURE__ */ q("details", {
 		class: "sheet",
@@ -2161,8 +2165,8 @@ var $ = [
 	"compare",
 	"files"
 ];
-function vt({ survey: e, everything: t, place: n }) {
-	let r = G(), i = e.state === "finished" && !st.includes(e.state), a = $.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
+function yt({ survey: e, everything: t, place: n }) {
+	let r = G(), i = e.state === "finished" && !ct.includes(e.state), a = $.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
@@ -2187,20 +2191,20 @@ function vt({ survey: e, everything: t, place: n }) {
 				}),
 				/* @__PURE__ */ q("span", {
 					class: "end",
-					children: /* @__PURE__ */ q(ut, { survey: e })
+					children: /* @__PURE__ */ q(dt, { survey: e })
 				})
 			]
 		}),
 		/* @__PURE__ */ q("p", {
 			class: "soft",
 			children: [
-				Ve(e),
+				He(e),
 				e.weightKg === null ? "" : `${K(e.weightKg, 1)} kg`,
 				e.photos === null ? "" : r.photos(e.photos, K(e.photos)),
 				e.day ? r.taken(ke(e.day)) : ""
 			].filter(Boolean).join(" · ")
 		}),
-		!i && /* @__PURE__ */ q(dt, { survey: e }),
+		!i && /* @__PURE__ */ q(ft, { survey: e }),
 		/* @__PURE__ */ q("section", {
 			class: "sheet results",
 			children: [/* @__PURE__ */ q("div", {
@@ -2225,10 +2229,10 @@ function vt({ survey: e, everything: t, place: n }) {
 				id: "panel",
 				role: "tabpanel",
 				"aria-labelledby": `tab-${a}`,
-				children: a === "photos" ? /* @__PURE__ */ q(ft, { survey: e }) : a === "scene" ? /* @__PURE__ */ q(ot, { survey: e }) : i ? a === "trees" ? /* @__PURE__ */ q(pt, { survey: e }) : a === "compare" ? /* @__PURE__ */ q(mt, {
+				children: a === "photos" ? /* @__PURE__ */ q(pt, { survey: e }) : a === "scene" ? /* @__PURE__ */ q(st, { survey: e }) : i ? a === "trees" ? /* @__PURE__ */ q(mt, { survey: e }) : a === "compare" ? /* @__PURE__ */ q(ht, {
 					survey: e,
 					everything: t
-				}) : a === "files" ? /* @__PURE__ */ q(ht, {
+				}) : a === "files" ? /* @__PURE__ */ q(gt, {
 					survey: e,
 					everything: t
 				}) : /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q("p", {
@@ -2249,13 +2253,13 @@ function vt({ survey: e, everything: t, place: n }) {
 				})
 			})]
 		}),
-		i && /* @__PURE__ */ q(gt, {
+		i && /* @__PURE__ */ q(_t, {
 			survey: e,
 			canLearn: t.facts.canLearn
 		}),
-		i && /* @__PURE__ */ q(dt, { survey: e }),
-		e.photos !== null && /* @__PURE__ */ q(_t, { survey: e }),
-		!st.includes(e.state) && /* @__PURE__ */ q("p", {
+		i && /* @__PURE__ */ q(ft, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ q(vt, { survey: e }),
+		!ct.includes(e.state) && /* @__PURE__ */ q("p", {
 			class: "line",
 			children: [/* @__PURE__ */ q(Y, {
 				onDo: async () => {
@@ -2270,13 +2274,13 @@ function vt({ survey: e, everything: t, place: n }) {
 	] });
 }
 // src/app/main.tsx
-function yt() {
+function bt() {
 	let e = document.documentElement, t = e.dataset.theme ? e.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 	e.dataset.theme = t ? "light" : "dark";
 }
-function bt() {
+function xt() {
 	let [e, t] = V(null), [n, r] = V(!1), [i, a] = V(location.hash), [o, s] = V(De()), [c, l] = V(!1), [u, d] = V(!1);
-	H(() => u ? void 0 : Re(t, r), [u]), H(() => {
+	H(() => u ? void 0 : ze(t, r), [u]), H(() => {
 		let e = () => a(location.hash);
 		return addEventListener("hashchange", e), () => removeEventListener("hashchange", e);
 	}, []), H(() => {
@@ -2327,7 +2331,7 @@ function bt() {
 						type: "button",
 						"aria-label": f.theme,
 						title: f.theme,
-						onClick: yt,
+						onClick: bt,
 						children: /* @__PURE__ */ q("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
@@ -2356,11 +2360,11 @@ function bt() {
 			role: "alert",
 			children: f.lost
 		}),
-		e ? p === "new" ? /* @__PURE__ */ q(rt, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ q(vt, {
+		e ? p === "new" ? /* @__PURE__ */ q(it, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ q(yt, {
 			survey: g,
 			everything: e,
 			place: h ?? ""
-		}, g.id) : /* @__PURE__ */ q(We, { everything: e }) : /* @__PURE__ */ q("main", { children: /* @__PURE__ */ q("progress", { "aria-label": f.surveys }) }),
+		}, g.id) : /* @__PURE__ */ q(Ge, { everything: e }) : /* @__PURE__ */ q("main", { children: /* @__PURE__ */ q("progress", { "aria-label": f.surveys }) }),
 		c && /* @__PURE__ */ q(Ne, {
 			title: f.close,
 			onClose: () => l(!1),
@@ -2381,4 +2385,4 @@ function bt() {
 		})
 	] });
 }
-ie(/* @__PURE__ */ q(bt, {}), document.getElementById("app"));
+ie(/* @__PURE__ */ q(xt, {}), document.getElementById("app"));
