@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -43,16 +45,18 @@ def render(cameras: Cameras, photo_idx: int) -> np.ndarray:
     return np.dstack([gray, gray // 2 + 40, gray // 3])
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photos, SurveyDetections, Cameras]:
-    folder = tmp_path_factory.mktemp("balls")
-    cameras = cameras_in_a_row(5, step_m=0.1, distance_m=0.9)
+def scene_of(cameras: Cameras, folder: Path) -> tuple[Photos, SurveyDetections, Cameras]:
     photos = []
     for i, name in enumerate(cameras.photos):
         path = folder / name.replace(".jpg", ".png")
         cv2.imwrite(str(path), cv2.cvtColor(render(cameras, i), cv2.COLOR_RGB2BGR))
         photos.append(Photo(name, path, cameras.intrinsics_of(i).width_px, cameras.intrinsics_of(i).height_px))
     return Photos(tuple(photos)), detections_of(cameras, CENTERS, DIAMETERS), cameras
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photos, SurveyDetections, Cameras]:
+    return scene_of(cameras_in_a_row(5, step_m=0.1, distance_m=0.9), tmp_path_factory.mktemp("balls"))
 
 
 def test_points_lie_on_the_fruits_and_nowhere_else(scene: tuple[Photos, SurveyDetections, Cameras]) -> None:

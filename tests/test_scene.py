@@ -5,34 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from fuse_scenes import cameras_in_a_row, detections_of, sphere_points
+from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.fruit_points import fruit_of_points
 from pomona.fruits import Fruits
-from pomona.photos import Photo, Photos
+from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.scene import DenseSceneOptions, dense_scene
 from pomona.scene.partners import along_the_path, choose_partners
 from pomona.scene.voxels import VoxelCloud
-from test_dense import CENTERS, DIAMETERS, render
+from test_dense import CENTERS, DIAMETERS, scene_of
 
 WALL_M = 0.5
 Scene = tuple[Photos, SurveyDetections, Cameras]
-
-
-def scene_of(cameras: Cameras, folder: Path) -> Scene:
-    photos = []
-    for i, name in enumerate(cameras.photos):
-        path = folder / name.replace(".jpg", ".png")
-        cv2.imwrite(str(path), cv2.cvtColor(render(cameras, i), cv2.COLOR_RGB2BGR))
-        photos.append(Photo(name, path, cameras.intrinsics_of(i).width_px, cameras.intrinsics_of(i).height_px))
-    return Photos(tuple(photos)), detections_of(cameras, CENTERS, DIAMETERS), cameras
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from pomona.cli.page import serve_page
 from pomona.errors import InputError
 
 _PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
@@ -36,12 +36,4 @@ def app(port: _PORT = 0, no_browser: _NO_BROWSER = False, surveys: _SURVEYS = No
     except OSError as error:
         reason = error.strerror or error
         raise InputError(f"`port` {port}: {reason}: choose another, or none for a free one") from None
-    with server:
-        typer.echo(server.url)
-        typer.echo("Ctrl-C ends it.", err=True)
-        if not no_browser and not webbrowser.open(server.url):
-            typer.echo("No browser could be opened; the page is at the address above.", err=True)
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            typer.echo("", err=True)
+    serve_page(server, no_browser=no_browser)

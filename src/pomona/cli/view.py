@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pomona.cli import options as shared
+from pomona.cli.page import serve_page
 from pomona.cli.progress import TerminalProgress
 
 _PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
@@ -42,15 +42,7 @@ def view(
             typer.echo(str(opened.export_view(export, truth=truth)))
             return
         server = opened.viewer(port=port, truth=truth)
-    with server:
-        typer.echo(server.url)
-        typer.echo("Ctrl-C ends it.", err=True)
-        if not no_browser and not webbrowser.open(server.url):
-            typer.echo("No browser could be opened; the page is at the address above.", err=True)
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            typer.echo("", err=True)
+    serve_page(server, no_browser=no_browser)
     if server.changed:
         pomona.open(survey)
         typer.echo(f"The tables are corrected; `pomona report {survey}` writes the report again.", err=True)

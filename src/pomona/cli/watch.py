@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +12,7 @@ import typer
 from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.failures import say
+from pomona.cli.page import open_page
 from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import show
 from pomona.errors import InputError
@@ -97,8 +97,7 @@ def watch(
         server.on_stop_wanted = session.stop
         threading.Thread(target=server.serve_forever, daemon=True).start()
         typer.echo(server.url, err=as_json)
-        if not no_browser and not webbrowser.open(server.url):
-            typer.echo("No browser could be opened; the page is at the address above.", err=True)
+        open_page(server.url, no_browser=no_browser)
         typer.echo("Ctrl-C ends the watch, and the survey is made.", err=True)
         with contextlib.suppress(KeyboardInterrupt):
             session.follow()

@@ -302,25 +302,33 @@ def map_incremental(
     `fixed` cameras keep the intrinsics that they have in the database: on the first two or three photos, focal length
     and distortion that nobody knows are often refined to nonsense, from which nothing recovers.
     """
-    settings = pycolmap.IncrementalPipelineOptions(
-        min_num_matches=options.min_matches,
-        min_model_size=options.min_piece_photos,
-        num_threads=options.threads or -1,
-        random_seed=options.seed,
-        extract_colors=False,
+    settings = _incremental_settings(
+        options,
         constant_cameras={i + 1 for i in fixed},
         # Refining all less often than COLMAP does by default costs no precision: all is refined at the end.
         ba_global_frames_ratio=1.2,
         ba_global_points_ratio=1.2,
         ba_global_max_refinements=3,
     )
-    settings.mapper.init_min_tri_angle = options.first_pair_angle_deg
-    settings.mapper.abs_pose_min_num_inliers = options.least_known_points
-    settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
     pycolmap.set_random_seed(options.seed)
     pycolmap.incremental_mapping(
         path, path.parent, out, settings, initial_image_pair_callback=on_photo, next_image_callback=on_photo
     )
+
+
+def _incremental_settings(options: SfmOptions, **more: Any) -> Any:
+    settings = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=options.min_matches,
+        min_model_size=options.min_piece_photos,
+        num_threads=options.threads or -1,
+        random_seed=options.seed,
+        extract_colors=False,
+        **more,
+    )
+    settings.mapper.init_min_tri_angle = options.first_pair_angle_deg
+    settings.mapper.abs_pose_min_num_inliers = options.least_known_points
+    settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
+    return settings
 
 
 def map_further(path: Path, out: Path, options: SfmOptions, names: Sequence[str], before: Path | None) -> None:
@@ -329,20 +337,13 @@ def map_further(path: Path, out: Path, options: SfmOptions, names: Sequence[str]
     Without `before` a model is begun. What is new is adjusted among its neighbours, all of it only now and then: this
     is for an answer at once, not for the best one.
     """
-    settings = pycolmap.IncrementalPipelineOptions(
-        min_num_matches=options.min_matches,
-        min_model_size=options.min_piece_photos,
-        num_threads=options.threads or -1,
-        random_seed=options.seed,
-        extract_colors=False,
+    settings = _incremental_settings(
+        options,
         multiple_models=False,
         image_names=list(names),
         ba_global_max_num_iterations=10,
         ba_global_max_refinements=1,
     )
-    settings.mapper.init_min_tri_angle = options.first_pair_angle_deg
-    settings.mapper.abs_pose_min_num_inliers = options.least_known_points
-    settings.mapper.random_seed = settings.triangulation.random_seed = options.seed
     pycolmap.set_random_seed(options.seed)
     if before is None:
         pycolmap.incremental_mapping(path, path.parent, out, settings)
