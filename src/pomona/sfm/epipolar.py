@@ -13,9 +13,8 @@ import numpy as np
 
 from pomona.arrays import Array, BoolArray, ByteArray, FloatArray, IntArray, set_checked
 
-# Angles (rad) of unit vectors, the best against the second best. COLMAP's ratio is 0.8, of the second best of all; of
-# the second best of a few hundred, that would let accidents in, 26 to 36 a pair of orchard-dev; 0.7 leaves 3 to 5.
-_MOST_ANGLE, _MOST_RATIO = 0.7, 0.7
+# Angles (rad) of unit vectors, the best against the second best: COLMAP's bounds.
+_MOST_ANGLE, _MOST_RATIO = 0.7, 0.8
 _UNIT = 512.0  # length of descriptors as bytes
 # So many features are compared at once with all that are near one of their lines.
 _AT_ONCE = 200

@@ -28,7 +28,7 @@ from pomona.sfm.workspace import Workspace
 # Matching can be stopped, and its progress is shown, after so many pairs.
 _PAIRS_AT_ONCE = 64
 # The geometry that the largest features give is off by a few pixels.
-_TOLERANCE_PX = 8.0
+_TOLERANCE_PX = 4.0
 # A photo that overlaps with fewer others is compared with all its candidates by all features.
 _ENOUGH_PARTNERS = 3
 _T = TypeVar("_T")
