@@ -7,11 +7,9 @@ from typing import Annotated
 
 import typer
 
-from pomona.cli.page import serve_page
+from pomona.cli.page import NoBrowser, Port, serve_page
 from pomona.errors import InputError
 
-_PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
-_NO_BROWSER = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
 _SURVEYS = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="Where new surveys go. Default: Pomona in your documents.")
 ]
@@ -21,7 +19,7 @@ _PHOTOS = Annotated[
 ]
 
 
-def app(port: _PORT = 0, no_browser: _NO_BROWSER = False, surveys: _SURVEYS = None, photos: _PHOTOS = None) -> None:
+def app(port: Port = 0, no_browser: NoBrowser = False, surveys: _SURVEYS = None, photos: _PHOTOS = None) -> None:
     """Make surveys in the browser: choose or drop photos, watch the run, look at the fruits, correct them.
 
     The page is served to this computer alone. Ctrl-C, or the page's button, ends it; a run that is at work is stopped

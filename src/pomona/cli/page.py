@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import webbrowser
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
     from pomona.server import PageServer
+
+Port = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
 
 
 def open_page(url: str, *, no_browser: bool) -> None:

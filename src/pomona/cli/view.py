@@ -8,11 +8,9 @@ from typing import Annotated
 import typer
 
 from pomona.cli import options as shared
-from pomona.cli.page import serve_page
+from pomona.cli.page import NoBrowser, Port, serve_page
 from pomona.cli.progress import TerminalProgress
 
-_PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
-_NO_BROWSER = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
 _PHOTOS = Annotated[Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were.")]
 _TRUTH = Annotated[
     Path | None, typer.Option(metavar="FILE", help="True fruits, as for `pomona evaluate`: shown beside the result.")
@@ -24,8 +22,8 @@ _EXPORT = Annotated[
 
 def view(
     survey: shared.SurveyArgument,
-    port: _PORT = 0,
-    no_browser: _NO_BROWSER = False,
+    port: Port = 0,
+    no_browser: NoBrowser = False,
     photos: _PHOTOS = None,
     truth: _TRUTH = None,
     export: _EXPORT = None,

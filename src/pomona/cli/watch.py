@@ -12,7 +12,7 @@ import typer
 from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.failures import say
-from pomona.cli.page import open_page
+from pomona.cli.page import NoBrowser, Port, open_page
 from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import show
 from pomona.errors import InputError
@@ -34,8 +34,6 @@ _HOST = Annotated[
         "those who know the address with its token see it.",
     ),
 ]
-_PORT = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
-_NO_BROWSER = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
 
 
 def watch(
@@ -44,8 +42,8 @@ def watch(
     until: _UNTIL = None,
     idle: _IDLE = None,
     host: _HOST = "127.0.0.1",
-    port: _PORT = 0,
-    no_browser: _NO_BROWSER = False,
+    port: Port = 0,
+    no_browser: NoBrowser = False,
     markers: shared.Markers = None,
     markers_crs: shared.MarkersCrs = None,
     gcp: shared.Gcp = None,
