@@ -69,6 +69,19 @@ def test_photos_are_read_at_the_scale_at_which_fruits_are_known(tmp_path: Path, 
     assert min(max(m.iou(t) for m in found.masks) for t in truth) > 0.8
 
 
+def test_fruits_of_nearly_one_width_give_the_same_scale(tmp_path: Path) -> None:
+    """So that photos that are added leave alone what was found in the others."""
+    segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 100))
+    scales = []
+    for radius in (25.0, 25.5, 26.0):
+        photo = red_photo(tmp_path / f"{radius}.jpg", 650, 620, [(200.0, 200.0, radius), (450.0, 450.0, radius)])
+        found = reading_scales(Photos((photo,)), segmenter, sample_photos=4, score_threshold=0.5, progress=Silent())
+        scales.append(found[photo.name])
+    assert len(set(scales)) == 1
+    assert 6 * np.log2(scales[0]) == pytest.approx(round(6 * np.log2(scales[0])))
+    assert scales[0] == pytest.approx(40 / 51, rel=0.13)
+
+
 def test_sides_and_cameras_have_scales_of_their_own(tmp_path: Path) -> None:
     near = [(150.0 + 200 * k, 150.0, 60.0) for k in range(3)]
     far = [(60.0 + 80 * k, 150.0, 20.0) for k in range(8)]

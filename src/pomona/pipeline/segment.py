@@ -100,8 +100,7 @@ def _segment(
     progress: Progress,
 ) -> Segmented:
     if options.given is None:
-        files = {photo.name: _file_of(work_dir, own_key, photo, digests[photo.name]) for photo in photos}
-        return _by_model(photos, options, files, progress)
+        return _by_model(photos, digests, options, work_dir / own_key, progress)
     from pomona.formats.detections.read import read_detections
 
     progress.start("reading the detections given")
@@ -109,25 +108,29 @@ def _segment(
     return Segmented(found, 0.0)  # who gives detections has chosen them
 
 
-def _by_model(photos: Photos, options: SegmentChoice, files: Mapping[str, Path], progress: Progress) -> Segmented:
+def _by_model(
+    photos: Photos, digests: Mapping[str, str], options: SegmentChoice, folder: Path, progress: Progress
+) -> Segmented:
     """Segment photo after photo; each is kept in its file at once, so that a stopped run goes on with the next."""
     from pomona.formats.detections.coco import write_coco
-    from pomona.segment import iter_detections, load_segmenter
+    from pomona.segment import iter_detections, load_segmenter, scales_of
 
     segmenter = load_segmenter(options.model.name)
     chosen = options.kept_from(segmenter.traits.score_threshold)
+    scales = scales_of(photos, segmenter, chosen, progress)
+    files = {photo.name: _file_of(folder, photo, digests[photo.name], scales[photo.name]) for photo in photos}
     done, found = _done(photos, files), dict[str, Detections]()
     by_name = photos.by_name()
-    for of_photo in iter_detections(photos, segmenter, options=chosen, progress=progress, done=done):
+    for of_photo in iter_detections(photos, segmenter, options=chosen, progress=progress, done=done, scales=scales):
         found[of_photo.photo] = of_photo
         if of_photo.photo not in done:
             _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
     return Segmented(SurveyDetections(found), segmenter.traits.score_threshold)
 
 
-def _file_of(work_dir: Path, own_key: str, photo: Photo, content: str) -> Path:
-    """Where the detections of a photo are kept, by what made them and the digest of its content."""
-    return work_dir / own_key / f"{digest([photo.name, content])}.json"
+def _file_of(folder: Path, photo: Photo, content: str, scale: float) -> Path:
+    """Where the detections of a photo are kept, by the digest of its content and the scale at which it was read."""
+    return folder / f"{digest([photo.name, content, scale])}.json"
 
 
 def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
@@ -182,14 +185,15 @@ SEGMENT = Stage(
 class PhotoByPhoto:
     """Detections of photos as they come in, each kept where a run with the same options finds it.
 
-    At which scale photos are read is found out once for each side and camera, from the first photos that are there.
+    At which scale photos are read is found out once for each side and camera, from the first photos that are there. A
+    run of all photos that finds another one reads those photos again.
     """
 
     def __init__(self, options: StageOptions, own_key: str, work_dir: Path) -> None:
         from pomona.segment import load_segmenter
 
         choice = _choice(options)
-        self._key, self._work_dir = own_key, work_dir
+        self._folder = work_dir / own_key
         self._segmenter = load_segmenter(choice.model.name)
         self._threshold = self._segmenter.traits.score_threshold
         self._options = choice.kept_from(self._threshold)
@@ -209,29 +213,25 @@ class PhotoByPhoto:
         from pomona.formats.detections.coco import write_coco
         from pomona.segment import iter_detections
 
-        path, one = _file_of(self._work_dir, self._key, photo, content), Photos((photo,))
+        one, scale = Photos((photo,)), self._scale_of(photo, photos, progress)
+        path = _file_of(self._folder, photo, content, scale)
         kept = _done(one, {photo.name: path}).get(photo.name)
         if kept is not None and not set(kept.ids.tolist()) & {i for d in self._found.values() for i in d.ids.tolist()}:
             self._found[photo.name] = kept
             return
-        options = replace(self._options, scale=self._scale_of(photo, photos, progress))
-        for found in iter_detections(one, self._segmenter, options=options, progress=progress, done=self._found):
+        scales = {photo.name: scale}
+        for found in iter_detections(
+            one, self._segmenter, options=self._options, progress=progress, done=self._found, scales=scales
+        ):
             self._found[photo.name] = found
             _keep(write_coco, path, photo, found)
 
     def _scale_of(self, photo: Photo, photos: Photos, progress: Progress) -> float:
-        if self._options.scale is not None:
-            return self._options.scale
         group = photo.side, photo.camera_key, photo.width_px, photo.height_px
         if group not in self._scales:
-            from pomona.segment.reading_scale import reading_scales
+            from pomona.segment import scales_of
 
             alike = tuple(p for p in photos if (p.side, p.camera_key, p.width_px, p.height_px) == group)
-            self._scales[group] = reading_scales(
-                Photos(alike[: self._options.sample_photos]),
-                self._segmenter,
-                sample_photos=self._options.sample_photos,
-                score_threshold=self._threshold,
-                progress=progress,
-            )[alike[0].name]
+            first = Photos(alike[: self._options.sample_photos])
+            self._scales[group] = scales_of(first, self._segmenter, self._options, progress)[alike[0].name]
         return self._scales[group]

@@ -1,7 +1,7 @@
 """Fruits in photos: tiling, a segmenter, detections stitched across seams and mapped to the photo."""
 
 from pomona.segment.load import load_segmenter
-from pomona.segment.photo_detections import SegmentOptions, iter_detections, segment_photo, segment_photos
+from pomona.segment.photo_detections import SegmentOptions, iter_detections, scales_of, segment_photo, segment_photos
 from pomona.segment.protocol import Segmenter, SegmenterTraits, TileDetections
 from pomona.segment.stitch import StitchOptions, stitch
 from pomona.segment.tiled_image import segment_tiled
@@ -16,6 +16,7 @@ __all__ = [
     "Window",
     "iter_detections",
     "load_segmenter",
+    "scales_of",
     "segment_photo",
     "segment_photos",
     "segment_tiled",

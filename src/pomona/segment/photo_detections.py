@@ -72,17 +72,19 @@ def iter_detections(
     options: SegmentOptions | None = None,
     progress: Progress | None = None,
     done: Mapping[str, Detections] | None = None,
+    scales: Mapping[str, float] | None = None,
 ) -> Iterator[Detections]:
     """Yield the detections of each photo as soon as they are there, so that they can be saved and gone on from.
 
-    Photos in `done`, from an earlier run with the same options, are yielded as they are. The next photo is read while
-    one is segmented.
+    Photos in `done`, from an earlier run with the same options, are yielded as they are. `scales` are those of
+    `scales_of`, by name, where they are known already. The next photo is read while one is segmented.
     """
     options, progress, done = options or SegmentOptions(), progress or Silent(), done or {}
     if isinstance(segmenter, TileByTile) and segmenter.note:
         progress.warn(segmenter.note)
     todo = [photo for photo in photos if photo.name not in done]
-    scales = _scales(photos, segmenter, options, progress) if todo else {}
+    if scales is None:
+        scales = scales_of(photos, segmenter, options, progress) if todo else {}
     next_id = 1 + max((int(d.ids.max()) for d in done.values() if len(d)), default=0)
     progress.start("segmenting", len(photos))
     with ThreadPoolExecutor(1) as reader:
@@ -130,7 +132,8 @@ def segment_photo(
     return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + first_id, found.boxes_px)
 
 
-def _scales(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:
+def scales_of(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:
+    """Return for each photo's name the scale at which it is read: as asked for, or as the fruits in photos tell."""
     if options.scale is not None:
         return dict.fromkeys(photos.names, options.scale)
     threshold = threshold_of(segmenter, options)

@@ -28,6 +28,9 @@ _ENOUGH = 3
 _FEW, _MOST_TIMES = 60, 4
 _REFINEMENTS = 3
 _CLOSE = 1.2
+# A scale is one of these steps of an octave: photos that are added, or come one after another, hardly ever change it,
+# and what was found in the others stays as it is. A median of some dozens of fruits is hardly better known than that.
+_STEPS_PER_OCTAVE = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +57,9 @@ def reading_scales(
     """Return for each photo's name the scale at which to read it, 1 being its full size.
 
     Photos of one side, camera and size share a scale: that at which the median width of the fruits found in
-    `sample_photos` of them (up to four times as many where these show few fruits) is the segmenter's typical one; never
-    over `MAX_ENLARGEMENT`. Where no fruit is found, they are read at 2048 pixels at most. A segmenter that knows no
-    typical width reads all photos at full size.
+    `sample_photos` of them (up to four times as many where these show few fruits) is the segmenter's typical one, to
+    the nearest sixth of an octave; never over `MAX_ENLARGEMENT`. Where no fruit is found, they are read at 2048 pixels
+    at most. A segmenter that knows no typical width reads all photos at full size.
     """
     typical_px = segmenter.traits.typical_fruit_px
     if typical_px is None:
@@ -106,7 +109,11 @@ def _scale_of(
         before, scale = scale, min(typical_px / seen.median_px, MAX_ENLARGEMENT)
         if max(before, scale) < _CLOSE * min(before, scale):
             break
-    return scale
+    return _stepped(scale)
+
+
+def _stepped(scale: float) -> float:
+    return min(float(2.0 ** (round(np.log2(scale) * _STEPS_PER_OCTAVE) / _STEPS_PER_OCTAVE)), MAX_ENLARGEMENT)
 
 
 def _readable(photo: Photo, max_side_px: int) -> ByteArray | None:
