@@ -22,6 +22,7 @@ lint: .venv-dev/installed
 	.venv-dev/bin/ruff check .
 	.venv-dev/bin/ruff format --check .
 	.venv-dev/bin/mypy
+	.venv-dev/bin/mypy --platform win32
 
 docs: .venv-dev/installed
 	.venv-dev/bin/python docs/assemble.py build/docs

@@ -186,7 +186,7 @@ def joined(kind: str, method: str, row: Path, detections: SurveyDetections, came
 
 def peak_megabytes() -> float:
     """Of this process alone: what `getrusage` says begins with what its parent needed."""
-    status = Path("/proc/self/status").read_text()
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
     return next(int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmHWM"))
 
 

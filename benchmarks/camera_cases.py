@@ -298,7 +298,7 @@ def _read_markers(row: Path) -> Markers:
 
 def _write_markers(path: Path, markers: Markers) -> None:
     lines = [f"{int(m['id'])},{m['x']},{m['y']},{m['z']}" for m in markers]
-    path.write_text("\n".join(["id,x,y,z", *lines]) + "\n")
+    path.write_text("\n".join(["id,x,y,z", *lines]) + "\n", encoding="utf-8")
 
 
 def _write_given(path: Path, cameras: Sequence[RowCamera]) -> None:
@@ -310,7 +310,7 @@ def _write_given(path: Path, cameras: Sequence[RowCamera]) -> None:
             lines.append(f"{camera.focal_px} 0 0")
             rows = np.vstack([flip @ camera.rotation_cam_from_world, flip @ camera.translation_m])
             lines += [" ".join(f"{v:.12g}" for v in row) for row in rows]
-        path.write_text("\n".join(lines) + "\n")
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         path.with_name("list.txt").write_text("".join(f"{camera.name}.jpg\n" for camera in cameras))
         return
     frames = []
@@ -321,4 +321,4 @@ def _write_given(path: Path, cameras: Sequence[RowCamera]) -> None:
     one = cameras[0]
     intrinsics = {"fl_x": one.focal_px, "fl_y": one.focal_px, "cx": one.width_px / 2, "cy": one.height_px / 2,
                   "w": one.width_px, "h": one.height_px, "camera_model": "OPENCV"}  # fmt: skip
-    path.write_text(json.dumps({**intrinsics, "frames": frames}))
+    path.write_text(json.dumps({**intrinsics, "frames": frames}), encoding="utf-8")

@@ -279,7 +279,7 @@ def turned(page: Any) -> list[float]:
 
 def memory_mb(process: int) -> float:
     """The most memory that a process had so far."""
-    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
 
 

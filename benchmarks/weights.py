@@ -19,7 +19,7 @@ WIDTH, HEIGHT, MARGIN = 360, 260, 44
 
 def pairs_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Diameters in mm and weights in g, without the two balls that the table has for calibration."""
-    with path.open() as file:
+    with path.open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file, delimiter=";") if not row["lab.fruit_label"].startswith("BALL")]
     diameters, weights = np.array([[float(r["lab.o_caliber_mm"]), float(r["lab.weight_gr"])] for r in rows]).T
     return diameters, weights

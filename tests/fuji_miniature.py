@@ -56,7 +56,7 @@ def write_bundler(path: Path, cameras: Sequence[Camera], points: np.ndarray) -> 
             if depth > 0 and (xy >= 0).all() and (xy < [camera.width_px, camera.height_px]).all():
                 views.append(f"{i} {k} {xy[0] - camera.width_px / 2:.4f} {camera.height_px / 2 - xy[1]:.4f}")
         lines += [" ".join(f"{v:.8f}" for v in point), "120 130 140", " ".join([str(len(views)), *views])]
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def write_side(
@@ -86,7 +86,8 @@ def write_boxes(path: Path, boxes: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     steps = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T
     corners = [box[:3] + steps * (box[3:] - box[:3]) for box in boxes]
-    path.write_text("".join(" ".join(f"{v:.5f}" for v in corner.ravel()) + "\n" for corner in corners))
+    lines = [" ".join(f"{v:.5f}" for v in corner.ravel()) + "\n" for corner in corners]
+    path.write_text("".join(lines), encoding="utf-8")
 
 
 def write_tiles(folder: Path, name: str, tiles: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:

@@ -119,7 +119,7 @@ def photos_of(*cameras: Cameras) -> Photos:
 def marker_table(path: Path, places: Mapping[int, Sequence[float]] = PLACES) -> Path:
     """Write a `markers.csv`."""
     rows = [f"{i},{x},{y},{z}" for i, (x, y, z) in places.items()]
-    path.write_text("\n".join(["id,x,y,z", *rows]) + "\n")
+    path.write_text("\n".join(["id,x,y,z", *rows]) + "\n", encoding="utf-8")
     return path
 
 

@@ -38,7 +38,7 @@ def coco(path: Path, *annotations: dict[str, Any], name: str = "a.jpg", **change
     ]
     image = {"id": 1, "file_name": name, "width": WIDTH, "height": HEIGHT}
     content = {"images": [image], "categories": [{"id": 1, "name": "apple"}], "annotations": entries} | changes
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
 

@@ -193,7 +193,7 @@ def test_the_command_prints_tables_and_json_and_keeps_them(tmp_path: Path) -> No
 
 def test_tables_show_printed_figures_and_what_is_missing() -> None:
     table = Comparison("A", (Figure("F1", {"ours": 0.5, "other": float("nan")}, 0.881),), "someone 2020", ("a note",))
-    console = Console(width=120, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=120, record=True, file=open("/dev/null", "w", encoding="utf-8"))  # noqa: SIM115
     console.print(result_tables(BenchmarkResult("set", ("a file",), (table,), {"B": "no file"})))
     text = console.export_text()
     for expected in ("a file", "0.500", "0.881", "–", "someone 2020", "a note", "B could not be made: no file"):

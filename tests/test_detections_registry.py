@@ -110,7 +110,7 @@ def test_what_is_of_no_format_is_none(tmp_path: Path, text: str) -> None:
 
 def _read_circles(file: Path, sources: Sources) -> list[LabelledPhoto]:
     """A format that nobody knows yet: the photo's name in the first line, then a circle a line."""
-    name, *lines = file.read_text().removeprefix("circles of ").splitlines()
+    name, *lines = file.read_text(encoding="utf-8").removeprefix("circles of ").splitlines()
     photo = sources(file).find(name, "its first line")
     if photo is None:
         return []

@@ -286,7 +286,7 @@ def write_photo(path: Path) -> None:
 
 
 def write_json(path: Path, content: object) -> Path:
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
 
@@ -353,7 +353,7 @@ def test_command_on_a_survey(row: Path, detections: Path, tmp_path: Path) -> Non
 
 
 def test_pictures_show_what_is_right_false_and_missed(row: Path, detections: Path, tmp_path: Path) -> None:
-    data = write_json(tmp_path / "low.json", json.loads(detections.read_text()))
+    data = write_json(tmp_path / "low.json", json.loads(detections.read_text(encoding="utf-8")))
     content = json.loads(data.read_text())
     for annotation in content["annotations"]:
         annotation["score"] = 0.9

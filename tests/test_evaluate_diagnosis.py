@@ -407,7 +407,7 @@ def test_a_fruit_without_diameter_is_a_cross(scene: Scene, tmp_path: Path) -> No
 
 
 def test_table(scene: Scene) -> None:
-    console = Console(width=120, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=120, record=True, file=open("/dev/null", "w", encoding="utf-8"))  # noqa: SIM115
     console.print(mistakes_table(mistakes_of(scene)))
     text = console.export_text()
     for word in ("missed", "no detection in any photo", "one true fruit, found once from each side"):

@@ -135,7 +135,7 @@ def test_unmeasured_diameters_and_places_are_left_out() -> None:
 def test_table_and_json_show_the_scores() -> None:
     seen = {"a": {1: 500}, "b": {1: 500}}
     scores = evaluate_fruits(found([(0, 0, 1), (math.nan, 0, 0)]), known(ROW, seen))
-    console = Console(width=100, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=100, record=True, file=open("/dev/null", "w", encoding="utf-8"))  # noqa: SIM115
     console.print(fruits_table(scores))
     text = console.export_text()
     assert "visible fruits" in text

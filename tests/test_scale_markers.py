@@ -377,7 +377,7 @@ def test_orchard_dev_comes_within_15_mm(shared_data: Path, tmp_path: Path) -> No
 def plate_table(path: Path, size_m: float, yaws_rad: dict[int, float]) -> Path:
     """A table that knows how large plates are, and how some are turned (0: facing along −y)."""
     rows = [f"{i},{x},{y},{z},{size_m},{yaws_rad.get(i, '')}" for i, (x, y, z) in PLACES.items()]
-    path.write_text("\n".join(["id,x,y,z,size,yaw", *rows]) + "\n")
+    path.write_text("\n".join(["id,x,y,z,size,yaw", *rows]) + "\n", encoding="utf-8")
     return path
 
 

@@ -92,7 +92,7 @@ def test_writing_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
 
     def write(temporary: Path) -> None:
         assert temporary.suffix == ".csv"
-        temporary.write_text("half")
+        temporary.write_text("half", encoding="utf-8")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.raises(SurveyError, match=r"disk is full.*free some space"), disk_errors(tmp_path):

@@ -228,7 +228,7 @@ def test_sides_are_told_by_where_cameras_stand() -> None:
 
 
 def counted(path: Path, text: str) -> Path:
-    path.write_text("tree,count\n" + text)
+    path.write_text("tree,count\n" + text, encoding="utf-8")
     return path
 
 

@@ -51,7 +51,7 @@ def write_truth(path: Path, survey: Path) -> None:
         x, y, z = fruits.centers_in_world[i]
         lines.append(f"{i},{x},{y},{z},0.075")
     lines += ["900,0,0,5.0,0.075", "901,0.5,0,5.0,0.075"]
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _look(cameras: Cameras, fruits: Fruits, folder: Path) -> tuple[Observations, SurveyDetections]:

@@ -191,14 +191,14 @@ def _stop(number: int, frame: object) -> None:
 
 def _be_quiet() -> None:
     """Drop what libraries in C say of damaged files on stderr."""
-    with Path(os.devnull).open("w") as nowhere:
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
         os.dup2(nowhere.fileno(), 2)
 
 
 def limit_memory(more_mb: float) -> None:
     """Let this process have so much more memory than it has."""
     if sys.platform == "linux":
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0])
         most = pages * resource.getpagesize() + int(more_mb * 2**20)
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 

@@ -57,7 +57,9 @@ def say(kind: str, style: str, message: str) -> None:
 def _tell_of_our_mistake(error: Exception) -> NoReturn:
     if os.environ.get("POMONA_DEBUG"):
         raise error
-    with tempfile.NamedTemporaryFile("w", prefix="pomona-error-", suffix=".txt", delete=False) as file:
+    with tempfile.NamedTemporaryFile(
+        "w", encoding="utf-8", prefix="pomona-error-", suffix=".txt", delete=False
+    ) as file:
         file.write("".join(traceback.format_exception(error)))
     text = f"{type(error).__name__}: {error}".rstrip(": ")
     say(

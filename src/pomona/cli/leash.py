@@ -18,7 +18,7 @@ def _stop_at_the_end_of_input() -> None:
     # Not by `sys.stdin`: its lock, held by a thread that waits, ends Python with an error when the command is done.
     while os.read(sys.stdin.fileno(), 1):
         pass
-    if hasattr(os, "killpg") and os.getpid() == os.getpgrp():
+    if sys.platform != "win32" and os.getpid() == os.getpgrp():
         os.killpg(0, signal.SIGINT)
     else:
         signal.raise_signal(signal.SIGINT)

@@ -112,7 +112,7 @@ class LinearSvm:
     def save(self, path: Path) -> None:
         """Write JSON; numbers are kept exactly."""
         values = {field.name: _plain(getattr(self, field.name)) for field in fields(self)}
-        path.write_text(json.dumps({"format": _FORMAT, **values}, indent=1) + "\n")
+        path.write_text(json.dumps({"format": _FORMAT, **values}, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> LinearSvm:

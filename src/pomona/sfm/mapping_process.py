@@ -39,7 +39,11 @@ class MappingProcess:
         with self._log.open("wb") as log:
             arguments = [task, str(database), str(out), json.dumps(asdict(options)), str(told)]
             self._process = subprocess.Popen(
-                [sys.executable, "-c", _RUN, *arguments], stdout=subprocess.PIPE, stderr=log, text=True
+                [sys.executable, "-c", _RUN, *arguments],
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                encoding="utf-8",
             )
         self._reader: threading.Thread | None = None
 

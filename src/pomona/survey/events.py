@@ -10,13 +10,13 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, TextIO
 
 from pomona.errors import PomonaError
 from pomona.progress import Progress
 from pomona.survey.folder import SurveyFolder
+from pomona.survey.locks import is_locked, lock
 
 RunState = Literal["running", "finished", "stopped", "failed"]
 """A run that ended without a word (killed, power lost) is "stopped", too: another one goes on where it was."""
@@ -89,7 +89,7 @@ class EventLog:
         """Begin the file anew."""
         try:
             self._file = self._survey.work(_FILE).open("w", encoding="utf-8")
-            _lock(self._file)
+            lock(self._file, wait=True)  # whoever looks holds it for an instant only
         except OSError:
             self._file = None
         self._note("begin", process=os.getpid())
@@ -147,7 +147,7 @@ def run_status(survey: SurveyFolder) -> RunStatus | None:
     """Return how far the last run of a survey is; None where none has said anything, as in older surveys."""
     path = survey.folder / "work" / _FILE
     try:
-        alive = _is_locked(path)
+        alive = is_locked(path)
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError:
         return None
@@ -194,28 +194,3 @@ def _at(status: RunStatus, moment: float) -> RunStatus:
         taken = replace(latest, seconds=max(0.0, latest.seconds + moment - status.latest))
         stages = (*(stage for stage in before if stage is not None), taken)
     return replace(status, stages=stages, latest=moment)
-
-
-def _lock(file: TextIO) -> None:
-    try:
-        import fcntl
-    except ImportError:  # not on Windows
-        return
-    # Whoever looks holds it for an instant only.
-    fcntl.flock(file, fcntl.LOCK_EX)
-
-
-def _is_locked(path: Path) -> bool:
-    """Whether a run writes the file now; so it is taken to be where there are no locks."""
-    try:
-        import fcntl
-    except ImportError:
-        return True
-    with path.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:  # a file system without locks
-            return True
-    return False

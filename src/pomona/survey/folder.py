@@ -14,6 +14,7 @@ from pomona import __version__
 from pomona.errors import MissingFileError, SurveyError
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors, write_file
+from pomona.survey.locks import lock
 from pomona.survey.manifest import FORMAT, MANIFEST, read_manifest
 from pomona.survey.record import StageRecord, now
 
@@ -240,20 +241,9 @@ class SurveyFolder:
 
         The manifest is read again then: another run may have written it in the meantime.
         """
-        try:
-            import fcntl
-        except ImportError:  # not on Windows
-            yield
-            return
-        with self.work("lock").open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise SurveyError(
-                    f"Another run is working on {self.folder}: wait for it, or choose another `out`"
-                ) from None
-            except OSError:  # a file system without locks
-                pass
+        with self.work("lock").open("w", encoding="ascii") as file:
+            if not lock(file):
+                raise SurveyError(f"Another run is working on {self.folder}: wait for it, or choose another `out`")
             file.write(str(os.getpid()))
             file.flush()
             self._manifest = read_manifest(self.manifest_path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import resource
 import sys
 import time
 from collections.abc import Mapping
@@ -14,6 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from pomona.survey.digest import digest, plain
+
+if sys.platform != "win32":
+    import resource
+
+    _UNIT_BYTES = 1 if sys.platform == "darwin" else 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +75,8 @@ def now() -> str:
 class Meter:
     """Seconds of the clock and of processors, and peak memory, from its making on.
 
-    On Linux the peak is the stage's own (the kernel's high-water mark is reset); elsewhere it is the program's so far.
+    On Linux the peak is the stage's own (the kernel's high-water mark is reset); on macOS it is the program's so far,
+    and on Windows it is not known.
     Processes that a stage starts count for memory where one of them is larger than this one, and for seconds once they
     have ended.
     """
@@ -79,8 +84,8 @@ class Meter:
     def __init__(self) -> None:
         self._start, self._used = time.monotonic(), _processor_s()
         with contextlib.suppress(OSError):
-            Path("/proc/self/clear_refs").write_text("5")
-        self._children_kb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+            Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
+        self._largest_child = _largest_child()
 
     @property
     def wall_s(self) -> float:
@@ -93,16 +98,32 @@ class Meter:
         return _processor_s() - self._used
 
     @property
-    def peak_memory_mb(self) -> float:
-        """The most memory held so far, in MB (10⁶ bytes)."""
-        unit_bytes = 1 if sys.platform == "darwin" else 1024
-        own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit_bytes
+    def peak_memory_mb(self) -> float | None:
+        """The most memory held so far, in MB (10⁶ bytes); None where it is not known."""
+        own = _peak_so_far()
         with contextlib.suppress(OSError, StopIteration, ValueError):
-            status = Path("/proc/self/status").read_text()
+            status = Path("/proc/self/status").read_text(encoding="utf-8")
             own = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")) * 1024
-        children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-        larger_child = children * unit_bytes if children > self._children_kb else 0
-        return round(max(own, larger_child) / 1e6, 1)
+        children = _largest_child()
+        larger_child = children if children > self._largest_child else 0
+        return round(max(own, larger_child) / 1e6, 1) if own else None
+
+
+if sys.platform == "win32":
+
+    def _peak_so_far() -> int:
+        return 0  # not known
+
+    def _largest_child() -> int:
+        return 0
+
+else:
+
+    def _peak_so_far() -> int:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT_BYTES
+
+    def _largest_child() -> int:
+        return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _UNIT_BYTES
 
 
 def _processor_s() -> float:

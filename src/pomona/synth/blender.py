@@ -201,7 +201,7 @@ def _quiet() -> Iterator[None]:
     """Keep Blender's own chatter off stdout, which belongs to results."""
     sys.stdout.flush()
     kept = os.dup(1)
-    with open(os.devnull, "w") as nowhere:
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
         os.dup2(nowhere.fileno(), 1)
     try:
         yield

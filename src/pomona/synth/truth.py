@@ -52,7 +52,7 @@ class RowFolder:
 
 def write_fruits(path: Path, fruits: Fruits) -> None:
     """Write `id,tree,x,y,z,diameter` (metres)."""
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["id", "tree", "x", "y", "z", "diameter"])
         for i, tree, centre, size in zip(
@@ -70,7 +70,7 @@ def read_fruits(path: Path) -> Fruits:
 
 def write_markers(path: Path, plates: Plates) -> None:
     """Write `id,x,y,z,yaw,size`: centres and the black square's side in metres, yaw in radians."""
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["id", "x", "y", "z", "yaw", "size"])
         for i, centre, yaw in zip(plates.ids, plates.centres_in_world, plates.yaw, strict=True):
@@ -99,7 +99,7 @@ def write_cameras(path: Path, cameras: tuple[RowCamera, ...]) -> None:
         }
         for c in cameras
     }  # fmt: skip
-    path.write_text(json.dumps(table))
+    path.write_text(json.dumps(table), encoding="utf-8")
 
 
 def read_cameras(path: Path) -> tuple[RowCamera, ...]:

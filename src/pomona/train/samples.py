@@ -145,4 +145,4 @@ def write_split(path: Path, training: Sequence[Sample], validation: Sequence[Sam
         side: sorted({f"{s.source}/{s.name}" for s in samples})
         for side, samples in (("training", training), ("validation", validation))
     }
-    path.write_text(json.dumps(names, indent=0) + "\n")
+    path.write_text(json.dumps(names, indent=0) + "\n", encoding="utf-8")

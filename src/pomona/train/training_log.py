@@ -37,7 +37,8 @@ def write_curves(path: Path, rows: Sequence[Mapping[str, str]], losses: Sequence
     size = f'viewBox="0 0 {_WIDTH:g} {len(panels) * _HEIGHT:g}" width="{_WIDTH:g}"'
     path.write_text(
         f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{_STYLE}</style>'
-        f'<rect width="100%" height="100%" fill="white"/>{"".join(drawn)}</svg>\n'
+        f'<rect width="100%" height="100%" fill="white"/>{"".join(drawn)}</svg>\n',
+        encoding="utf-8",
     )
 
 
