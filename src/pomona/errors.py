@@ -40,3 +40,11 @@ class SurveyError(PomonaError, RuntimeError):
 def few(names: Sequence[str], count: int = 5) -> str:
     """Return the first names as text, and how many more there are: errors and warnings stay short."""
     return (", ".join(names[:count]) or "none") + (f" and {len(names) - count} more" if len(names) > count else "")
+
+
+def as_text(name: str) -> str:
+    """Return a name of a file or folder as it can be written; it is the same where the name is UTF-8.
+
+    Disks hold names of any bytes, and Python stands surrogates for those that are none of the computer's encoding.
+    """
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -69,7 +69,7 @@ def list_photos(folder: Path) -> Listing:
 
 def _visible(folder: Path) -> list[Path]:
     found = [p for p in folder.iterdir() if not p.name.startswith(".") and p.name != "__MACOSX"]
-    return sorted(found, key=lambda p: natural_key(p.name))
+    return sorted(found, key=lambda p: (natural_key(p.name), p.name))  # a.jpg and A.JPG, too, in one order everywhere
 
 
 def _photos_in(folder: Path) -> list[Path]:

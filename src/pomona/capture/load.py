@@ -14,7 +14,7 @@ from pomona.capture.images import read_header
 from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError, MissingFileError, as_text
 from pomona.photos import PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
 
@@ -57,7 +57,7 @@ def load_photos(
         try:
             photos.append(_photo(file))
         except InputError as reason:
-            skipped.append(Skipped(file.name, str(reason)))
+            skipped.append(Skipped(as_text(file.name), str(reason)))
     if len(photos) < min_photos:
         raise InputError(too_few(paths, photos, skipped, min_photos))
     photos = _with_sides(photos, sides, progress)
@@ -115,6 +115,8 @@ def _of_source(
 
 def _photo(file: _Found) -> Photo:
     """Open one file. Its side is, for now, the group it came with."""
+    if as_text(file.name) != file.name:
+        raise InputError("its name is not UTF-8: rename the file")
     header = read_header(file.path)
     exif = header.exif
     size = f"{header.width_px}x{header.height_px}"

@@ -27,6 +27,8 @@ CAMERA_MODEL = "SIMPLE_RADIAL"
 _TRACKS_TO_START = 300
 # A join of pieces is first off by so much that many points are not found; they are with the adjusted poses.
 _ADJUSTMENTS = 2
+# Solvers with several threads add up in the order in which these come to an end: each run would have other last digits.
+_MAPPING_THREADS = 1
 pycolmap.logging.minloglevel = 2
 pycolmap.logging.logtostderr = True
 
@@ -320,7 +322,7 @@ def _incremental_settings(options: SfmOptions, **more: Any) -> Any:
     settings = pycolmap.IncrementalPipelineOptions(
         min_num_matches=options.min_matches,
         min_model_size=options.min_piece_photos,
-        num_threads=options.threads or -1,
+        num_threads=_MAPPING_THREADS,
         random_seed=options.seed,
         extract_colors=False,
         **more,
@@ -357,7 +359,7 @@ def map_global(path: Path, out: Path, options: SfmOptions) -> None:
     settings = pycolmap.GlobalPipelineOptions(
         min_num_matches=options.min_matches,
         min_model_size=options.min_piece_photos,
-        num_threads=options.threads or -1,
+        num_threads=_MAPPING_THREADS,
         random_seed=options.seed,
     )
     mapper = settings.mapper
@@ -388,7 +390,7 @@ def adjust_poses(
             reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
     settings = pycolmap.IncrementalPipelineOptions(
         min_num_matches=options.min_matches,
-        num_threads=options.threads or -1,
+        num_threads=_MAPPING_THREADS,
         random_seed=options.seed,
         extract_colors=False,
     )
@@ -397,6 +399,7 @@ def adjust_poses(
     adjustment = pycolmap.BundleAdjustmentOptions()
     adjustment.print_summary = False
     adjustment.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    adjustment.ceres.solver_options.num_threads = _MAPPING_THREADS
     folder = out / "0"
     folder.mkdir(parents=True, exist_ok=True)
     for _ in range(_ADJUSTMENTS):

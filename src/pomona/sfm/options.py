@@ -36,7 +36,7 @@ class SfmOptions:
     `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `selection`).
     `good_enough`: a result with this much support (0 to 1, see `selection`) ends the search for a better one.
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
-    `threads`: None takes all processors.
+    `threads` of features and matching: None takes all processors. Mapping takes one (see `engine`).
     """
 
     max_side_px: int = 1600

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona import __version__
-from pomona.errors import MissingFileError, SurveyError
+from pomona.errors import MissingFileError, SurveyError, as_text
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors, write_file
 from pomona.survey.locks import lock
@@ -54,6 +54,8 @@ class SurveyFolder:
         Raises `SurveyError` when the folder holds something else or cannot be written to; nothing is touched then.
         """
         folder = Path(folder).expanduser().resolve()
+        if as_text(str(folder)) != str(folder):
+            raise SurveyError(f"{as_text(str(folder))}: expected a name in UTF-8 for `out`")
         if folder.exists() and not folder.is_dir():
             raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for `out`")
         present = [p.name for p in folder.iterdir() if p.name not in _IGNORED] if folder.exists() else []
@@ -264,6 +266,9 @@ class SurveyFolder:
         self._manifest["changed"] = now()
         self._manifest["pomona"] = __version__
         text = json.dumps(self._manifest, indent=1, ensure_ascii=False) + "\n"
+        if as_text(text) != text:
+            line = next(line for line in text.splitlines() if as_text(line) != line)
+            raise SurveyError(f"A file was given whose name is not UTF-8: rename it ({as_text(line).strip()})")
         write_file(self.manifest_path, lambda path: _write_text(path, text))
 
 

@@ -141,11 +141,12 @@ def _with_visible(file: Path, truth: Truth) -> Truth:
     table = load_json(beside, "{photo: {fruit id: pixels}}")
     try:
         seen = [(photo, int(i), int(px)) for photo, pixels in table.items() for i, px in pixels.items()]
+        ids, visible_px = np.array([s[1:] for s in seen], np.int64).reshape(-1, 2).T
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
         raise FormatError(f"{beside}: expected {{photo: {{fruit id: pixels}}}}, but {error}") from error
     return Truth(
         truth.ids, truth.centers_in_world, truth.diameters_m, truth.tree_ids, truth.boxes_in_world,
-        tuple(s[0] for s in seen), np.array([s[1] for s in seen], np.int64), np.array([s[2] for s in seen], np.int64),
+        tuple(s[0] for s in seen), ids, visible_px,
     )  # fmt: skip
 
 
