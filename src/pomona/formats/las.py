@@ -25,6 +25,8 @@ _STEP_M = 1e-4  # a tenth of a millimetre: finer than any cloud is, and room for
 _REACH_M = _STEP_M * (2**31 - 1)
 # LAZ makes real clouds 5 to 20 times smaller; a file that says more than this is made to fill the memory.
 _MOST_COMPRESSED, _ALWAYS_FINE_BYTES = 500, 64_000_000
+# Where the header has the day of its making. laspy always gives one; without it, the same cloud is the same file.
+_DATE_AT = 90
 _VLR_BYTES, _EVLR_BYTES, _LEAST_CHUNK_BYTES = 54, 60, 1
 
 
@@ -46,6 +48,9 @@ def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None)
     las[FRUIT_ID] = cloud.fruit_id.astype(np.uint32)
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")
     las.write(str(temporary), do_compress=path.suffix.lower() == ".laz")
+    with temporary.open("rb+") as file:
+        file.seek(_DATE_AT)
+        file.write(bytes(4))
     temporary.replace(path)
 
 
