@@ -21,11 +21,12 @@ from pipeline_fakes import Fakes, make_photos
 from pomona.export.formats import EXPORT_FORMATS
 from pomona.pipeline import run
 
-# Entries of survey.json, of each stage or of all, that are times or the memory that happened to be free.
-TIMES = {"created", "changed", "finished_at", "wall_s", "processor_s", "peak_memory_mb"}
-# Of work/: events with times, the number of a process, times of photos' files, and what COLMAP's threads write in the
-# order in which they come to an end.
-LEFT_OUT = re.compile(r"work/(run\.jsonl|lock|digests\.json|sfm/.*\.(db|log))")
+# Entries of survey.json, of each stage or of all, that are times, the memory that happened to be free, or the digest of
+# the report, which shows both.
+TIMES = {"created", "changed", "finished_at", "wall_s", "processor_s", "peak_memory_mb", "report.html"}
+# Of work/: events with times, the number of a process, where photos' files lie and how old they are, and what COLMAP's
+# threads write in the order in which they come to an end.
+LEFT_OUT = re.compile(r"work/(run\.jsonl|lock|digests\.json|sfm/.*(\.db|\.log|settings\.json))")
 # The bars of the stages' times in the report, and when a GeoPackage was made.
 BARS = re.compile(rb"<h2>Time per stage</h2>.*?</div></div>", re.DOTALL)
 WHEN = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
@@ -78,6 +79,7 @@ def test_a_run_in_another_folder_at_another_time_writes_the_same(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="processors cannot be chosen here")
 def test_other_threads_and_processors_write_the_same(tmp_path: Path) -> None:
     cores = sorted(os.sched_getaffinity(0))

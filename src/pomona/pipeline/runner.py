@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from pomona.errors import FormatError, SurveyError
 from pomona.pipeline.code import code_digest, engine_versions
@@ -28,6 +31,15 @@ class SourceValue:
 
     value: Any
     token: Any
+
+
+@contextmanager
+def _one_thread_of_algebra() -> Iterator[None]:
+    """Have linear algebra take one thread: sums of several have other last digits with each number of threads."""
+    import scipy.linalg  # noqa: F401  # it brings a library of its own, which must be there to be told
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 class Runner:
@@ -186,7 +198,8 @@ class Runner:
     def _computed(self, stage: Stage[T], progress: Progress) -> tuple[T, dict[str, str], Mapping[str, Any]]:
         """Compute and store a value; return it with the digests of the files written and the stage's facts."""
         assert stage.store is not None
-        value = stage.compute(**self._arguments(stage, progress))
+        with _one_thread_of_algebra():
+            value = stage.compute(**self._arguments(stage, progress))
         info = stage.store.save(value, self._context)
         if stage.store.rounds and stage.store.load is not None:
             value = stage.store.load(info, self._context)
