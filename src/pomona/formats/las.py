@@ -20,6 +20,7 @@ from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.fruits import FruitCloud
 
 FRUIT_ID = "fruit_id"
+_PANIC = "PanicException"  # of Rust: it can be imported from nowhere, and is no `Exception`
 _STEP_M = 1e-4  # a tenth of a millimetre: finer than any cloud is, and room for 200 km
 # LAS keeps coordinates as 32-bit integers of steps: what is further from the offset than this cannot be written.
 _REACH_M = _STEP_M * (2**31 - 1)
@@ -66,7 +67,9 @@ def read_las(path: Path) -> FruitCloud:
     try:
         # One thread: on a damaged file, those of the parallel reader wait for each other for ever.
         las = laspy.read(str(path), laz_backend=laspy.LazBackend.Lazrs)
-    except Exception as error:  # laspy and its decompressors raise many kinds, all of them about this file
+    except BaseException as error:  # laspy and its decompressors raise many kinds, all of them about this file
+        if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
+            raise
         raise FormatError(f"{path}: expected a LAS or LAZ file, could not read it: {error}") from error
     names = set(las.point_format.dimension_names)
     points = np.asarray(las.xyz, float).reshape(-1, 3)
