@@ -164,6 +164,28 @@ def test_a_survey_is_looked_at_and_taken_away(page: Page, row: str) -> None:
     assert "pomona run" in json.loads(page.get(f"/api/surveys/{row}/equal")[2])["command"]
 
 
+def test_fruits_are_marked_in_a_photo_and_counted(page: Page, row: str, folder: Path) -> None:
+    status, headers, whole = page.get(f"/api/surveys/{row}/photos/0/whole.jpg")
+    assert (status, headers["Content-Type"], whole[:2]) == (200, "image/jpeg", b"\xff\xd8")
+    before = json.loads(page.get(f"/api/surveys/{row}/photos/0/marks")[2])
+    assert (before["marks"], before["complete"]) == ([], False)
+    marks = {"complete": True, "marks": [{"box": [1.0, 2.0, 21.0, 32.0], "circle": None}]}
+
+    assert page.send(f"/api/surveys/{row}/photos/0/marks", json.dumps(marks).encode())[0] == 204
+
+    kept = json.loads(page.get(f"/api/surveys/{row}/photos/0/marks")[2])
+    assert {name: kept[name] for name in marks} == marks
+    teaching = json.loads(page.get(f"/api/surveys/{row}/teaching")[2])
+    assert teaching["marks"] == [{"photo": before["name"], "marks": 1, "complete": True}]
+    assert "--adapt" in teaching["equal"]["command"]
+    assert teaching["learnt"] is None
+    assert page.get(f"/api/surveys/{row}/before/0/320.jpg")[0] == 404
+    for wrong in ({}, {"complete": True, "marks": [1]}, {"complete": True, "marks": [{"box": [0], "circle": None}]}):
+        assert page.do(f"/api/surveys/{row}/photos/0/marks", wrong)[0] == 422
+    assert page.send(f"/api/surveys/{row}/photos/0/marks", b"{}", Origin="http://evil.example")[0] == 403
+    assert page.get(f"/api/surveys/{row}/photos/999/marks")[0] == 404
+
+
 def test_pages_are_told_the_list(page: Page, row: str) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", page.server.port, timeout=60)
     connection.request("GET", "/api/events", headers={"Cookie": page.cookie})

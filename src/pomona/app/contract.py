@@ -214,6 +214,74 @@ class TreeRow:
 
 
 @dataclass(frozen=True)
+class MarkView:
+    """A fruit that a person marked: a box x0, y0, x1, y1, and where a circle was drawn x, y, radius; in pixels."""
+
+    box: list[float]
+    circle: list[float] | None
+
+
+@dataclass(frozen=True)
+class MarkedView:
+    """A photo to mark fruits in: `marks` so far, whether they are `complete`, and boxes of what was `found` in it.
+
+    `found` are x0, y0, x1, y1 one after the other.
+    """
+
+    name: str
+    width: int
+    height: int
+    complete: bool
+    marks: list[MarkView]
+    found: list[float]
+
+
+@dataclass(frozen=True)
+class MarkCount:
+    """How many fruits are marked in a photo, and whether these are all."""
+
+    photo: str
+    marks: int
+    complete: bool
+
+
+@dataclass(frozen=True)
+class GivenMarks:
+    """What a person marked in a photo, in place of what was there."""
+
+    complete: bool
+    marks: list[MarkView]
+
+
+@dataclass(frozen=True)
+class LearntView:
+    """What came of learning, the last time; pairs are before and after. Without `kept` nothing was changed.
+
+    `f1` is of fruits in photos that were not learnt from, `byHandF1` of the `byHand` fruits in those of them in which
+    all were marked; `halves` is the share of fruits on which two halves of the photos agree. Empty: not known.
+    """
+
+    kept: bool
+    marked: int
+    f1: list[float]
+    by_hand: int
+    by_hand_f1: list[float]
+    halves: list[float]
+    fruits: list[int]
+    detections: list[int]
+
+
+@dataclass(frozen=True)
+class Teaching:
+    """What a survey's network learns from, and what it learnt; None: it has not learnt."""
+
+    marks: list[MarkCount]
+    corrections: int
+    learnt: LearntView | None
+    equal: Equal | None
+
+
+@dataclass(frozen=True)
 class Refusal:
     """Why something was not done, and what to do."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from pomona.app.contract import PhotoSoFar, SceneSoFar
 from pomona.arrays import BoolArray, ByteArray, FloatArray
 from pomona.capture import read_pixels
-from pomona.detections import Detections
+from pomona.detections import Detections, SurveyDetections
 from pomona.drawing import OTHER, SEEN, PictureFromPhoto, draw_mask, jpeg
 from pomona.errors import InputError, MissingFileError, PomonaError
 from pomona.formats.detections.coco import read_coco
@@ -23,17 +24,22 @@ from pomona.survey.reader import SurveyReader
 
 _POINTS = 12_000  # enough to know a row by, and drawn at once
 _SIDES_PX = (320, 1280)
+_WHOLE_PX = 4096  # the longer side of photos in which fruits are marked
 _QUALITY = 82
 _TINT = 0.25
+_KEPT_FILES = 3  # of detections, in memory: a survey before and after it has learnt, and another one
 # Stages that leave fruits, the latest first.
 _FRUITS = ("filter", "second_look", "fuse")
 
 
 class FirstResults:
-    """Reads what is there of one survey, whether a run is at work on it or not."""
+    """Reads what is there of one survey, whether a run is at work on it or not.
 
-    def __init__(self, survey: SurveyFolder) -> None:
-        self._survey = survey
+    `found_by` is the survey that says what was found, where that is another one of the same photos.
+    """
+
+    def __init__(self, survey: SurveyFolder, *, found_by: SurveyFolder | None = None) -> None:
+        self._survey, self._found_by = survey, found_by or survey
 
     @property
     def names(self) -> list[str]:
@@ -45,6 +51,17 @@ class FirstResults:
         kept = self._kept("*")
         return [PhotoSoFar(name, _count(kept.get(key))) for name, key in self._keys().items()]
 
+    def whole(self, index: int) -> bytes:
+        """Return a photo as a JPEG, as it is, of at most 4096 pixels; raises `MissingFileError` where it is gone."""
+        return jpeg(read_pixels(self.photo(index), max_side_px=_WHOLE_PX), quality=_QUALITY)
+
+    def boxes(self, index: int) -> FloatArray:
+        """Return the boxes (n, 4) of the fruits that were found in a photo so far, of those that count."""
+        found = self._found_in(self.photo(index))
+        if found is None or found.boxes_px is None:
+            return np.zeros((0, 4))
+        return found.boxes_px[found.scores >= SurveyReader(self._found_by).score_threshold]
+
     def picture(self, index: int, side_px: int) -> bytes:
         """Return a photo as a JPEG with what was found in it; `side_px` is one of 320 and 1280.
 
@@ -52,7 +69,7 @@ class FirstResults:
         """
         if side_px not in _SIDES_PX:
             raise InputError(f"Pictures have a side of {_SIDES_PX} pixels, found {side_px}")
-        photo = self._photo(index)
+        photo = self.photo(index)
         pixels = read_pixels(photo, max_side_px=side_px).copy()
         found = self._found_in(photo)
         if found is not None:
@@ -88,27 +105,24 @@ class FirstResults:
                 return read_fused(self._survey, stage).fruits
         return Fruits.empty()
 
-    def _photo(self, index: int) -> Photo:
+    def photo(self, index: int) -> Photo:
+        """Return one of the photos; raises `MissingFileError` where there is no such one (any more)."""
         names = self.names
         if not 0 <= index < len(names):
             raise MissingFileError("This photo is not of the survey")
         return photo_of(self._survey, names[index])
 
-    def _whole_detections(self) -> bool:
-        record = self._survey.record_of("segment")
-        return record is not None and record.finished and self._survey.detections.is_file()
-
     def _found_in(self, photo: Photo) -> Detections | None:
+        """What was found in a photo: by the run at work, or, where that is over, as the whole file has it."""
         key = self._keys()[photo.name]
-        kept = self._kept(key)
+        kept, whole = self._kept(key).get(key), self._found_by.detections
         try:
-            if key in kept:
-                return read_coco(kept[key], Photos((photo,)))[photo.name]
-            if self._whole_detections():
-                return read_coco(self._survey.detections, Photos((photo,)))[photo.name]
-        except (PomonaError, KeyError):  # it is being written, or was given in another way
+            written_ns = whole.stat().st_mtime_ns if whole.is_file() else -1
+            if kept is not None and kept.stat().st_mtime_ns > written_ns:
+                return read_coco(kept, Photos((photo,)))[photo.name]
+            return _detections(whole, written_ns)[photo.name] if written_ns >= 0 else None
+        except (PomonaError, OSError, KeyError):  # it is being written, or was given in another way
             return None
-        return None
 
     def _keys(self) -> dict[str, str]:
         """The names under which stage `segment` keeps what it found in each photo."""
@@ -116,15 +130,21 @@ class FirstResults:
 
     def _kept(self, pattern: str) -> dict[str, Path]:
         """The files of photos by their keys, the latest where options changed."""
-        files = list((self._survey.folder / "work" / "segment").glob(f"*/{pattern}.json"))
+        files = list((self._found_by.folder / "work" / "segment").glob(f"*/{pattern}.json"))
         return {path.stem: path for path in sorted(files, key=lambda path: path.parent.stat().st_mtime)}
 
     def _draw(self, pixels: ByteArray, found: Detections, place: PictureFromPhoto, side_px: int) -> None:
-        counts_from = SurveyReader(self._survey).score_threshold
+        counts_from = SurveyReader(self._found_by).score_threshold
         width = 1 if side_px == min(_SIDES_PX) else 2
         for mask, score in zip(found.masks, found.scores, strict=True):
             colour = SEEN if score >= counts_from else OTHER
             draw_mask(pixels, mask, place, colour, width=width, tint=_TINT)
+
+
+@lru_cache(maxsize=_KEPT_FILES)
+def _detections(path: Path, written_ns: int) -> SurveyDetections:
+    """The detections of a file, as it was written at that moment."""
+    return read_coco(path)
 
 
 def _count(kept: Path | None) -> int | None:

@@ -23,9 +23,10 @@ from starlette.types import Receive, Scope, Send
 
 from pomona import __version__
 from pomona.app import dropped
-from pomona.app.contract import NewSurvey, Refusal
+from pomona.app.contract import GivenMarks, NewSurvey, Refusal
 from pomona.app.folders import Folders
 from pomona.app.service import Homes, Service
+from pomona.app.teaching import keep_marks, marked_view
 from pomona.app.wire import as_json, from_json
 from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
 from pomona.report.page import script_source
@@ -39,6 +40,7 @@ _ROOM = files("pomona.app")
 _JSON, _JPEG = "application/json", "image/jpeg"
 _KEPT = 2  # surveys that are looked at, in memory: two tabs
 _MOST_DROPPED = 64 << 30  # bytes of one file: a long video
+_MOST_MARKS = 512 * 1024  # bytes of what is marked in a photo
 _EXPORTS = ("report.html", "fruits.csv", "trees.csv", "fruits.geojson")  # that a survey has as they are
 
 
@@ -102,6 +104,11 @@ class AppServer(PageServer):
             Route("/api/surveys/{id}/scene", _asking(lambda r, i: service.first_results(i).scene())),
             Route("/api/surveys/{id}/trees", _asking(lambda r, i: service.trees(i))),
             Route("/api/surveys/{id}/photos/{index:int}/{side:int}.jpg", self._picture),
+            Route("/api/surveys/{id}/photos/{index:int}/whole.jpg", self._whole),
+            Route("/api/surveys/{id}/before/{index:int}/{side:int}.jpg", self._picture_before),
+            Route("/api/surveys/{id}/photos/{index:int}/marks", self._keep_marks, methods=["POST"]),
+            Route("/api/surveys/{id}/photos/{index:int}/marks", self._marks),
+            Route("/api/surveys/{id}/teaching", _asking(lambda r, i: service.teaching(i))),
             Route("/api/surveys/{id}/files/{kind}", self._file),
             Route("/api/surveys/{id}/since/{other}/", self._comparison),
             Mount("/surveys/{id}/view", app=self._view),
@@ -147,8 +154,24 @@ class AppServer(PageServer):
 
     def _picture(self, request: Request) -> Response:
         params = request.path_params
-        picture = self.service.first_results(params["id"]).picture(params["index"], params["side"])
-        return Response(picture, media_type=_JPEG, headers={"Cache-Control": "private, max-age=600"})
+        return _jpeg(self.service.first_results(params["id"]).picture(params["index"], params["side"]))
+
+    def _picture_before(self, request: Request) -> Response:
+        params = request.path_params
+        return _jpeg(self.service.results_before(params["id"]).picture(params["index"], params["side"]))
+
+    def _whole(self, request: Request) -> Response:
+        return _jpeg(self.service.first_results(request.path_params["id"]).whole(request.path_params["index"]))
+
+    def _marks(self, request: Request) -> Response:
+        view = marked_view(self.service.survey(request.path_params["id"]), request.path_params["index"])
+        return Response(as_json(view), media_type=_JSON)
+
+    async def _keep_marks(self, request: Request) -> Response:
+        given = from_json(GivenMarks, await json_of(request, most_bytes=_MOST_MARKS))
+        survey = self.service.survey(request.path_params["id"])
+        await run_in_threadpool(keep_marks, survey, request.path_params["index"], given)
+        return Response(status_code=HTTPStatus.NO_CONTENT)
 
     def _file(self, request: Request) -> Response:
         survey_id, kind = request.path_params["id"], request.path_params["kind"]
@@ -211,6 +234,10 @@ def _static(request: Request) -> Response:
     if name not in kinds:
         raise HTTPException(HTTPStatus.NOT_FOUND)
     return Response(_ROOM.joinpath("static", name).read_bytes(), media_type=kinds[name])
+
+
+def _jpeg(picture: bytes) -> Response:
+    return Response(picture, media_type=_JPEG, headers={"Cache-Control": "private, max-age=600"})
 
 
 def _file_of(path: Path, *, download: str = "") -> Response:

@@ -26,6 +26,7 @@ from pomona.app.contract import (
     RunView,
     SurveyState,
     SurveyView,
+    Teaching,
     TreeRow,
 )
 from pomona.app.first_results import FirstResults
@@ -34,6 +35,7 @@ from pomona.app.jobs import Job, Jobs
 from pomona.app.opened import opened
 from pomona.app.progress_view import run_view
 from pomona.app.request import begun_with, equal_of_survey, equal_to, folder_name, options_of, run_arguments
+from pomona.app.teaching import teaching
 from pomona.app.wire import as_json
 from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.export import EXPORT_FORMATS, export_format
@@ -163,6 +165,20 @@ class Service:
     def first_results(self, survey_id: str) -> FirstResults:
         """Return what a survey's run has found so far; raises `MissingFileError` where it has no folder yet."""
         return FirstResults(self.survey(survey_id))
+
+    def results_before(self, survey_id: str) -> FirstResults:
+        """Return what was found before the survey learnt; raises `MissingFileError` where it has not."""
+        survey = self.survey(survey_id)
+        return FirstResults(survey, found_by=SurveyFolder.open(survey.before_adapting))
+
+    def teaching(self, survey_id: str) -> Teaching:
+        """Return what a survey can learn from, and what it learnt."""
+        survey = self.survey(survey_id)
+        try:
+            equal = equal_to(*begun_with(survey), adapt=True)
+        except PomonaError:  # made elsewhere: it cannot be made again here
+            equal = None
+        return teaching(survey, equal)
 
     def survey(self, survey_id: str) -> SurveyFolder:
         """Return a survey's folder; raises `MissingFileError` where it is not there (yet, or any more)."""

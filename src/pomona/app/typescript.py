@@ -7,7 +7,12 @@ from pomona.app.contract import (
     Everything,
     Facts,
     FruitChoice,
+    GivenMarks,
+    LearntView,
     Listing,
+    MarkCount,
+    MarkedView,
+    MarkView,
     Metres,
     NewSurvey,
     PhotoCheck,
@@ -22,13 +27,15 @@ from pomona.app.contract import (
     StageView,
     SurveyState,
     SurveyView,
+    Teaching,
     TreeRow,
 )
 from pomona.report.typescript import module
 
 _INTERFACES = (
     StageView, RunView, SurveyView, FruitChoice, Facts, Everything, Place, Listing, NewSurvey, Equal, SideView,
-    PhotoProblem, PhotoCheck, PhotoSoFar, SceneSoFar, TreeRow, Refusal,
+    PhotoProblem, PhotoCheck, PhotoSoFar, SceneSoFar, TreeRow, MarkView, MarkedView, MarkCount, GivenMarks, LearntView,
+    Teaching, Refusal,
 )  # fmt: skip
 _CHOICES = {"SurveyState": SurveyState, "StageState": StageState, "Metres": Metres}
 

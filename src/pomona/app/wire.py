@@ -36,6 +36,8 @@ def _value(hint: Any, value: Any, name: str) -> Any:
     origin = get_origin(hint)
     if origin is Literal:
         fits = value in get_args(hint)
+    elif dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        return from_json(hint, value)
     elif origin is list and isinstance(value, list):
         return [_value(get_args(hint)[0], item, name) for item in value]
     elif origin is Union or type(hint).__name__ == "UnionType":

@@ -22,7 +22,7 @@ def adapt(
     ] = None,
     steps: Annotated[int, typer.Option(help="Batches to learn from: some minutes on two cores.")] = AdaptOptions.steps,
 ) -> None:
-    """Learn from fruits that many photos confirm, or that you corrected (needs the extra `train`).
+    """Learn from fruits that many photos confirm, or that you corrected or marked (needs the extra `train`).
 
     Fruits in photos held out are found before and after; where that is worse, no file is written (exit status 1).
     After a stop, the same command goes on.
@@ -35,11 +35,14 @@ def adapt(
         raise Stopped(f"what was learnt is kept in {out.with_suffix('.training')}; the same command goes on.") from None
     typer.echo(
         f"{outcome.confirmed} fruits in {outcome.photos} photos: {outcome.detected} labels that were found, "
-        f"{outcome.missed} where a fruit was missed"
+        f"{outcome.missed} where a fruit was missed" + (f", {outcome.marked} that you marked" if outcome.marked else "")
     )
     before, after = outcome.before, outcome.after
     scores = f"F1 {before.f1:.3f} before, {after.f1:.3f} after; AP50 {before.ap50:.3f}, {after.ap50:.3f}"
     typer.echo(f"{before.fruits} labels in photos held out: {scores}")
+    if outcome.by_hand is not None:
+        before, after = outcome.by_hand
+        typer.echo(f"{before.fruits} of them marked by hand: F1 {before.f1:.3f} before, {after.f1:.3f} after")
     if outcome.path is None:
         say("Not better", "bold yellow", f"{out} was not written; go on with the model as it is.")
         raise typer.Exit(WRONG_INPUT)

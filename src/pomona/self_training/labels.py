@@ -7,26 +7,29 @@ place, the second look and the colours of the survey's other fruits agree that i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pomona.arrays import BoolArray, ByteArray, IntArray
+from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.detections import Mask, SurveyDetections
-from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
+from pomona.marks import MarkedPhoto
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions
 from pomona.second_look.evidence import find_sights, look
+from pomona.segment.box_overlap import overlapping_pairs, pair_iou
 from pomona.self_training.colours import FruitColours
 from pomona.self_training.options import AdaptOptions
 from pomona.spheres import Spheres
 
+_SAME_FRUIT = 0.5  # overlap (IoU of boxes) from which a detection and a mark are of one fruit
 _COLOURS_PX = 1600  # the longer side of photos in which colours are compared
 
 
@@ -35,7 +38,8 @@ class FoundFruits:
     """The fruits of one survey, as corrected, and what saw them.
 
     `detections` are all of the file, weak ones too. `by_hand` are ids of fruits that a person made or moved, and
-    `false_ids` detections of which a person said that they are no fruit.
+    `false_ids` detections of which a person said that they are no fruit. `marked` are the photos in which a person
+    marked fruits, by name.
     """
 
     name: str
@@ -46,6 +50,7 @@ class FoundFruits:
     observations: Observations
     by_hand: frozenset[int] = frozenset()
     false_ids: frozenset[int] = frozenset()
+    marked: Mapping[str, MarkedPhoto] = field(default_factory=dict)
 
     def confirmed(self, options: AdaptOptions) -> BoolArray:
         """Say of each fruit (n,) whether many photos, or a person, confirm it."""
@@ -55,12 +60,19 @@ class FoundFruits:
 
 @dataclass(frozen=True, eq=False)
 class SurveyLabels:
-    """The labelled photos of a survey: of its `confirmed` fruits, `detected` labels were found, `missed` not."""
+    """The labelled photos of a survey: of its `confirmed` fruits, `detected` labels were found, `missed` not.
+
+    A person `marked` so many fruits, those in the photos `by_hand` (names as in `photos`); `complete` are those of
+    these photos in which all fruits are marked, so that one can measure on them.
+    """
 
     photos: tuple[LabelledPhoto, ...]
     confirmed: int
     detected: int
     missed: int
+    marked: int = 0
+    by_hand: frozenset[str] = frozenset()
+    complete: frozenset[str] = frozenset()
 
 
 def label_photos(
@@ -75,33 +87,93 @@ def label_photos(
     A detection of a confirmed fruit is a label as it is. Where a photo should show such a fruit and nothing was found,
     it is one if the second look and the colours say that it is to be seen; else its disc is doubtful. Detections of
     anything else are doubtful, but for those of which a person said that they are no fruit. What is left is background.
-    Photos that are not there, or without a camera, are left out.
+    In photos in which a person marked all fruits, the marks alone are labels; where some are marked, these are labels
+    besides, and what is no label is doubtful. Photos that are not there, or without a camera or marks, are left out.
 
-    Raises `MissingFileError` naming a photo that goes away meanwhile.
+    Raises `MissingFileError` naming a photo that goes away meanwhile, and `InputError` for marks of photos of another
+    size.
     """
     options, progress = options or AdaptOptions(), progress or Silent()
     mine = _Confirmed.of(found, options)
     by_name = found.photos.by_name()
-    photos = [by_name[name] for name in found.cameras.photos if name in by_name and by_name[name].path.is_file()]
-    shown = _shown(mine, found, photos, network, progress)
+    marked = {name: photo for name, photo in found.marked.items() if name in by_name}
+    names = dict.fromkeys([*found.cameras.photos, *marked])
+    photos = [by_name[name] for name in names if name in by_name and by_name[name].path.is_file()]
+    shown = _shown(mine, found, photos, network, progress) if len(mine.ids) else {}
     colours = FruitColours.counted(_coloured(found, mine, photos))
     labelled: list[LabelledPhoto] = []
     detected = missed = 0
     progress.start("labelling photos", len(photos))
     for photo in photos:
         here = shown.get(photo.name, {})
+        by_hand = marked.get(photo.name)
+        if by_hand is not None and by_hand.complete:
+            labelled.append(_labelled(found, photo, _of_marks(found, photo, by_hand)))
+            progress.advance()
+            continue
         fruits = _of_detections(found, mine, photo)
         seen = {fruit.id for fruit in fruits if not fruit.ignored}
         unseen = [sight for fruit_id, sight in here.items() if fruit_id not in seen]
         added = _of_unseen(photo, unseen, colours, options) if unseen else []
         fruits = [replace(f, circle_px=here[f.id].circle_px) if f.id in here else f for f in fruits]
         detected, missed = detected + len(seen), missed + sum(not fruit.ignored for fruit in added)
-        everything = (*fruits, *added)
-        labelled.append(
-            LabelledPhoto(photo.path, f"{found.name}/{photo.name}", photo.width_px, photo.height_px, everything)
-        )
+        everything = [*fruits, *added]
+        if by_hand is not None:
+            everything = _with_marks(everything, _of_marks(found, photo, by_hand), photo)
+        labelled.append(_labelled(found, photo, everything))
         progress.advance()
-    return SurveyLabels(tuple(labelled), len(mine.ids), detected, missed)
+    there = {photo.name for photo in photos} & marked.keys()
+    return SurveyLabels(
+        tuple(labelled),
+        len(mine.ids),
+        detected,
+        missed,
+        sum(not fruit.ignored for name in there for fruit in marked[name].fruits),
+        frozenset(f"{found.name}/{name}" for name in there),
+        frozenset(f"{found.name}/{name}" for name in there if marked[name].complete),
+    )
+
+
+def _labelled(found: FoundFruits, photo: Photo, fruits: Sequence[LabelledFruit]) -> LabelledPhoto:
+    return LabelledPhoto(photo.path, f"{found.name}/{photo.name}", photo.width_px, photo.height_px, tuple(fruits))
+
+
+def _of_marks(found: FoundFruits, photo: Photo, marked: MarkedPhoto) -> list[LabelledFruit]:
+    """Return the marked fruits of a photo, each with the mask of the detection of the same fruit, if there is one."""
+    check_size((marked.width_px, marked.height_px), photo)
+    detections = found.detections.get(photo.name)
+    if detections is None or not len(detections.ids) or not marked.fruits:
+        return list(marked.fruits)
+    found_fruits = [LabelledFruit.from_mask(mask) for mask in detections.masks]
+    overlap = _overlaps(_boxes(marked.fruits), _boxes(found_fruits))
+    labels = []
+    for fruit, overlaps in zip(marked.fruits, overlap, strict=True):
+        best = int(overlaps.argmax())
+        seen = found_fruits[best] if fruit.mask is None and overlaps[best] >= _SAME_FRUIT else fruit
+        labels.append(replace(fruit, box_px=seen.box_px, mask=seen.mask))
+    return labels
+
+
+def _with_marks(fruits: Sequence[LabelledFruit], marks: Sequence[LabelledFruit], photo: Photo) -> list[LabelledFruit]:
+    """Return the labels of a photo in which some fruits are marked: those of other fruits, too, and doubt elsewhere."""
+    whole = LabelledFruit((0.0, 0.0, float(photo.width_px), float(photo.height_px)), None, ignored=True)
+    sure = [fruit for fruit in fruits if not fruit.ignored]
+    if sure and marks:
+        free = _overlaps(_boxes(sure), _boxes(marks)).max(1) < _SAME_FRUIT
+        sure = [fruit for fruit, is_free in zip(sure, free.tolist(), strict=True) if is_free]
+    return [whole, *sure, *marks]
+
+
+def _boxes(fruits: Sequence[LabelledFruit]) -> FloatArray:
+    return np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4)
+
+
+def _overlaps(boxes: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the overlaps (n, m; IoU) of boxes (n, 4) with others (m, 4)."""
+    k, j = overlapping_pairs(boxes, others)
+    overlaps = np.zeros((len(boxes), len(others)))
+    overlaps[k, j] = pair_iou(boxes[k], others[j])
+    return overlaps
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import zlib
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from pomona.train.validate import ValidationScores, check
 
 _AVERAGE = 0.97  # of the running mean of weights: a training this short has no time for a longer one
 _WARM_UP = 10  # steps
+_MARKED_ASIDE = 3  # of so many photos in which all fruits are marked, one is measured on
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,10 @@ class Adapted:
     """What came of learning: scores `before` and `after` on confirmed fruits in photos held out.
 
     `path` is the model file; None where it would have been worse, and none was written. `share` of what was learnt is
-    in it. The rest counts: surveys' photos, confirmed fruits, labels that were detected, and labels where the segmenter
-    had missed a fruit.
+    in it. The rest counts: surveys' photos, confirmed fruits, labels that were detected, labels where the segmenter
+    had missed a fruit, and fruits that a person marked.
+
+    `by_hand` are the scores before and after on photos held out in which a person marked all fruits; None without any.
     """
 
     path: Path | None
@@ -45,6 +49,8 @@ class Adapted:
     confirmed: int
     detected: int
     missed: int
+    marked: int = 0
+    by_hand: tuple[ValidationScores, ValidationScores] | None = None
 
     @property
     def better(self) -> bool:
@@ -76,7 +82,7 @@ def adapt(
     _check_enough(surveys, labels, options)
     work = out.with_suffix(".training")
     work.mkdir(parents=True, exist_ok=True)
-    training, held_out = _samples(surveys, labels, work / "labels", options, progress)
+    training, held_out, held_by_hand = _samples(surveys, labels, work / "labels", options, progress)
     write_split(work / "split.json", training, held_out)
     learner, start = _begun(model or SHIPPED_WEIGHTS, progress)
     before = check(learner, start, held_out)
@@ -90,6 +96,9 @@ def adapt(
     if better:
         fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
         learner.export(tried[best][1], out, threshold=scores[best].threshold, weak=False, fruit_px=fruit_px)
+    by_hand = None
+    if held_by_hand:
+        by_hand = check(learner, start, held_by_hand), check(learner, tried[best][1], held_by_hand)
     return Adapted(
         out if better else None,
         before,
@@ -99,17 +108,20 @@ def adapt(
         sum(each.confirmed for each in labels),
         sum(each.detected for each in labels),
         sum(each.missed for each in labels),
+        sum(each.marked for each in labels),
+        by_hand,
     )
 
 
 def _check_enough(surveys: Sequence[FoundFruits], labels: Sequence[SurveyLabels], options: AdaptOptions) -> None:
-    confirmed = sum(each.confirmed for each in labels)
-    if confirmed < options.fewest_fruits:
+    confirmed, marked = (sum(getattr(each, name) for each in labels) for name in ("confirmed", "marked"))
+    if confirmed + marked < options.fewest_fruits:
         names = ", ".join(survey.name for survey in surveys)
+        marks = f", and {marked} marked in photos" if marked else ""
         raise InputError(
             f"{names}: {confirmed} fruits are confirmed (a score of {options.least_score:g} in {options.least_views} "
-            f"photos, or by a person), expected {options.fewest_fruits} to learn from: correct some fruits in "
-            "`pomona view`, or give more surveys"
+            f"photos, or by a person){marks}, expected {options.fewest_fruits} to learn from: correct some fruits in "
+            "`pomona view`, mark some in photos (`pomona app`), or give more surveys"
         )
 
 
@@ -132,22 +144,35 @@ def _samples(
     cache: Path,
     options: AdaptOptions,
     progress: Progress,
-) -> tuple[list[Sample], list[Sample]]:
-    """Return the samples to learn from, and those of photos held out: every so-manieth of each survey, by name."""
+) -> tuple[list[Sample], list[Sample], list[Sample]]:
+    """Return the samples to learn from, those of photos held out, and which of these are of photos marked by hand.
+
+    Every so-manieth photo of each survey is held out, by name. Of photos with marks, which are few and dear, only such
+    are in which all fruits are marked: the second, the fifth and so on.
+    """
     training: list[Sample] = []
     held_out: list[Sample] = []
+    held_by_hand: list[Sample] = []
     every = max(2, round(1 / options.held_out))
     for survey, each in zip(surveys, labels, strict=True):
         photos = sorted(each.photos, key=lambda photo: photo.name)
         fruit_px = typical_fruit_px(photos)
         progress.start(f"preparing {survey.name}", len(photos))
-        for k, photo in enumerate(photos):
-            side = held_out if k % every == every // 2 else training
-            side += samples_of(photo, cache, source=survey.name, group=photo.name, fruit_px=fruit_px)
+        aside = frozenset(sorted(each.complete)[1::_MARKED_ASIDE])
+        turn = itertools.count()
+        for photo in photos:
+            samples = samples_of(photo, cache, source=survey.name, group=photo.name, fruit_px=fruit_px)
+            if photo.name in aside:
+                held_by_hand += samples
+            is_held = photo.name in aside if photo.name in each.by_hand else next(turn) % every == every // 2
+            (held_out if is_held else training).extend(samples)
             progress.advance()
-    if not training or not any(len(sample.boxes_px) for sample in held_out):
-        raise InputError(f"{len(training)} photos to learn from and none with fruit to measure on: give more photos")
-    return training, held_out
+    if not any(len(s.boxes_px) for s in training) or not any(len(s.boxes_px) for s in held_out):
+        raise InputError(
+            "Expected fruits both in photos to learn from and in photos to measure on: give more photos, or mark all "
+            "fruits in two or more of them"
+        )
+    return training, held_out, held_by_hand
 
 
 def _fit_options(options: AdaptOptions) -> FitOptions:

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 from pomona.errors import InputError, MissingExtraError
 from pomona.export.survey import SurveySource
+from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
 from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits
+from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.self_training.options import AdaptOptions
 from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
@@ -51,6 +53,7 @@ def found_fruits(survey: SurveySource) -> FoundFruits:
         observations,
         by_hand & frozenset(survey.fruits.ids.tolist()),
         false_ids,
+        read_marks(survey.files.marks),
     )
 
 
@@ -80,40 +83,53 @@ def run_adapted(
 ) -> Rerun:
     """Make a survey, let its segmenter learn from it, and find its fruits again with what was learnt.
 
-    The results of before are kept in the survey's folder `before_adapting/`. A survey that was adapted already is made
-    with its own segmenter at once; where confirmed fruits in photos held out are found worse, or two halves of the
-    photos agree less, its results stay as they are.
+    The results of before are kept in the survey's folder `before_adapting/`, and what came of it in `learnt.json`. A
+    survey that was adapted already is made with its own segmenter at once, and learns on only where a person marked or
+    corrected something since; where confirmed fruits in photos held out are found worse, or two halves of the photos
+    agree less, its results stay as they are.
 
     Raises what `run` and `adapt` raise, and `MissingExtraError` without the extra `train`.
     """
     learn = learning()
     survey = SurveyFolder.create(out)
     if not overwrite and survey.adapted_model.is_file():
-        mine = replace(options, model=str(survey.adapted_model))
-        summary = run_pipeline(photos, out, mine, progress, on_stage=on_stage)
-        return Rerun(summary, f"made with {survey.adapted_model.name}, which learnt from this survey before")
+        options = replace(options, model=str(survey.adapted_model))
+        known = read_learnt(survey)
+        if known.taught == taught(survey) if known else not survey.marks.is_file():
+            summary = run_pipeline(photos, out, options, progress, on_stage=on_stage)
+            return Rerun(summary, f"made with {survey.adapted_model.name}, which learnt from this survey before")
     first = run_pipeline(photos, out, options, progress, overwrite=overwrite, on_stage=on_stage)
     source = SurveySource(SurveyFolder.open(out), progress=progress)
+    given = taught(source.files)
     # Until it is judged, the model is not where another run would take it from.
     target = source.files.work("adapted.onnx")
     with EventLog(source.files, progress, on_stage=on_stage) as log:
         log.stage("learn")
         outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=log)
     in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
+    if outcome.by_hand is not None:
+        hand = [scores.f1 for scores in outcome.by_hand]
+        in_words += f", {hand[0]:.3f} to {hand[1]:.3f} on the {outcome.by_hand[0].fruits} of them marked by hand"
+    learnt = Learnt.of(outcome, given)
     if outcome.path is None:
+        write_learnt(source.files, learnt)
         return Rerun(first, f"nothing: {in_words}, so the results stay as they are")
-    before = _agreement(source, options)
+    before, detections = _agreement(source, options), _count(source)
     source.files.keep_results()
     mine = replace(options, model=str(outcome.path))
     run_pipeline(photos, out, mine, progress, until="select", on_stage=on_stage)
-    after = _agreement(SurveySource(SurveyFolder.open(out), progress=progress), mine)
+    again = SurveySource(SurveyFolder.open(out), progress=progress)
+    after = _agreement(again, mine)
+    learnt = replace(learnt, halves=(before, after), detections=(detections, _count(again)))
     in_words += f"; two halves of the photos agree on {100 * before:.0f} % of their fruits, then on {100 * after:.0f} %"
     if not after >= before:
         source.files.drop_kept()
+        write_learnt(source.files, learnt)
         back = run_pipeline(photos, out, options, progress, on_stage=on_stage)
         return Rerun(back, f"nothing that holds: {in_words}, so the results are those of before")
     mine = replace(options, model=str(source.files.take_adapted(outcome.path)))
     second = run_pipeline(photos, out, mine, progress, on_stage=on_stage)
+    write_learnt(source.files, replace(learnt, kept=True, fruits=(first.fruits, second.fruits)))
     kept = source.files.before_adapting
     return Rerun(second, f"{first.fruits} fruits to {second.fruits}; {in_words}; the results of before are in {kept}")
 
@@ -122,6 +138,11 @@ def _agreement(survey: SurveySource, options: RunOptions) -> float:
     """How far halves of the photos agree, with the detections that the survey has now, in its cameras."""
     detections = survey.detections.at_least(survey.least_score)
     return agreement_of_halves(detections, survey.photos, survey.cameras, options=options, progress=survey.progress)
+
+
+def _count(survey: SurveySource) -> int:
+    """How many detections count as fruit."""
+    return sum(len(found.ids) for found in survey.detections.at_least(survey.least_score).values())
 
 
 def learning() -> Callable[..., Adapted]:

@@ -12,7 +12,7 @@ from starlette.requests import Request
 _MOST_BYTES = 64 * 1024  # what a person does takes some hundred bytes: what is longer is none
 
 
-async def json_of(request: Request) -> Any:
+async def json_of(request: Request, *, most_bytes: int = _MOST_BYTES) -> Any:
     """Return what a request brings as JSON; raises `HTTPException` for anything else.
 
     A page of another site can have its reader's browser send text and forms here, but no JSON.
@@ -22,8 +22,8 @@ async def json_of(request: Request) -> Any:
     length = request.headers.get("content-length", "")
     if not length.isascii() or not length.isdigit():
         raise HTTPException(HTTPStatus.LENGTH_REQUIRED, "Expected a Content-Length")
-    if len(length) > len(str(_MOST_BYTES)) or int(length) > _MOST_BYTES:
-        raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"Expected at most {_MOST_BYTES} bytes")
+    if len(length) > len(str(most_bytes)) or int(length) > most_bytes:
+        raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"Expected at most {most_bytes} bytes")
     try:
         return json.loads(await request.body())
     except (ValueError, RecursionError) as error:

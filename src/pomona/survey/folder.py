@@ -143,6 +143,16 @@ class SurveyFolder:
         return self.folder / "corrections.json"
 
     @property
+    def marks(self) -> Path:
+        """`marks.json`: the fruits that a person marked in photos. No run removes it."""
+        return self.folder / "marks.json"
+
+    @property
+    def learnt(self) -> Path:
+        """`learnt.json`: what came of learning from this survey, the last time."""
+        return self.folder / "learnt.json"
+
+    @property
     def report(self) -> Path:
         """`report.html`."""
         return self.folder / "report.html"
@@ -253,7 +263,7 @@ class SurveyFolder:
 
     def clear(self) -> None:
         """Remove what earlier runs wrote, and nothing else."""
-        learnt = [self.adapted_model, self.before_adapting]
+        learnt = [self.adapted_model, self.before_adapting, self.learnt]
         for path in [*(self.folder / name for name in _WRITERS), *learnt, *(self.folder / "work").glob("*")]:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)

@@ -196,6 +196,72 @@ export interface TreeRow {
 }
 
 /**
+ * A fruit that a person marked: a box x0, y0, x1, y1, and where a circle was drawn x, y, radius; in pixels.
+ */
+export interface MarkView {
+  box: number[];
+  circle: number[] | null;
+}
+
+/**
+ * A photo to mark fruits in: `marks` so far, whether they are `complete`, and boxes of what was `found` in it.
+ *
+ * `found` are x0, y0, x1, y1 one after the other.
+ */
+export interface MarkedView {
+  name: string;
+  width: number;
+  height: number;
+  complete: boolean;
+  marks: MarkView[];
+  found: number[];
+}
+
+/**
+ * How many fruits are marked in a photo, and whether these are all.
+ */
+export interface MarkCount {
+  photo: string;
+  marks: number;
+  complete: boolean;
+}
+
+/**
+ * What a person marked in a photo, in place of what was there.
+ */
+export interface GivenMarks {
+  complete: boolean;
+  marks: MarkView[];
+}
+
+/**
+ * What came of learning, the last time; pairs are before and after. Without `kept` nothing was changed.
+ *
+ * `f1` is of fruits in photos that were not learnt from, `byHandF1` of the `byHand` fruits in those of them in which
+ * all were marked; `halves` is the share of fruits on which two halves of the photos agree. Empty: not known.
+ */
+export interface LearntView {
+  kept: boolean;
+  marked: number;
+  f1: number[];
+  byHand: number;
+  byHandF1: number[];
+  halves: number[];
+  fruits: number[];
+  detections: number[];
+}
+
+/**
+ * What a survey's network learns from, and what it learnt; None: it has not learnt.
+ */
+export interface Teaching {
+  marks: MarkCount[];
+  corrections: number;
+  learnt: LearntView | null;
+  equal: Equal | null;
+}
+
+/**
  * Why something was not done, and what to do.
  */
 export interface Refusal {

@@ -47,11 +47,11 @@ export function Doing({ onDo, class: kind, disabled, children }: { onDo: () => P
 }
 
 /** A window over the page, closed by Escape. */
-export function Dialog({ title, onClose, children }: { title: string; onClose: () => void; children: ComponentChildren }) {
+export function Dialog({ title, onClose, wide, children }: { title: string; onClose: () => void; wide?: boolean; children: ComponentChildren }) {
   const dialog = useRef<HTMLDialogElement>(null);
   useEffect(() => dialog.current?.showModal(), []);
   return (
-    <dialog ref={dialog} aria-label={title} onClose={onClose}>
+    <dialog ref={dialog} class={wide ? "wide" : undefined} aria-label={title} onClose={onClose}>
       <div class="bar">
         <h2>{title}</h2>
         <button type="button" class="plain" aria-label={texts().cancel} onClick={onClose}>

@@ -7,6 +7,7 @@ import { fruitsOf, go, share } from "./list";
 import { Copyable, Dialog, Doing, Problem, Said } from "./parts";
 import { Scene } from "./scene";
 import { ask, download, tell } from "./server";
+import { Teach } from "./teach";
 
 const WORKING = ["queued", "running", "stopping"];
 const PHOTOS_AT_FIRST = 24;
@@ -218,18 +219,6 @@ function Files({ survey, everything }: { survey: SurveyView; everything: Everyth
   );
 }
 
-function Learning({ survey, canLearn }: { survey: SurveyView; canLearn: boolean }) {
-  const t = texts();
-  return (
-    <section class="sheet">
-      <h2>{t.learn}</h2>
-      <p class="soft">{t.learnText}</p>
-      {survey.learnt && <p>{t.learnt}</p>}
-      {canLearn ? <Doing onDo={() => tell(`surveys/${survey.id}/learn`)}>{t.learn}</Doing> : <p class="soft">{t.learnMissing}</p>}
-    </section>
-  );
-}
-
 function Equals({ survey }: { survey: SurveyView }) {
   const t = texts();
   const [equal, setEqual] = useState<Equal | null>(null);
@@ -249,7 +238,7 @@ function Equals({ survey }: { survey: SurveyView }) {
   );
 }
 
-const TABS = ["photos", "scene", "result", "trees", "compare", "files"] as const;
+const TABS = ["photos", "scene", "result", "trees", "compare", "teach", "files"] as const;
 type Tab = (typeof TABS)[number];
 
 export function Survey({ survey, everything, place }: { survey: SurveyView; everything: Everything; place: string }) {
@@ -257,10 +246,11 @@ export function Survey({ survey, everything, place }: { survey: SurveyView; ever
   const over = survey.state === "finished" && !WORKING.includes(survey.state);
   const found = TABS.find((each) => each === place);
   const tab: Tab = found ?? (over ? "result" : survey.fruits !== null || survey.run?.stages.some((stage) => stage.name === "scale" && (stage.state === "done" || stage.state === "kept")) ? "scene" : "photos");
-  const titles: Record<Tab, string> = { photos: t.photosTab, scene: t.sceneTab, result: t.resultTab, trees: t.treesTab, compare: t.compareTab, files: t.exportTab };
+  const titles: Record<Tab, string> = { photos: t.photosTab, scene: t.sceneTab, result: t.resultTab, trees: t.treesTab, compare: t.compareTab, teach: t.teachTab, files: t.exportTab };
   const panel = () => {
     if (tab === "photos") return <Photos survey={survey} />;
     if (tab === "scene") return <Scene survey={survey} />;
+    if (tab === "teach") return <Teach survey={survey} canLearn={everything.facts.canLearn} working={WORKING.includes(survey.state) || !!survey.run?.byOther} />;
     if (!over) return <p class="soft">{t.resultWait}</p>;
     if (tab === "trees") return <Trees survey={survey} />;
     if (tab === "compare") return <Compare survey={survey} everything={everything} />;
@@ -326,7 +316,6 @@ export function Survey({ survey, everything, place }: { survey: SurveyView; ever
           {panel()}
         </div>
       </section>
-      {over && <Learning survey={survey} canLearn={everything.facts.canLearn} />}
       {over && <Progress survey={survey} />}
       {survey.photos !== null && <Equals survey={survey} />}
       {!WORKING.includes(survey.state) && (

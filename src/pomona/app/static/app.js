@@ -79,24 +79,24 @@ function C(e) {
 	(!e.__d && (e.__d = !0) && r.push(e) && !w.__r++ || i != t.debounceRendering) && ((i = t.debounceRendering) || a)(w);
 }
 function w() {
-	for (var e, n, i, a, s, c, l, u = 1; r.length;) r.length > u && r.sort(o), e = r.shift(), u = r.length, e.__d && (i = void 0, a = void 0, s = (a = (n = e).__v).__e, c = [], l = [], n.__P && ((i = h({}, a)).__v = a.__v + 1, t.vnode && t.vnode(i), j(n.__P, i, a, n.__n, n.__P.namespaceURI, 32 & a.__u ? [s] : null, c, s ?? x(a), !!(32 & a.__u), l), i.__v = a.__v, i.__.__k[i.__i] = i, N(c, i, l), a.__e = a.__ = null, i.__e != s && S(i)));
+	for (var e, n, i, a, s, c, l, u = 1; r.length;) r.length > u && r.sort(o), e = r.shift(), u = r.length, e.__d && (i = void 0, a = void 0, s = (a = (n = e).__v).__e, c = [], l = [], n.__P && ((i = h({}, a)).__v = a.__v + 1, t.vnode && t.vnode(i), M(n.__P, i, a, n.__n, n.__P.namespaceURI, 32 & a.__u ? [s] : null, c, s ?? x(a), !!(32 & a.__u), l), i.__v = a.__v, i.__.__k[i.__i] = i, P(c, i, l), a.__e = a.__ = null, i.__e != s && S(i)));
 	w.__r = 0;
 }
-function ee(e, t, n, r, i, a, o, s, c, l, u) {
+function T(e, t, n, r, i, a, o, s, c, l, u) {
 	var p, m, h, g, _, v, y, b = r && r.__k || f, x = t.length;
-	for (c = T(n, t, b, c, x), p = 0; p < x; p++) (h = n.__k[p]) != null && (m = h.__i == -1 ? d : b[h.__i] || d, h.__i = p, v = j(e, h, m, i, a, o, s, c, l, u), g = h.__e, h.ref && m.ref != h.ref && (m.ref && P(m.ref, null, h), u.push(h.ref, h.__c || g, h)), _ == null && g != null && (_ = g), (y = !!(4 & h.__u)) || m.__k === h.__k ? c = E(h, c, e, y) : typeof h.type == "function" && v !== void 0 ? c = v : g && (c = g.nextSibling), h.__u &= -7);
+	for (c = E(n, t, b, c, x), p = 0; p < x; p++) (h = n.__k[p]) != null && (m = h.__i == -1 ? d : b[h.__i] || d, h.__i = p, v = M(e, h, m, i, a, o, s, c, l, u), g = h.__e, h.ref && m.ref != h.ref && (m.ref && I(m.ref, null, h), u.push(h.ref, h.__c || g, h)), _ == null && g != null && (_ = g), (y = !!(4 & h.__u)) || m.__k === h.__k ? c = D(h, c, e, y) : typeof h.type == "function" && v !== void 0 ? c = v : g && (c = g.nextSibling), h.__u &= -7);
 	return n.__e = _, c;
 }
-function T(e, t, n, r, i) {
+function E(e, t, n, r, i) {
 	var a, o, s, c, l, u = n.length, d = u, f = 0;
-	for (e.__k = Array(i), a = 0; a < i; a++) (o = t[a]) != null && typeof o != "boolean" && typeof o != "function" ? (c = a + f, (o = e.__k[a] = typeof o == "string" || typeof o == "number" || typeof o == "bigint" || o.constructor == String ? v(null, o, null, null, null) : m(o) ? v(y, { children: o }, null, null, null) : o.constructor == null && o.__b > 0 ? v(o.type, o.props, o.key, o.ref ? o.ref : null, o.__v) : o).__ = e, o.__b = e.__b + 1, s = null, (l = o.__i = D(o, n, c, d)) != -1 && (d--, (s = n[l]) && (s.__u |= 2)), s == null || s.__v == null ? (l == -1 && (i > u ? f-- : i < u && f++), typeof o.type != "function" && (o.__u |= 4)) : l != c && (l == c - 1 ? f-- : l == c + 1 ? f++ : (l > c ? f-- : f++, o.__u |= 4))) : e.__k[a] = null;
-	if (d) for (a = 0; a < u; a++) (s = n[a]) != null && !(2 & s.__u) && (s.__e == r && (r = x(s)), re(s, s));
+	for (e.__k = Array(i), a = 0; a < i; a++) (o = t[a]) != null && typeof o != "boolean" && typeof o != "function" ? (c = a + f, (o = e.__k[a] = typeof o == "string" || typeof o == "number" || typeof o == "bigint" || o.constructor == String ? v(null, o, null, null, null) : m(o) ? v(y, { children: o }, null, null, null) : o.constructor == null && o.__b > 0 ? v(o.type, o.props, o.key, o.ref ? o.ref : null, o.__v) : o).__ = e, o.__b = e.__b + 1, s = null, (l = o.__i = O(o, n, c, d)) != -1 && (d--, (s = n[l]) && (s.__u |= 2)), s == null || s.__v == null ? (l == -1 && (i > u ? f-- : i < u && f++), typeof o.type != "function" && (o.__u |= 4)) : l != c && (l == c - 1 ? f-- : l == c + 1 ? f++ : (l > c ? f-- : f++, o.__u |= 4))) : e.__k[a] = null;
+	if (d) for (a = 0; a < u; a++) (s = n[a]) != null && !(2 & s.__u) && (s.__e == r && (r = x(s)), L(s, s));
 	return r;
 }
-function E(e, t, n, r) {
+function D(e, t, n, r) {
 	var i, a;
 	if (typeof e.type == "function") {
-		for (i = e.__k, a = 0; i && a < i.length; a++) i[a] && (i[a].__ = e, t = E(i[a], t, n, r));
+		for (i = e.__k, a = 0; i && a < i.length; a++) i[a] && (i[a].__ = e, t = D(i[a], t, n, r));
 		return t;
 	}
 	e.__e != t && (r && (t && e.type && !t.parentNode && (t = x(e)), n.insertBefore(e.__e, t || null)), t = e.__e);
@@ -105,7 +105,7 @@ function E(e, t, n, r) {
 	while (t != null && t.nodeType == 8);
 	return t;
 }
-function D(e, t, n, r) {
+function O(e, t, n, r) {
 	var i, a, o, s = e.key, c = e.type, l = t[n], u = l != null && !(2 & l.__u);
 	if (l === null && e.key == null || u && s == l.key && c == l.type) return n;
 	if (r > +!!u) {
@@ -113,16 +113,16 @@ function D(e, t, n, r) {
 	}
 	return -1;
 }
-function O(e, t, n) {
+function k(e, t, n) {
 	t[0] == "-" ? e.setProperty(t, n ?? "") : e[t] = n == null ? "" : typeof n != "number" || p.test(t) ? n : n + "px";
 }
-function k(e, t, n, r, i) {
+function A(e, t, n, r, i) {
 	var a, o;
 	n: if (t == "style") {
 		if (typeof n == "string") e.style.cssText = n;
 		else {
-			if (typeof r == "string" && (e.style.cssText = r = ""), r) for (t in r) n && t in n || O(e.style, t, "");
-			if (n) for (t in n) r && n[t] == r[t] || O(e.style, t, n[t]);
+			if (typeof r == "string" && (e.style.cssText = r = ""), r) for (t in r) n && t in n || k(e.style, t, "");
+			if (n) for (t in n) r && n[t] == r[t] || k(e.style, t, n[t]);
 		}
 	} else if (t[0] == "o" && t[1] == "n") a = t != (t = t.replace(s, "$1")), o = t.toLowerCase(), t = o in e || t == "onFocusOut" || t == "onFocusIn" ? o.slice(2) : t.slice(2), e.l ||= {}, e.l[t + a] = n, n ? r ? n.u = r.u : (n.u = c, e.addEventListener(t, a ? u : l, a)) : e.removeEventListener(t, a ? u : l, a);
 	else {
@@ -134,7 +134,7 @@ function k(e, t, n, r, i) {
 		typeof n == "function" || (n == null || !1 === n && t[4] != "-" ? e.removeAttribute(t) : e.setAttribute(t, t == "popover" && n == 1 ? "" : n));
 	}
 }
-function A(e) {
+function j(e) {
 	return function(n) {
 		if (this.l) {
 			var r = this.l[n.type + e];
@@ -144,51 +144,51 @@ function A(e) {
 		}
 	};
 }
-function j(e, n, r, i, a, o, s, c, l, u) {
-	var d, f, p, _, v, x, S, C, w, T, E, D, O, k, A, j, N, P = n.type;
+function M(e, n, r, i, a, o, s, c, l, u) {
+	var d, f, p, _, v, x, S, C, w, E, D, O, k, A, j, M, P, I = n.type;
 	if (n.constructor != null) return null;
 	128 & r.__u && (l = !!(32 & r.__u), o = [c = n.__e = r.__e]), (d = t.__b) && d(n);
-	n: if (typeof P == "function") try {
-		if (C = n.props, w = "prototype" in P && P.prototype.render, T = (d = P.contextType) && i[d.__c], E = d ? T ? T.props.value : d.__ : i, r.__c ? S = (f = n.__c = r.__c).__ = f.__E : (w ? n.__c = f = new P(C, E) : (n.__c = f = new b(C, E), f.constructor = P, f.render = F), T && T.sub(f), f.props = C, f.state || (f.state = {}), f.context = E, f.__n = i, p = f.__d = !0, f.__h = [], f._sb = []), w && f.__s == null && (f.__s = f.state), w && P.getDerivedStateFromProps != null && (f.__s == f.state && (f.__s = h({}, f.__s)), h(f.__s, P.getDerivedStateFromProps(C, f.__s))), _ = f.props, v = f.state, f.__v = n, p) w && P.getDerivedStateFromProps == null && f.componentWillMount != null && f.componentWillMount(), w && f.componentDidMount != null && f.__h.push(f.componentDidMount);
+	n: if (typeof I == "function") try {
+		if (C = n.props, w = "prototype" in I && I.prototype.render, E = (d = I.contextType) && i[d.__c], D = d ? E ? E.props.value : d.__ : i, r.__c ? S = (f = n.__c = r.__c).__ = f.__E : (w ? n.__c = f = new I(C, D) : (n.__c = f = new b(C, D), f.constructor = I, f.render = R), E && E.sub(f), f.props = C, f.state || (f.state = {}), f.context = D, f.__n = i, p = f.__d = !0, f.__h = [], f._sb = []), w && f.__s == null && (f.__s = f.state), w && I.getDerivedStateFromProps != null && (f.__s == f.state && (f.__s = h({}, f.__s)), h(f.__s, I.getDerivedStateFromProps(C, f.__s))), _ = f.props, v = f.state, f.__v = n, p) w && I.getDerivedStateFromProps == null && f.componentWillMount != null && f.componentWillMount(), w && f.componentDidMount != null && f.__h.push(f.componentDidMount);
 		else {
-			if (w && P.getDerivedStateFromProps == null && C !== _ && f.componentWillReceiveProps != null && f.componentWillReceiveProps(C, E), !f.__e && f.shouldComponentUpdate != null && !1 === f.shouldComponentUpdate(C, f.__s, E) || n.__v == r.__v) {
+			if (w && I.getDerivedStateFromProps == null && C !== _ && f.componentWillReceiveProps != null && f.componentWillReceiveProps(C, D), !f.__e && f.shouldComponentUpdate != null && !1 === f.shouldComponentUpdate(C, f.__s, D) || n.__v == r.__v) {
 				for (n.__v != r.__v && (f.props = C, f.state = f.__s, f.__d = !1), n.__e = r.__e, n.__k = r.__k, n.__k.some(function(e) {
 					e && (e.__ = n);
-				}), D = 0; D < f._sb.length; D++) f.__h.push(f._sb[D]);
+				}), O = 0; O < f._sb.length; O++) f.__h.push(f._sb[O]);
 				f._sb = [], f.__h.length && s.push(f);
 				break n;
 			}
-			f.componentWillUpdate != null && f.componentWillUpdate(C, f.__s, E), w && f.componentDidUpdate != null && f.__h.push(function() {
+			f.componentWillUpdate != null && f.componentWillUpdate(C, f.__s, D), w && f.componentDidUpdate != null && f.__h.push(function() {
 				f.componentDidUpdate(_, v, x);
 			});
 		}
-		if (f.context = E, f.props = C, f.__P = e, f.__e = !1, O = t.__r, k = 0, w) {
-			for (f.state = f.__s, f.__d = !1, O && O(n), d = f.render(f.props, f.state, f.context), A = 0; A < f._sb.length; A++) f.__h.push(f._sb[A]);
+		if (f.context = D, f.props = C, f.__P = e, f.__e = !1, k = t.__r, A = 0, w) {
+			for (f.state = f.__s, f.__d = !1, k && k(n), d = f.render(f.props, f.state, f.context), j = 0; j < f._sb.length; j++) f.__h.push(f._sb[j]);
 			f._sb = [];
 		} else do
-			f.__d = !1, O && O(n), d = f.render(f.props, f.state, f.context), f.state = f.__s;
-		while (f.__d && ++k < 25);
-		f.state = f.__s, f.getChildContext != null && (i = h(h({}, i), f.getChildContext())), w && !p && f.getSnapshotBeforeUpdate != null && (x = f.getSnapshotBeforeUpdate(_, v)), j = d, d != null && d.type === y && d.key == null && (j = te(d.props.children)), c = ee(e, m(j) ? j : [j], n, r, i, a, o, s, c, l, u), f.base = n.__e, n.__u &= -161, f.__h.length && s.push(f), S && (f.__E = f.__ = null);
+			f.__d = !1, k && k(n), d = f.render(f.props, f.state, f.context), f.state = f.__s;
+		while (f.__d && ++A < 25);
+		f.state = f.__s, f.getChildContext != null && (i = h(h({}, i), f.getChildContext())), w && !p && f.getSnapshotBeforeUpdate != null && (x = f.getSnapshotBeforeUpdate(_, v)), M = d, d != null && d.type === y && d.key == null && (M = F(d.props.children)), c = T(e, m(M) ? M : [M], n, r, i, a, o, s, c, l, u), f.base = n.__e, n.__u &= -161, f.__h.length && s.push(f), S && (f.__E = f.__ = null);
 	} catch (e) {
 		if (n.__v = null, l || o != null) {
 			if (e.then) {
 				for (n.__u |= l ? 160 : 128; c && c.nodeType == 8 && c.nextSibling;) c = c.nextSibling;
 				o[o.indexOf(c)] = null, n.__e = c;
 			} else {
-				for (N = o.length; N--;) g(o[N]);
-				M(n);
+				for (P = o.length; P--;) g(o[P]);
+				N(n);
 			}
-		} else n.__e = r.__e, n.__k = r.__k, e.then || M(n);
+		} else n.__e = r.__e, n.__k = r.__k, e.then || N(n);
 		t.__e(e, n, r);
 	}
-	else o == null && n.__v == r.__v ? (n.__k = r.__k, n.__e = r.__e) : c = n.__e = ne(r.__e, n, r, i, a, o, s, l, u);
+	else o == null && n.__v == r.__v ? (n.__k = r.__k, n.__e = r.__e) : c = n.__e = ee(r.__e, n, r, i, a, o, s, l, u);
 	return (d = t.diffed) && d(n), 128 & n.__u ? void 0 : c;
 }
-function M(e) {
-	e && e.__c && (e.__c.__e = !0), e && e.__k && e.__k.forEach(M);
+function N(e) {
+	e && e.__c && (e.__c.__e = !0), e && e.__k && e.__k.forEach(N);
 }
-function N(e, n, r) {
-	for (var i = 0; i < r.length; i++) P(r[i], r[++i], r[++i]);
+function P(e, n, r) {
+	for (var i = 0; i < r.length; i++) I(r[i], r[++i], r[++i]);
 	t.__c && t.__c(n, e), e.some(function(n) {
 		try {
 			e = n.__h, n.__h = [], e.some(function(e) {
@@ -199,10 +199,10 @@ function N(e, n, r) {
 		}
 	});
 }
-function te(e) {
-	return typeof e != "object" || !e || e.__b && e.__b > 0 ? e : m(e) ? e.map(te) : h({}, e);
+function F(e) {
+	return typeof e != "object" || !e || e.__b && e.__b > 0 ? e : m(e) ? e.map(F) : h({}, e);
 }
-function ne(n, r, i, a, o, s, c, l, u) {
+function ee(n, r, i, a, o, s, c, l, u) {
 	var f, p, h, _, v, y, b, S = i.props, C = r.props, w = r.type;
 	if (w == "svg" ? o = "http://www.w3.org/2000/svg" : w == "math" ? o = "http://www.w3.org/1998/Math/MathML" : o ||= "http://www.w3.org/1999/xhtml", s != null) {
 		for (f = 0; f < s.length; f++) if ((v = s[f]) && "setAttribute" in v == !!w && (w ? v.localName == w : v.nodeType == 3)) {
@@ -221,17 +221,17 @@ function ne(n, r, i, a, o, s, c, l, u) {
 			if (f == "dangerouslySetInnerHTML") h = v;
 			else if (!(f in C)) {
 				if (f == "value" && "defaultValue" in C || f == "checked" && "defaultChecked" in C) continue;
-				k(n, f, null, v, o);
+				A(n, f, null, v, o);
 			}
 		}
-		for (f in C) v = C[f], f == "children" ? _ = v : f == "dangerouslySetInnerHTML" ? p = v : f == "value" ? y = v : f == "checked" ? b = v : l && typeof v != "function" || S[f] === v || k(n, f, v, S[f], o);
+		for (f in C) v = C[f], f == "children" ? _ = v : f == "dangerouslySetInnerHTML" ? p = v : f == "value" ? y = v : f == "checked" ? b = v : l && typeof v != "function" || S[f] === v || A(n, f, v, S[f], o);
 		if (p) l || h && (p.__html == h.__html || p.__html == n.innerHTML) || (n.innerHTML = p.__html), r.__k = [];
-		else if (h && (n.innerHTML = ""), ee(r.type == "template" ? n.content : n, m(_) ? _ : [_], r, i, a, w == "foreignObject" ? "http://www.w3.org/1999/xhtml" : o, s, c, s ? s[0] : i.__k && x(i, 0), l, u), s != null) for (f = s.length; f--;) g(s[f]);
-		l || (f = "value", w == "progress" && y == null ? n.removeAttribute("value") : y != null && (y !== n[f] || w == "progress" && !y || w == "option" && y != S[f]) && k(n, f, y, S[f], o), f = "checked", b != null && b != n[f] && k(n, f, b, S[f], o));
+		else if (h && (n.innerHTML = ""), T(r.type == "template" ? n.content : n, m(_) ? _ : [_], r, i, a, w == "foreignObject" ? "http://www.w3.org/1999/xhtml" : o, s, c, s ? s[0] : i.__k && x(i, 0), l, u), s != null) for (f = s.length; f--;) g(s[f]);
+		l || (f = "value", w == "progress" && y == null ? n.removeAttribute("value") : y != null && (y !== n[f] || w == "progress" && !y || w == "option" && y != S[f]) && A(n, f, y, S[f], o), f = "checked", b != null && b != n[f] && A(n, f, b, S[f], o));
 	}
 	return n;
 }
-function P(e, n, r) {
+function I(e, n, r) {
 	try {
 		if (typeof e == "function") {
 			var i = typeof e.__u == "function";
@@ -241,9 +241,9 @@ function P(e, n, r) {
 		t.__e(e, r);
 	}
 }
-function re(e, n, r) {
+function L(e, n, r) {
 	var i, a;
-	if (t.unmount && t.unmount(e), (i = e.ref) && (i.current && i.current != e.__e || P(i, null, n)), (i = e.__c) != null) {
+	if (t.unmount && t.unmount(e), (i = e.ref) && (i.current && i.current != e.__e || I(i, null, n)), (i = e.__c) != null) {
 		if (i.componentWillUnmount) try {
 			i.componentWillUnmount();
 		} catch (e) {
@@ -251,15 +251,15 @@ function re(e, n, r) {
 		}
 		i.base = i.__P = null;
 	}
-	if (i = e.__k) for (a = 0; a < i.length; a++) i[a] && re(i[a], n, r || typeof e.type != "function");
+	if (i = e.__k) for (a = 0; a < i.length; a++) i[a] && L(i[a], n, r || typeof e.type != "function");
 	r || g(e.__e), e.__c = e.__ = e.__e = void 0;
 }
-function F(e, t, n) {
+function R(e, t, n) {
 	return this.constructor(e, n);
 }
-function ie(n, r, i) {
+function te(n, r, i) {
 	var a, o, s, c;
-	r == document && (r = document.documentElement), t.__ && t.__(n, r), o = (a = typeof i == "function") ? null : i && i.__k || r.__k, s = [], c = [], j(r, n = (!a && i || r).__k = _(y, null, [n]), o || d, d, r.namespaceURI, !a && i ? [i] : o ? null : r.firstChild ? e.call(r.childNodes) : null, s, !a && i ? i : o ? o.__e : r.firstChild, a, c), N(s, n, c);
+	r == document && (r = document.documentElement), t.__ && t.__(n, r), o = (a = typeof i == "function") ? null : i && i.__k || r.__k, s = [], c = [], M(r, n = (!a && i || r).__k = _(y, null, [n]), o || d, d, r.namespaceURI, !a && i ? [i] : o ? null : r.firstChild ? e.call(r.childNodes) : null, s, !a && i ? i : o ? o.__e : r.firstChild, a, c), P(s, n, c);
 }
 e = f.slice, t = { __e: function(e, t, n, r) {
 	for (var i, a, o; t = t.__;) if ((i = t.__c) && !i.__) try {
@@ -275,26 +275,26 @@ e = f.slice, t = { __e: function(e, t, n, r) {
 	this.__v && (this.__e = !0, e && this.__h.push(e), C(this));
 }, b.prototype.render = y, r = [], a = typeof Promise == "function" ? Promise.prototype.then.bind(Promise.resolve()) : setTimeout, o = function(e, t) {
 	return e.__v.__b - t.__v.__b;
-}, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = A(!1), u = A(!0);
+}, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = j(!1), u = j(!0);
 // node_modules/preact/hooks/dist/hooks.module.js
-var I, L, R, ae, z = 0, oe = [], B = t, se = B.__b, ce = B.__r, le = B.diffed, ue = B.__c, de = B.unmount, fe = B.__;
-function pe(e, t) {
-	B.__h && B.__h(L, e, z || t), z = 0;
-	var n = L.__H || (L.__H = {
+var z, B, ne, re, V = 0, ie = [], H = t, ae = H.__b, oe = H.__r, se = H.diffed, ce = H.__c, le = H.unmount, ue = H.__;
+function de(e, t) {
+	H.__h && H.__h(B, e, V || t), V = 0;
+	var n = B.__H || (B.__H = {
 		__: [],
 		__h: []
 	});
 	return e >= n.__.length && n.__.push({}), n.__[e];
 }
-function V(e) {
-	return z = 1, me(Se, e);
+function U(e) {
+	return V = 1, fe(be, e);
 }
-function me(e, t, n) {
-	var r = pe(I++, 2);
-	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : Se(void 0, t), function(e) {
+function fe(e, t, n) {
+	var r = de(z++, 2);
+	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : be(void 0, t), function(e) {
 		var t = r.__N ? r.__N[0] : r.__[0], n = r.t(t, e);
 		t !== n && (r.__N = [n, r.__[1]], r.__c.setState({}));
-	}], r.__c = L, !L.__f)) {
+	}], r.__c = B, !B.__f)) {
 		var i = function(e, t, n) {
 			if (!r.__c.__H) return !0;
 			var i = r.__c.__H.__.filter(function(e) {
@@ -311,101 +311,101 @@ function me(e, t, n) {
 				}
 			}), a && a.call(this, e, t, n) || o;
 		};
-		L.__f = !0;
-		var a = L.shouldComponentUpdate, o = L.componentWillUpdate;
-		L.componentWillUpdate = function(e, t, n) {
+		B.__f = !0;
+		var a = B.shouldComponentUpdate, o = B.componentWillUpdate;
+		B.componentWillUpdate = function(e, t, n) {
 			if (this.__e) {
 				var r = a;
 				a = void 0, i(e, t, n), a = r;
 			}
 			o && o.call(this, e, t, n);
-		}, L.shouldComponentUpdate = i;
+		}, B.shouldComponentUpdate = i;
 	}
 	return r.__N || r.__;
 }
-function H(e, t) {
-	var n = pe(I++, 3);
-	!B.__s && xe(n.__H, t) && (n.__ = e, n.u = t, L.__H.__h.push(n));
+function W(e, t) {
+	var n = de(z++, 3);
+	!H.__s && ye(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
 }
-function U(e) {
-	return z = 5, he(function() {
+function G(e) {
+	return V = 5, pe(function() {
 		return { current: e };
 	}, []);
 }
-function he(e, t) {
-	var n = pe(I++, 7);
-	return xe(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
+function pe(e, t) {
+	var n = de(z++, 7);
+	return ye(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
 }
-function ge() {
-	for (var e; e = oe.shift();) if (e.__P && e.__H) try {
-		e.__H.__h.forEach(ye), e.__H.__h.forEach(be), e.__H.__h = [];
+function me() {
+	for (var e; e = ie.shift();) if (e.__P && e.__H) try {
+		e.__H.__h.forEach(_e), e.__H.__h.forEach(ve), e.__H.__h = [];
 	} catch (t) {
-		e.__H.__h = [], B.__e(t, e.__v);
+		e.__H.__h = [], H.__e(t, e.__v);
 	}
 }
-B.__b = function(e) {
-	L = null, se && se(e);
-}, B.__ = function(e, t) {
-	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), fe && fe(e, t);
-}, B.__r = function(e) {
-	ce && ce(e), I = 0;
-	var t = (L = e.__c).__H;
-	t && (R === L ? (t.__h = [], L.__h = [], t.__.forEach(function(e) {
+H.__b = function(e) {
+	B = null, ae && ae(e);
+}, H.__ = function(e, t) {
+	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), ue && ue(e, t);
+}, H.__r = function(e) {
+	oe && oe(e), z = 0;
+	var t = (B = e.__c).__H;
+	t && (ne === B ? (t.__h = [], B.__h = [], t.__.forEach(function(e) {
 		e.__N && (e.__ = e.__N), e.u = e.__N = void 0;
-	})) : (t.__h.forEach(ye), t.__h.forEach(be), t.__h = [], I = 0)), R = L;
-}, B.diffed = function(e) {
-	le && le(e);
+	})) : (t.__h.forEach(_e), t.__h.forEach(ve), t.__h = [], z = 0)), ne = B;
+}, H.diffed = function(e) {
+	se && se(e);
 	var t = e.__c;
-	t && t.__H && (t.__H.__h.length && (oe.push(t) !== 1 && ae === B.requestAnimationFrame || ((ae = B.requestAnimationFrame) || ve)(ge)), t.__H.__.forEach(function(e) {
+	t && t.__H && (t.__H.__h.length && (ie.push(t) !== 1 && re === H.requestAnimationFrame || ((re = H.requestAnimationFrame) || ge)(me)), t.__H.__.forEach(function(e) {
 		e.u && (e.__H = e.u), e.u = void 0;
-	})), R = L = null;
-}, B.__c = function(e, t) {
+	})), ne = B = null;
+}, H.__c = function(e, t) {
 	t.some(function(e) {
 		try {
-			e.__h.forEach(ye), e.__h = e.__h.filter(function(e) {
-				return !e.__ || be(e);
+			e.__h.forEach(_e), e.__h = e.__h.filter(function(e) {
+				return !e.__ || ve(e);
 			});
 		} catch (n) {
 			t.some(function(e) {
 				e.__h &&= [];
-			}), t = [], B.__e(n, e.__v);
+			}), t = [], H.__e(n, e.__v);
 		}
-	}), ue && ue(e, t);
-}, B.unmount = function(e) {
-	de && de(e);
+	}), ce && ce(e, t);
+}, H.unmount = function(e) {
+	le && le(e);
 	var t, n = e.__c;
 	n && n.__H && (n.__H.__.forEach(function(e) {
 		try {
-			ye(e);
+			_e(e);
 		} catch (e) {
 			t = e;
 		}
-	}), n.__H = void 0, t && B.__e(t, n.__v));
+	}), n.__H = void 0, t && H.__e(t, n.__v));
 };
-var _e = typeof requestAnimationFrame == "function";
-function ve(e) {
+var he = typeof requestAnimationFrame == "function";
+function ge(e) {
 	var t, n = function() {
-		clearTimeout(r), _e && cancelAnimationFrame(t), setTimeout(e);
+		clearTimeout(r), he && cancelAnimationFrame(t), setTimeout(e);
 	}, r = setTimeout(n, 35);
-	_e && (t = requestAnimationFrame(n));
+	he && (t = requestAnimationFrame(n));
 }
-function ye(e) {
-	var t = L, n = e.__c;
-	typeof n == "function" && (e.__c = void 0, n()), L = t;
+function _e(e) {
+	var t = B, n = e.__c;
+	typeof n == "function" && (e.__c = void 0, n()), B = t;
 }
-function be(e) {
-	var t = L;
-	e.__c = e.__(), L = t;
+function ve(e) {
+	var t = B;
+	e.__c = e.__(), B = t;
 }
-function xe(e, t) {
+function ye(e, t) {
 	return !e || e.length !== t.length || t.some(function(t, n) {
 		return t !== e[n];
 	});
 }
-function Se(e, t) {
+function be(e, t) {
 	return typeof t == "function" ? t(e) : t;
 }
-var Ce = {
+var xe = {
 	en: {
 		language: "English",
 		title: "Pomona",
@@ -503,8 +503,50 @@ var Ce = {
 		copy: "Copy",
 		copied: "Copied",
 		folder: "Folder",
+		teachTab: "Teach",
+		teachText: "Where fruits are missed, or leaves are taken for fruits, show the network what fruits look like here: mark some in a few photos, and let it learn.",
+		teachHow: "Choose a photo in which something is wrong. Best are two or three photos in which you mark all fruits: then what is not marked is learnt as no fruit, and one of these photos is kept aside to measure on.",
+		mark: "Mark fruits",
+		marksOf: (e, t) => e === 1 ? "1 mark" : `${t} marks`,
+		allMarked: "all marked",
+		shapes: {
+			circle: "Circle",
+			box: "Box"
+		},
+		undo: "Undo",
+		deleteMark: "Delete mark",
+		nearer: "Nearer",
+		farther: "Farther",
+		showFound: "Show what was found",
+		photoBefore: "Photo before",
+		photoAfter: "Photo after",
+		markFirst: {
+			circle: "Click on the edge of a fruit, then on the edge opposite; hidden parts count. Drag to move the photo, scroll to come nearer; click on a mark’s line to choose it.",
+			box: "Click on one corner around a fruit, then on the one opposite. Drag to move the photo, scroll to come nearer; click on a mark’s line to choose it."
+		},
+		markSecond: {
+			circle: "Now the edge opposite. Escape takes the first click back.",
+			box: "Now the corner opposite. Escape takes the first click back."
+		},
+		markLabel: "The photo. Arrow keys move the cross, Enter sets a point, plus and minus change the size, Delete removes the chosen mark.",
+		complete: "All fruits in this photo are marked.",
+		completeText: "Also those that were found.",
+		taught: (e, t, n, r) => `${e} marks in ${t} photos, all fruits in ${n} of them; ${r} corrections made in the view.`,
+		learnFromThese: "Learn from these",
+		learntTitle: "Before and after learning",
+		learntNot: "What the network learnt was not better, so nothing was changed. Mark more fruits, or all fruits in more photos, and try again.",
+		learntRows: {
+			f1: "F1 of fruits in photos kept aside",
+			byHand: (e) => `F1 of the ${e} of them that you marked`,
+			halves: "Fruits on which two halves of the photos agree",
+			detections: "Found in photos",
+			fruits: "Fruits"
+		},
+		learntHonest: "F1 (1 is best) counts fruits that were missed and what is none. Photos kept aside are never learnt from.",
+		before: "Before",
+		after: "After",
 		learn: "Learn from this survey",
-		learnText: "The network that finds fruits learns from those that many photos confirm, and from your corrections; then the survey is made again. It takes some minutes more than a run. What it learnt is kept only if it finds fruits no worse.",
+		learnText: "The network that finds fruits learns from your marks, from fruits that many photos confirm, and from corrections made in the view; then the survey is made again. It takes some minutes more than a run. What it learnt is kept only if it finds fruits no worse.",
 		learnMissing: "This needs the extra “train”: pip install 'pomona[train]'.",
 		learnt: "The network has learnt from this survey.",
 		files: "Take the results elsewhere",
@@ -719,8 +761,50 @@ var Ce = {
 		copy: "Kopieren",
 		copied: "Kopiert",
 		folder: "Ordner",
+		teachTab: "Beibringen",
+		teachText: "Wo Früchte übersehen oder Blätter für Früchte gehalten werden, hilft es, dem Netz zu zeigen, wie Früchte hier aussehen: einige in wenigen Fotos markieren und es lernen lassen.",
+		teachHow: "Ein Foto wählen, in dem etwas nicht stimmt. Am besten sind zwei oder drei Fotos, in denen alle Früchte markiert sind: Was dort nicht markiert ist, wird als keine Frucht gelernt, und eines dieser Fotos bleibt zum Messen beiseite.",
+		mark: "Früchte markieren",
+		marksOf: (e, t) => e === 1 ? "1 Markierung" : `${t} Markierungen`,
+		allMarked: "alle markiert",
+		shapes: {
+			circle: "Kreis",
+			box: "Kasten"
+		},
+		undo: "Rückgängig",
+		deleteMark: "Markierung löschen",
+		nearer: "Näher",
+		farther: "Weiter weg",
+		showFound: "Gefundenes zeigen",
+		photoBefore: "Voriges Foto",
+		photoAfter: "Nächstes Foto",
+		markFirst: {
+			circle: "Auf den Rand einer Frucht klicken, dann auf den Rand gegenüber; verdeckte Teile zählen mit. Ziehen verschiebt das Foto, Rollen holt näher; ein Klick auf die Linie wählt eine Markierung.",
+			box: "Auf eine Ecke um eine Frucht klicken, dann auf die gegenüber. Ziehen verschiebt das Foto, Rollen holt näher; ein Klick auf die Linie wählt eine Markierung."
+		},
+		markSecond: {
+			circle: "Jetzt der Rand gegenüber. Escape nimmt den ersten Klick zurück.",
+			box: "Jetzt die Ecke gegenüber. Escape nimmt den ersten Klick zurück."
+		},
+		markLabel: "Das Foto. Pfeiltasten bewegen das Kreuz, Enter setzt einen Punkt, Plus und Minus ändern die Größe, Entf löscht die gewählte Markierung.",
+		complete: "Alle Früchte in diesem Foto sind markiert.",
+		completeText: "Auch die gefundenen.",
+		taught: (e, t, n, r) => `${e} Markierungen in ${t} Fotos, alle Früchte in ${n} davon; ${r} Korrekturen in der Ansicht.`,
+		learnFromThese: "Daraus lernen",
+		learntTitle: "Vor und nach dem Lernen",
+		learntNot: "Das Gelernte war nicht besser, deshalb wurde nichts geändert. Mehr Früchte markieren, oder alle Früchte in mehr Fotos, und noch einmal versuchen.",
+		learntRows: {
+			f1: "F1 der Früchte in beiseite gelegten Fotos",
+			byHand: (e) => `F1 der ${e} selbst markierten davon`,
+			halves: "Früchte, in denen zwei Hälften der Fotos übereinstimmen",
+			detections: "In Fotos gefunden",
+			fruits: "Früchte"
+		},
+		learntHonest: "F1 (1 ist am besten) zählt Übersehenes und was keine Frucht ist. Aus beiseite gelegten Fotos wird nie gelernt.",
+		before: "Vorher",
+		after: "Nachher",
 		learn: "Aus dieser Aufnahme lernen",
-		learnText: "Das Netz, das Früchte findet, lernt aus denen, die viele Fotos bestätigen, und aus Korrekturen; dann wird die Aufnahme neu gerechnet. Das dauert einige Minuten länger als ein Durchgang. Das Gelernte bleibt nur, wenn es Früchte nicht schlechter findet.",
+		learnText: "Das Netz, das Früchte findet, lernt aus Markierungen, aus Früchten, die viele Fotos bestätigen, und aus Korrekturen in der Ansicht; dann wird die Aufnahme neu gerechnet. Das dauert einige Minuten länger als ein Durchgang. Das Gelernte bleibt nur, wenn es Früchte nicht schlechter findet.",
 		learnMissing: "Dazu fehlt die Erweiterung „train“: pip install 'pomona[train]'.",
 		learnt: "Das Netz hat aus dieser Aufnahme gelernt.",
 		files: "Ergebnisse mitnehmen",
@@ -838,45 +922,45 @@ var Ce = {
 		markersPicture: "Gedruckte Marken stehen entlang der Reihe",
 		theme: "Hell oder dunkel"
 	}
-}, we = "pomona-language";
-function Te(e) {
-	return e.map((e) => e.split("-")[0]).find((e) => e in Ce) ?? "en";
+}, Se = "pomona-language";
+function Ce(e) {
+	return e.map((e) => e.split("-")[0]).find((e) => e in xe) ?? "en";
 }
-var W = Te([localStorage.getItem(we) ?? "", ...navigator.languages]);
-function Ee(e) {
-	W = e, localStorage.setItem(we, e), document.documentElement.lang = e;
+var we = Ce([localStorage.getItem(Se) ?? "", ...navigator.languages]);
+function Te(e) {
+	we = e, localStorage.setItem(Se, e), document.documentElement.lang = e;
+}
+function Ee() {
+	return we;
+}
+function K() {
+	return xe[we];
 }
 function De() {
-	return W;
+	return navigator.languages.find((e) => e.split("-")[0] === we) ?? we;
 }
-function G() {
-	return Ce[W];
-}
-function Oe() {
-	return navigator.languages.find((e) => e.split("-")[0] === W) ?? W;
-}
-function K(e, t = 0) {
-	return new Intl.NumberFormat(Oe(), {
+function q(e, t = 0) {
+	return new Intl.NumberFormat(De(), {
 		minimumFractionDigits: t,
 		maximumFractionDigits: t
 	}).format(e);
 }
-function ke(e) {
-	return new Intl.DateTimeFormat(Oe(), {
+function Oe(e) {
+	return new Intl.DateTimeFormat(De(), {
 		dateStyle: "medium",
 		timeZone: e.length === 10 ? "UTC" : void 0
 	}).format(new Date(e));
 }
-function Ae(e) {
-	let t = G();
+function ke(e) {
+	let t = K();
 	if (e < 55) return t.seconds(Math.max(1, e < 10 ? Math.ceil(e) : Math.round(e / 5) * 5));
 	let n = Math.round(e / 60);
 	return n < 60 ? t.minutes(n) : t.hours(Math.floor(n / 60), n % 60);
 }
 // node_modules/preact/jsx-runtime/dist/jsxRuntime.module.js
-var je = 0;
+var Ae = 0;
 Array.isArray;
-function q(e, n, r, i, a, o) {
+function J(e, n, r, i, a, o) {
 	n ||= {};
 	var s, c, l = n;
 	if ("ref" in l) for (c in l = {}, n) c == "ref" ? s = n[c] : l[c] = n[c];
@@ -891,7 +975,7 @@ function q(e, n, r, i, a, o) {
 		__e: null,
 		__c: null,
 		constructor: void 0,
-		__v: --je,
+		__v: --Ae,
 		__i: -1,
 		__u: 0,
 		__source: a,
@@ -901,19 +985,19 @@ function q(e, n, r, i, a, o) {
 	return t.vnode && t.vnode(u), u;
 }
 // src/app/parts.tsx
-function Me({ text: e }) {
-	return /* @__PURE__ */ q(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ q("code", { children: e }, t) : e) });
+function je({ text: e }) {
+	return /* @__PURE__ */ J(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ J("code", { children: e }, t) : e) });
 }
-function J({ text: e, title: t }) {
-	return /* @__PURE__ */ q("div", {
+function Y({ text: e, title: t }) {
+	return /* @__PURE__ */ J("div", {
 		class: "problem",
 		role: "alert",
-		children: [/* @__PURE__ */ q("strong", { children: t ?? G().problem }), /* @__PURE__ */ q("p", { children: /* @__PURE__ */ q(Me, { text: e }) })]
+		children: [/* @__PURE__ */ J("strong", { children: t ?? K().problem }), /* @__PURE__ */ J("p", { children: /* @__PURE__ */ J(je, { text: e }) })]
 	});
 }
-function Y({ onDo: e, class: t, disabled: n, children: r }) {
-	let [i, a] = V(!1), [o, s] = V(""), c = U(!0);
-	return H(() => () => void (c.current = !1), []), /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q("button", {
+function X({ onDo: e, class: t, disabled: n, children: r }) {
+	let [i, a] = U(!1), [o, s] = U(""), c = G(!0);
+	return W(() => () => void (c.current = !1), []), /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("button", {
 		type: "button",
 		class: t,
 		disabled: i || n,
@@ -927,44 +1011,45 @@ function Y({ onDo: e, class: t, disabled: n, children: r }) {
 			c.current && a(!1);
 		},
 		children: r
-	}), o && /* @__PURE__ */ q(J, { text: o })] });
+	}), o && /* @__PURE__ */ J(Y, { text: o })] });
 }
-function Ne({ title: e, onClose: t, children: n }) {
-	let r = U(null);
-	return H(() => r.current?.showModal(), []), /* @__PURE__ */ q("dialog", {
-		ref: r,
+function Me({ title: e, onClose: t, wide: n, children: r }) {
+	let i = G(null);
+	return W(() => i.current?.showModal(), []), /* @__PURE__ */ J("dialog", {
+		ref: i,
+		class: n ? "wide" : void 0,
 		"aria-label": e,
 		onClose: t,
-		children: [/* @__PURE__ */ q("div", {
+		children: [/* @__PURE__ */ J("div", {
 			class: "bar",
-			children: [/* @__PURE__ */ q("h2", { children: e }), /* @__PURE__ */ q("button", {
+			children: [/* @__PURE__ */ J("h2", { children: e }), /* @__PURE__ */ J("button", {
 				type: "button",
 				class: "plain",
-				"aria-label": G().cancel,
+				"aria-label": K().cancel,
 				onClick: t,
 				children: "×"
 			})]
-		}), n]
+		}), r]
 	});
 }
-function Pe({ text: e }) {
-	let [t, n] = V(!1);
-	return /* @__PURE__ */ q("div", {
+function Z({ text: e }) {
+	let [t, n] = U(!1);
+	return /* @__PURE__ */ J("div", {
 		class: "copyable",
-		children: [/* @__PURE__ */ q("pre", {
+		children: [/* @__PURE__ */ J("pre", {
 			tabIndex: 0,
 			children: e
-		}), /* @__PURE__ */ q("button", {
+		}), /* @__PURE__ */ J("button", {
 			type: "button",
 			onClick: async () => {
 				await navigator.clipboard.writeText(e), n(!0);
 			},
-			children: t ? G().copied : G().copy
+			children: t ? K().copied : K().copy
 		})]
 	});
 }
 // src/app/server.ts
-async function Fe(e) {
+async function Ne(e) {
 	if (e.ok) return e.status === 204 ? void 0 : await e.json();
 	let t = await e.text(), n = t;
 	try {
@@ -972,28 +1057,28 @@ async function Fe(e) {
 	} catch {}
 	throw Error(n || `${e.status}`);
 }
-async function X(e) {
-	return Fe(await fetch(`api/${e}`));
+async function Q(e) {
+	return Ne(await fetch(`api/${e}`));
 }
-async function Z(e, t = {}) {
+async function $(e, t = {}) {
 	let n = JSON.stringify(t);
-	return Fe(await fetch(`api/${e}`, {
+	return Ne(await fetch(`api/${e}`, {
 		method: "POST",
 		headers: { "Content-Type": "application/json" },
 		body: n
 	}));
 }
-async function Ie(e) {
+async function Pe(e) {
 	let t = await fetch(`api/${e}`);
-	t.ok || await Fe(t);
-	let n = Le(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
+	t.ok || await Ne(t);
+	let n = Fe(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
 	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
 }
-function Le(e) {
+function Fe(e) {
 	let t = /filename\*=utf-8''([^;]+)/i.exec(e)?.[1];
 	return t ? decodeURIComponent(t) : /filename="?([^";]+)/.exec(e)?.[1] ?? "pomona";
 }
-function Re(e, t, n) {
+function Ie(e, t, n) {
 	return new Promise((r, i) => {
 		let a = new XMLHttpRequest();
 		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error("network")), a.onload = () => {
@@ -1006,85 +1091,85 @@ function Re(e, t, n) {
 		}, a.send(t);
 	});
 }
-function ze(e, t) {
+function Le(e, t) {
 	let n = new EventSource("api/events");
 	return n.onmessage = (n) => {
 		t(!1), e(JSON.parse(n.data));
 	}, n.onerror = () => t(!0), () => n.close();
 }
 // src/app/chooser.tsx
-function Be(e) {
-	let t = G();
-	return [e.photos ? t.photos(e.photos, K(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
+function Re(e) {
+	let t = K();
+	return [e.photos ? t.photos(e.photos, q(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
 }
-function Ve({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
-	let o = G(), [s, c] = V(null), [l, u] = V(""), d = async (e) => {
+function ze({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+	let o = K(), [s, c] = U(null), [l, u] = U(""), d = async (e) => {
 		try {
-			c(await X(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
+			c(await Q(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
 		} catch (t) {
 			u(t.message), e !== r[0] && !s && await d(r[0]);
 		}
 	};
-	H(() => void d(n), []);
+	W(() => void d(n), []);
 	let f = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
-	return /* @__PURE__ */ q(Ne, {
+	return /* @__PURE__ */ J(Me, {
 		title: e,
 		onClose: a,
 		children: [
-			s && /* @__PURE__ */ q("div", {
+			s && /* @__PURE__ */ J("div", {
 				class: "bar",
 				children: [
-					/* @__PURE__ */ q("select", {
+					/* @__PURE__ */ J("select", {
 						"aria-label": o.roots,
 						value: r.filter((e) => s.path.startsWith(e)).sort((e, t) => t.length - e.length)[0],
 						onChange: (e) => d(e.currentTarget.value),
-						children: r.map((e, t) => /* @__PURE__ */ q("option", {
+						children: r.map((e, t) => /* @__PURE__ */ J("option", {
 							value: e,
 							children: t ? e : o.home
 						}, e))
 					}),
-					/* @__PURE__ */ q("button", {
+					/* @__PURE__ */ J("button", {
 						type: "button",
 						disabled: !s.parent,
 						onClick: () => d(s.parent),
 						children: o.up
 					}),
-					/* @__PURE__ */ q("span", {
+					/* @__PURE__ */ J("span", {
 						class: "path",
 						children: s.path
 					})
 				]
 			}),
-			l && /* @__PURE__ */ q(J, { text: l }),
-			/* @__PURE__ */ q("ul", {
+			l && /* @__PURE__ */ J(Y, { text: l }),
+			/* @__PURE__ */ J("ul", {
 				class: "places",
-				children: s?.places.map((e) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("button", {
+				children: s?.places.map((e) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("button", {
 					type: "button",
 					onClick: () => f(e),
 					children: [
-						/* @__PURE__ */ q("svg", {
+						/* @__PURE__ */ J("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
-							children: e.isFolder ? /* @__PURE__ */ q("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ q("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
+							children: e.isFolder ? /* @__PURE__ */ J("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ J("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
 						}),
-						/* @__PURE__ */ q("span", { children: e.name }),
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", { children: e.name }),
+						/* @__PURE__ */ J("span", {
 							class: "soft",
-							children: e.isSurvey ? o.aSurvey : Be(e)
+							children: e.isSurvey ? o.aSurvey : Re(e)
 						})
 					]
 				}) }, e.path))
 			}),
-			s && !s.places.length && /* @__PURE__ */ q("p", {
+			s && !s.places.length && /* @__PURE__ */ J("p", {
 				class: "soft inside",
-				children: Be(s) || o.emptyFolder
+				children: Re(s) || o.emptyFolder
 			}),
-			t === "photos" && s && /* @__PURE__ */ q("div", {
+			t === "photos" && s && /* @__PURE__ */ J("div", {
 				class: "bar foot",
-				children: [/* @__PURE__ */ q("span", {
+				children: [/* @__PURE__ */ J("span", {
 					class: "soft",
-					children: Be(s)
-				}), /* @__PURE__ */ q("button", {
+					children: Re(s)
+				}), /* @__PURE__ */ J("button", {
 					type: "button",
 					class: "main",
 					onClick: () => i(s.path),
@@ -1095,109 +1180,109 @@ function Ve({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 	});
 }
 // src/app/list.tsx
-function Q(e) {
+function Be(e) {
 	location.hash = e;
 }
-function He(e) {
-	let t = G();
+function Ve(e) {
+	let t = K();
 	if (e.fruits === null) return "";
 	let n = t.fruitNames[e.fruit];
-	return n && e.fruits !== 1 ? `${K(e.fruits)} ${n}` : t.fruits(e.fruits, K(e.fruits));
+	return n && e.fruits !== 1 ? `${q(e.fruits)} ${n}` : t.fruits(e.fruits, q(e.fruits));
 }
-function Ue(e) {
+function He(e) {
 	if (e.state !== "running" || !e.run) return null;
 	let { stages: t, done: n, total: r } = e.run;
 	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
 }
-function We({ survey: e }) {
-	let t = G(), n = Ue(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
-	return /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("a", {
+function Ue({ survey: e }) {
+	let t = K(), n = He(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+	return /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("a", {
 		class: "card",
 		href: `#/survey/${e.id}`,
-		children: [/* @__PURE__ */ q("span", {
+		children: [/* @__PURE__ */ J("span", {
 			class: "picture",
-			children: e.photos ? /* @__PURE__ */ q("img", {
+			children: e.photos ? /* @__PURE__ */ J("img", {
 				src: `api/surveys/${e.id}/photos/${r}/320.jpg?${e.version}`,
 				alt: "",
 				loading: "lazy",
 				onError: (e) => e.currentTarget.hidden = !0
 			}) : null
-		}), /* @__PURE__ */ q("span", {
+		}), /* @__PURE__ */ J("span", {
 			class: "about",
 			children: [
-				/* @__PURE__ */ q("strong", { children: e.name }),
-				/* @__PURE__ */ q("span", {
+				/* @__PURE__ */ J("strong", { children: e.name }),
+				/* @__PURE__ */ J("span", {
 					class: `state ${e.state}`,
 					children: t.states[e.state]
 				}),
-				n !== null && /* @__PURE__ */ q("progress", {
+				n !== null && /* @__PURE__ */ J("progress", {
 					value: n,
 					max: 1,
 					"aria-label": t.progress
 				}),
-				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ q("span", {
+				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ J("span", {
 					class: "soft",
-					children: t.left(Ae(e.run.leftS))
+					children: t.left(ke(e.run.leftS))
 				}),
-				e.fruits !== null && /* @__PURE__ */ q("span", {
+				e.fruits !== null && /* @__PURE__ */ J("span", {
 					class: "figure",
-					children: He(e)
+					children: Ve(e)
 				}),
-				/* @__PURE__ */ q("span", {
+				/* @__PURE__ */ J("span", {
 					class: "soft",
-					children: [e.photos === null ? "" : t.photos(e.photos, K(e.photos)), e.day ? t.taken(ke(e.day)) : ke(e.changed)].filter(Boolean).join(" · ")
+					children: [e.photos === null ? "" : t.photos(e.photos, q(e.photos)), e.day ? t.taken(Oe(e.day)) : Oe(e.changed)].filter(Boolean).join(" · ")
 				})
 			]
 		})]
 	}) });
 }
-function Ge({ everything: e }) {
-	let t = G(), [n, r] = V(!1), [i, a] = V(""), o = async (e) => {
+function We({ everything: e }) {
+	let t = K(), [n, r] = U(!1), [i, a] = U(""), o = async (e) => {
 		r(!1), a("");
 		try {
-			Q(`/survey/${await Z("surveys/add", { folder: e })}`);
+			Be(`/survey/${await $("surveys/add", { folder: e })}`);
 		} catch (e) {
 			a(e.message);
 		}
-	}, s = /* @__PURE__ */ q(Y, {
-		onDo: async () => Q(`/survey/${await Z("surveys/sample")}`),
+	}, s = /* @__PURE__ */ J(X, {
+		onDo: async () => Be(`/survey/${await $("surveys/sample")}`),
 		children: t.trySample
 	});
-	return /* @__PURE__ */ q("main", { children: [
-		/* @__PURE__ */ q("div", {
+	return /* @__PURE__ */ J("main", { children: [
+		/* @__PURE__ */ J("div", {
 			class: "head",
-			children: [/* @__PURE__ */ q("h1", { children: t.surveys }), /* @__PURE__ */ q("span", {
+			children: [/* @__PURE__ */ J("h1", { children: t.surveys }), /* @__PURE__ */ J("span", {
 				class: "end",
-				children: [/* @__PURE__ */ q("button", {
+				children: [/* @__PURE__ */ J("button", {
 					type: "button",
 					onClick: () => r(!0),
 					children: t.openSurvey
-				}), /* @__PURE__ */ q("a", {
+				}), /* @__PURE__ */ J("a", {
 					class: "button main",
 					href: "#/new",
 					children: t.newSurvey
 				})]
 			})]
 		}),
-		i && /* @__PURE__ */ q(J, { text: i }),
-		e.surveys.length ? /* @__PURE__ */ q("ul", {
+		i && /* @__PURE__ */ J(Y, { text: i }),
+		e.surveys.length ? /* @__PURE__ */ J("ul", {
 			class: "cards",
-			children: e.surveys.map((e) => /* @__PURE__ */ q(We, { survey: e }, e.id))
-		}) : /* @__PURE__ */ q("div", {
+			children: e.surveys.map((e) => /* @__PURE__ */ J(Ue, { survey: e }, e.id))
+		}) : /* @__PURE__ */ J("div", {
 			class: "sheet empty",
 			children: [
-				/* @__PURE__ */ q("h2", { children: t.none }),
-				/* @__PURE__ */ q("p", { children: t.noneText }),
-				/* @__PURE__ */ q("p", {
+				/* @__PURE__ */ J("h2", { children: t.none }),
+				/* @__PURE__ */ J("p", { children: t.noneText }),
+				/* @__PURE__ */ J("p", {
 					class: "line",
 					children: [
-						/* @__PURE__ */ q("a", {
+						/* @__PURE__ */ J("a", {
 							class: "button main",
 							href: "#/new",
 							children: t.newSurvey
 						}),
 						s,
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", {
 							class: "soft",
 							children: t.sampleText
 						})
@@ -1205,7 +1290,7 @@ function Ge({ everything: e }) {
 				})
 			]
 		}),
-		n && /* @__PURE__ */ q(Ve, {
+		n && /* @__PURE__ */ J(ze, {
 			title: t.openSurvey,
 			kind: "survey",
 			start: e.facts.surveysFolder,
@@ -1216,11 +1301,11 @@ function Ge({ everything: e }) {
 	] });
 }
 // src/app/dropping.ts
-var Ke = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
-function qe(e) {
-	return Ke.test(e) && !e.split("/").some((e) => e.startsWith("."));
+var Ge = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function Ke(e) {
+	return Ge.test(e) && !e.split("/").some((e) => e.startsWith("."));
 }
-async function Je(e, t) {
+async function qe(e, t) {
 	let n = t + e.name;
 	if (e.isFile) return [{
 		name: n,
@@ -1230,108 +1315,108 @@ async function Je(e, t) {
 	for (;;) {
 		let e = await new Promise((e, t) => r.readEntries(e, t));
 		if (!e.length) return i;
-		for (let t of e) i.push(...await Je(t, `${n}/`));
+		for (let t of e) i.push(...await qe(t, `${n}/`));
 	}
 }
-async function Ye(e) {
+async function Je(e) {
 	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
-	return (await Promise.all(t.map((e) => Je(e, "")))).flat();
+	return (await Promise.all(t.map((e) => qe(e, "")))).flat();
 }
-function Xe(e) {
+function Ye(e) {
 	return [...e].map((e) => ({
 		name: e.webkitRelativePath || e.name,
 		file: e
 	}));
 }
-function Ze(e) {
+function Xe(e) {
 	let t = e[0]?.name.split("/")[0];
-	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Ze(e.map(({ name: e, file: n }) => ({
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Xe(e.map(({ name: e, file: n }) => ({
 		name: e.slice(t.length + 1),
 		file: n
 	}))) : e;
 }
-async function Qe(e, t) {
-	let n = await Z("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
-	for (let [o, { name: s, file: c }] of e.entries()) i = await Re(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
+async function Ze(e, t) {
+	let n = await $("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
+	for (let [o, { name: s, file: c }] of e.entries()) i = await Ie(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
 // src/app/new.tsx
-var $e = [
+var Qe = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function et(e) {
+function $e(e) {
 	let t = Number(e.trim().replace(",", "."));
 	return e.trim() && Number.isFinite(t) ? t : null;
 }
-function tt(e) {
+function et(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
-function nt({ check: e }) {
-	let t = G(), n = [
+function tt({ check: e }) {
+	let t = K(), n = [
 		"gap",
 		"blurred",
 		"dark",
 		"bright"
 	], r = [
-		e.photos ? t.photos(e.photos, K(e.photos)) + (e.day ? `, ${t.taken(ke(e.day))}` : "") : t.checkVideo,
-		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${K(e.photos)})`).join(", ")) : "",
-		e.photos ? e.positions ? t.checkPositions(K(e.positions)) : t.checkNoPositions : "",
-		e.lookedAt < e.photos ? t.checkOf(K(e.lookedAt), K(e.photos)) : ""
+		e.photos ? t.photos(e.photos, q(e.photos)) + (e.day ? `, ${t.taken(Oe(e.day))}` : "") : t.checkVideo,
+		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${q(e.photos)})`).join(", ")) : "",
+		e.photos ? e.positions ? t.checkPositions(q(e.positions)) : t.checkNoPositions : "",
+		e.lookedAt < e.photos ? t.checkOf(q(e.lookedAt), q(e.photos)) : ""
 	];
-	return /* @__PURE__ */ q("div", {
+	return /* @__PURE__ */ J("div", {
 		class: "check",
 		role: "status",
 		children: [
-			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ q("p", {
+			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ J("p", {
 				class: "good",
 				children: ["✓ ", t.checkGood]
 			}),
-			/* @__PURE__ */ q("p", {
+			/* @__PURE__ */ J("p", {
 				class: "soft",
 				children: r.filter(Boolean).join(" · ")
 			}),
 			n.map((n) => {
 				let r = e.problems.filter((e) => e.kind === n).map((e) => e.photo);
-				return r.length > 0 && /* @__PURE__ */ q("div", {
+				return r.length > 0 && /* @__PURE__ */ J("div", {
 					class: "warning",
 					children: [
-						/* @__PURE__ */ q("strong", { children: [
+						/* @__PURE__ */ J("strong", { children: [
 							t.problems[n],
 							": ",
-							t.photos(r.length, K(r.length))
+							t.photos(r.length, q(r.length))
 						] }),
-						/* @__PURE__ */ q("p", { children: t.problemDo[n] }),
-						/* @__PURE__ */ q("p", {
+						/* @__PURE__ */ J("p", { children: t.problemDo[n] }),
+						/* @__PURE__ */ J("p", {
 							class: "soft names",
 							children: r.slice(0, 12).join(", ") + (r.length > 12 ? " …" : "")
 						})
 					]
 				}, n);
 			}),
-			e.warnings.map((e) => /* @__PURE__ */ q("p", {
+			e.warnings.map((e) => /* @__PURE__ */ J("p", {
 				class: "warning",
-				children: /* @__PURE__ */ q(Me, { text: e })
+				children: /* @__PURE__ */ J(je, { text: e })
 			}, e))
 		]
 	});
 }
-function rt({ kind: e }) {
-	let t = G(), n = e === "markers" ? [
+function nt({ kind: e }) {
+	let t = K(), n = e === "markers" ? [
 		30,
 		95,
 		160
 	] : e === "scale-bar" ? [70, 120] : [];
-	return /* @__PURE__ */ q("svg", {
+	return /* @__PURE__ */ J("svg", {
 		class: "picture-of",
 		viewBox: "0 0 190 70",
 		role: "img",
 		"aria-label": n.length ? t.markersPicture : t.metresKinds[e],
 		children: [
-			/* @__PURE__ */ q("path", {
+			/* @__PURE__ */ J("path", {
 				d: "M0 62H190",
 				class: "ground"
 			}),
@@ -1340,102 +1425,102 @@ function rt({ kind: e }) {
 				62,
 				104,
 				146
-			].map((e) => /* @__PURE__ */ q("g", { children: [
-				/* @__PURE__ */ q("path", {
+			].map((e) => /* @__PURE__ */ J("g", { children: [
+				/* @__PURE__ */ J("path", {
 					d: `M${e + 12} 62V34`,
 					class: "trunk"
 				}),
-				/* @__PURE__ */ q("circle", {
+				/* @__PURE__ */ J("circle", {
 					cx: e + 12,
 					cy: "24",
 					r: "17",
 					class: "crown"
 				}),
-				/* @__PURE__ */ q("circle", {
+				/* @__PURE__ */ J("circle", {
 					cx: e + 6,
 					cy: "20",
 					r: "3",
 					class: "apple"
 				}),
-				/* @__PURE__ */ q("circle", {
+				/* @__PURE__ */ J("circle", {
 					cx: e + 17,
 					cy: "27",
 					r: "3",
 					class: "apple"
 				})
 			] }, e)),
-			n.map((e) => /* @__PURE__ */ q("g", { children: [
-				/* @__PURE__ */ q("rect", {
+			n.map((e) => /* @__PURE__ */ J("g", { children: [
+				/* @__PURE__ */ J("rect", {
 					x: e - 6,
 					y: "44",
 					width: "12",
 					height: "12",
 					class: "marker"
 				}),
-				/* @__PURE__ */ q("path", {
+				/* @__PURE__ */ J("path", {
 					d: `M${e - 3} 47h4v4h-4zM${e + 1} 51h3v3h-3z`,
 					class: "code"
 				}),
-				/* @__PURE__ */ q("path", {
+				/* @__PURE__ */ J("path", {
 					d: `M${e} 56V62`,
 					class: "trunk"
 				})
 			] }, e)),
-			e === "scale-bar" && /* @__PURE__ */ q("path", {
+			e === "scale-bar" && /* @__PURE__ */ J("path", {
 				d: "M76 50H114",
 				class: "bar"
 			}),
-			e === "gnss" && /* @__PURE__ */ q("path", {
+			e === "gnss" && /* @__PURE__ */ J("path", {
 				d: "M150 8l8 4-8 4zM158 12h14",
 				class: "bar"
 			})
 		]
 	});
 }
-function it({ facts: e }) {
-	let t = G(), [n, r] = V([]), [i, a] = V(""), [o, s] = V(null), [c, l] = V(0), [u, d] = V(!1), [f, p] = V(null), [m, h] = V(!1), [g, _] = V(""), [v, y] = V(!1), [b, x] = V(""), [S, C] = V(""), [w, ee] = V("gnss"), [T, E] = V(""), [D, O] = V([
+function rt({ facts: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(""), [o, s] = U(null), [c, l] = U(0), [u, d] = U(!1), [f, p] = U(null), [m, h] = U(!1), [g, _] = U(""), [v, y] = U(!1), [b, x] = U(""), [S, C] = U(""), [w, T] = U("gnss"), [E, D] = U(""), [O, k] = U([
 		"0",
 		"1",
 		""
-	]), [k, A] = V(""), [j, M] = V(!1), [N, te] = V(""), [ne, P] = V(null), [re, F] = V(""), ie = U(null), I = {
-		name: N.trim(),
+	]), [A, j] = U(""), [M, N] = U(!1), [P, F] = U(""), [ee, I] = U(null), [L, R] = U(""), te = G(null), z = {
+		name: P.trim(),
 		photos: n,
 		oneSide: v,
 		fruit: b,
-		diameterMm: et(S),
+		diameterMm: $e(S),
 		metres: w,
-		markers: w === "markers" ? T : "",
-		scaleBar: w === "scale-bar" ? D.map((e) => et(e) ?? 0) : [],
-		treeSpacingM: et(k),
-		learn: j
+		markers: w === "markers" ? E : "",
+		scaleBar: w === "scale-bar" ? O.map((e) => $e(e) ?? 0) : [],
+		treeSpacingM: $e(A),
+		learn: M
 	};
-	H(() => {
+	W(() => {
 		if (!n.length) {
 			p(null);
 			return;
 		}
 		let e = !0;
-		return h(!0), _(""), Z("check", {
+		return h(!0), _(""), $("check", {
 			photos: n,
 			oneSide: v
 		}).then((t) => e && p(t)).catch((t) => {
 			e && (p(null), _(t.message));
 		}).finally(() => e && h(!1)), () => void (e = !1);
-	}, [n.join("\n"), v]), H(() => {
-		if (P(null), F(""), !n.length || !I.name) return;
+	}, [n.join("\n"), v]), W(() => {
+		if (I(null), R(""), !n.length || !z.name) return;
 		let e = setTimeout(() => {
-			Z("equal", I).then(P, (e) => F(e.message));
+			$("equal", z).then(I, (e) => R(e.message));
 		}, 300);
 		return () => clearTimeout(e);
-	}, [JSON.stringify(I)]);
-	let L = (e) => {
-		a(""), i === "table" ? E(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), N || te(tt(e).replace(/\.[^.]+$/, "")));
-	}, R = async (e) => {
-		let t = Ze(e.filter((e) => qe(e.name)));
+	}, [JSON.stringify(z)]);
+	let B = (e) => {
+		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(et(e).replace(/\.[^.]+$/, "")));
+	}, ne = async (e) => {
+		let t = Xe(e.filter((e) => Ke(e.name)));
 		if (l(e.length - t.length), t.length) {
 			_(""), r([]);
 			try {
-				r([await Qe(t, (e, n, r) => s({
+				r([await Ze(t, (e, n, r) => s({
 					done: e,
 					files: t.length,
 					bytes: n,
@@ -1446,56 +1531,56 @@ function it({ facts: e }) {
 			}
 			s(null);
 		}
-	}, ae = async () => {
-		F("");
+	}, re = async () => {
+		R("");
 		try {
-			Q(`/survey/${await Z("surveys", I)}`);
+			Be(`/survey/${await $("surveys", z)}`);
 		} catch (e) {
-			F(e.message);
+			R(e.message);
 		}
-	}, z = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
-	return /* @__PURE__ */ q("main", { children: [
-		/* @__PURE__ */ q("div", {
+	}, V = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	return /* @__PURE__ */ J("main", { children: [
+		/* @__PURE__ */ J("div", {
 			class: "head",
-			children: /* @__PURE__ */ q("h1", { children: t.newSurvey })
+			children: /* @__PURE__ */ J("h1", { children: t.newSurvey })
 		}),
-		/* @__PURE__ */ q("section", {
+		/* @__PURE__ */ J("section", {
 			class: "sheet",
 			"aria-labelledby": "step-photos",
 			children: [
-				/* @__PURE__ */ q("h2", {
+				/* @__PURE__ */ J("h2", {
 					id: "step-photos",
 					children: ["1. ", t.step1]
 				}),
-				/* @__PURE__ */ q("div", {
+				/* @__PURE__ */ J("div", {
 					class: `drop ${u ? "over" : ""}`,
 					onDragOver: (e) => {
 						e.preventDefault(), d(!0);
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Ye(e.dataTransfer).then(R);
+						e.preventDefault(), d(!1), e.dataTransfer && Je(e.dataTransfer).then(ne);
 					},
-					children: [/* @__PURE__ */ q("p", {
+					children: [/* @__PURE__ */ J("p", {
 						class: "line",
-						children: [/* @__PURE__ */ q("button", {
+						children: [/* @__PURE__ */ J("button", {
 							type: "button",
 							class: "main",
 							onClick: () => a("photos"),
 							children: n.length === 1 ? t.secondSide : t.chooseFolder
-						}), /* @__PURE__ */ q("span", {
+						}), /* @__PURE__ */ J("span", {
 							class: "soft",
 							children: t.chooseText
 						})]
-					}), /* @__PURE__ */ q("p", {
+					}), /* @__PURE__ */ J("p", {
 						class: "line",
 						children: [
-							/* @__PURE__ */ q("button", {
+							/* @__PURE__ */ J("button", {
 								type: "button",
-								onClick: () => ie.current?.click(),
+								onClick: () => te.current?.click(),
 								children: t.chooseFiles
 							}),
-							/* @__PURE__ */ q("span", {
+							/* @__PURE__ */ J("span", {
 								class: "soft",
 								children: [
 									t.dropHere,
@@ -1503,183 +1588,183 @@ function it({ facts: e }) {
 									t.dropText
 								]
 							}),
-							/* @__PURE__ */ q("input", {
-								ref: ie,
+							/* @__PURE__ */ J("input", {
+								ref: te,
 								type: "file",
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: (e) => e.currentTarget.files && void R(Xe(e.currentTarget.files))
+								onChange: (e) => e.currentTarget.files && void ne(Ye(e.currentTarget.files))
 							})
 						]
 					})]
 				}),
-				o && /* @__PURE__ */ q("p", {
+				o && /* @__PURE__ */ J("p", {
 					role: "status",
 					children: [
-						/* @__PURE__ */ q("progress", {
+						/* @__PURE__ */ J("progress", {
 							value: o.bytes,
 							max: o.all,
-							"aria-label": t.copying(K(o.done), K(o.files))
+							"aria-label": t.copying(q(o.done), q(o.files))
 						}),
 						" ",
-						t.copying(K(o.done), K(o.files))
+						t.copying(q(o.done), q(o.files))
 					]
 				}),
-				c > 0 && /* @__PURE__ */ q("p", {
+				c > 0 && /* @__PURE__ */ J("p", {
 					class: "soft",
 					children: t.skipped(c)
 				}),
-				n.length > 0 && /* @__PURE__ */ q("ul", {
+				n.length > 0 && /* @__PURE__ */ J("ul", {
 					class: "chosen",
 					"aria-label": t.chosen,
-					children: n.map((e) => /* @__PURE__ */ q("li", { children: [/* @__PURE__ */ q("span", {
+					children: n.map((e) => /* @__PURE__ */ J("li", { children: [/* @__PURE__ */ J("span", {
 						class: "path",
 						children: e
-					}), /* @__PURE__ */ q("button", {
+					}), /* @__PURE__ */ J("button", {
 						type: "button",
 						"aria-label": `${t.remove}: ${e}`,
 						onClick: () => r(n.filter((t) => t !== e)),
 						children: t.remove
 					})] }, e))
 				}),
-				m && /* @__PURE__ */ q("p", {
+				m && /* @__PURE__ */ J("p", {
 					role: "status",
 					children: [
-						/* @__PURE__ */ q("progress", { "aria-label": t.checking }),
+						/* @__PURE__ */ J("progress", { "aria-label": t.checking }),
 						" ",
 						t.checking
 					]
 				}),
-				g && /* @__PURE__ */ q(J, { text: g }),
-				f && !m && /* @__PURE__ */ q(nt, { check: f })
+				g && /* @__PURE__ */ J(Y, { text: g }),
+				f && !m && /* @__PURE__ */ J(tt, { check: f })
 			]
 		}),
-		/* @__PURE__ */ q("section", {
+		/* @__PURE__ */ J("section", {
 			class: "sheet",
 			"aria-labelledby": "step-known",
 			children: [
-				/* @__PURE__ */ q("h2", {
+				/* @__PURE__ */ J("h2", {
 					id: "step-known",
 					children: ["2. ", t.step2]
 				}),
-				/* @__PURE__ */ q("div", {
+				/* @__PURE__ */ J("div", {
 					class: "fields",
 					children: [
-						/* @__PURE__ */ q("label", { children: [
+						/* @__PURE__ */ J("label", { children: [
 							t.fruit,
-							/* @__PURE__ */ q("select", {
+							/* @__PURE__ */ J("select", {
 								value: b,
 								onChange: (e) => x(e.currentTarget.value),
-								children: [/* @__PURE__ */ q("option", {
+								children: [/* @__PURE__ */ J("option", {
 									value: "",
 									children: t.fruitOther
-								}), e.fruits.map((e) => /* @__PURE__ */ q("option", {
+								}), e.fruits.map((e) => /* @__PURE__ */ J("option", {
 									value: e.name,
 									children: t.fruitNames[e.name] ?? e.name
 								}, e.name))]
 							}),
-							/* @__PURE__ */ q("span", {
+							/* @__PURE__ */ J("span", {
 								class: "soft",
 								children: t.fruitText
 							})
 						] }),
-						/* @__PURE__ */ q("label", { children: [
+						/* @__PURE__ */ J("label", { children: [
 							t.size,
-							/* @__PURE__ */ q("input", {
+							/* @__PURE__ */ J("input", {
 								inputMode: "decimal",
 								value: S,
-								placeholder: K(z),
+								placeholder: q(V),
 								onInput: (e) => C(e.currentTarget.value)
 							}),
-							/* @__PURE__ */ q("span", {
+							/* @__PURE__ */ J("span", {
 								class: "soft",
-								children: t.sizeText(K(z))
+								children: t.sizeText(q(V))
 							})
 						] }),
-						/* @__PURE__ */ q("label", { children: [t.sides, /* @__PURE__ */ q("select", {
+						/* @__PURE__ */ J("label", { children: [t.sides, /* @__PURE__ */ J("select", {
 							value: v ? "one" : "auto",
 							onChange: (e) => y(e.currentTarget.value === "one"),
-							children: [/* @__PURE__ */ q("option", {
+							children: [/* @__PURE__ */ J("option", {
 								value: "auto",
 								children: t.sidesAuto
-							}), /* @__PURE__ */ q("option", {
+							}), /* @__PURE__ */ J("option", {
 								value: "one",
 								children: t.sidesOne
 							})]
 						})] }),
-						/* @__PURE__ */ q("label", { children: [
+						/* @__PURE__ */ J("label", { children: [
 							t.spacing,
-							/* @__PURE__ */ q("input", {
+							/* @__PURE__ */ J("input", {
 								inputMode: "decimal",
-								value: k,
-								onInput: (e) => A(e.currentTarget.value)
+								value: A,
+								onInput: (e) => j(e.currentTarget.value)
 							}),
-							/* @__PURE__ */ q("span", {
+							/* @__PURE__ */ J("span", {
 								class: "soft",
 								children: t.spacingText
 							})
 						] })
 					]
 				}),
-				/* @__PURE__ */ q("fieldset", { children: [
-					/* @__PURE__ */ q("legend", { children: t.metres }),
-					/* @__PURE__ */ q("div", {
+				/* @__PURE__ */ J("fieldset", { children: [
+					/* @__PURE__ */ J("legend", { children: t.metres }),
+					/* @__PURE__ */ J("div", {
 						class: "kinds",
-						children: $e.map((e) => /* @__PURE__ */ q("label", {
+						children: Qe.map((e) => /* @__PURE__ */ J("label", {
 							class: `kind ${w === e ? "on" : ""}`,
 							children: [
-								/* @__PURE__ */ q("span", {
+								/* @__PURE__ */ J("span", {
 									class: "line",
-									children: [/* @__PURE__ */ q("input", {
+									children: [/* @__PURE__ */ J("input", {
 										type: "radio",
 										name: "metres",
 										checked: w === e,
-										onChange: () => ee(e)
-									}), /* @__PURE__ */ q("strong", { children: t.metresKinds[e] })]
+										onChange: () => T(e)
+									}), /* @__PURE__ */ J("strong", { children: t.metresKinds[e] })]
 								}),
-								/* @__PURE__ */ q(rt, { kind: e }),
-								/* @__PURE__ */ q("span", {
+								/* @__PURE__ */ J(nt, { kind: e }),
+								/* @__PURE__ */ J("span", {
 									class: "soft",
 									children: t.metresText[e]
 								})
 							]
 						}, e))
 					}),
-					w === "markers" && /* @__PURE__ */ q("p", {
+					w === "markers" && /* @__PURE__ */ J("p", {
 						class: "line",
-						children: [/* @__PURE__ */ q("button", {
+						children: [/* @__PURE__ */ J("button", {
 							type: "button",
 							onClick: () => a("table"),
 							children: [t.markersFile, "…"]
-						}), /* @__PURE__ */ q("span", {
+						}), /* @__PURE__ */ J("span", {
 							class: "path",
-							children: T
+							children: E
 						})]
 					}),
-					w === "scale-bar" && /* @__PURE__ */ q("div", {
+					w === "scale-bar" && /* @__PURE__ */ J("div", {
 						class: "fields",
 						children: [
 							t.barOne,
 							t.barOther,
 							t.barLength
-						].map((e, t) => /* @__PURE__ */ q("label", { children: [e, /* @__PURE__ */ q("input", {
+						].map((e, t) => /* @__PURE__ */ J("label", { children: [e, /* @__PURE__ */ J("input", {
 							inputMode: "decimal",
-							value: D[t],
-							onInput: (e) => O(D.map((n, r) => r === t ? e.currentTarget.value : n))
+							value: O[t],
+							onInput: (e) => k(O.map((n, r) => r === t ? e.currentTarget.value : n))
 						})] }, e))
 					})
 				] }),
-				e.canLearn && /* @__PURE__ */ q("label", {
+				e.canLearn && /* @__PURE__ */ J("label", {
 					class: "line",
-					children: [/* @__PURE__ */ q("input", {
+					children: [/* @__PURE__ */ J("input", {
 						type: "checkbox",
-						checked: j,
-						onChange: (e) => M(e.currentTarget.checked)
-					}), /* @__PURE__ */ q("span", { children: [
+						checked: M,
+						onChange: (e) => N(e.currentTarget.checked)
+					}), /* @__PURE__ */ J("span", { children: [
 						t.learnToo,
 						" ",
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", {
 							class: "soft",
 							children: t.learnTooText
 						})
@@ -1687,66 +1772,66 @@ function it({ facts: e }) {
 				})
 			]
 		}),
-		/* @__PURE__ */ q("section", {
+		/* @__PURE__ */ J("section", {
 			class: "sheet",
 			"aria-labelledby": "step-start",
 			children: [
-				/* @__PURE__ */ q("h2", {
+				/* @__PURE__ */ J("h2", {
 					id: "step-start",
 					children: ["3. ", t.step3]
 				}),
-				/* @__PURE__ */ q("div", {
+				/* @__PURE__ */ J("div", {
 					class: "fields",
-					children: /* @__PURE__ */ q("label", { children: [
+					children: /* @__PURE__ */ J("label", { children: [
 						t.name,
-						/* @__PURE__ */ q("input", {
-							value: N,
+						/* @__PURE__ */ J("input", {
+							value: P,
 							placeholder: t.namePlaceholder,
 							maxLength: 100,
-							onInput: (e) => te(e.currentTarget.value)
+							onInput: (e) => F(e.currentTarget.value)
 						}),
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", {
 							class: "soft path",
-							children: t.nameText(`${e.surveysFolder}/${N.trim()}`)
+							children: t.nameText(`${e.surveysFolder}/${P.trim()}`)
 						})
 					] })
 				}),
-				re && /* @__PURE__ */ q(J, { text: re }),
-				/* @__PURE__ */ q("p", {
+				L && /* @__PURE__ */ J(Y, { text: L }),
+				/* @__PURE__ */ J("p", {
 					class: "line",
-					children: [/* @__PURE__ */ q("button", {
+					children: [/* @__PURE__ */ J("button", {
 						type: "button",
 						class: "main",
-						disabled: !n.length || !N.trim() || o !== null,
-						onClick: ae,
+						disabled: !n.length || !P.trim() || o !== null,
+						onClick: re,
 						children: t.start
-					}), /* @__PURE__ */ q("a", {
+					}), /* @__PURE__ */ J("a", {
 						class: "button",
 						href: "#/",
 						children: t.cancel
 					})]
 				}),
-				ne && /* @__PURE__ */ q("details", { children: [
-					/* @__PURE__ */ q("summary", { children: t.equal }),
-					/* @__PURE__ */ q("h3", { children: t.equalCommand }),
-					/* @__PURE__ */ q(Pe, { text: ne.command }),
-					/* @__PURE__ */ q("h3", { children: t.equalPython }),
-					/* @__PURE__ */ q(Pe, { text: ne.python })
+				ee && /* @__PURE__ */ J("details", { children: [
+					/* @__PURE__ */ J("summary", { children: t.equal }),
+					/* @__PURE__ */ J("h3", { children: t.equalCommand }),
+					/* @__PURE__ */ J(Z, { text: ee.command }),
+					/* @__PURE__ */ J("h3", { children: t.equalPython }),
+					/* @__PURE__ */ J(Z, { text: ee.python })
 				] })
 			]
 		}),
-		i && /* @__PURE__ */ q(Ve, {
+		i && /* @__PURE__ */ J(ze, {
 			title: i === "photos" ? t.chooseFolder : t.markersFile,
 			kind: i,
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
 			roots: e.roots,
 			onClose: () => a(""),
-			onChoose: L
+			onChoose: B
 		})
 	] });
 }
 // src/app/scene.tsx
-function at(e) {
+function it(e) {
 	let t = e.length / 3, n = [
 		0,
 		1,
@@ -1759,12 +1844,12 @@ function at(e) {
 	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
 	return [n, r || 1];
 }
-function ot(e, t, n) {
+function at(e, t, n) {
 	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
 	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
 	let a = e.getContext("2d");
 	if (!a || !r.width) return;
-	let [o, s] = at(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+	let [o, s] = it(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
 		Math.cos(n.turn),
 		Math.sin(n.turn),
 		Math.cos(n.tilt),
@@ -1792,17 +1877,17 @@ function ot(e, t, n) {
 		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
 	}
 }
-function st({ survey: e }) {
-	let t = G(), [n, r] = V(null), i = U({
+function ot({ survey: e }) {
+	let t = K(), [n, r] = U(null), i = G({
 		turn: 0,
 		tilt: .35,
 		zoom: 1
-	}), a = U(null), o = () => a.current && n && ot(a.current, n, i.current);
-	if (H(() => void X(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), H(() => {
+	}), a = G(null), o = () => a.current && n && at(a.current, n, i.current);
+	if (W(() => void Q(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), W(() => {
 		o();
 		let e = new ResizeObserver(o);
 		return a.current && e.observe(a.current), () => e.disconnect();
-	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ q("p", {
+	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ J("p", {
 		class: "soft",
 		children: t.sceneWait
 	});
@@ -1823,7 +1908,7 @@ function st({ survey: e }) {
 		ArrowUp: [0, .1],
 		ArrowDown: [0, -.1]
 	};
-	return /* @__PURE__ */ q("figure", { children: [/* @__PURE__ */ q("canvas", {
+	return /* @__PURE__ */ J("figure", { children: [/* @__PURE__ */ J("canvas", {
 		ref: a,
 		class: "scene",
 		tabIndex: 0,
@@ -1839,17 +1924,517 @@ function st({ survey: e }) {
 			let t = l[e.key];
 			t && (e.preventDefault(), s(...t));
 		}
-	}), /* @__PURE__ */ q("figcaption", {
+	}), /* @__PURE__ */ J("figcaption", {
 		class: "soft",
-		children: t.sceneText(K(n.cameras.length / 3), K(n.fruits.length / 4))
+		children: t.sceneText(q(n.cameras.length / 3), q(n.fruits.length / 4))
 	})] });
 }
+// src/app/marks.ts
+var st = 3;
+function ct(e, [t, n], [r, i], [a, o]) {
+	let [s, c, l, u] = [
+		Math.min(t, r),
+		Math.min(n, i),
+		Math.max(t, r),
+		Math.max(n, i)
+	], d = null;
+	if (e === "circle") {
+		let [e, a, o] = [
+			(t + r) / 2,
+			(n + i) / 2,
+			Math.hypot(r - t, i - n) / 2
+		];
+		d = [
+			e,
+			a,
+			o
+		].map(ht), [s, c, l, u] = [
+			e - o,
+			a - o,
+			e + o,
+			a + o
+		];
+	}
+	let f = [
+		Math.max(0, s),
+		Math.max(0, c),
+		Math.min(a, l),
+		Math.min(o, u)
+	].map(ht);
+	return f[2] - f[0] < st || f[3] - f[1] < st ? null : {
+		box: f,
+		circle: d
+	};
+}
+function lt(e, [t, n], r) {
+	let [i, a] = [-1, r];
+	return e.forEach(({ box: e, circle: r }, o) => {
+		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : ut(e, t, n);
+		s <= a && ([i, a] = [o, s]);
+	}), i;
+}
+function ut(e, t, n) {
+	let [r, i, a, o] = [
+		e[0] - t,
+		e[1] - n,
+		t - e[2],
+		n - e[3]
+	], s = [Math.max(r, a, 0), Math.max(i, o, 0)];
+	return s[0] || s[1] ? Math.hypot(...s) : -Math.max(r, i, a, o);
+}
+function dt(e, t, n = e.complete) {
+	return {
+		marks: t,
+		complete: n,
+		before: [...e.before, {
+			marks: e.marks,
+			complete: e.complete
+		}]
+	};
+}
+function ft(e) {
+	let t = e.before.at(-1);
+	return t ? {
+		...t,
+		before: e.before.slice(0, -1)
+	} : e;
+}
+function pt([e, t, n, r], i, [a, o], [s, c]) {
+	let l = Math.min(Math.max(1 / i, s / 30 / n), Math.max(s / n, c / r));
+	return mt([
+		a - (a - e) * l,
+		o - (o - t) * l,
+		n * l,
+		r * l
+	], [s, c]);
+}
+function mt([e, t, n, r], [i, a]) {
+	return [
+		Math.min(Math.max(e, -n / 2), i - n / 2),
+		Math.min(Math.max(t, -r / 2), a - r / 2),
+		n,
+		r
+	];
+}
+function ht(e) {
+	return Math.round(e * 10) / 10;
+}
+// src/app/marking.tsx
+var gt = 7, _t = 12, vt = 4;
+function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
+	let a = K(), [o, s] = U(null), [c, l] = U({
+		marks: [],
+		complete: !1,
+		before: []
+	}), [u, d] = U("circle"), [f, p] = U(null), [m, h] = U(null), [g, _] = U(-1), [v, y] = U(!0), [b, x] = U([
+		0,
+		0,
+		1,
+		1
+	]), [S, C] = U(""), w = G(null), T = G(null), E = G(Promise.resolve()), D = `surveys/${e}/photos/${t}`;
+	if (W(() => {
+		let e = !0;
+		return s(null), p(null), _(-1), C(""), Q(`${D}/marks`).then((t) => {
+			e && (s(t), l({
+				marks: t.marks,
+				complete: t.complete,
+				before: []
+			}), x([
+				0,
+				0,
+				t.width,
+				t.height
+			]));
+		}, (t) => e && C(t.message)), () => void (e = !1);
+	}, [D]), !o) return /* @__PURE__ */ J(Me, {
+		title: a.mark,
+		onClose: i,
+		children: S ? /* @__PURE__ */ J(Y, { text: S }) : /* @__PURE__ */ J("progress", { "aria-label": a.mark })
+	});
+	let O = [o.width, o.height], k = (e) => {
+		l(e), _(-1), C("");
+		let t = {
+			complete: e.complete,
+			marks: e.marks
+		};
+		E.current = E.current.then(() => $(`${D}/marks`, t)).catch((e) => C(e.message));
+	}, A = (e) => {
+		let t = new DOMPoint(e.clientX, e.clientY).matrixTransform(w.current.getScreenCTM().inverse());
+		return [t.x, t.y];
+	}, j = () => 1 / (w.current?.getScreenCTM()?.a || 1), M = (e) => {
+		if (f) {
+			let t = ct(u, f, e, O);
+			p(null), t && k(dt(c, [...c.marks, t]));
+			return;
+		}
+		let t = lt(c.marks, e, gt * j());
+		_(t), t < 0 && p(e);
+	}, N = () => g >= 0 && k(dt(c, c.marks.filter((e, t) => t !== g))), P = () => c.before.length && k(ft(c)), F = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(pt(b, e, t, O)), ee = () => void E.current.then(i), I = (e) => {
+		let t = {
+			ArrowLeft: [-1, 0],
+			ArrowRight: [1, 0],
+			ArrowUp: [0, -1],
+			ArrowDown: [0, 1]
+		}[e.key], n = m ?? [b[0] + b[2] / 2, b[1] + b[3] / 2];
+		if (t) {
+			let r = (e.shiftKey ? 1 : _t) * j();
+			h([Math.min(Math.max(n[0] + t[0] * r, 0), O[0]), Math.min(Math.max(n[1] + t[1] * r, 0), O[1])]);
+		} else if (e.key === "Enter" || e.key === " ") M(n);
+		else if (e.key === "+" || e.key === "-") F(e.key === "+" ? 1.4 : 1 / 1.4, n);
+		else if (e.key === "Delete" || e.key === "Backspace") N();
+		else if (e.key === "z" && (e.ctrlKey || e.metaKey)) P();
+		else if (e.key === "Escape" && f) p(null);
+		else return;
+		e.preventDefault();
+	}, L = 1.6 * j(), R = f && m ? ct(u, f, m, O) : null;
+	return /* @__PURE__ */ J(Me, {
+		title: a.photoOf(o.name, a.marksOf(c.marks.length, q(c.marks.length))),
+		onClose: ee,
+		wide: !0,
+		children: [
+			/* @__PURE__ */ J("div", {
+				class: "line tools",
+				role: "toolbar",
+				"aria-label": a.mark,
+				children: [
+					["circle", "box"].map((e) => /* @__PURE__ */ J("button", {
+						type: "button",
+						"aria-pressed": u === e,
+						onClick: () => d(e),
+						children: a.shapes[e]
+					}, e)),
+					/* @__PURE__ */ J("button", {
+						type: "button",
+						disabled: !c.before.length,
+						onClick: P,
+						children: a.undo
+					}),
+					/* @__PURE__ */ J("button", {
+						type: "button",
+						disabled: g < 0,
+						onClick: N,
+						children: a.deleteMark
+					}),
+					/* @__PURE__ */ J("button", {
+						type: "button",
+						"aria-label": a.nearer,
+						onClick: () => F(1.5),
+						children: "+"
+					}),
+					/* @__PURE__ */ J("button", {
+						type: "button",
+						"aria-label": a.farther,
+						onClick: () => F(1 / 1.5),
+						children: "−"
+					}),
+					/* @__PURE__ */ J("label", {
+						class: "line",
+						children: [
+							/* @__PURE__ */ J("input", {
+								type: "checkbox",
+								checked: v,
+								onChange: (e) => y(e.currentTarget.checked)
+							}),
+							" ",
+							a.showFound
+						]
+					}),
+					/* @__PURE__ */ J("span", {
+						class: "end",
+						children: [/* @__PURE__ */ J("button", {
+							type: "button",
+							disabled: t === 0,
+							"aria-label": a.photoBefore,
+							onClick: () => r(t - 1),
+							children: "‹"
+						}), /* @__PURE__ */ J("button", {
+							type: "button",
+							disabled: t === n - 1,
+							"aria-label": a.photoAfter,
+							onClick: () => r(t + 1),
+							children: "›"
+						})]
+					})
+				]
+			}),
+			S && /* @__PURE__ */ J(Y, { text: S }),
+			/* @__PURE__ */ J("svg", {
+				ref: w,
+				class: "marking",
+				tabIndex: 0,
+				role: "application",
+				"aria-label": a.markLabel,
+				viewBox: b.join(" "),
+				onKeyDown: I,
+				onWheel: (e) => {
+					e.preventDefault(), F(Math.exp(-e.deltaY / 400), A(e));
+				},
+				onPointerDown: (e) => {
+					T.current = {
+						x: e.clientX,
+						y: e.clientY,
+						view: b,
+						moved: !1
+					}, e.currentTarget.setPointerCapture(e.pointerId);
+				},
+				onPointerMove: (e) => {
+					let t = T.current;
+					if (h(A(e)), !t || !e.buttons) return;
+					let [n, r] = [e.clientX - t.x, e.clientY - t.y];
+					t.moved ||= Math.hypot(n, r) > vt, t.moved && x(mt([
+						t.view[0] - n * j(),
+						t.view[1] - r * j(),
+						t.view[2],
+						t.view[3]
+					], O));
+				},
+				onPointerUp: (e) => {
+					T.current && !T.current.moved && M(A(e)), T.current = null;
+				},
+				children: [
+					/* @__PURE__ */ J("image", {
+						href: `api/${D}/whole.jpg`,
+						width: o.width,
+						height: o.height,
+						preserveAspectRatio: "none"
+					}),
+					v && Array.from({ length: o.found.length / 4 }, (e, t) => o.found.slice(4 * t, 4 * t + 4)).map(([e, t, n, r], i) => /* @__PURE__ */ J("rect", {
+						class: "found",
+						x: e,
+						y: t,
+						width: n - e,
+						height: r - t,
+						"stroke-width": L
+					}, `found-${i}`)),
+					[...c.marks, ...R ? [R] : []].map(({ box: e, circle: t }, n) => {
+						let r = n === g ? "mark on" : n === c.marks.length ? "mark started" : "mark";
+						return t ? /* @__PURE__ */ J("circle", {
+							class: r,
+							cx: t[0],
+							cy: t[1],
+							r: t[2],
+							"stroke-width": 1.5 * L
+						}, n) : /* @__PURE__ */ J("rect", {
+							class: r,
+							x: e[0],
+							y: e[1],
+							width: e[2] - e[0],
+							height: e[3] - e[1],
+							"stroke-width": 1.5 * L
+						}, n);
+					}),
+					m && /* @__PURE__ */ J("path", {
+						class: "cross",
+						d: `M${m[0] - 9 * j()} ${m[1]}h${18 * j()}M${m[0]} ${m[1] - 9 * j()}v${18 * j()}`,
+						"stroke-width": L
+					})
+				]
+			}),
+			/* @__PURE__ */ J("p", {
+				class: "line",
+				children: /* @__PURE__ */ J("label", {
+					class: "line",
+					children: [/* @__PURE__ */ J("input", {
+						type: "checkbox",
+						checked: c.complete,
+						onChange: (e) => k(dt(c, c.marks, e.currentTarget.checked))
+					}), /* @__PURE__ */ J("span", { children: [
+						a.complete,
+						" ",
+						/* @__PURE__ */ J("span", {
+							class: "soft",
+							children: a.completeText
+						})
+					] })]
+				})
+			}),
+			/* @__PURE__ */ J("p", {
+				class: "soft",
+				children: f ? a.markSecond[u] : a.markFirst[u]
+			})
+		]
+	});
+}
+// src/app/teach.tsx
+var bt = 24;
+function xt({ survey: e, learnt: t, photos: n }) {
+	let r = K(), [i, a] = U(Math.floor(n.length / 4)), o = [
+		[
+			r.learntRows.f1,
+			t.f1,
+			(e) => q(e, 3)
+		],
+		[
+			r.learntRows.byHand(q(t.byHand)),
+			t.byHandF1,
+			(e) => q(e, 3)
+		],
+		[
+			r.learntRows.halves,
+			t.halves,
+			(e) => q(100 * e) + " %"
+		],
+		[
+			r.learntRows.detections,
+			t.detections,
+			(e) => q(e)
+		],
+		[
+			r.learntRows.fruits,
+			t.fruits,
+			(e) => q(e)
+		]
+	], s = n[i]?.name ?? "", c = (t) => `api/surveys/${e.id}/${t}/${i}/1280.jpg?${e.version}`;
+	return /* @__PURE__ */ J("section", {
+		class: "learnt",
+		"aria-label": r.learntTitle,
+		children: [
+			/* @__PURE__ */ J("h3", { children: r.learntTitle }),
+			/* @__PURE__ */ J("p", { children: t.kept ? r.learnt : r.learntNot }),
+			/* @__PURE__ */ J("table", { children: [/* @__PURE__ */ J("thead", { children: /* @__PURE__ */ J("tr", { children: [
+				/* @__PURE__ */ J("td", {}),
+				/* @__PURE__ */ J("th", {
+					scope: "col",
+					children: r.before
+				}),
+				/* @__PURE__ */ J("th", {
+					scope: "col",
+					children: r.after
+				})
+			] }) }), /* @__PURE__ */ J("tbody", { children: o.filter(([, e]) => e.length === 2).map(([e, t, n]) => /* @__PURE__ */ J("tr", { children: [
+				/* @__PURE__ */ J("th", {
+					scope: "row",
+					children: e
+				}),
+				/* @__PURE__ */ J("td", { children: n(t[0]) }),
+				/* @__PURE__ */ J("td", { children: n(t[1]) })
+			] }, e)) })] }),
+			/* @__PURE__ */ J("p", {
+				class: "soft",
+				children: r.learntHonest
+			}),
+			t.kept && n.length > 0 && /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("label", {
+				class: "line",
+				children: [r.photosTab, /* @__PURE__ */ J("select", {
+					value: i,
+					onChange: (e) => a(Number(e.currentTarget.value)),
+					children: n.map((e, t) => /* @__PURE__ */ J("option", {
+						value: t,
+						children: e.name
+					}, e.name))
+				})]
+			}), /* @__PURE__ */ J("div", {
+				class: "pair",
+				children: ["before", "photos"].map((e) => /* @__PURE__ */ J("figure", { children: [/* @__PURE__ */ J("img", {
+					src: c(e),
+					alt: `${s}, ${e === "before" ? r.before : r.after}`,
+					loading: "lazy"
+				}), /* @__PURE__ */ J("figcaption", {
+					class: "soft",
+					children: e === "before" ? r.before : r.after
+				})] }, e))
+			})] })
+		]
+	});
+}
+function St({ survey: e, canLearn: t, working: n }) {
+	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(bt), [f, p] = U(null);
+	if (W(() => void Q(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), W(() => {
+		f === null && Q(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
+	}, [
+		e.id,
+		e.version,
+		f === null
+	]), !i.length) return /* @__PURE__ */ J("p", {
+		class: "soft",
+		children: r.photosWait
+	});
+	let m = new Map(o?.marks.map((e) => [e.photo, e])), h = [...m.values()].reduce((e, t) => e + t.marks, 0), g = [...m.values()].filter((e) => e.complete).length, _ = (e) => {
+		let t = m.get(e);
+		return t ? `${r.marksOf(t.marks, q(t.marks))}${t.complete ? ` · ${r.allMarked}` : ""}` : "";
+	}, v = i.map((e, t) => [e, t]).sort((e, t) => Number(m.has(t[0].name)) - Number(m.has(e[0].name)));
+	return /* @__PURE__ */ J(y, { children: [
+		/* @__PURE__ */ J("p", { children: r.teachText }),
+		c && /* @__PURE__ */ J(Y, { text: c }),
+		o?.learnt && /* @__PURE__ */ J(xt, {
+			survey: e,
+			learnt: o.learnt,
+			photos: i
+		}),
+		/* @__PURE__ */ J("h3", { children: r.mark }),
+		/* @__PURE__ */ J("p", {
+			class: "soft",
+			children: r.teachHow
+		}),
+		/* @__PURE__ */ J("ul", {
+			class: "photos",
+			children: v.slice(0, u).map(([t, n]) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("button", {
+				type: "button",
+				class: m.has(t.name) ? "marked" : "",
+				onClick: () => p(n),
+				"aria-label": `${r.mark}: ${t.name} ${_(t.name)}`,
+				children: [
+					/* @__PURE__ */ J("img", {
+						src: `api/surveys/${e.id}/photos/${n}/320.jpg?${t.found ?? ""}-${e.version}`,
+						alt: "",
+						loading: "lazy"
+					}),
+					/* @__PURE__ */ J("span", {
+						class: "path",
+						children: t.name
+					}),
+					/* @__PURE__ */ J("span", {
+						class: "soft",
+						children: _(t.name)
+					})
+				]
+			}) }, t.name))
+		}),
+		i.length > u && /* @__PURE__ */ J("button", {
+			type: "button",
+			onClick: () => d(i.length),
+			children: r.more(q(i.length - u))
+		}),
+		/* @__PURE__ */ J("h3", { children: r.learn }),
+		/* @__PURE__ */ J("p", {
+			role: "status",
+			children: r.taught(q(h), q(m.size), q(g), q(o?.corrections ?? 0))
+		}),
+		/* @__PURE__ */ J("p", {
+			class: "soft",
+			children: r.learnText
+		}),
+		t ? /* @__PURE__ */ J(X, {
+			class: "main",
+			disabled: n,
+			onDo: () => $(`surveys/${e.id}/learn`),
+			children: r.learnFromThese
+		}) : /* @__PURE__ */ J("p", {
+			class: "warning",
+			children: r.learnMissing
+		}),
+		o?.equal && /* @__PURE__ */ J("details", { children: [
+			/* @__PURE__ */ J("summary", { children: r.equal }),
+			/* @__PURE__ */ J("h3", { children: r.equalCommand }),
+			/* @__PURE__ */ J(Z, { text: o.equal.command }),
+			/* @__PURE__ */ J("h3", { children: r.equalPython }),
+			/* @__PURE__ */ J(Z, { text: o.equal.python })
+		] }),
+		f !== null && /* @__PURE__ */ J(yt, {
+			survey: e.id,
+			index: f,
+			photos: i.length,
+			onPhoto: p,
+			onClose: () => p(null)
+		})
+	] });
+}
 // src/app/survey.tsx
-var ct = [
+var Ct = [
 	"queued",
 	"running",
 	"stopping"
-], lt = 24, ut = [
+], wt = 24, Tt = [
 	"report.html",
 	"fruits.csv",
 	"trees.csv",
@@ -1864,120 +2449,120 @@ var ct = [
 	"metashape",
 	"geoparquet"
 ];
-function dt({ survey: e }) {
-	let t = G();
-	if (e.run?.byOther) return /* @__PURE__ */ q("p", {
+function Et({ survey: e }) {
+	let t = K();
+	if (e.run?.byOther) return /* @__PURE__ */ J("p", {
 		class: "soft",
 		children: t.byOther
 	});
-	let n = (t) => () => Z(`surveys/${e.id}/${t}`);
-	if (e.state === "queued") return /* @__PURE__ */ q(Y, {
+	let n = (t) => () => $(`surveys/${e.id}/${t}`);
+	if (e.state === "queued") return /* @__PURE__ */ J(X, {
 		onDo: n("stop"),
 		children: t.unqueue
 	});
-	if (e.state === "running") return /* @__PURE__ */ q(Y, {
+	if (e.state === "running") return /* @__PURE__ */ J(X, {
 		onDo: n("stop"),
 		children: t.stop
 	});
-	if (e.state === "stopping") return /* @__PURE__ */ q("span", {
+	if (e.state === "stopping") return /* @__PURE__ */ J("span", {
 		class: "line",
 		children: [
-			/* @__PURE__ */ q(Y, {
+			/* @__PURE__ */ J(X, {
 				onDo: n("stop"),
 				children: t.stopNow
 			}),
 			" ",
-			/* @__PURE__ */ q("span", {
+			/* @__PURE__ */ J("span", {
 				class: "soft",
 				children: t.stoppingText
 			})
 		]
 	});
-	if (e.state === "missing") return /* @__PURE__ */ q("p", {
+	if (e.state === "missing") return /* @__PURE__ */ J("p", {
 		class: "soft",
 		children: t.missingText
 	});
 	let r = e.state === "finished";
-	return /* @__PURE__ */ q(Y, {
+	return /* @__PURE__ */ J(X, {
 		class: r ? "" : "main",
 		onDo: n("go-on"),
 		children: r ? t.again : t.goOn
 	});
 }
-function ft({ survey: e }) {
-	let t = G(), n = e.run;
+function Dt({ survey: e }) {
+	let t = K(), n = e.run;
 	if (!n) return null;
-	let r = Ue(e), i = n.stages.find((e) => e.state === "now");
-	return /* @__PURE__ */ q("section", {
+	let r = He(e), i = n.stages.find((e) => e.state === "now");
+	return /* @__PURE__ */ J("section", {
 		class: "sheet",
 		"aria-label": t.progress,
 		children: [
-			r !== null && /* @__PURE__ */ q("div", {
+			r !== null && /* @__PURE__ */ J("div", {
 				class: "now",
 				role: "status",
-				children: [/* @__PURE__ */ q("span", {
+				children: [/* @__PURE__ */ J("span", {
 					class: "line",
 					children: [
-						/* @__PURE__ */ q("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
+						/* @__PURE__ */ J("span", {
 							class: "soft",
 							children: [
 								t.english ? "" : n.label,
 								" ",
-								n.total ? t.of(K(n.done), K(n.total)) : ""
+								n.total ? t.of(q(n.done), q(n.total)) : ""
 							]
 						}),
-						n.leftS !== null && /* @__PURE__ */ q("span", {
+						n.leftS !== null && /* @__PURE__ */ J("span", {
 							class: "end",
-							children: t.left(Ae(n.leftS))
+							children: t.left(ke(n.leftS))
 						})
 					]
-				}), /* @__PURE__ */ q("progress", {
+				}), /* @__PURE__ */ J("progress", {
 					value: r,
 					max: 1,
 					"aria-label": t.progress
 				})]
 			}),
-			/* @__PURE__ */ q("ol", {
+			/* @__PURE__ */ J("ol", {
 				class: "stages",
-				children: n.stages.map((e) => /* @__PURE__ */ q("li", {
+				children: n.stages.map((e) => /* @__PURE__ */ J("li", {
 					class: e.state,
 					"aria-current": e.state === "now" ? "step" : void 0,
 					children: [
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", {
 							class: "name",
 							children: t.stages[e.name] ?? e.name
 						}),
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", {
 							class: "soft",
-							children: e.seconds === null ? "" : Ae(e.seconds)
+							children: e.seconds === null ? "" : ke(e.seconds)
 						}),
-						/* @__PURE__ */ q("span", {
+						/* @__PURE__ */ J("span", {
 							class: "hidden",
 							children: t.stageStates[e.state]
 						})
 					]
 				}, e.name))
 			}),
-			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q(J, {
+			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J(Y, {
 				title: t.failed,
 				text: n.message
-			}), /* @__PURE__ */ q("p", {
+			}), /* @__PURE__ */ J("p", {
 				class: "soft",
 				children: t.failedDo
 			})] }),
-			n.warnings.length > 0 && /* @__PURE__ */ q("div", {
+			n.warnings.length > 0 && /* @__PURE__ */ J("div", {
 				class: "warnings",
 				children: [
-					/* @__PURE__ */ q("h3", { children: t.warnings }),
-					t.english && /* @__PURE__ */ q("p", {
+					/* @__PURE__ */ J("h3", { children: t.warnings }),
+					t.english && /* @__PURE__ */ J("p", {
 						class: "soft",
 						children: t.english
 					}),
-					/* @__PURE__ */ q("ul", { children: n.warnings.map((e) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q(Me, { text: e }) }, e)) })
+					/* @__PURE__ */ J("ul", { children: n.warnings.map((e) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(je, { text: e }) }, e)) })
 				]
 			}),
-			n.log.length > 0 && /* @__PURE__ */ q("details", { children: [/* @__PURE__ */ q("summary", { children: t.log }), /* @__PURE__ */ q("pre", {
+			n.log.length > 0 && /* @__PURE__ */ J("details", { children: [/* @__PURE__ */ J("summary", { children: t.log }), /* @__PURE__ */ J("pre", {
 				class: "log",
 				tabIndex: 0,
 				children: n.log.join("\n")
@@ -1985,50 +2570,50 @@ function ft({ survey: e }) {
 		]
 	});
 }
-function pt({ survey: e }) {
-	let t = G(), [n, r] = V([]), [i, a] = V(lt), [o, s] = V(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
-	if (H(() => void X(`surveys/${e.id}/photos`).then(r, () => r([])), [
+function Ot({ survey: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(wt), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+	if (W(() => void Q(`surveys/${e.id}/photos`).then(r, () => r([])), [
 		e.id,
 		e.version,
 		c
-	]), !n.length) return /* @__PURE__ */ q("p", {
+	]), !n.length) return /* @__PURE__ */ J("p", {
 		class: "soft",
 		children: t.photosWait
 	});
-	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, K(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
-	return /* @__PURE__ */ q(y, { children: [
-		/* @__PURE__ */ q("ul", {
+	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, q(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
+	return /* @__PURE__ */ J(y, { children: [
+		/* @__PURE__ */ J("ul", {
 			class: "photos",
-			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q("button", {
+			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("button", {
 				type: "button",
 				onClick: () => s(n),
 				"aria-label": t.photoOf(e.name, l(e)),
 				children: [
-					/* @__PURE__ */ q("img", {
+					/* @__PURE__ */ J("img", {
 						src: u(n, 320),
 						alt: "",
 						loading: "lazy"
 					}),
-					/* @__PURE__ */ q("span", {
+					/* @__PURE__ */ J("span", {
 						class: "path",
 						children: e.name
 					}),
-					/* @__PURE__ */ q("span", {
+					/* @__PURE__ */ J("span", {
 						class: "soft",
 						children: l(e)
 					})
 				]
 			}) }, e.name))
 		}),
-		n.length > i && /* @__PURE__ */ q("button", {
+		n.length > i && /* @__PURE__ */ J("button", {
 			type: "button",
 			onClick: () => a(n.length),
-			children: t.more(K(n.length - i))
+			children: t.more(q(n.length - i))
 		}),
-		d && o !== null && /* @__PURE__ */ q(Ne, {
+		d && o !== null && /* @__PURE__ */ J(Me, {
 			title: t.photoOf(d.name, l(d)),
 			onClose: () => s(null),
-			children: /* @__PURE__ */ q("img", {
+			children: /* @__PURE__ */ J("img", {
 				class: "large",
 				src: u(o, 1280),
 				alt: t.photoOf(d.name, l(d))
@@ -2036,84 +2621,84 @@ function pt({ survey: e }) {
 		})
 	] });
 }
-function mt({ survey: e }) {
-	let t = G(), [n, r] = V(null), [i, a] = V("");
-	return H(() => void X(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ q(J, { text: i }) : n ? n.length ? /* @__PURE__ */ q("div", {
+function kt({ survey: e }) {
+	let t = K(), [n, r] = U(null), [i, a] = U("");
+	return W(() => void Q(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ J(Y, { text: i }) : n ? n.length ? /* @__PURE__ */ J("div", {
 		class: "scroll",
 		tabIndex: 0,
 		role: "region",
 		"aria-label": t.treesTab,
-		children: /* @__PURE__ */ q("table", { children: [/* @__PURE__ */ q("thead", { children: /* @__PURE__ */ q("tr", { children: [
+		children: /* @__PURE__ */ J("table", { children: [/* @__PURE__ */ J("thead", { children: /* @__PURE__ */ J("tr", { children: [
 			t.tree,
 			t.fruitsHead,
 			t.between,
 			`${t.diameter} (mm)`,
 			`${t.weight} (kg)`
-		].map((e) => /* @__PURE__ */ q("th", {
+		].map((e) => /* @__PURE__ */ J("th", {
 			scope: "col",
 			children: e
-		}, e)) }) }), /* @__PURE__ */ q("tbody", { children: n.map((e) => /* @__PURE__ */ q("tr", { children: [
-			/* @__PURE__ */ q("th", {
+		}, e)) }) }), /* @__PURE__ */ J("tbody", { children: n.map((e) => /* @__PURE__ */ J("tr", { children: [
+			/* @__PURE__ */ J("th", {
 				scope: "row",
 				children: e.id
 			}),
-			/* @__PURE__ */ q("td", { children: K(e.fruits) }),
-			/* @__PURE__ */ q("td", { children: e.low === null || e.high === null ? "" : `${K(e.low)} – ${K(e.high)}` }),
-			/* @__PURE__ */ q("td", { children: e.diameterMm === null ? "" : K(e.diameterMm, 1) }),
-			/* @__PURE__ */ q("td", { children: e.weightKg === null ? "" : K(e.weightKg, 2) })
+			/* @__PURE__ */ J("td", { children: q(e.fruits) }),
+			/* @__PURE__ */ J("td", { children: e.low === null || e.high === null ? "" : `${q(e.low)} – ${q(e.high)}` }),
+			/* @__PURE__ */ J("td", { children: e.diameterMm === null ? "" : q(e.diameterMm, 1) }),
+			/* @__PURE__ */ J("td", { children: e.weightKg === null ? "" : q(e.weightKg, 2) })
 		] }, e.id)) })] })
-	}) : /* @__PURE__ */ q("p", {
+	}) : /* @__PURE__ */ J("p", {
 		class: "soft",
 		children: t.noTrees
-	}) : /* @__PURE__ */ q("progress", { "aria-label": t.treesTab });
+	}) : /* @__PURE__ */ J("progress", { "aria-label": t.treesTab });
 }
-function ht({ survey: e, everything: t }) {
-	let n = G(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = V(r[0]?.id ?? ""), [o, s] = V("");
-	return r.length ? /* @__PURE__ */ q(y, { children: [
-		/* @__PURE__ */ q("p", {
+function At({ survey: e, everything: t }) {
+	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U("");
+	return r.length ? /* @__PURE__ */ J(y, { children: [
+		/* @__PURE__ */ J("p", {
 			class: "soft",
 			children: n.compareText
 		}),
-		/* @__PURE__ */ q("p", {
+		/* @__PURE__ */ J("p", {
 			class: "line",
-			children: [/* @__PURE__ */ q("label", {
+			children: [/* @__PURE__ */ J("label", {
 				class: "line",
-				children: [n.compareWith, /* @__PURE__ */ q("select", {
+				children: [n.compareWith, /* @__PURE__ */ J("select", {
 					value: i,
 					onChange: (e) => a(e.currentTarget.value),
-					children: r.map((e) => /* @__PURE__ */ q("option", {
+					children: r.map((e) => /* @__PURE__ */ J("option", {
 						value: e.id,
 						children: e.name
 					}, e.id))
 				})]
-			}), /* @__PURE__ */ q(Y, {
+			}), /* @__PURE__ */ J(X, {
 				class: "main",
-				onDo: async () => s(await Z(`surveys/${e.id}/compare`, { before: i })),
+				onDo: async () => s(await $(`surveys/${e.id}/compare`, { before: i })),
 				children: n.compare
 			})]
 		}),
-		o && /* @__PURE__ */ q("iframe", {
+		o && /* @__PURE__ */ J("iframe", {
 			class: "view",
 			src: o.slice(1),
 			title: n.compareTab
 		})
-	] }) : /* @__PURE__ */ q("p", {
+	] }) : /* @__PURE__ */ J("p", {
 		class: "soft",
 		children: n.compareNone
 	});
 }
-function gt({ survey: e, everything: t }) {
-	let n = G(), r = ut.filter((e) => e.includes(".") || t.facts.exports.includes(e));
-	return /* @__PURE__ */ q(y, { children: [
-		/* @__PURE__ */ q("h2", { children: n.files }),
-		/* @__PURE__ */ q("ul", {
+function jt({ survey: e, everything: t }) {
+	let n = K(), r = Tt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+	return /* @__PURE__ */ J(y, { children: [
+		/* @__PURE__ */ J("h2", { children: n.files }),
+		/* @__PURE__ */ J("ul", {
 			class: "files",
-			children: r.map((t) => /* @__PURE__ */ q("li", { children: /* @__PURE__ */ q(Y, {
-				onDo: () => Ie(`surveys/${e.id}/files/${t}`),
+			children: r.map((t) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(X, {
+				onDo: () => Pe(`surveys/${e.id}/files/${t}`),
 				children: n.fileNames[t] ?? t
 			}) }, t))
 		}),
-		/* @__PURE__ */ q("p", {
+		/* @__PURE__ */ J("p", {
 			class: "soft path",
 			children: [
 				n.folder,
@@ -2123,94 +2708,75 @@ function gt({ survey: e, everything: t }) {
 		})
 	] });
 }
-function _t({ survey: e, canLearn: t }) {
-	let n = G();
-	return /* @__PURE__ */ q("section", {
+function Mt({ survey: e }) {
+	let t = K(), [n, r] = U(null);
+	return /* @__PURE__ */ J("details", {
 		class: "sheet",
-		children: [
-			/* @__PURE__ */ q("h2", { children: n.learn }),
-			/* @__PURE__ */ q("p", {
-				class: "soft",
-				children: n.learnText
-			}),
-			e.learnt && /* @__PURE__ */ q("p", { children: n.learnt }),
-			t ? /* @__PURE__ */ q(Y, {
-				onDo: () => Z(`surveys/${e.id}/learn`),
-				children: n.learn
-			}) : /* @__PURE__ */ q("p", {
-				class: "soft",
-				children: n.learnMissing
-			})
-		]
-	});
-}
-function vt({ survey: e }) {
-	let t = G(), [n, r] = V(null);
-	return /* @__PURE__ */ q("details", {
-		class: "sheet",
-		onToggle: () => void X(`surveys/${e.id}/equal`).then(r, () => r(null)),
-		children: [/* @__PURE__ */ q("summary", { children: t.equal }), n && /* @__PURE__ */ q(y, { children: [
-			/* @__PURE__ */ q("h3", { children: t.equalCommand }),
-			/* @__PURE__ */ q(Pe, { text: n.command }),
-			/* @__PURE__ */ q("h3", { children: t.equalPython }),
-			/* @__PURE__ */ q(Pe, { text: n.python })
+		onToggle: () => void Q(`surveys/${e.id}/equal`).then(r, () => r(null)),
+		children: [/* @__PURE__ */ J("summary", { children: t.equal }), n && /* @__PURE__ */ J(y, { children: [
+			/* @__PURE__ */ J("h3", { children: t.equalCommand }),
+			/* @__PURE__ */ J(Z, { text: n.command }),
+			/* @__PURE__ */ J("h3", { children: t.equalPython }),
+			/* @__PURE__ */ J(Z, { text: n.python })
 		] })]
 	});
 }
-var $ = [
+var Nt = [
 	"photos",
 	"scene",
 	"result",
 	"trees",
 	"compare",
+	"teach",
 	"files"
 ];
-function yt({ survey: e, everything: t, place: n }) {
-	let r = G(), i = e.state === "finished" && !ct.includes(e.state), a = $.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
+function Pt({ survey: e, everything: t, place: n }) {
+	let r = K(), i = e.state === "finished" && !Ct.includes(e.state), a = Nt.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
 		trees: r.treesTab,
 		compare: r.compareTab,
+		teach: r.teachTab,
 		files: r.exportTab
 	};
-	return /* @__PURE__ */ q("main", { children: [
-		/* @__PURE__ */ q("div", {
+	return /* @__PURE__ */ J("main", { children: [
+		/* @__PURE__ */ J("div", {
 			class: "head",
 			children: [
-				/* @__PURE__ */ q("a", {
+				/* @__PURE__ */ J("a", {
 					class: "button plain",
 					href: "#/",
 					"aria-label": r.back,
 					children: "‹"
 				}),
-				/* @__PURE__ */ q("h1", { children: e.name }),
-				/* @__PURE__ */ q("span", {
+				/* @__PURE__ */ J("h1", { children: e.name }),
+				/* @__PURE__ */ J("span", {
 					class: `state ${e.state}`,
 					children: r.states[e.state]
 				}),
-				/* @__PURE__ */ q("span", {
+				/* @__PURE__ */ J("span", {
 					class: "end",
-					children: /* @__PURE__ */ q(dt, { survey: e })
+					children: /* @__PURE__ */ J(Et, { survey: e })
 				})
 			]
 		}),
-		/* @__PURE__ */ q("p", {
+		/* @__PURE__ */ J("p", {
 			class: "soft",
 			children: [
-				He(e),
-				e.weightKg === null ? "" : `${K(e.weightKg, 1)} kg`,
-				e.photos === null ? "" : r.photos(e.photos, K(e.photos)),
-				e.day ? r.taken(ke(e.day)) : ""
+				Ve(e),
+				e.weightKg === null ? "" : `${q(e.weightKg, 1)} kg`,
+				e.photos === null ? "" : r.photos(e.photos, q(e.photos)),
+				e.day ? r.taken(Oe(e.day)) : ""
 			].filter(Boolean).join(" · ")
 		}),
-		!i && /* @__PURE__ */ q(ft, { survey: e }),
-		/* @__PURE__ */ q("section", {
+		!i && /* @__PURE__ */ J(Dt, { survey: e }),
+		/* @__PURE__ */ J("section", {
 			class: "sheet results",
-			children: [/* @__PURE__ */ q("div", {
+			children: [/* @__PURE__ */ J("div", {
 				class: "tabs",
 				role: "tablist",
-				children: $.map((t) => /* @__PURE__ */ q("a", {
+				children: Nt.map((t) => /* @__PURE__ */ J("a", {
 					role: "tab",
 					id: `tab-${t}`,
 					"aria-selected": a === t,
@@ -2220,53 +2786,53 @@ function yt({ survey: e, everything: t, place: n }) {
 					onKeyDown: (n) => {
 						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
 						if (!r) return;
-						let i = $[($.indexOf(t) + r + $.length) % $.length];
-						Q(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
+						let i = Nt[(Nt.indexOf(t) + r + Nt.length) % Nt.length];
+						Be(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
 					},
 					children: o[t]
 				}, t))
-			}), /* @__PURE__ */ q("div", {
+			}), /* @__PURE__ */ J("div", {
 				id: "panel",
 				role: "tabpanel",
 				"aria-labelledby": `tab-${a}`,
-				children: a === "photos" ? /* @__PURE__ */ q(pt, { survey: e }) : a === "scene" ? /* @__PURE__ */ q(st, { survey: e }) : i ? a === "trees" ? /* @__PURE__ */ q(mt, { survey: e }) : a === "compare" ? /* @__PURE__ */ q(ht, {
+				children: a === "photos" ? /* @__PURE__ */ J(Ot, { survey: e }) : a === "scene" ? /* @__PURE__ */ J(ot, { survey: e }) : a === "teach" ? /* @__PURE__ */ J(St, {
+					survey: e,
+					canLearn: t.facts.canLearn,
+					working: Ct.includes(e.state) || !!e.run?.byOther
+				}) : i ? a === "trees" ? /* @__PURE__ */ J(kt, { survey: e }) : a === "compare" ? /* @__PURE__ */ J(At, {
 					survey: e,
 					everything: t
-				}) : a === "files" ? /* @__PURE__ */ q(gt, {
+				}) : a === "files" ? /* @__PURE__ */ J(jt, {
 					survey: e,
 					everything: t
-				}) : /* @__PURE__ */ q(y, { children: [/* @__PURE__ */ q("p", {
+				}) : /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("p", {
 					class: "line",
-					children: /* @__PURE__ */ q("button", {
+					children: /* @__PURE__ */ J("button", {
 						type: "button",
 						class: "end",
 						onClick: () => document.querySelector("iframe.view")?.contentWindow?.print(),
 						children: r.print
 					})
-				}), /* @__PURE__ */ q("iframe", {
+				}), /* @__PURE__ */ J("iframe", {
 					class: "view",
 					src: `surveys/${e.id}/view/`,
 					title: r.viewTitle
-				}, e.id)] }) : /* @__PURE__ */ q("p", {
+				}, e.id)] }) : /* @__PURE__ */ J("p", {
 					class: "soft",
 					children: r.resultWait
 				})
 			})]
 		}),
-		i && /* @__PURE__ */ q(_t, {
-			survey: e,
-			canLearn: t.facts.canLearn
-		}),
-		i && /* @__PURE__ */ q(ft, { survey: e }),
-		e.photos !== null && /* @__PURE__ */ q(vt, { survey: e }),
-		!ct.includes(e.state) && /* @__PURE__ */ q("p", {
+		i && /* @__PURE__ */ J(Dt, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ J(Mt, { survey: e }),
+		!Ct.includes(e.state) && /* @__PURE__ */ J("p", {
 			class: "line",
-			children: [/* @__PURE__ */ q(Y, {
+			children: [/* @__PURE__ */ J(X, {
 				onDo: async () => {
-					await Z(`surveys/${e.id}/forget`), Q("/");
+					await $(`surveys/${e.id}/forget`), Be("/");
 				},
 				children: r.forget
-			}), /* @__PURE__ */ q("span", {
+			}), /* @__PURE__ */ J("span", {
 				class: "soft",
 				children: r.forgetText
 			})]
@@ -2274,71 +2840,71 @@ function yt({ survey: e, everything: t, place: n }) {
 	] });
 }
 // src/app/main.tsx
-function bt() {
+function Ft() {
 	let e = document.documentElement, t = e.dataset.theme ? e.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 	e.dataset.theme = t ? "light" : "dark";
 }
-function xt() {
-	let [e, t] = V(null), [n, r] = V(!1), [i, a] = V(location.hash), [o, s] = V(De()), [c, l] = V(!1), [u, d] = V(!1);
-	H(() => u ? void 0 : ze(t, r), [u]), H(() => {
+function It() {
+	let [e, t] = U(null), [n, r] = U(!1), [i, a] = U(location.hash), [o, s] = U(Ee()), [c, l] = U(!1), [u, d] = U(!1);
+	W(() => u ? void 0 : Le(t, r), [u]), W(() => {
 		let e = () => a(location.hash);
 		return addEventListener("hashchange", e), () => removeEventListener("hashchange", e);
-	}, []), H(() => {
+	}, []), W(() => {
 		document.documentElement.lang = o;
 	}, [o]);
-	let f = G();
-	if (u) return /* @__PURE__ */ q("main", {
+	let f = K();
+	if (u) return /* @__PURE__ */ J("main", {
 		class: "closed",
-		children: [/* @__PURE__ */ q("h1", { children: f.closed }), /* @__PURE__ */ q("p", { children: f.closedHow })]
+		children: [/* @__PURE__ */ J("h1", { children: f.closed }), /* @__PURE__ */ J("p", { children: f.closedHow })]
 	});
 	let [, p, m, h] = i.replace(/^#/, "").split("/"), g = e?.surveys.find((e) => e.id === m);
-	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ q(y, { children: [
-		/* @__PURE__ */ q("header", {
+	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ J(y, { children: [
+		/* @__PURE__ */ J("header", {
 			class: "top",
-			children: [/* @__PURE__ */ q("a", {
+			children: [/* @__PURE__ */ J("a", {
 				href: "#/",
 				class: "brand",
-				children: [/* @__PURE__ */ q("svg", {
+				children: [/* @__PURE__ */ J("svg", {
 					viewBox: "0 0 16 16",
 					"aria-hidden": "true",
-					children: [/* @__PURE__ */ q("circle", {
+					children: [/* @__PURE__ */ J("circle", {
 						cx: "8",
 						cy: "9",
 						r: "6",
 						fill: "#b8322a"
-					}), /* @__PURE__ */ q("path", {
+					}), /* @__PURE__ */ J("path", {
 						d: "M8 4q0-3 3-3",
 						fill: "none",
 						stroke: "#4f7d5a",
 						"stroke-width": "1.6"
 					})]
 				}), f.title]
-			}), /* @__PURE__ */ q("span", {
+			}), /* @__PURE__ */ J("span", {
 				class: "end",
 				children: [
-					/* @__PURE__ */ q("select", {
+					/* @__PURE__ */ J("select", {
 						"aria-label": "Language, Sprache",
 						value: o,
 						onChange: (e) => {
-							Ee(e.currentTarget.value), s(e.currentTarget.value);
+							Te(e.currentTarget.value), s(e.currentTarget.value);
 						},
-						children: Object.entries(Ce).map(([e, t]) => /* @__PURE__ */ q("option", {
+						children: Object.entries(xe).map(([e, t]) => /* @__PURE__ */ J("option", {
 							value: e,
 							children: t.language
 						}, e))
 					}),
-					/* @__PURE__ */ q("button", {
+					/* @__PURE__ */ J("button", {
 						type: "button",
 						"aria-label": f.theme,
 						title: f.theme,
-						onClick: bt,
-						children: /* @__PURE__ */ q("svg", {
+						onClick: Ft,
+						children: /* @__PURE__ */ J("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
-							children: [/* @__PURE__ */ q("path", {
+							children: [/* @__PURE__ */ J("path", {
 								d: "M8 2a6 6 0 1 0 0 12z",
 								fill: "currentColor"
-							}), /* @__PURE__ */ q("circle", {
+							}), /* @__PURE__ */ J("circle", {
 								cx: "8",
 								cy: "8",
 								r: "6",
@@ -2347,7 +2913,7 @@ function xt() {
 							})]
 						})
 					}),
-					/* @__PURE__ */ q("button", {
+					/* @__PURE__ */ J("button", {
 						type: "button",
 						onClick: () => l(!0),
 						children: f.close
@@ -2355,28 +2921,28 @@ function xt() {
 				]
 			})]
 		}),
-		n && /* @__PURE__ */ q("p", {
+		n && /* @__PURE__ */ J("p", {
 			class: "lost",
 			role: "alert",
 			children: f.lost
 		}),
-		e ? p === "new" ? /* @__PURE__ */ q(it, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ q(yt, {
+		e ? p === "new" ? /* @__PURE__ */ J(rt, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ J(Pt, {
 			survey: g,
 			everything: e,
 			place: h ?? ""
-		}, g.id) : /* @__PURE__ */ q(Ge, { everything: e }) : /* @__PURE__ */ q("main", { children: /* @__PURE__ */ q("progress", { "aria-label": f.surveys }) }),
-		c && /* @__PURE__ */ q(Ne, {
+		}, g.id) : /* @__PURE__ */ J(We, { everything: e }) : /* @__PURE__ */ J("main", { children: /* @__PURE__ */ J("progress", { "aria-label": f.surveys }) }),
+		c && /* @__PURE__ */ J(Me, {
 			title: f.close,
 			onClose: () => l(!1),
-			children: [/* @__PURE__ */ q("p", { children: f.closeSure }), /* @__PURE__ */ q("p", {
+			children: [/* @__PURE__ */ J("p", { children: f.closeSure }), /* @__PURE__ */ J("p", {
 				class: "line",
-				children: [/* @__PURE__ */ q(Y, {
+				children: [/* @__PURE__ */ J(X, {
 					class: "main",
 					onDo: async () => {
-						await Z("close"), d(!0);
+						await $("close"), d(!0);
 					},
 					children: f.close
-				}), /* @__PURE__ */ q("button", {
+				}), /* @__PURE__ */ J("button", {
 					type: "button",
 					onClick: () => l(!1),
 					children: f.cancel
@@ -2385,4 +2951,4 @@ function xt() {
 		})
 	] });
 }
-ie(/* @__PURE__ */ q(xt, {}), document.getElementById("app"));
+te(/* @__PURE__ */ J(It, {}), document.getElementById("app"));

@@ -1,0 +1,190 @@
+"""Fruits that a person marked in photos: kept, labels to learn from, and photos to measure on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pomona
+from pomona.app.contract import GivenMarks, MarkView
+from pomona.app.teaching import keep_marks, marked_view, teaching
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.labelled import LabelledFruit
+from pomona.marks import MarkedPhoto, read_marks, write_marks
+from pomona.self_training.labels import FoundFruits, label_photos
+from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
+from pomona.self_training.options import AdaptOptions
+from pomona.self_training.rerun import found_fruits
+from pomona.survey import SurveyFolder
+from view_scenes import write_view_survey
+
+OPTIONS = AdaptOptions(least_score=0.5, least_views=2)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> FoundFruits:
+    return found_fruits(pomona.open(write_view_survey(tmp_path_factory.mktemp("marks"))))
+
+
+def marked(found: FoundFruits, name: str, *, count: int | None = None, complete: bool) -> MarkedPhoto:
+    """Boxes drawn roughly around the first detections of a photo, and a circle where nothing was found."""
+    detections = found.detections[name]
+    assert detections.boxes_px is not None
+    boxes = [tuple(map(float, box)) for box in detections.boxes_px[:count]]
+    fruits = [LabelledFruit((x0 - 1, y0, x1, y1 + 2), None) for x0, y0, x1, y1 in boxes]
+    fruits.append(LabelledFruit((2.0, 2.0, 32.0, 32.0), None, circle_px=(17.0, 17.0, 15.0)))
+    return MarkedPhoto(name, detections.width_px, detections.height_px, tuple(fruits), complete)
+
+
+def fullest(found: FoundFruits) -> str:
+    return max(found.cameras.photos, key=lambda name: len(found.detections[name].ids))
+
+
+def test_marks_are_read_as_they_were_written(tmp_path: Path) -> None:
+    assert read_marks(tmp_path / "marks.json") == {}
+    box, circle = (3.0, 4.0, 20.5, 24.0), (10.0, 12.0, 9.5)
+    photos = [
+        MarkedPhoto("east/a.jpg", 100, 80, (LabelledFruit(box, None), LabelledFruit(box, None, circle_px=circle))),
+        MarkedPhoto("east/b.jpg", 100, 80, (), complete=True),
+        MarkedPhoto("east/c.jpg", 100, 80, ()),
+    ]
+
+    write_marks(tmp_path / "marks.json", photos)
+
+    read = read_marks(tmp_path / "marks.json")
+    assert {name: (photo.complete, len(photo.fruits)) for name, photo in read.items()} == {
+        "east/a.jpg": (False, 2),
+        "east/b.jpg": (True, 0),
+    }
+    assert [(fruit.box_px, fruit.mask, fruit.circle_px) for fruit in read["east/a.jpg"].fruits] == [
+        (box, None, None),
+        (box, None, circle),
+    ]
+
+
+def test_labels_of_other_programs_are_marks_of_all_fruits(tmp_path: Path) -> None:
+    image = {"id": 7, "file_name": "a.jpg", "width": 100, "height": 80}
+    square = [10, 10, 30, 10, 30, 30, 10, 30]
+    fruit = {"id": 1, "image_id": 7, "category_id": 1, "segmentation": [square], "bbox": [10, 10, 20, 20]}
+    content = {"images": [image], "annotations": [fruit], "categories": [{"id": 1, "name": "apple"}]}
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps(content))
+
+    (photo,) = read_marks(path).values()
+
+    assert photo.complete
+    (only,) = photo.fruits
+    assert only.mask is not None
+    assert only.mask.area_px == 400
+    path.write_text(json.dumps({**content, "annotations": [{**fruit, "circle_px": [1, 2]}]}))
+    with pytest.raises(FormatError, match=r"annotation 1: circle_px: expected x, y, radius, found \[1, 2\]"):
+        read_marks(path)
+
+
+def test_where_all_fruits_are_marked_the_marks_alone_are_labels(found: FoundFruits) -> None:
+    name = fullest(found)
+    by_hand = marked(found, name, count=3, complete=True)
+
+    labels = label_photos(replace(found, marked={name: by_hand}), options=OPTIONS)
+
+    (photo,) = [photo for photo in labels.photos if photo.name.endswith(f"/{name}")]
+    assert [fruit.mask for fruit in photo.fruits] == [*found.detections[name].masks[:3], None]
+    assert all(fruit.mask is None or fruit.box_px == fruit.mask.box_px for fruit in photo.fruits)
+    assert not any(fruit.ignored for fruit in photo.fruits)
+    assert labels.marked == 4
+    assert labels.by_hand == labels.complete == {photo.name}
+
+
+def test_where_some_fruits_are_marked_all_else_is_doubtful(found: FoundFruits) -> None:
+    name = fullest(found)
+    by_hand = marked(found, name, count=2, complete=False)
+
+    labels = label_photos(replace(found, marked={name: by_hand}), options=OPTIONS)
+
+    (photo,) = [photo for photo in labels.photos if photo.name.endswith(f"/{name}")]
+    whole, *fruits = photo.fruits
+    assert whole.ignored
+    assert whole.box_px == (0, 0, photo.width_px, photo.height_px)
+    # Fruits that were found and confirmed stay labels; those that were marked as well are one label each.
+    assert sorted(fruit.box_px for fruit in fruits if fruit.mask is not None) == sorted(
+        tuple(map(float, mask.box_px)) for mask in found.detections[name].masks
+    )
+    assert sum(fruit.mask is None for fruit in fruits) == 1
+    assert labels.complete == frozenset()
+
+
+def test_marks_of_another_photo_are_refused(found: FoundFruits) -> None:
+    name = fullest(found)
+    other = replace(marked(found, name, complete=True), width_px=10)
+    with pytest.raises(InputError, match="expected the size of"):
+        label_photos(replace(found, marked={name: other}), options=OPTIONS)
+
+
+def test_some_photos_marked_in_full_are_measured_on(found: FoundFruits, tmp_path: Path) -> None:
+    learn = pytest.importorskip("pomona.self_training.learn")
+    names = sorted(found.cameras.photos)[:4]
+    by_hand = {name: marked(found, name, complete=name != names[3]) for name in names}
+    quick = replace(OPTIONS, steps=1, batch=1, held_out=0.5, shares=(1.0,), threads=1)
+
+    outcome = learn.adapt([replace(found, marked=by_hand)], tmp_path / "mine.onnx", options=quick)
+
+    assert outcome.marked == sum(len(photo.fruits) for photo in by_hand.values())
+    assert outcome.by_hand is not None
+    assert [scores.fruits for scores in outcome.by_hand] == [len(by_hand[names[1]].fruits)] * 2
+    assert all(0.3 < scores.f1 <= 1 for scores in outcome.by_hand)
+    split = json.loads((tmp_path / "mine.training" / "split.json").read_text())
+    held = {name for name in names if any(entry.endswith(name) for entry in split["validation"])}
+    assert held == {names[1]}
+
+
+def test_too_few_marks_are_refused_with_what_to_do(found: FoundFruits, tmp_path: Path) -> None:
+    learn = pytest.importorskip("pomona.self_training.learn")
+    name = fullest(found)
+    few = replace(found, marked={name: marked(found, name, count=2, complete=True)})
+    with pytest.raises(InputError, match=r"0 fruits are confirmed .* and 3 marked in photos, expected 10 .*mark some"):
+        learn.adapt([few], tmp_path / "mine.onnx", options=replace(OPTIONS, least_score=0.9999))
+
+
+def test_what_was_learnt_is_kept_with_what_it_was_taught(tmp_path: Path) -> None:
+    survey = SurveyFolder.create(tmp_path / "row")
+    assert read_learnt(survey) is None
+    nothing = taught(survey)
+    write_marks(survey.marks, [MarkedPhoto("a.jpg", 100, 80, (), complete=True)])
+    assert taught(survey) != nothing
+
+    learnt = Learnt(True, taught(survey), 12, (0.8, 0.9), 5, (float("nan"), 0.7), (0.8, 0.85), (50, 52), (300, 310))
+    write_learnt(survey, learnt)
+
+    assert read_learnt(survey) == replace(learnt, by_hand_f1=(None, 0.7))
+    view = teaching(survey, None)
+    assert view.learnt is not None
+    assert (view.learnt.f1, view.learnt.by_hand_f1, view.learnt.fruits) == ([0.8, 0.9], [0.7], [50, 52])
+    survey.learnt.write_text("{")
+    with pytest.raises(FormatError, match=r"learnt\.json"):
+        read_learnt(survey)
+
+
+def test_the_page_keeps_marks_photo_by_photo(tmp_path: Path) -> None:
+    survey = pomona.open(write_view_survey(tmp_path)).files
+    survey.note(photos=[{"name": p.name, "digest": "1"} for p in pomona.open(survey.folder).photos])
+    first = marked_view(survey, 0)
+    assert (first.marks, first.complete) == ([], False)
+    assert len(first.found) == 4 * len(pomona.open(survey.folder).detections[first.name].ids)
+    box, circle = MarkView([-5.0, 10.0, 40.0, 50.0], None), MarkView([60.0, 60.0, 90.0, 90.0], [75.0, 75.0, 15.0])
+
+    keep_marks(survey, 0, GivenMarks(complete=False, marks=[box, circle]))
+    keep_marks(survey, 1, GivenMarks(complete=True, marks=[]))
+
+    assert marked_view(survey, 0).marks == [MarkView([0.0, 10.0, 40.0, 50.0], None), circle]
+    assert [(count.marks, count.complete) for count in teaching(survey, None).marks] == [(2, False), (0, True)]
+    for wrong in (MarkView([0.0, 0.0, 1.0, 1.0], None), MarkView([0.0, 0.0, 9.0], None), MarkView([0, 0, 9, 9], [1.0])):
+        with pytest.raises(InputError, match="A mark: expected"):
+            keep_marks(survey, 0, GivenMarks(complete=False, marks=[wrong]))
+    with pytest.raises(MissingFileError):
+        keep_marks(survey, 10_000, GivenMarks(complete=False, marks=[]))
+    assert len(marked_view(survey, 0).marks) == 2
+    assert np.allclose(np.array(first.found), np.array(marked_view(survey, 0).found))
