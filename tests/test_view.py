@@ -111,6 +111,7 @@ def test_photos_come_in_their_sizes_and_crops_around_fruits(server: ViewServer, 
     assert (status, headers["Content-Type"]) == (200, "image/jpeg")
     assert _picture(body).shape == (600, 800, 3)  # never enlarged
     assert get(server, "/photos/1/999.jpg")[0] == 404
+    assert _picture(get(server, "/straight/1/256.jpg")[2]).shape == (192, 256, 3)
     assert _picture(get(server, "/straight/1/1024.jpg")[2]).shape == (600, 800, 3)
     detection = int(data.observations.detection_id[0])
     photo = data.cameras.photos.index(data.observations.photo[0])

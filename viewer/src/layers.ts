@@ -79,6 +79,12 @@ export class Frusta {
   center(i: number): three.Vector3 {
     return new three.Vector3().fromArray(this.corners, 15 * i);
   }
+
+  /** How wide the photo is in the scene. */
+  width(i: number): number {
+    const [left, right] = [3, 6].map((corner) => new three.Vector3().fromArray(this.corners, 15 * i + corner));
+    return left!.distanceTo(right!);
+  }
 }
 
 /** From a fruit to each camera that saw it. */

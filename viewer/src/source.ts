@@ -18,6 +18,7 @@ export interface Seen {
 
 /** Resized copies that the server makes: the longer side in pixels. */
 const SIDES = [1024, 2048, 4096, 8192];
+const SMALL = 256;
 /** So many answers of the server are kept. */
 const KEPT = 300;
 
@@ -48,6 +49,11 @@ export class PhotoSource {
     if (this.data.source !== "server") return photo.file;
     const longer = Math.max(photo.width, photo.height);
     return `${photo.file}/${SIDES.find((size) => size >= Math.min(side, longer)) ?? SIDES[SIDES.length - 1]}.jpg`;
+  }
+
+  /** A small copy without the lens's distortion; null where no server makes one. */
+  small(photo: Photo): string | null {
+    return this.data.source === "server" && this.hasPhoto(photo) ? `${photo.file}/${SMALL}.jpg`.replace(/^photos\//, "straight/") : null;
   }
 
   /** The photo without the lens's distortion, where the server can make that. */

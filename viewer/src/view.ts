@@ -4,6 +4,7 @@ import * as three from "three";
 import type { SurveyData } from "./contract";
 import type { Colouring } from "./colours";
 import { earlierFruits } from "./earlier";
+import { FramedPhotos, wanted } from "./framed";
 import { Frusta, FruitBalls, ground, halo, sightLines } from "./layers";
 import { Navigation } from "./navigation";
 import type { Fruit, Photo } from "./payload";
@@ -38,6 +39,7 @@ export class View {
   private readonly clouds: { scene: PointCloud; fruitPoints: PointCloud };
   private readonly balls: FruitBalls;
   private readonly frusta: Frusta;
+  private readonly framed: FramedPhotos;
   private readonly halo = halo();
   private readonly extra = new three.Group();
   private readonly shows = { cameras: true };
@@ -73,6 +75,7 @@ export class View {
 
     this.balls = new FruitBalls(fruits, data.fruits.centers);
     this.frusta = new Frusta(data);
+    this.framed = new FramedPhotos(this.frusta, (i) => source.small(photos[i]!), () => this.draw());
     this.clouds = {
       scene: new PointCloud(data.scene, data.view, (piece) => source.points("scene", piece), (came) => this.came(came)),
       fruitPoints: new PointCloud(data.fruitPoints, data.view, (piece) => source.points("fruit", piece), (came) => this.came(came)),
@@ -86,7 +89,7 @@ export class View {
       ground: ground(data),
       earlier: data.earlier ? earlierFruits(data.earlier, data.fruits.centers) : new three.Group(),
     };
-    this.world.add(...Object.values(this.layers), this.extra, this.halo);
+    this.world.add(...Object.values(this.layers), this.extra, this.halo, this.framed.object);
     this.world.traverse(staysOnTop);
     this.navigation = new Navigation(canvas, box, data, fruits, !software, () => this.draw());
     this.paper();
@@ -178,7 +181,7 @@ export class View {
 
   /** Whether the picture stands still and lacks nothing that is here. */
   private get whole(): boolean {
-    return this.stands && this.rest?.length === 0;
+    return this.stands && this.rest?.length === 0 && !(this.framed.object.visible && this.framed.comes);
   }
 
   private schedule(): void {
@@ -199,7 +202,7 @@ export class View {
     this.navigation.step(now);
     const { camera, controls, through } = this.navigation;
     // In a camera's place, the lines to and of cameras would only be in the way.
-    this.frusta.object.visible = this.shows.cameras && !through;
+    this.frusta.object.visible = this.framed.object.visible = this.shows.cameras && !through;
     if (this.sight) this.sight.visible = !through;
     this.halo.quaternion.copy(camera.quaternion);
     // Less than one sees is no motion: damping goes on for ever.
@@ -211,6 +214,7 @@ export class View {
     this.renderer.clear();
     this.renderer.render(this.world, camera);
     this.stands = !moves;
+    if (this.stands && this.framed.object.visible) this.getPhotos();
     if (this.stands && this.rest) this.rest = Object.values(this.clouds).flatMap((cloud) => cloud.later);
     this.box.dispatchEvent(new Event("drawn"));
   }
@@ -241,6 +245,18 @@ export class View {
       for (const cloud of Object.values(this.clouds)) if (cloud.object.visible) void cloud.load().catch(() => undefined);
     };
     requestAnimationFrame(() => window.setTimeout(get));
+  }
+
+  /** Get the photos of cameras that can be made out, once the picture is there. */
+  private getPhotos(): void {
+    const { camera } = this.navigation;
+    const pixels = this.box.clientHeight / (2 * Math.tan(three.MathUtils.degToRad(camera.fov) / 2));
+    const sizes = Array.from({ length: this.frusta.count }, (_, i) => {
+      const at = this.onScreen(this.frusta.center(i));
+      const seen = at !== null && at.x > 0 && at.y > 0 && at.x < this.box.clientWidth && at.y < this.box.clientHeight;
+      return seen ? (pixels * this.frusta.width(i)) / this.frusta.center(i).distanceTo(camera.position) : NaN;
+    });
+    this.framed.want(wanted(sizes));
   }
 
   /** A piece that comes late is drawn over the picture, unless that will be drawn afresh. */

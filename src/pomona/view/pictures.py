@@ -18,8 +18,8 @@ from pomona.report.crops import crop_jpeg
 from pomona.report.data import ReportData
 from pomona.report.seen import Box, crop_box
 
-SIDES_PX = (1024, 2048, 4096, 8192)
-"""The sizes of resized copies (longer side); `viewer/src/source.ts` asks for the same."""
+SIDES_PX = (256, 1024, 2048, 4096, 8192)
+"""The sizes of resized copies (longer side); `viewer/src/source.ts` asks for the same, the smallest for cameras."""
 CROP_SIDE_PX = 256  # twice a report's, which has to carry all of its crops
 _PHOTO_QUALITY = 85
 _DECODED_BYTES = 400_000_000  # ten photos of 13 megapixels: those that a person leafs through
