@@ -42,7 +42,7 @@ async def keep(folder: Path, name: str, body: AsyncIterable[bytes], size: int) -
     """Write a dropped file as it comes, whole or not at all; raises `SurveyError` where the disk is full."""
     path = place_of(folder, name)
     part = path.with_name(f".{path.name}.part")
-    with disk_errors(folder):
+    with disk_errors(folder, then="drop the photos again"):
         path.parent.mkdir(parents=True, exist_ok=True)
         written = 0
         try:

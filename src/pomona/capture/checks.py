@@ -42,7 +42,7 @@ def warn_of(photos: Sequence[Photo], skipped: Sequence[Skipped], progress: Progr
     _warn_of_cameras(photos, progress)
     copies = _copies(photos)
     if copies:
-        pairs = [" = ".join(names) for names in copies]
+        pairs = [_listed(names, " = ", most=4) for names in copies]
         progress.warn(f"{_count(len(copies), 'photo')} found more than once, with the same content: {_listed(pairs)}")
     for side in dict.fromkeys(photo.side for photo in photos):
         count = sum(photo.side == side for photo in photos)

@@ -58,9 +58,12 @@ def _flush(path: Path) -> None:
             os.close(handle)
 
 
+_GO_ON = "run the same command again, and it goes on where it was"
+
+
 @contextmanager
-def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn a full or write-protected disk into a `SurveyError` that says where, and what to do."""
+def disk_errors(folder: Path, *, then: str = _GO_ON) -> Iterator[None]:
+    """Turn a full or write-protected disk into a `SurveyError` that says where, and what to do once there is space."""
     try:
         yield
     except PomonaError:
@@ -70,7 +73,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
         if number in _FULL or "disk is full" in str(error).lower() or "no space left" in str(error).lower():
             raise SurveyError(
                 f"The disk is full: cannot write to {folder}{_free(folder)}. What was finished is kept: free some "
-                "space and run the same command again, and it goes on where it was"
+                f"space and {then}"
             ) from error
         inside = isinstance(error, OSError) and str(error.filename or "").startswith(str(folder))
         if number in _FORBIDDEN and inside:
