@@ -45,3 +45,9 @@ export function duration(seconds: number): string {
   const minutes = Math.round(seconds / 60);
   return minutes < 60 ? t.minutes(minutes) : t.hours(Math.floor(minutes / 60), minutes % 60);
 }
+
+/** What the run does at this moment; what stands in brackets, such as the side of the row, stays. */
+export function stepOf(label: string): string {
+  const [, name, rest] = /^(.*?)( \(.*)?$/.exec(label)!;
+  return `${texts().steps[name!] ?? name}${rest ?? ""}`;
+}

@@ -2,7 +2,7 @@
 
 import { useEffect, useState } from "preact/hooks";
 import type { Equal, Everything, PhotoSoFar, SurveyView, TreeRow } from "./contract";
-import { day, duration, number, texts } from "./language";
+import { day, duration, number, stepOf, texts } from "./language";
 import { fruitsOf, go, share } from "./list";
 import { Copyable, Dialog, Doing, Problem, Said } from "./parts";
 import { Scene } from "./scene";
@@ -48,7 +48,7 @@ function Progress({ survey }: { survey: SurveyView }) {
           <span class="line">
             <strong>{now ? t.stages[now.name] ?? now.name : ""}</strong>
             <span class="soft">
-              {t.english ? "" : run.label} {run.total ? t.of(number(run.done), number(run.total)) : ""}
+              {stepOf(run.label)} {run.total ? t.of(number(run.done), number(run.total)) : ""}
             </span>
             {run.leftS !== null && <span class="end">{t.left(duration(run.leftS))}</span>}
           </span>

@@ -474,6 +474,7 @@ var xe = {
 			done: "done",
 			kept: "kept from before"
 		},
+		steps: {},
 		progress: "Progress",
 		photosTab: "Photos",
 		sceneTab: "Row",
@@ -732,6 +733,39 @@ var xe = {
 			done: "fertig",
 			kept: "von vorher"
 		},
+		steps: {
+			"Reading photo headers": "Kopfdaten der Fotos lesen",
+			"looking at the photos": "Fotos ansehen",
+			"looking for changes in photos": "Fotos auf Änderungen prüfen",
+			"looking for the size of the fruits": "nach der Größe der Früchte sehen",
+			segmenting: "Früchte in Fotos suchen",
+			"reading the detections given": "gegebene Masken lesen",
+			"reading the cameras given": "gegebene Kameras lesen",
+			Features: "Merkmale finden",
+			Matching: "Fotos vergleichen",
+			"Matching what overlaps": "überlappende Fotos vergleichen",
+			"Matching what holds photos": "verbindende Fotos vergleichen",
+			"Joining pieces": "Teile verbinden",
+			"Placing photos, incremental": "Fotos an ihren Platz setzen",
+			"Placing photos, global": "Fotos an ihren Platz setzen",
+			"Looking for markers": "Marker suchen",
+			"Refining cameras on the markers": "Kameras an den Markern ausrichten",
+			"Adjusting cameras together": "Kameras gemeinsam ausgleichen",
+			"Adjusting cameras on fruits": "Kameras an den Früchten ausgleichen",
+			"Aligning sides by their fruits": "Seiten an ihren Früchten ausrichten",
+			fuse: "Früchte zusammenführen",
+			"looking again": "noch einmal hinsehen",
+			"filtering false positives": "falsche Früchte aussortieren",
+			measure: "messen",
+			dense: "Punkte berechnen",
+			scene: "Punkte der Reihe berechnen",
+			"labelling photos": "Fotos beschriften",
+			training: "lernen",
+			"writing tables, map and cloud": "Tabellen, Karte und Punkte schreiben",
+			"cutting crops out of photos": "Ausschnitte schneiden",
+			"drawing fruits into photos": "Früchte in Fotos zeichnen",
+			report: "Bericht schreiben"
+		},
 		progress: "Fortschritt",
 		photosTab: "Fotos",
 		sceneTab: "Reihe",
@@ -751,7 +785,7 @@ var xe = {
 		viewTitle: "Bericht und 3D-Ansicht der Aufnahme",
 		print: "Drucken oder als PDF sichern",
 		warnings: "Gut zu wissen",
-		english: "Meldungen von Pomona selbst sind englisch.",
+		english: "Warnungen und Fehlermeldungen von Pomona selbst sind englisch.",
 		log: "Protokoll",
 		failed: "Der Durchgang konnte nicht weitergehen",
 		failedDo: "Was fertig ist, bleibt. Bitte beheben, was hier steht, dann weitermachen.",
@@ -957,8 +991,12 @@ function ke(e) {
 	let n = Math.round(e / 60);
 	return n < 60 ? t.minutes(n) : t.hours(Math.floor(n / 60), n % 60);
 }
+function Ae(e) {
+	let [, t, n] = /^(.*?)( \(.*)?$/.exec(e);
+	return `${K().steps[t] ?? t}${n ?? ""}`;
+}
 // node_modules/preact/jsx-runtime/dist/jsxRuntime.module.js
-var Ae = 0;
+var je = 0;
 Array.isArray;
 function J(e, n, r, i, a, o) {
 	n ||= {};
@@ -975,7 +1013,7 @@ function J(e, n, r, i, a, o) {
 		__e: null,
 		__c: null,
 		constructor: void 0,
-		__v: --Ae,
+		__v: --je,
 		__i: -1,
 		__u: 0,
 		__source: a,
@@ -985,14 +1023,14 @@ function J(e, n, r, i, a, o) {
 	return t.vnode && t.vnode(u), u;
 }
 // src/app/parts.tsx
-function je({ text: e }) {
+function Me({ text: e }) {
 	return /* @__PURE__ */ J(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ J("code", { children: e }, t) : e) });
 }
 function Y({ text: e, title: t }) {
 	return /* @__PURE__ */ J("div", {
 		class: "problem",
 		role: "alert",
-		children: [/* @__PURE__ */ J("strong", { children: t ?? K().problem }), /* @__PURE__ */ J("p", { children: /* @__PURE__ */ J(je, { text: e }) })]
+		children: [/* @__PURE__ */ J("strong", { children: t ?? K().problem }), /* @__PURE__ */ J("p", { children: /* @__PURE__ */ J(Me, { text: e }) })]
 	});
 }
 function X({ onDo: e, class: t, disabled: n, children: r }) {
@@ -1013,7 +1051,7 @@ function X({ onDo: e, class: t, disabled: n, children: r }) {
 		children: r
 	}), o && /* @__PURE__ */ J(Y, { text: o })] });
 }
-function Me({ title: e, onClose: t, wide: n, children: r }) {
+function Ne({ title: e, onClose: t, wide: n, children: r }) {
 	let i = G(null);
 	return W(() => i.current?.showModal(), []), /* @__PURE__ */ J("dialog", {
 		ref: i,
@@ -1049,7 +1087,7 @@ function Z({ text: e }) {
 	});
 }
 // src/app/server.ts
-async function Ne(e) {
+async function Pe(e) {
 	if (e.ok) return e.status === 204 ? void 0 : await e.json();
 	let t = await e.text(), n = t;
 	try {
@@ -1058,27 +1096,27 @@ async function Ne(e) {
 	throw Error(n || `${e.status}`);
 }
 async function Q(e) {
-	return Ne(await fetch(`api/${e}`));
+	return Pe(await fetch(`api/${e}`));
 }
 async function $(e, t = {}) {
 	let n = JSON.stringify(t);
-	return Ne(await fetch(`api/${e}`, {
+	return Pe(await fetch(`api/${e}`, {
 		method: "POST",
 		headers: { "Content-Type": "application/json" },
 		body: n
 	}));
 }
-async function Pe(e) {
+async function Fe(e) {
 	let t = await fetch(`api/${e}`);
-	t.ok || await Ne(t);
-	let n = Fe(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
+	t.ok || await Pe(t);
+	let n = Ie(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
 	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
 }
-function Fe(e) {
+function Ie(e) {
 	let t = /filename\*=utf-8''([^;]+)/i.exec(e)?.[1];
 	return t ? decodeURIComponent(t) : /filename="?([^";]+)/.exec(e)?.[1] ?? "pomona";
 }
-function Ie(e, t, n) {
+function Le(e, t, n) {
 	return new Promise((r, i) => {
 		let a = new XMLHttpRequest();
 		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error("network")), a.onload = () => {
@@ -1091,18 +1129,18 @@ function Ie(e, t, n) {
 		}, a.send(t);
 	});
 }
-function Le(e, t) {
+function Re(e, t) {
 	let n = new EventSource("api/events");
 	return n.onmessage = (n) => {
 		t(!1), e(JSON.parse(n.data));
 	}, n.onerror = () => t(!0), () => n.close();
 }
 // src/app/chooser.tsx
-function Re(e) {
+function ze(e) {
 	let t = K();
 	return [e.photos ? t.photos(e.photos, q(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
 }
-function ze({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
 	let o = K(), [s, c] = U(null), [l, u] = U(""), d = async (e) => {
 		try {
 			c(await Q(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
@@ -1112,7 +1150,7 @@ function ze({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 	};
 	W(() => void d(n), []);
 	let f = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
-	return /* @__PURE__ */ J(Me, {
+	return /* @__PURE__ */ J(Ne, {
 		title: e,
 		onClose: a,
 		children: [
@@ -1155,20 +1193,20 @@ function ze({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 						/* @__PURE__ */ J("span", { children: e.name }),
 						/* @__PURE__ */ J("span", {
 							class: "soft",
-							children: e.isSurvey ? o.aSurvey : Re(e)
+							children: e.isSurvey ? o.aSurvey : ze(e)
 						})
 					]
 				}) }, e.path))
 			}),
 			s && !s.places.length && /* @__PURE__ */ J("p", {
 				class: "soft inside",
-				children: Re(s) || o.emptyFolder
+				children: ze(s) || o.emptyFolder
 			}),
 			t === "photos" && s && /* @__PURE__ */ J("div", {
 				class: "bar foot",
 				children: [/* @__PURE__ */ J("span", {
 					class: "soft",
-					children: Re(s)
+					children: ze(s)
 				}), /* @__PURE__ */ J("button", {
 					type: "button",
 					class: "main",
@@ -1180,22 +1218,22 @@ function ze({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 	});
 }
 // src/app/list.tsx
-function Be(e) {
+function Ve(e) {
 	location.hash = e;
 }
-function Ve(e) {
+function He(e) {
 	let t = K();
 	if (e.fruits === null) return "";
 	let n = t.fruitNames[e.fruit];
 	return n && e.fruits !== 1 ? `${q(e.fruits)} ${n}` : t.fruits(e.fruits, q(e.fruits));
 }
-function He(e) {
+function Ue(e) {
 	if (e.state !== "running" || !e.run) return null;
 	let { stages: t, done: n, total: r } = e.run;
 	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
 }
-function Ue({ survey: e }) {
-	let t = K(), n = He(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+function We({ survey: e }) {
+	let t = K(), n = Ue(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
 	return /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("a", {
 		class: "card",
 		href: `#/survey/${e.id}`,
@@ -1226,7 +1264,7 @@ function Ue({ survey: e }) {
 				}),
 				e.fruits !== null && /* @__PURE__ */ J("span", {
 					class: "figure",
-					children: Ve(e)
+					children: He(e)
 				}),
 				/* @__PURE__ */ J("span", {
 					class: "soft",
@@ -1236,16 +1274,16 @@ function Ue({ survey: e }) {
 		})]
 	}) });
 }
-function We({ everything: e }) {
+function Ge({ everything: e }) {
 	let t = K(), [n, r] = U(!1), [i, a] = U(""), o = async (e) => {
 		r(!1), a("");
 		try {
-			Be(`/survey/${await $("surveys/add", { folder: e })}`);
+			Ve(`/survey/${await $("surveys/add", { folder: e })}`);
 		} catch (e) {
 			a(e.message);
 		}
 	}, s = /* @__PURE__ */ J(X, {
-		onDo: async () => Be(`/survey/${await $("surveys/sample")}`),
+		onDo: async () => Ve(`/survey/${await $("surveys/sample")}`),
 		children: t.trySample
 	});
 	return /* @__PURE__ */ J("main", { children: [
@@ -1267,7 +1305,7 @@ function We({ everything: e }) {
 		i && /* @__PURE__ */ J(Y, { text: i }),
 		e.surveys.length ? /* @__PURE__ */ J("ul", {
 			class: "cards",
-			children: e.surveys.map((e) => /* @__PURE__ */ J(Ue, { survey: e }, e.id))
+			children: e.surveys.map((e) => /* @__PURE__ */ J(We, { survey: e }, e.id))
 		}) : /* @__PURE__ */ J("div", {
 			class: "sheet empty",
 			children: [
@@ -1290,7 +1328,7 @@ function We({ everything: e }) {
 				})
 			]
 		}),
-		n && /* @__PURE__ */ J(ze, {
+		n && /* @__PURE__ */ J(Be, {
 			title: t.openSurvey,
 			kind: "survey",
 			start: e.facts.surveysFolder,
@@ -1301,11 +1339,11 @@ function We({ everything: e }) {
 	] });
 }
 // src/app/dropping.ts
-var Ge = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
-function Ke(e) {
-	return Ge.test(e) && !e.split("/").some((e) => e.startsWith("."));
+var Ke = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function qe(e) {
+	return Ke.test(e) && !e.split("/").some((e) => e.startsWith("."));
 }
-async function qe(e, t) {
+async function Je(e, t) {
 	let n = t + e.name;
 	if (e.isFile) return [{
 		name: n,
@@ -1315,47 +1353,47 @@ async function qe(e, t) {
 	for (;;) {
 		let e = await new Promise((e, t) => r.readEntries(e, t));
 		if (!e.length) return i;
-		for (let t of e) i.push(...await qe(t, `${n}/`));
+		for (let t of e) i.push(...await Je(t, `${n}/`));
 	}
 }
-async function Je(e) {
+async function Ye(e) {
 	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
-	return (await Promise.all(t.map((e) => qe(e, "")))).flat();
+	return (await Promise.all(t.map((e) => Je(e, "")))).flat();
 }
-function Ye(e) {
+function Xe(e) {
 	return [...e].map((e) => ({
 		name: e.webkitRelativePath || e.name,
 		file: e
 	}));
 }
-function Xe(e) {
+function Ze(e) {
 	let t = e[0]?.name.split("/")[0];
-	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Xe(e.map(({ name: e, file: n }) => ({
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Ze(e.map(({ name: e, file: n }) => ({
 		name: e.slice(t.length + 1),
 		file: n
 	}))) : e;
 }
-async function Ze(e, t) {
+async function Qe(e, t) {
 	let n = await $("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
-	for (let [o, { name: s, file: c }] of e.entries()) i = await Ie(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
+	for (let [o, { name: s, file: c }] of e.entries()) i = await Le(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
 // src/app/new.tsx
-var Qe = [
+var $e = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function $e(e) {
+function et(e) {
 	let t = Number(e.trim().replace(",", "."));
 	return e.trim() && Number.isFinite(t) ? t : null;
 }
-function et(e) {
+function tt(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
-function tt({ check: e }) {
+function nt({ check: e }) {
 	let t = K(), n = [
 		"gap",
 		"blurred",
@@ -1399,12 +1437,12 @@ function tt({ check: e }) {
 			}),
 			e.warnings.map((e) => /* @__PURE__ */ J("p", {
 				class: "warning",
-				children: /* @__PURE__ */ J(je, { text: e })
+				children: /* @__PURE__ */ J(Me, { text: e })
 			}, e))
 		]
 	});
 }
-function nt({ kind: e }) {
+function rt({ kind: e }) {
 	let t = K(), n = e === "markers" ? [
 		30,
 		95,
@@ -1477,7 +1515,7 @@ function nt({ kind: e }) {
 		]
 	});
 }
-function rt({ facts: e }) {
+function it({ facts: e }) {
 	let t = K(), [n, r] = U([]), [i, a] = U(""), [o, s] = U(null), [c, l] = U(0), [u, d] = U(!1), [f, p] = U(null), [m, h] = U(!1), [g, _] = U(""), [v, y] = U(!1), [b, x] = U(""), [S, C] = U(""), [w, T] = U("gnss"), [E, D] = U(""), [O, k] = U([
 		"0",
 		"1",
@@ -1487,11 +1525,11 @@ function rt({ facts: e }) {
 		photos: n,
 		oneSide: v,
 		fruit: b,
-		diameterMm: $e(S),
+		diameterMm: et(S),
 		metres: w,
 		markers: w === "markers" ? E : "",
-		scaleBar: w === "scale-bar" ? O.map((e) => $e(e) ?? 0) : [],
-		treeSpacingM: $e(A),
+		scaleBar: w === "scale-bar" ? O.map((e) => et(e) ?? 0) : [],
+		treeSpacingM: et(A),
 		learn: M
 	};
 	W(() => {
@@ -1514,13 +1552,13 @@ function rt({ facts: e }) {
 		return () => clearTimeout(e);
 	}, [JSON.stringify(z)]);
 	let B = (e) => {
-		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(et(e).replace(/\.[^.]+$/, "")));
+		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(tt(e).replace(/\.[^.]+$/, "")));
 	}, ne = async (e) => {
-		let t = Xe(e.filter((e) => Ke(e.name)));
+		let t = Ze(e.filter((e) => qe(e.name)));
 		if (l(e.length - t.length), t.length) {
 			_(""), r([]);
 			try {
-				r([await Ze(t, (e, n, r) => s({
+				r([await Qe(t, (e, n, r) => s({
 					done: e,
 					files: t.length,
 					bytes: n,
@@ -1534,7 +1572,7 @@ function rt({ facts: e }) {
 	}, re = async () => {
 		R("");
 		try {
-			Be(`/survey/${await $("surveys", z)}`);
+			Ve(`/survey/${await $("surveys", z)}`);
 		} catch (e) {
 			R(e.message);
 		}
@@ -1559,7 +1597,7 @@ function rt({ facts: e }) {
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Je(e.dataTransfer).then(ne);
+						e.preventDefault(), d(!1), e.dataTransfer && Ye(e.dataTransfer).then(ne);
 					},
 					children: [/* @__PURE__ */ J("p", {
 						class: "line",
@@ -1594,7 +1632,7 @@ function rt({ facts: e }) {
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: (e) => e.currentTarget.files && void ne(Ye(e.currentTarget.files))
+								onChange: (e) => e.currentTarget.files && void ne(Xe(e.currentTarget.files))
 							})
 						]
 					})]
@@ -1637,7 +1675,7 @@ function rt({ facts: e }) {
 					]
 				}),
 				g && /* @__PURE__ */ J(Y, { text: g }),
-				f && !m && /* @__PURE__ */ J(tt, { check: f })
+				f && !m && /* @__PURE__ */ J(nt, { check: f })
 			]
 		}),
 		/* @__PURE__ */ J("section", {
@@ -1711,7 +1749,7 @@ function rt({ facts: e }) {
 					/* @__PURE__ */ J("legend", { children: t.metres }),
 					/* @__PURE__ */ J("div", {
 						class: "kinds",
-						children: Qe.map((e) => /* @__PURE__ */ J("label", {
+						children: $e.map((e) => /* @__PURE__ */ J("label", {
 							class: `kind ${w === e ? "on" : ""}`,
 							children: [
 								/* @__PURE__ */ J("span", {
@@ -1723,7 +1761,7 @@ function rt({ facts: e }) {
 										onChange: () => T(e)
 									}), /* @__PURE__ */ J("strong", { children: t.metresKinds[e] })]
 								}),
-								/* @__PURE__ */ J(nt, { kind: e }),
+								/* @__PURE__ */ J(rt, { kind: e }),
 								/* @__PURE__ */ J("span", {
 									class: "soft",
 									children: t.metresText[e]
@@ -1820,7 +1858,7 @@ function rt({ facts: e }) {
 				] })
 			]
 		}),
-		i && /* @__PURE__ */ J(ze, {
+		i && /* @__PURE__ */ J(Be, {
 			title: i === "photos" ? t.chooseFolder : t.markersFile,
 			kind: i,
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
@@ -1831,7 +1869,7 @@ function rt({ facts: e }) {
 	] });
 }
 // src/app/scene.tsx
-function it(e) {
+function at(e) {
 	let t = e.length / 3, n = [
 		0,
 		1,
@@ -1844,12 +1882,12 @@ function it(e) {
 	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
 	return [n, r || 1];
 }
-function at(e, t, n) {
+function ot(e, t, n) {
 	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
 	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
 	let a = e.getContext("2d");
 	if (!a || !r.width) return;
-	let [o, s] = it(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+	let [o, s] = at(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
 		Math.cos(n.turn),
 		Math.sin(n.turn),
 		Math.cos(n.tilt),
@@ -1877,12 +1915,12 @@ function at(e, t, n) {
 		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
 	}
 }
-function ot({ survey: e }) {
+function st({ survey: e }) {
 	let t = K(), [n, r] = U(null), i = G({
 		turn: 0,
 		tilt: .35,
 		zoom: 1
-	}), a = G(null), o = () => a.current && n && at(a.current, n, i.current);
+	}), a = G(null), o = () => a.current && n && ot(a.current, n, i.current);
 	if (W(() => void Q(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), W(() => {
 		o();
 		let e = new ResizeObserver(o);
@@ -1930,8 +1968,8 @@ function ot({ survey: e }) {
 	})] });
 }
 // src/app/marks.ts
-var st = 3;
-function ct(e, [t, n], [r, i], [a, o]) {
+var ct = 3;
+function lt(e, [t, n], [r, i], [a, o]) {
 	let [s, c, l, u] = [
 		Math.min(t, r),
 		Math.min(n, i),
@@ -1948,7 +1986,7 @@ function ct(e, [t, n], [r, i], [a, o]) {
 			e,
 			a,
 			o
-		].map(ht), [s, c, l, u] = [
+		].map(gt), [s, c, l, u] = [
 			e - o,
 			a - o,
 			e + o,
@@ -1960,20 +1998,20 @@ function ct(e, [t, n], [r, i], [a, o]) {
 		Math.max(0, c),
 		Math.min(a, l),
 		Math.min(o, u)
-	].map(ht);
-	return f[2] - f[0] < st || f[3] - f[1] < st ? null : {
+	].map(gt);
+	return f[2] - f[0] < ct || f[3] - f[1] < ct ? null : {
 		box: f,
 		circle: d
 	};
 }
-function lt(e, [t, n], r) {
+function ut(e, [t, n], r) {
 	let [i, a] = [-1, r];
 	return e.forEach(({ box: e, circle: r }, o) => {
-		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : ut(e, t, n);
+		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : dt(e, t, n);
 		s <= a && ([i, a] = [o, s]);
 	}), i;
 }
-function ut(e, t, n) {
+function dt(e, t, n) {
 	let [r, i, a, o] = [
 		e[0] - t,
 		e[1] - n,
@@ -1982,7 +2020,7 @@ function ut(e, t, n) {
 	], s = [Math.max(r, a, 0), Math.max(i, o, 0)];
 	return s[0] || s[1] ? Math.hypot(...s) : -Math.max(r, i, a, o);
 }
-function dt(e, t, n = e.complete) {
+function ft(e, t, n = e.complete) {
 	return {
 		marks: t,
 		complete: n,
@@ -1992,23 +2030,23 @@ function dt(e, t, n = e.complete) {
 		}]
 	};
 }
-function ft(e) {
+function pt(e) {
 	let t = e.before.at(-1);
 	return t ? {
 		...t,
 		before: e.before.slice(0, -1)
 	} : e;
 }
-function pt([e, t, n, r], i, [a, o], [s, c]) {
+function mt([e, t, n, r], i, [a, o], [s, c]) {
 	let l = Math.min(Math.max(1 / i, s / 30 / n), Math.max(s / n, c / r));
-	return mt([
+	return ht([
 		a - (a - e) * l,
 		o - (o - t) * l,
 		n * l,
 		r * l
 	], [s, c]);
 }
-function mt([e, t, n, r], [i, a]) {
+function ht([e, t, n, r], [i, a]) {
 	return [
 		Math.min(Math.max(e, -n / 2), i - n / 2),
 		Math.min(Math.max(t, -r / 2), a - r / 2),
@@ -2016,12 +2054,12 @@ function mt([e, t, n, r], [i, a]) {
 		r
 	];
 }
-function ht(e) {
+function gt(e) {
 	return Math.round(e * 10) / 10;
 }
 // src/app/marking.tsx
-var gt = 7, _t = 12, vt = 4;
-function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
+var _t = 7, vt = 12, yt = 4;
+function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	let a = K(), [o, s] = U(null), [c, l] = U({
 		marks: [],
 		complete: !1,
@@ -2046,7 +2084,7 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 				t.height
 			]));
 		}, (t) => e && C(t.message)), () => void (e = !1);
-	}, [D]), !o) return /* @__PURE__ */ J(Me, {
+	}, [D]), !o) return /* @__PURE__ */ J(Ne, {
 		title: a.mark,
 		onClose: i,
 		children: S ? /* @__PURE__ */ J(Y, { text: S }) : /* @__PURE__ */ J("progress", { "aria-label": a.mark })
@@ -2063,13 +2101,13 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 		return [t.x, t.y];
 	}, j = () => 1 / (w.current?.getScreenCTM()?.a || 1), M = (e) => {
 		if (f) {
-			let t = ct(u, f, e, O);
-			p(null), t && k(dt(c, [...c.marks, t]));
+			let t = lt(u, f, e, O);
+			p(null), t && k(ft(c, [...c.marks, t]));
 			return;
 		}
-		let t = lt(c.marks, e, gt * j());
+		let t = ut(c.marks, e, _t * j());
 		_(t), t < 0 && p(e);
-	}, N = () => g >= 0 && k(dt(c, c.marks.filter((e, t) => t !== g))), P = () => c.before.length && k(ft(c)), F = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(pt(b, e, t, O)), ee = () => void E.current.then(i), I = (e) => {
+	}, N = () => g >= 0 && k(ft(c, c.marks.filter((e, t) => t !== g))), P = () => c.before.length && k(pt(c)), F = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(mt(b, e, t, O)), ee = () => void E.current.then(i), I = (e) => {
 		let t = {
 			ArrowLeft: [-1, 0],
 			ArrowRight: [1, 0],
@@ -2077,7 +2115,7 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 			ArrowDown: [0, 1]
 		}[e.key], n = m ?? [b[0] + b[2] / 2, b[1] + b[3] / 2];
 		if (t) {
-			let r = (e.shiftKey ? 1 : _t) * j();
+			let r = (e.shiftKey ? 1 : vt) * j();
 			h([Math.min(Math.max(n[0] + t[0] * r, 0), O[0]), Math.min(Math.max(n[1] + t[1] * r, 0), O[1])]);
 		} else if (e.key === "Enter" || e.key === " ") M(n);
 		else if (e.key === "+" || e.key === "-") F(e.key === "+" ? 1.4 : 1 / 1.4, n);
@@ -2086,8 +2124,8 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 		else if (e.key === "Escape" && f) p(null);
 		else return;
 		e.preventDefault();
-	}, L = 1.6 * j(), R = f && m ? ct(u, f, m, O) : null;
-	return /* @__PURE__ */ J(Me, {
+	}, L = 1.6 * j(), R = f && m ? lt(u, f, m, O) : null;
+	return /* @__PURE__ */ J(Ne, {
 		title: a.photoOf(o.name, a.marksOf(c.marks.length, q(c.marks.length))),
 		onClose: ee,
 		wide: !0,
@@ -2181,7 +2219,7 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					let t = T.current;
 					if (h(A(e)), !t || !e.buttons) return;
 					let [n, r] = [e.clientX - t.x, e.clientY - t.y];
-					t.moved ||= Math.hypot(n, r) > vt, t.moved && x(mt([
+					t.moved ||= Math.hypot(n, r) > yt, t.moved && x(ht([
 						t.view[0] - n * j(),
 						t.view[1] - r * j(),
 						t.view[2],
@@ -2237,7 +2275,7 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					children: [/* @__PURE__ */ J("input", {
 						type: "checkbox",
 						checked: c.complete,
-						onChange: (e) => k(dt(c, c.marks, e.currentTarget.checked))
+						onChange: (e) => k(ft(c, c.marks, e.currentTarget.checked))
 					}), /* @__PURE__ */ J("span", { children: [
 						a.complete,
 						" ",
@@ -2256,8 +2294,8 @@ function yt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	});
 }
 // src/app/teach.tsx
-var bt = 24;
-function xt({ survey: e, learnt: t, photos: n }) {
+var xt = 24;
+function St({ survey: e, learnt: t, photos: n }) {
 	let r = K(), [i, a] = U(Math.floor(n.length / 4)), o = [
 		[
 			r.learntRows.f1,
@@ -2337,8 +2375,8 @@ function xt({ survey: e, learnt: t, photos: n }) {
 		]
 	});
 }
-function St({ survey: e, canLearn: t, working: n }) {
-	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(bt), [f, p] = U(null);
+function Ct({ survey: e, canLearn: t, working: n }) {
+	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(xt), [f, p] = U(null);
 	if (W(() => void Q(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), W(() => {
 		f === null && Q(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
 	}, [
@@ -2356,7 +2394,7 @@ function St({ survey: e, canLearn: t, working: n }) {
 	return /* @__PURE__ */ J(y, { children: [
 		/* @__PURE__ */ J("p", { children: r.teachText }),
 		c && /* @__PURE__ */ J(Y, { text: c }),
-		o?.learnt && /* @__PURE__ */ J(xt, {
+		o?.learnt && /* @__PURE__ */ J(St, {
 			survey: e,
 			learnt: o.learnt,
 			photos: i
@@ -2420,7 +2458,7 @@ function St({ survey: e, canLearn: t, working: n }) {
 			/* @__PURE__ */ J("h3", { children: r.equalPython }),
 			/* @__PURE__ */ J(Z, { text: o.equal.python })
 		] }),
-		f !== null && /* @__PURE__ */ J(yt, {
+		f !== null && /* @__PURE__ */ J(bt, {
 			survey: e.id,
 			index: f,
 			photos: i.length,
@@ -2430,11 +2468,11 @@ function St({ survey: e, canLearn: t, working: n }) {
 	] });
 }
 // src/app/survey.tsx
-var Ct = [
+var wt = [
 	"queued",
 	"running",
 	"stopping"
-], wt = 24, Tt = [
+], Tt = 24, Et = [
 	"report.html",
 	"fruits.csv",
 	"trees.csv",
@@ -2449,7 +2487,7 @@ var Ct = [
 	"metashape",
 	"geoparquet"
 ];
-function Et({ survey: e }) {
+function Dt({ survey: e }) {
 	let t = K();
 	if (e.run?.byOther) return /* @__PURE__ */ J("p", {
 		class: "soft",
@@ -2489,10 +2527,10 @@ function Et({ survey: e }) {
 		children: r ? t.again : t.goOn
 	});
 }
-function Dt({ survey: e }) {
+function Ot({ survey: e }) {
 	let t = K(), n = e.run;
 	if (!n) return null;
-	let r = He(e), i = n.stages.find((e) => e.state === "now");
+	let r = Ue(e), i = n.stages.find((e) => e.state === "now");
 	return /* @__PURE__ */ J("section", {
 		class: "sheet",
 		"aria-label": t.progress,
@@ -2507,7 +2545,7 @@ function Dt({ survey: e }) {
 						/* @__PURE__ */ J("span", {
 							class: "soft",
 							children: [
-								t.english ? "" : n.label,
+								Ae(n.label),
 								" ",
 								n.total ? t.of(q(n.done), q(n.total)) : ""
 							]
@@ -2559,7 +2597,7 @@ function Dt({ survey: e }) {
 						class: "soft",
 						children: t.english
 					}),
-					/* @__PURE__ */ J("ul", { children: n.warnings.map((e) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(je, { text: e }) }, e)) })
+					/* @__PURE__ */ J("ul", { children: n.warnings.map((e) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(Me, { text: e }) }, e)) })
 				]
 			}),
 			n.log.length > 0 && /* @__PURE__ */ J("details", { children: [/* @__PURE__ */ J("summary", { children: t.log }), /* @__PURE__ */ J("pre", {
@@ -2570,8 +2608,8 @@ function Dt({ survey: e }) {
 		]
 	});
 }
-function Ot({ survey: e }) {
-	let t = K(), [n, r] = U([]), [i, a] = U(wt), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+function kt({ survey: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(Tt), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
 	if (W(() => void Q(`surveys/${e.id}/photos`).then(r, () => r([])), [
 		e.id,
 		e.version,
@@ -2610,7 +2648,7 @@ function Ot({ survey: e }) {
 			onClick: () => a(n.length),
 			children: t.more(q(n.length - i))
 		}),
-		d && o !== null && /* @__PURE__ */ J(Me, {
+		d && o !== null && /* @__PURE__ */ J(Ne, {
 			title: t.photoOf(d.name, l(d)),
 			onClose: () => s(null),
 			children: /* @__PURE__ */ J("img", {
@@ -2621,7 +2659,7 @@ function Ot({ survey: e }) {
 		})
 	] });
 }
-function kt({ survey: e }) {
+function At({ survey: e }) {
 	let t = K(), [n, r] = U(null), [i, a] = U("");
 	return W(() => void Q(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ J(Y, { text: i }) : n ? n.length ? /* @__PURE__ */ J("div", {
 		class: "scroll",
@@ -2652,7 +2690,7 @@ function kt({ survey: e }) {
 		children: t.noTrees
 	}) : /* @__PURE__ */ J("progress", { "aria-label": t.treesTab });
 }
-function At({ survey: e, everything: t }) {
+function jt({ survey: e, everything: t }) {
 	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U("");
 	return r.length ? /* @__PURE__ */ J(y, { children: [
 		/* @__PURE__ */ J("p", {
@@ -2687,14 +2725,14 @@ function At({ survey: e, everything: t }) {
 		children: n.compareNone
 	});
 }
-function jt({ survey: e, everything: t }) {
-	let n = K(), r = Tt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+function Mt({ survey: e, everything: t }) {
+	let n = K(), r = Et.filter((e) => e.includes(".") || t.facts.exports.includes(e));
 	return /* @__PURE__ */ J(y, { children: [
 		/* @__PURE__ */ J("h2", { children: n.files }),
 		/* @__PURE__ */ J("ul", {
 			class: "files",
 			children: r.map((t) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(X, {
-				onDo: () => Pe(`surveys/${e.id}/files/${t}`),
+				onDo: () => Fe(`surveys/${e.id}/files/${t}`),
 				children: n.fileNames[t] ?? t
 			}) }, t))
 		}),
@@ -2708,7 +2746,7 @@ function jt({ survey: e, everything: t }) {
 		})
 	] });
 }
-function Mt({ survey: e }) {
+function Nt({ survey: e }) {
 	let t = K(), [n, r] = U(null);
 	return /* @__PURE__ */ J("details", {
 		class: "sheet",
@@ -2721,7 +2759,7 @@ function Mt({ survey: e }) {
 		] })]
 	});
 }
-var Nt = [
+var Pt = [
 	"photos",
 	"scene",
 	"result",
@@ -2730,8 +2768,8 @@ var Nt = [
 	"teach",
 	"files"
 ];
-function Pt({ survey: e, everything: t, place: n }) {
-	let r = K(), i = e.state === "finished" && !Ct.includes(e.state), a = Nt.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
+function Ft({ survey: e, everything: t, place: n }) {
+	let r = K(), i = e.state === "finished" && !wt.includes(e.state), a = Pt.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
@@ -2757,26 +2795,26 @@ function Pt({ survey: e, everything: t, place: n }) {
 				}),
 				/* @__PURE__ */ J("span", {
 					class: "end",
-					children: /* @__PURE__ */ J(Et, { survey: e })
+					children: /* @__PURE__ */ J(Dt, { survey: e })
 				})
 			]
 		}),
 		/* @__PURE__ */ J("p", {
 			class: "soft",
 			children: [
-				Ve(e),
+				He(e),
 				e.weightKg === null ? "" : `${q(e.weightKg, 1)} kg`,
 				e.photos === null ? "" : r.photos(e.photos, q(e.photos)),
 				e.day ? r.taken(Oe(e.day)) : ""
 			].filter(Boolean).join(" · ")
 		}),
-		!i && /* @__PURE__ */ J(Dt, { survey: e }),
+		!i && /* @__PURE__ */ J(Ot, { survey: e }),
 		/* @__PURE__ */ J("section", {
 			class: "sheet results",
 			children: [/* @__PURE__ */ J("div", {
 				class: "tabs",
 				role: "tablist",
-				children: Nt.map((t) => /* @__PURE__ */ J("a", {
+				children: Pt.map((t) => /* @__PURE__ */ J("a", {
 					role: "tab",
 					id: `tab-${t}`,
 					"aria-selected": a === t,
@@ -2786,8 +2824,8 @@ function Pt({ survey: e, everything: t, place: n }) {
 					onKeyDown: (n) => {
 						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
 						if (!r) return;
-						let i = Nt[(Nt.indexOf(t) + r + Nt.length) % Nt.length];
-						Be(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
+						let i = Pt[(Pt.indexOf(t) + r + Pt.length) % Pt.length];
+						Ve(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
 					},
 					children: o[t]
 				}, t))
@@ -2795,14 +2833,14 @@ function Pt({ survey: e, everything: t, place: n }) {
 				id: "panel",
 				role: "tabpanel",
 				"aria-labelledby": `tab-${a}`,
-				children: a === "photos" ? /* @__PURE__ */ J(Ot, { survey: e }) : a === "scene" ? /* @__PURE__ */ J(ot, { survey: e }) : a === "teach" ? /* @__PURE__ */ J(St, {
+				children: a === "photos" ? /* @__PURE__ */ J(kt, { survey: e }) : a === "scene" ? /* @__PURE__ */ J(st, { survey: e }) : a === "teach" ? /* @__PURE__ */ J(Ct, {
 					survey: e,
 					canLearn: t.facts.canLearn,
-					working: Ct.includes(e.state) || !!e.run?.byOther
-				}) : i ? a === "trees" ? /* @__PURE__ */ J(kt, { survey: e }) : a === "compare" ? /* @__PURE__ */ J(At, {
+					working: wt.includes(e.state) || !!e.run?.byOther
+				}) : i ? a === "trees" ? /* @__PURE__ */ J(At, { survey: e }) : a === "compare" ? /* @__PURE__ */ J(jt, {
 					survey: e,
 					everything: t
-				}) : a === "files" ? /* @__PURE__ */ J(jt, {
+				}) : a === "files" ? /* @__PURE__ */ J(Mt, {
 					survey: e,
 					everything: t
 				}) : /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("p", {
@@ -2823,13 +2861,13 @@ function Pt({ survey: e, everything: t, place: n }) {
 				})
 			})]
 		}),
-		i && /* @__PURE__ */ J(Dt, { survey: e }),
-		e.photos !== null && /* @__PURE__ */ J(Mt, { survey: e }),
-		!Ct.includes(e.state) && /* @__PURE__ */ J("p", {
+		i && /* @__PURE__ */ J(Ot, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ J(Nt, { survey: e }),
+		!wt.includes(e.state) && /* @__PURE__ */ J("p", {
 			class: "line",
 			children: [/* @__PURE__ */ J(X, {
 				onDo: async () => {
-					await $(`surveys/${e.id}/forget`), Be("/");
+					await $(`surveys/${e.id}/forget`), Ve("/");
 				},
 				children: r.forget
 			}), /* @__PURE__ */ J("span", {
@@ -2840,13 +2878,13 @@ function Pt({ survey: e, everything: t, place: n }) {
 	] });
 }
 // src/app/main.tsx
-function Ft() {
+function It() {
 	let e = document.documentElement, t = e.dataset.theme ? e.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 	e.dataset.theme = t ? "light" : "dark";
 }
-function It() {
+function Lt() {
 	let [e, t] = U(null), [n, r] = U(!1), [i, a] = U(location.hash), [o, s] = U(Ee()), [c, l] = U(!1), [u, d] = U(!1);
-	W(() => u ? void 0 : Le(t, r), [u]), W(() => {
+	W(() => u ? void 0 : Re(t, r), [u]), W(() => {
 		let e = () => a(location.hash);
 		return addEventListener("hashchange", e), () => removeEventListener("hashchange", e);
 	}, []), W(() => {
@@ -2897,7 +2935,7 @@ function It() {
 						type: "button",
 						"aria-label": f.theme,
 						title: f.theme,
-						onClick: Ft,
+						onClick: It,
 						children: /* @__PURE__ */ J("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
@@ -2926,12 +2964,12 @@ function It() {
 			role: "alert",
 			children: f.lost
 		}),
-		e ? p === "new" ? /* @__PURE__ */ J(rt, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ J(Pt, {
+		e ? p === "new" ? /* @__PURE__ */ J(it, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ J(Ft, {
 			survey: g,
 			everything: e,
 			place: h ?? ""
-		}, g.id) : /* @__PURE__ */ J(We, { everything: e }) : /* @__PURE__ */ J("main", { children: /* @__PURE__ */ J("progress", { "aria-label": f.surveys }) }),
-		c && /* @__PURE__ */ J(Me, {
+		}, g.id) : /* @__PURE__ */ J(Ge, { everything: e }) : /* @__PURE__ */ J("main", { children: /* @__PURE__ */ J("progress", { "aria-label": f.surveys }) }),
+		c && /* @__PURE__ */ J(Ne, {
 			title: f.close,
 			onClose: () => l(!1),
 			children: [/* @__PURE__ */ J("p", { children: f.closeSure }), /* @__PURE__ */ J("p", {
@@ -2951,4 +2989,4 @@ function It() {
 		})
 	] });
 }
-te(/* @__PURE__ */ J(It, {}), document.getElementById("app"));
+te(/* @__PURE__ */ J(Lt, {}), document.getElementById("app"));
