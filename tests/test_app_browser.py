@@ -6,6 +6,7 @@ import csv
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from pomona.app.folders import Folders
 from pomona.app.pages import AppServer
 from pomona.app.service import Homes
 from pomona.corrections import read_corrections
+from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, run
+from pomona.self_training.learnt import Learnt, taught, write_learnt
 from pomona.survey import SurveyFolder
 from serving import running
 from test_report_browser import PATIENCE_MS, browser  # noqa: F401 (a fixture)
@@ -207,3 +210,81 @@ def test_texts_are_in_the_language_of_the_browser_and_can_be_switched(
     page.reload()
     page.wait_for_selector(".state:text-is('finished')")
     context.close()
+
+
+def test_fruits_are_marked_by_two_clicks_and_kept(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
+    survey_id = server.service.add(str(row))
+    page.evaluate(f"location.hash = '#/survey/{survey_id}/teach'")
+    page.click(".photos button >> nth=1")
+    page.wait_for_selector("svg.marking image")
+    box = page.locator("svg.marking").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def mark(across: float) -> None:
+        page.mouse.click(x - across, y)
+        page.mouse.click(x + across, y + 1)
+
+    def marks(count: str) -> None:
+        page.wait_for_selector(f"dialog h2:has-text(': {count}')")
+
+    mark(30)
+    marks("1 mark")
+    page.click("button:text-is('Undo')")
+    marks("0 marks")
+    page.mouse.click(x, y)
+    page.keyboard.press("Escape")  # takes the click back, and does not close the window
+    mark(30)
+    marks("1 mark")
+    page.mouse.click(x - 30, y)  # its line
+    page.wait_for_selector("svg .mark.on")
+    page.click("button:text-is('Delete mark')")
+    marks("0 marks")
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -300)
+    mark(60)
+    marks("1 mark")
+    page.check("text=All fruits in this photo are marked.")
+    page.click("dialog .plain")
+    page.wait_for_selector(".photos .marked:has-text('1 mark · all marked')")
+    page.reload()
+    page.wait_for_selector("text=1 mark in 1 photo, all fruits in 1 of these. Corrections made in the view: 0.")
+    (photo,) = read_marks(row / "marks.json").values()
+    assert photo.complete
+    (fruit,) = photo.fruits
+    assert fruit.circle_px is not None
+    # Twice as near and twice as wide on the screen as what was taken back.
+    scale = max(photo.width_px / box["width"], photo.height_px / box["height"])
+    assert 20 * scale < fruit.circle_px[2] < 40 * scale
+
+
+def test_before_and_after_learning_stand_side_by_side(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
+    survey = SurveyFolder.open(row)
+    survey.keep_results()
+    learnt = Learnt(True, taught(survey), 40, (0.81, 0.9), 12, (0.5, 0.75), (0.8, 0.85), (50, 53), (300, 322))
+    write_learnt(survey, learnt)
+    survey_id = server.service.add(str(row))
+    page.evaluate(f"location.hash = '#/survey/{survey_id}/teach'")
+    page.wait_for_selector(".learnt table")
+    rows = [line.split("\t") for line in page.inner_text(".learnt tbody").splitlines()]
+    assert [[cell for cell in line if cell][1:] for line in rows] == [
+        ["0.810", "0.900"],
+        ["0.500", "0.750"],
+        ["80 %", "85 %"],
+        ["300", "322"],
+        ["50", "53"],
+    ]
+    loaded = "[...document.querySelectorAll('.pair img')].filter(image => image.naturalWidth > 0).length === 2"
+    page.locator(".pair").scroll_into_view_if_needed()
+    page.wait_for_function(loaded)
+    write_learnt(survey, replace(learnt, kept=False))
+    page.reload()
+    page.wait_for_selector("text=so nothing was changed")
+    assert page.locator(".pair").count() == 0

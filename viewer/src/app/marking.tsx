@@ -134,7 +134,7 @@ export function MarkPhoto({ survey, index, photos, onPhoto, onClose }: { survey:
       <svg
         ref={svg}
         class="marking"
-        tabIndex={0}
+        tabindex={0}
         role="application"
         aria-label={t.markLabel}
         viewBox={view.join(" ")}

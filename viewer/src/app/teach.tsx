@@ -118,7 +118,7 @@ export function Teach({ survey, canLearn, working }: { survey: SurveyView; canLe
         </button>
       )}
       <h3>{t.learn}</h3>
-      <p role="status">{t.taught(number(all), number(marks.size), number(complete), number(teaching?.corrections ?? 0))}</p>
+      <p role="status">{t.taught(t.marksOf(all, number(all)), t.photos(marks.size, number(marks.size)), number(complete), number(teaching?.corrections ?? 0))}</p>
       <p class="soft">{t.learnText}</p>
       {canLearn ? (
         <Doing class="main" disabled={working} onDo={() => tell(`surveys/${survey.id}/learn`)}>

@@ -532,7 +532,7 @@ var xe = {
 		markLabel: "The photo. Arrow keys move the cross, Enter sets a point, plus and minus change the size, Delete removes the chosen mark.",
 		complete: "All fruits in this photo are marked.",
 		completeText: "Also those that were found.",
-		taught: (e, t, n, r) => `${e} marks in ${t} photos, all fruits in ${n} of them; ${r} corrections made in the view.`,
+		taught: (e, t, n, r) => `${e} in ${t}, all fruits in ${n} of these. Corrections made in the view: ${r}.`,
 		learnFromThese: "Learn from these",
 		learntTitle: "Before and after learning",
 		learntNot: "What the network learnt was not better, so nothing was changed. Mark more fruits, or all fruits in more photos, and try again.",
@@ -823,7 +823,7 @@ var xe = {
 		markLabel: "Das Foto. Pfeiltasten bewegen das Kreuz, Enter setzt einen Punkt, Plus und Minus ändern die Größe, Entf löscht die gewählte Markierung.",
 		complete: "Alle Früchte in diesem Foto sind markiert.",
 		completeText: "Auch die gefundenen.",
-		taught: (e, t, n, r) => `${e} Markierungen in ${t} Fotos, alle Früchte in ${n} davon; ${r} Korrekturen in der Ansicht.`,
+		taught: (e, t, n, r) => `${e} in ${t}, in ${n} davon alle Früchte. Korrekturen in der Ansicht: ${r}.`,
 		learnFromThese: "Daraus lernen",
 		learntTitle: "Vor und nach dem Lernen",
 		learntNot: "Das Gelernte war nicht besser, deshalb wurde nichts geändert. Mehr Früchte markieren, oder alle Früchte in mehr Fotos, und noch einmal versuchen.",
@@ -2199,7 +2199,7 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 			/* @__PURE__ */ J("svg", {
 				ref: w,
 				class: "marking",
-				tabIndex: 0,
+				tabindex: 0,
 				role: "application",
 				"aria-label": a.markLabel,
 				viewBox: b.join(" "),
@@ -2436,7 +2436,7 @@ function Ct({ survey: e, canLearn: t, working: n }) {
 		/* @__PURE__ */ J("h3", { children: r.learn }),
 		/* @__PURE__ */ J("p", {
 			role: "status",
-			children: r.taught(q(h), q(m.size), q(g), q(o?.corrections ?? 0))
+			children: r.taught(r.marksOf(h, q(h)), r.photos(m.size, q(m.size)), q(g), q(o?.corrections ?? 0))
 		}),
 		/* @__PURE__ */ J("p", {
 			class: "soft",
