@@ -203,7 +203,7 @@ def adapt(
     options: AdaptOptions | None = None,
     progress: Progress | None = None,
 ) -> Adapted:
-    """Let a segmenter learn from the fruits of surveys that many photos, or a person, confirm; write it to `out`.
+    """Let a segmenter learn from fruits of surveys that many photos confirm, or a person marked; write it to `out`.
 
     `model` is the model file to begin with, by default the one that the first survey was made with. What comes back
     says how well fruits in photos held out were found before and after; its `path` is None, and no file was written,
