@@ -109,7 +109,7 @@ def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert placed.report.unseen_markers == (4, 5)
     assert rms_m(placed.cameras, EAST, WEST) < 0.004
     (warning,) = progress.warnings
-    assert warning.startswith(f"2 of 6 markers named in {options.markers} were not seen in any photo: 4, 5.")
+    assert warning.startswith(f"2 of 6 markers named in {options.markers.name} were not seen in any photo: 4, 5.")
     assert "`marker_dictionary`" in warning
     assert placed.report.notes == tuple(progress.warnings)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -62,7 +63,8 @@ def find_sightings(
     placement.unseen_markers = tuple(sorted(wanted - {s.marker_id for s in sightings}))
     if placement.unseen_markers:
         named = ", ".join(map(str, placement.unseen_markers))
-        where = "`scale_bar`" if markers is None else str(options.markers)
+        # Not its folder: what is kept of the message is the same wherever the table lies.
+        where = "`scale_bar`" if options.markers is None else Path(options.markers).name
         placement.warn(
             f"{len(placement.unseen_markers)} of {len(wanted)} markers named in {where} were not seen in any photo: "
             f"{named}. Check that they are {options.marker_dictionary} plates (`marker_dictionary`), sharp, "
