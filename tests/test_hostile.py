@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import pomona
 from pomona.capture import KeyFrameOptions
 from pomona.capture.images import read_header
 from pomona.capture.video import extract_key_frames
@@ -19,7 +20,7 @@ from pomona.datasets.fruitnerf_scene import find_scenes
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.detections.photo_source import PhotoFinder
 from pomona.formats.npz import read_npz
-from pomona.formats.tables import read_observations, write_observations
+from pomona.formats.tables import read_observations, write_observations, write_table
 from pomona.formats.xml_file import load_xml
 from pomona.fruits import Observations
 from pomona.onnx_file import OnnxFile
@@ -150,6 +151,27 @@ def test_networks_take_no_data_from_outside_their_folder(tmp_path: Path, place: 
     (tmp_path / "model" / "a.onnx").write_bytes(model.SerializeToString())
     with pytest.raises(FormatError, match="External data path"):
         OnnxFile(tmp_path / "model" / "a.onnx")
+
+
+FORMULAS = ("=HYPERLINK(1)", "+cmd|' /C calc'!A0", "-2+3", "@SUM(1)", "\t=1", "\r=1", "\n=1", "＝1+1", "''=1")
+
+
+def test_no_table_has_a_text_that_a_spreadsheet_takes_for_a_formula(tmp_path: Path) -> None:
+    row = [*FORMULAS, "'plain", "east", "-0.25", "+1e-3", -0.25, None, 3]
+    write_table(tmp_path / "a.csv", [f"c{k}" for k in range(len(row))], [row])
+    with (tmp_path / "a.csv").open(newline="", encoding="utf-8") as file:
+        _, cells = csv.reader(file)
+    assert cells[: len(FORMULAS)] == [f"'{text}" for text in FORMULAS]
+    assert cells[len(FORMULAS) :] == ["'plain", "east", "-0.25", "+1e-3", "-0.25", "", "3"]
+
+
+def test_all_tables_are_written_by_what_keeps_formulas_out() -> None:
+    writers = [path for path in Path(pomona.__file__).parent.rglob("*.py") if "csv.writer(" in path.read_text("utf-8")]
+    # The truth of a rendered row has nothing but numbers.
+    assert [path.relative_to(Path(pomona.__file__).parent).as_posix() for path in sorted(writers)] == [
+        "formats/tables.py",
+        "synth/truth.py",
+    ]
 
 
 def test_a_spreadsheet_sees_no_formula_in_a_photos_name(tmp_path: Path) -> None:

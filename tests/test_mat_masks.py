@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import scipy.sparse
 
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.detections.mat_masks import is_mat, read_mat_masks
+from pomona.formats.mat_file import NotNumbers, read_mat
 
 LABELS = np.zeros((40, 60), np.uint16)
 LABELS[5:15, 8:20] = 1
@@ -23,6 +25,40 @@ SCORES = np.array([0.9, 0.8, 0.7, 0.6, 0.5])
 def write(path: Path, **variables: Any) -> Path:
     scipy.io.savemat(path, {"mask": LABELS, "scores": SCORES} | variables)
     return path
+
+
+@pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"format": "4"}])
+def test_variables_are_those_that_scipy_reads(tmp_path: Path, options: dict[str, Any]) -> None:
+    rng, path = np.random.default_rng(0), tmp_path / "a.mat"
+    of_4 = "format" in options
+    kinds = ["u1", "i2", "u2", "i4", "f4", "f8"] + ([] if of_4 else ["i1", "u4", "i8", "u8"])
+    shapes = [(3, 4), (1, 5), (0, 0), (1, 1)] + ([] if of_4 else [(2, 3, 4)])
+    values = {
+        f"v{k}{kind}": rng.integers(0, 120, shape).astype(kind) for k, shape in enumerate(shapes) for kind in kinds
+    }
+    values |= {"small": np.array([[1.0, 2.0]]), "text": "apple", "complex": np.array([[1 + 2j]])}
+    values |= (
+        {} if of_4 else {"cell": np.array([[1, "a"]], object), "structure": {"a": 1}, "logical": np.array([[True]])}
+    )
+    scipy.io.savemat(path, values, **options)
+    read, wanted = read_mat(path, values.keys(), "anything"), scipy.io.loadmat(path)
+    assert read.keys() == values.keys()
+    for name, value in read.items():
+        if name in ("text", "complex", "cell", "structure"):
+            assert isinstance(value, NotNumbers), name
+        else:
+            np.testing.assert_array_equal(value, wanted[name])
+            assert isinstance(value, np.ndarray)
+            assert value.dtype == wanted[name].dtype, name
+
+
+def test_a_variable_packed_small_that_is_large_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pomona.formats.mat_file._MOST_BYTES", 1_000_000)
+    body = zlib.compress(bytes(1_000_001), 9)
+    head = b"MATLAB 5.0 MAT-file, by hand".ljust(124) + struct.pack("<HH", 0x0100, 0x4D49)
+    (tmp_path / "a.mat").write_bytes(head + struct.pack("<II", 15, len(body)) + body)
+    with pytest.raises(FormatError, match="more than 1 MB is packed"):
+        read_mat_masks(tmp_path / "a.mat")
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float32, np.float64])

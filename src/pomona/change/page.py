@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from functools import partial
@@ -14,6 +13,7 @@ import numpy as np
 
 from pomona.change.comparison import Comparison
 from pomona.errors import SurveyError
+from pomona.formats.tables import write_table
 from pomona.report.contract import F32, U8, EarlierFruits, packed
 from pomona.report.data import ReportData
 from pomona.report.page import Sections, note_of, page_html
@@ -202,13 +202,7 @@ def _write_table(path: Path, columns: dict[str, Any]) -> None:
 
     lists = [[cell(name, value) for value in np.asarray(values).tolist()] for name, values in columns.items()]
 
-    def write(part: Path) -> None:
-        with part.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(columns)
-            table.writerows(zip(*lists, strict=True))
-
-    write_file(path, write)
+    write_file(path, lambda part: write_table(part, tuple(columns), zip(*lists, strict=True)))
 
 
 def _write_text(text: str, path: Path) -> None:

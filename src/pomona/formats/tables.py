@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,7 +30,10 @@ _DIGITS = {
 }  # fmt: skip
 
 # What a spreadsheet takes a cell that begins so for: a formula, which may call programs and send data away.
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+# Spreadsheets of some languages take full-width signs, too.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 Number = TypeVar("Number", int, float)
 
@@ -61,8 +66,7 @@ def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
 
 def write_fruits(path: Path, fruits: Fruits) -> None:
     """Write `fruits.csv`, a line a fruit in the order of `fruits`."""
-    rows = ([_as_cell(cell) if isinstance(cell, str) else cell for cell in row.values()] for row in fruit_rows(fruits))
-    _write(path, FRUIT_COLUMNS, rows)
+    write_table(path, FRUIT_COLUMNS, (list(row.values()) for row in fruit_rows(fruits)))
 
 
 def read_fruits(path: Path) -> Fruits:
@@ -94,8 +98,8 @@ def read_fruits(path: Path) -> Fruits:
 def write_observations(path: Path, observations: Observations) -> None:
     """Write `observations.csv`, a line a sighting."""
     columns = (observations.fruit_id, observations.photo, observations.detection_id, *observations.xy_px.T)
-    rows = ([int(f), _as_cell(p), int(d), f"{x:.2f}", f"{y:.2f}"] for f, p, d, x, y in zip(*columns, strict=True))
-    _write(path, OBSERVATION_COLUMNS, rows)
+    rows = ([int(f), p, int(d), f"{x:.2f}", f"{y:.2f}"] for f, p, d, x, y in zip(*columns, strict=True))
+    write_table(path, OBSERVATION_COLUMNS, rows)
 
 
 def read_observations(path: Path) -> Observations:
@@ -112,12 +116,12 @@ def read_observations(path: Path) -> Observations:
 
 def write_trees(path: Path, trees: Trees) -> None:
     """Write `trees.csv`, a line a tree; the header alone where trees are not known."""
-    _write(path, TREE_COLUMNS, (list(row.values()) for row in rows_of(trees.columns())))
+    write_table(path, TREE_COLUMNS, (list(row.values()) for row in rows_of(trees.columns())))
 
 
 def write_segments(path: Path, segments: RowSegments) -> None:
     """Write `segments.csv`, a line a part of the row; the header alone where nothing was estimated."""
-    _write(path, SEGMENT_COLUMNS, (list(row.values()) for row in rows_of(segments.columns())))
+    write_table(path, SEGMENT_COLUMNS, (list(row.values()) for row in rows_of(segments.columns())))
 
 
 def rows_of(columns: Mapping[str, Any]) -> list[dict[str, int | float | None]]:
@@ -172,20 +176,28 @@ def _rounded(value: float, digits: int) -> float | None:
     return round(float(value), digits) if math.isfinite(value) else None
 
 
-def _as_cell(text: str) -> str:
-    """A text as a spreadsheet shows it: with an apostrophe first where it would be taken for a formula."""
-    return f"'{text}" if text.lstrip("'").startswith(_FORMULA) else text
+def _as_cell(value: object) -> object:
+    """A value as a spreadsheet shows it: a text with an apostrophe first where it would be taken for a formula."""
+    if not isinstance(value, str) or not value.lstrip("'").startswith(_FORMULA):
+        return value
+    return value if _NUMBER.fullmatch(value) else f"'{value}"
 
 
 def _from_cell(text: str) -> str:
     return text[1:] if text.startswith("'") and text.lstrip("'").startswith(_FORMULA) else text
 
 
-def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table as CSV (UTF-8); texts in it that a spreadsheet would take for formulas get an apostrophe first."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+        file.write(_line(header))
+        file.writelines(_line([_as_cell(cell) for cell in row]) for row in rows)
+
+
+def _line(cells: Sequence[object]) -> str:
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\r\n").writerow(cells)  # so that a text with either in it is set in quotes
+    return text.getvalue().removesuffix("\r\n") + "\n"
 
 
 def _read(path: Path, needed: Sequence[str]) -> list[dict[str, str]]:

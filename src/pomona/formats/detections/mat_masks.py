@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.arrays import Array, FloatArray, IntArray, set_checked
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.format import Format
@@ -22,6 +21,7 @@ from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, che
 from pomona.formats.detections.photo_source import Sources, named_as
 from pomona.formats.detections.png_masks import masks_of_ids
 from pomona.formats.files import read_head
+from pomona.formats.mat_file import NotNumbers, read_mat
 
 EXPECTED = "a MATLAB file with mask (a label image) and scores (one a label)"
 _ENDINGS = ("_mask", "_masks")
@@ -88,24 +88,18 @@ def read_mats_found(files: Sequence[Path], folder: Path, sources: Sources) -> li
     return result
 
 
-def _variables(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
+def _variables(path: Path) -> dict[str, Array | NotNumbers]:
     head = read_head(path, EXPECTED, _HEADER_BYTES)
     if head.startswith(b"MATLAB 7.3") or _HDF5 in head:
         raise FormatError(
             f"{path}: expected a MATLAB file of version 7 or older, found one of 7.3 (HDF5): "
             "save it again with save(file, 'mask', 'scores', '-v7')"
         )
-    try:
-        content: dict[str, Any] = loadmat(path, variable_names=("mask", "scores"))
-    except Exception as error:  # of a damaged file scipy raises errors of many kinds
-        raise FormatError(f"{path}: expected {EXPECTED}, but it cannot be read: {error}") from None
-    return content
+    return read_mat(path, ("mask", "scores"), EXPECTED)
 
 
-def _label_image(value: Any) -> IntArray:
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "buif" or value.ndim != 2 or value.size == 0:
+def _label_image(value: Array | NotNumbers) -> IntArray:
+    if isinstance(value, NotNumbers) or value.ndim != 2 or value.size == 0:
         raise InputError(f"mask: expected a label image of height × width numbers, found {_what(value)}")
     with np.errstate(invalid="ignore"):
         ids = value.astype(np.int64)
@@ -114,10 +108,9 @@ def _label_image(value: Any) -> IntArray:
     return ids
 
 
-def _scores(value: Any, labels: int) -> FloatArray:
+def _scores(value: Array | NotNumbers, labels: int) -> FloatArray:
     """The scores of labels 1, 2, …; there may be more than labels, not fewer."""
-    is_vector = isinstance(value, np.ndarray) and value.dtype.kind in "buif" and value.size in (0, *value.shape)
-    if not is_vector:
+    if isinstance(value, NotNumbers) or value.size not in (0, *value.shape):
         raise InputError(f"scores: expected a row or a column of numbers, found {_what(value)}")
     scores: FloatArray = value.ravel().astype(np.float64)
     if len(scores) < labels:
@@ -127,15 +120,13 @@ def _scores(value: Any, labels: int) -> FloatArray:
     return scores
 
 
-def _what(value: Any) -> str:
-    if not isinstance(value, np.ndarray):
-        return (
-            f"{type(value).__name__} (sparse ones: give full(mask))" if "sparse" in repr(type(value)) else repr(value)
-        )
+def _what(value: Array | NotNumbers) -> str:
+    if isinstance(value, NotNumbers):
+        return f"{value.what} (sparse ones: give full(mask))" if "sparse" in value.what else value.what
     return f"an array of {' × '.join(map(str, value.shape))}, {value.dtype}"[:80]
 
 
-def _first_other(value: np.ndarray[Any, Any]) -> str:
+def _first_other(value: Array) -> str:
     other = value[~((value >= 0) & (value <= _MOST_LABELS) & (np.round(value) == value))]
     return f"{other[0]:g}"
 
