@@ -121,7 +121,12 @@ class Catalogue:
 
 
 def _entry(values: Mapping[str, Any]) -> Entry:
+    if not isinstance(values, dict):
+        raise TypeError("expected an object")
     known = {name: values[name] for name in Entry.__dataclass_fields__ if name in values}
+    texts = [value for name, value in known.items() if name != "asked"]
+    if not all(isinstance(text, str) for text in (*texts, *values.get("asked", ()))):
+        raise TypeError("expected texts")
     return Entry(**{**known, "folder": Path(values["folder"]), "asked": tuple(values.get("asked", ()))})
 
 

@@ -30,12 +30,16 @@ class Folders:
 
     def allowed(self, path: Path) -> Path:
         """Return the path, links followed; raises `InputError` for one outside, `MissingFileError` where nothing is."""
-        resolved = path.expanduser().resolve()
+        try:
+            resolved = path.expanduser().resolve()
+            exists = resolved.exists()
+        except (OSError, RuntimeError, ValueError) as error:  # names that are none: too long, with NUL, of no person
+            raise InputError(f"{str(path)[:80]!r} is no name of a folder or a file: {error}") from None
         if not any(resolved.is_relative_to(root) for root in self.roots):
             inside = ", ".join(map(str, self.roots))
             advice = "begin with `pomona app --photos FOLDER` to have another one shown"
             raise InputError(f"{path} is outside of the folders that are shown here ({inside}): {advice}")
-        if not resolved.exists():
+        if not exists:
             raise MissingFileError(f"{path} does not exist (any more)")
         return resolved
 

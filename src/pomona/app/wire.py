@@ -8,6 +8,7 @@ import math
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pomona.errors import InputError
+from pomona.formats.json_file import is_number
 from pomona.report.contract import camel_case
 
 T = TypeVar("T")
@@ -45,7 +46,7 @@ def _value(hint: Any, value: Any, name: str) -> Any:
             return None
         return _value(next(kind for kind in get_args(hint) if kind is not type(None)), value, name)
     elif hint is float:
-        fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        fits = is_number(value)
         value = float(value) if fits else value
     else:
         fits = type(value) is hint

@@ -25,6 +25,9 @@ async def json_of(request: Request, *, most_bytes: int = _MOST_BYTES) -> Any:
     if len(length) > len(str(most_bytes)) or int(length) > most_bytes:
         raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"Expected at most {most_bytes} bytes")
     try:
-        return json.loads(await request.body())
+        values = json.loads(await request.body())
+        # JSON can hold half a character, which is no text.
+        json.dumps(values, ensure_ascii=False).encode("utf-8")
+        return values
     except (ValueError, RecursionError) as error:
         raise HTTPException(HTTPStatus.BAD_REQUEST, f"Expected JSON: {error}") from None

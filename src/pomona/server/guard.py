@@ -40,8 +40,8 @@ class Access:
         return name in (_bracketed(self.host), "localhost" if ipaddress.ip_address(self.host).is_loopback else "")
 
     def knows(self, token: str) -> bool:
-        """Whether this is the token; so it is where none is asked for."""
-        return not self.token or secrets.compare_digest(token.encode("utf-8"), self.token.encode("utf-8"))
+        """Whether this is the token."""
+        return secrets.compare_digest(token.encode("utf-8"), self.token.encode("utf-8"))
 
 
 class Guard:
@@ -88,6 +88,8 @@ class Guard:
 
     def _arrival(self, scope: Scope) -> Response | None:
         """What is answered to one who brings the token in the address, or none at all."""
+        if not self._access.token:
+            return None
         given = parse_qs(scope["query_string"].decode("latin-1")).get(TOKEN, [""])[0]
         if given and self._access.knows(given) and scope["method"] in _READING:
             answer = RedirectResponse("/", HTTPStatus.SEE_OTHER)

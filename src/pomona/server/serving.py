@@ -24,6 +24,7 @@ class PageServer:
     `port` 0 takes a free one; raises `OSError` where a port is taken, or the address is none of this computer's.
     `policy` is the content security policy of all that is served, `framed_by` says in whose pages it may be shown
     ("'self'": the server's own). With a `token`, only those are answered who know it.
+    `application` is what answers, the guard included.
     `on_stop` is called before connections are closed: streams that would not end by themselves are ended there.
     """
 
@@ -42,8 +43,9 @@ class PageServer:
         self._socket = socket.create_server((host, port), family=family)
         listens = self._socket.getsockname()
         self._access = Access(listens[0], listens[1], token)
+        self.application: ASGIApp = Guard(app, self._access, policy, framed_by)
         config = uvicorn.Config(
-            Guard(app, self._access, policy, framed_by),
+            self.application,
             http="h11",
             ws="none",
             loop="asyncio",
