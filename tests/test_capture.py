@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from pomona.capture.exif import Exif, focal_px, parse_exif
 from pomona.capture.files import natural_key
 from pomona.capture.sensors import sensor_width_mm
 from pomona.capture.sides import sides_by_globs, sides_by_names
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError, LostFileError, MissingFileError
 from pomona.progress import Silent
 
 _DETAILS, _GPS = 0x8769, 0x8825
@@ -269,11 +270,15 @@ def test_a_file_that_breaks_after_loading_is_named(tmp_path: Path) -> None:
     photos = load_photos([tmp_path])
     whole = photos.items[0].path.read_bytes()
     photos.items[0].path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"0\.jpg.*cannot be decoded"):
+    with pytest.raises(LostFileError, match=r"0\.jpg was changed while it was worked with"):
         read_pixels(photos.items[0])
+    with pytest.raises(InputError, match=r"0\.jpg.*cannot be decoded"):
+        read_pixels(replace(photos.items[0], file_state=None))
     photos.items[1].path.unlink()
-    with pytest.raises(MissingFileError, match=r"1\.jpg"):
+    with pytest.raises(LostFileError, match=r"1\.jpg was there and is gone"):
         read_pixels(photos.items[1])
+    with pytest.raises(MissingFileError, match=r"1\.jpg does not exist"):
+        read_pixels(replace(photos.items[1], file_state=None))
     with pytest.raises(InputError, match="max_side_px"):
         read_pixels(photos.items[0], max_side_px=0)
 

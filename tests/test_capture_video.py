@@ -105,6 +105,17 @@ def test_a_video_becomes_photos_once(tmp_path: Path) -> None:
     assert len(list(frames.glob("*.jpg"))) == len(fewer)
 
 
+def test_frames_that_are_not_as_they_were_written_are_made_again(tmp_path: Path) -> None:
+    video, frames = write_video(tmp_path / "row.mp4", list(np.arange(0, 60, 1.5))), tmp_path / "frames"
+    options = KeyFrameOptions(move=0.1)
+    made = {p.name: p.path.read_bytes() for p in load_photos([video], frames_dir=frames, key_frames=options)}
+    first, *_, last = sorted(made)
+    (frames / first).write_bytes(b"")
+    (frames / last).write_bytes(made[last][:-3] + b"\0" + made[last][-2:])
+    again = load_photos([video], frames_dir=frames, key_frames=options)
+    assert {photo.name: photo.path.read_bytes() for photo in again} == made
+
+
 def test_a_survey_finds_the_frames_that_its_run_chose(tmp_path: Path) -> None:
     video = write_video(tmp_path / "row.mp4", list(np.arange(0, 60, 1.5)))
     survey, options = SurveyFolder.create(tmp_path / "out"), RunOptions(key_frames=KeyFrameOptions(move=0.1))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from pomona.cameras import Cameras
 from pomona.colmap_gpu import reason_against
@@ -16,7 +17,8 @@ from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.sfm import SfmOptions, engine
 from pomona.sfm.engine import Overlap
-from pomona.sfm.features import Features, root_sift
+from pomona.sfm.features import Features, extract, root_sift
+from pomona.sfm.kept_features import KeptFeatures
 from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
 from pomona.sfm.selection import credible, distinct, explained, sampson_distance, support, take
@@ -281,6 +283,35 @@ def test_a_work_folder_that_does_not_say_what_it_holds_is_begun_anew(tmp_path: P
     workspace = matched_workspace(tmp_path / "w")
     (workspace.folder / "settings.json").write_text(text)
     assert stored(Workspace(tmp_path / "w", photos(3), SfmOptions(), "code 1")) == ([0, 1, 2], 0)
+
+
+@pytest.mark.parametrize("name", ["features.db", "features/000001.npz"])
+@pytest.mark.parametrize("how", ["cut", "overwritten", "empty"])
+def test_a_work_folder_with_a_damaged_file_is_begun_anew(tmp_path: Path, name: str, how: str) -> None:
+    workspace = matched_workspace(tmp_path / "w")
+    path = workspace.folder / name
+    content = path.read_bytes()
+    middle = len(content) // 2
+    damaged = {
+        "cut": content[:middle],
+        "overwritten": content[:50] + bytes(middle) + content[50 + middle :],
+        "empty": b"",
+    }
+    path.write_bytes(damaged[how])
+    assert stored(Workspace(tmp_path / "w", photos(3), SfmOptions(), "code 1")) == ([0, 1, 2], 0)
+
+
+def test_damaged_features_are_found_anew(tmp_path: Path) -> None:
+    write_photo = Image.fromarray(np.random.default_rng(0).integers(0, 255, (60, 80, 3), np.uint8))
+    write_photo.save(tmp_path / "a.png")
+    photo, kept = Photo("a.png", tmp_path / "a.png", 80, 60), KeptFeatures(tmp_path / "kept", SfmOptions(), "code")
+    kept.keep(photo, extract(photo, SfmOptions()))
+    assert kept.get(photo) is not None
+    (path,) = kept.folder.iterdir()
+    content = path.read_bytes()
+    for damaged in (b"", content[:-40], content[:300] + bytes(200) + content[500:]):
+        path.write_bytes(damaged)
+        assert kept.get(photo) is None
 
 
 def test_the_scene_of_these_tests() -> None:

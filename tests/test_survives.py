@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+import builtins
+import errno
+import io
 import json
 import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from fuzz.campaign import scratch
 from pipeline_fakes import Fakes, make_photos
-from pomona.errors import SurveyError
+from pomona.capture import read_pixels
+from pomona.errors import FormatError, LostFileError, PomonaError, SurveyError
 from pomona.pipeline import run
+from pomona.progress import Silent
 from pomona.survey import SurveyFolder
+
+
+@pytest.fixture
+def tmp_path() -> Iterator[Path]:
+    """A folder in memory: these tests wait for the disk very often."""
+    with scratch() as folder:
+        yield folder
 
 
 @pytest.fixture
@@ -77,3 +92,157 @@ def test_a_clock_that_jumps_redoes_nothing(fakes: Fakes, tmp_path: Path, monkeyp
     monkeypatch.setattr("pomona.survey.record.now", lambda: "1970-01-01T00:00:00+00:00")
     run([photos], tmp_path / "out")
     assert fakes.calls == calls
+
+
+def _damaged(content: bytes) -> bytes:
+    """A file in which some bytes changed, and none was lost."""
+    middle = len(content) // 2
+    return content[:middle] + bytes(byte ^ 0x15 for byte in content[middle : middle + 8]) + content[middle + 8 :]
+
+
+def test_files_between_stages_that_changed_are_made_again(fakes: Fakes, tmp_path: Path) -> None:
+    photos, out = make_photos(tmp_path / "photos"), tmp_path / "out"
+    run([photos], out)
+    whole = {path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    kept = sorted(name for name in whole if name.parts[0] == "work")
+    assert {"digests.json", "fuse.npz", "measure.npz", "reconstruction.json"} <= {name.name for name in kept}
+    for name in kept:
+        (out / name).write_bytes(_damaged(whole[name]))
+        # All that is handed over is asked for, and so is what a stopped stage kept of each photo.
+        for asked in ("fruits.csv", "detections.json", "cameras/images.txt", "report.html"):
+            (out / asked).unlink()
+        run([photos], out)
+        for results in ("fruits.csv", "detections.json", "cameras/images.txt", "observations.csv"):
+            assert (out / results).read_bytes() == whole[Path(results)], name
+
+
+def test_detections_of_a_photo_that_changed_are_not_gone_on_from(fakes: Fakes, tmp_path: Path) -> None:
+    photos, out = make_photos(tmp_path / "photos"), tmp_path / "out"
+    run([photos], out)
+    (kept, *_) = sorted((out / "work" / "segment").rglob("*.json"))
+    text = kept.read_text()
+    assert "0.9" in text
+    for damaged in (text.replace("0.9", "0.8"), text[:-2], "", '{"sha256": 3}'):
+        kept.write_text(damaged)
+        (out / "detections.json").unlink()
+        before = fakes.calls["tiles"]
+        run([photos], out)
+        assert fakes.calls["tiles"] > before
+        assert kept.read_text() == text
+
+
+def test_overwrite_begins_a_survey_with_a_damaged_manifest_anew(fakes: Fakes, tmp_path: Path) -> None:
+    photos, out = make_photos(tmp_path / "photos"), tmp_path / "out"
+    run([photos], out)
+    fruits = (out / "fruits.csv").read_bytes()
+    for text in ("", "{", '{"format": "pomona-survey", "stages": 3}', (out / "survey.json").read_text()[:-200]):
+        (out / "survey.json").write_text(text)
+        (out / "fruits.csv").write_text("old")
+        with pytest.raises(FormatError, match="begin this one anew with `overwrite`"):
+            run([photos], out)
+        assert (out / "fruits.csv").read_text() == "old"
+        run([photos], out, overwrite=True)
+        assert (out / "fruits.csv").read_bytes() == fruits
+    (out / "survey.json").write_text('{"format": "of somebody else"}')
+    with pytest.raises(SurveyError, match="holds something else"):
+        run([photos], out, overwrite=True)
+
+
+def test_a_run_that_was_stopped_at_its_very_beginning_leaves_an_empty_folder(fakes: Fakes, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".survey.part.json").write_text("")
+    run([make_photos(tmp_path / "photos")], tmp_path / "out")
+
+
+class Meddling(Silent):
+    """Does something to the photos when a step is begun."""
+
+    def __init__(self, label: str, meddle: Callable[[], None]) -> None:
+        super().__init__()
+        self._label, self._meddle, self.begun = label, meddle, False
+
+    def start(self, label: str, total: int | None = None) -> None:
+        if label == self._label and not self.begun:
+            self.begun = True
+            self._meddle()
+
+
+STEPS = ("Reading photo headers", "looking for changes in photos", "segmenting")
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("gone", "was there and is gone"),
+        ("changed", "was changed while it was worked with"),
+        ("damaged", "was changed while it was worked with"),
+        ("away", "cannot be reached any more"),
+    ],
+)
+def test_photos_that_are_lost_during_a_run_are_told_and_not_mixed(
+    fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, how: str, said: str
+) -> None:
+    photos, others = make_photos(tmp_path / "photos"), make_photos(tmp_path / "others", seed=1, fruit=False)
+    before = {path.name: path.read_bytes() for path in photos.iterdir()}
+    lost, out = photos / "IMG_0003.jpg", tmp_path / "out"
+    real_open = builtins.open
+
+    def away(file: Any, *args: Any, **kwargs: Any) -> Any:
+        if str(file) == str(lost):
+            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(file))
+        return real_open(file, *args, **kwargs)
+
+    def meddle() -> None:
+        if how == "gone":
+            lost.unlink()
+        elif how == "changed":
+            lost.write_bytes((others / lost.name).read_bytes())
+        elif how == "damaged":
+            lost.write_bytes(before[lost.name][:500])
+        else:
+            patch.setattr(builtins, "open", away)
+            patch.setattr(io, "open", away)
+
+    progress = Meddling(step, meddle)
+    with pytest.MonkeyPatch.context() as patch:
+        if step == STEPS[0] and how in ("changed", "damaged"):  # it is read as it is then
+            progress = Meddling(STEPS[1], meddle)
+        with pytest.raises(PomonaError, match=said) as raised:
+            run([photos], out, progress=progress)
+    assert progress.begun
+    assert lost.name in str(raised.value)
+    assert "the same command goes on from there" in str(raised.value)
+    lost.write_bytes(before[lost.name])
+    run([photos], out)
+    run([photos], tmp_path / "undisturbed")
+    assert (out / "detections.json").read_bytes() == (tmp_path / "undisturbed" / "detections.json").read_bytes()
+    assert SurveyFolder.open(out).record_of("segment").info["photos"] == 4
+
+
+@pytest.mark.parametrize("how", ["gone", "changed", "damaged"])
+def test_photos_that_are_other_ones_in_the_next_run_are_taken_as_they_are(
+    fakes: Fakes, tmp_path: Path, how: str
+) -> None:
+    photos, others = make_photos(tmp_path / "photos"), make_photos(tmp_path / "others", seed=1, fruit=False)
+    run([photos], tmp_path / "out")
+    lost = photos / "IMG_0003.jpg"
+    if how == "gone":
+        lost.unlink()
+    else:
+        lost.write_bytes((others / lost.name).read_bytes() if how == "changed" else lost.read_bytes()[:500])
+    summary = run([photos], tmp_path / "out")
+    run([photos], tmp_path / "anew")
+    for name in ("fruits.csv", "observations.csv", "detections.json"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "anew" / name).read_bytes()
+    assert [file for file, _ in summary.skipped] == ([lost.name] if how == "damaged" else [])
+
+
+def test_a_photo_that_changes_while_it_is_decoded_is_told(tmp_path: Path) -> None:
+    from pomona.capture import load_photos
+
+    (photo, *_) = load_photos([make_photos(tmp_path / "photos")])
+    assert read_pixels(photo).shape == (photo.height_px, photo.width_px, 3)
+    os.utime(photo.path, ns=(1, 1))
+    with pytest.raises(LostFileError, match="was changed"):
+        read_pixels(photo)

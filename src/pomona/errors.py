@@ -6,6 +6,7 @@ callers can catch either. What only a mistake of ours can cause is an `assert`.
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Sequence
 
 
@@ -25,6 +26,10 @@ class FormatError(PomonaError, ValueError):
     """A file does not have the form it should: names the file, the place and what was expected."""
 
 
+class LostFileError(PomonaError, OSError):
+    """A file that was there is gone, has changed, or its disk does not answer: the same command goes on from there."""
+
+
 class MissingExtraError(PomonaError, ImportError):
     """An optional dependency is not installed: names the extra to install."""
 
@@ -35,6 +40,23 @@ class ReconstructionError(PomonaError, RuntimeError):
 
 class SurveyError(PomonaError, RuntimeError):
     """The survey folder cannot be used: it holds something else, lacks a stage's output, or cannot be written."""
+
+
+# What the operating system says of a file that is gone, and of a disk or a share that does not answer.
+_AWAY = frozenset(
+    getattr(errno, name)
+    for name in (
+        "ENOENT", "ENOTDIR", "EIO", "ESTALE", "EREMOTEIO", "ENODEV", "ENXIO", "EACCES", "EPERM", "ENOLINK", "ECOMM",
+        "ENOTCONN", "ECONNRESET", "ECONNABORTED", "ECONNREFUSED", "ETIMEDOUT", "EHOSTDOWN", "EHOSTUNREACH", "ENETDOWN",
+        "ENETUNREACH", "ENETRESET", "ESHUTDOWN",
+    )
+    if hasattr(errno, name)
+)  # fmt: skip
+
+
+def is_away(error: OSError) -> bool:
+    """Say whether a file cannot be reached, which says nothing of what it holds: it may be there again later."""
+    return error.errno in _AWAY
 
 
 def few(names: Sequence[str], count: int = 5) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,8 @@ class Photo:
     `name` is unique in the survey, a POSIX path such as `east/IMG_0001.JPG`; every file of the survey folder refers to
     the photo by it. `focal_px` is None where neither EXIF nor a sensor table gives it; `focal_sd_px` is the standard
     deviation of what they give, which is nominal and rounded. Photos with the same `camera_key` were taken with the
-    same camera, lens, zoom and size, and share intrinsics.
+    same camera, lens, zoom and size, and share intrinsics. `file_state` is the size in bytes and the time of change
+    (ns) of the file that all this was read from; None where it was not.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Photo:
     taken_at: datetime | None = None
     gnss: Gnss | None = None
     focal_sd_px: float | None = None
+    file_state: tuple[int, int] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.width_px <= 0 or self.height_px <= 0:

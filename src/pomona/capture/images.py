@@ -13,7 +13,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pomona.arrays import Array, ByteArray
 from pomona.capture.exif import Exif, parse_exif
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError, LostFileError, MissingFileError, is_away
 from pomona.photos import Photo
 
 pillow_heif.register_heif_opener()
@@ -32,21 +32,27 @@ _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
 
 @dataclass(frozen=True)
 class Header:
-    """What an image file's header says: the upright size; `exif.orientation` is what is left to do with the pixels."""
+    """What an image file's header says: the upright size; `exif.orientation` is what is left to do with the pixels.
+
+    `file_state` is that of the file before it was looked into.
+    """
 
     width_px: int
     height_px: int
     exif: Exif
+    file_state: tuple[int, int]
 
 
 def read_header(path: Path) -> Header:
     """Read the header of an image file and check that the file is whole, without decoding a pixel where possible.
 
-    Raises `InputError` with the reason alone (for `Skipped.reason`) where the file cannot be used.
+    Raises `InputError` with the reason alone (for `Skipped.reason`) where the file cannot be used, and `LostFileError`
+    where it is gone, or its disk does not answer.
     """
-    if path.stat().st_size == 0:
-        raise InputError("the file is empty (0 bytes)")
     try:
+        state = file_state(path)
+        if state[0] == 0:
+            raise InputError("the file is empty (0 bytes)")
         with Image.open(path, formats=_FORMATS) as image:
             tags = image.getexif()
             exif = parse_exif(tags, tags.get_ifd(0x8769), tags.get_ifd(0x8825))
@@ -57,10 +63,49 @@ def read_header(path: Path) -> Header:
     except UnidentifiedImageError:
         raise InputError("this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)") from None
     except _READ_ERRORS as error:
+        if isinstance(error, OSError) and is_away(error) and not isinstance(error, PermissionError):
+            raise LostFileError(_lost(path, error)) from None
         raise InputError(f"the image cannot be read ({error})") from None
     if not whole:
         raise InputError("the image is truncated: its end is missing; copy the file again from the camera")
-    return Header(width, height, replace(exif, orientation=1) if turned else exif)
+    return Header(width, height, replace(exif, orientation=1) if turned else exif, state)
+
+
+def file_state(path: Path) -> tuple[int, int]:
+    """Return the size in bytes of a file and when it was changed (ns): with others, it is another file."""
+    stat = path.stat()
+    return stat.st_size, stat.st_mtime_ns
+
+
+def check_unchanged(photo: Photo, error: Exception | None = None) -> None:
+    """Raise `LostFileError` where a photo's file is gone, out of reach, or not the one that its header was read from.
+
+    Where no file of it has been seen before, one that is not there is a `MissingFileError`. `error` came of reading it.
+    """
+    try:
+        if isinstance(error, OSError) and is_away(error):
+            raise error
+        changed = photo.file_state is not None and file_state(photo.path) != photo.file_state
+    except OSError as away:
+        if photo.file_state is None and isinstance(away, FileNotFoundError):
+            raise MissingFileError(f"Photo {photo.name}: {photo.path} does not exist") from None
+        raise LostFileError(_lost(photo.path, away)) from None
+    if changed:
+        raise LostFileError(_lost(photo.path))
+
+
+def _lost(path: Path, error: OSError | None = None) -> str:
+    """Say that a photo is gone, is out of reach, or (without `error`) has changed."""
+    if error is None:
+        what = "was changed while it was worked with"
+    elif isinstance(error, FileNotFoundError):
+        what = "was there and is gone"
+    else:
+        what = f"was there and cannot be reached any more ({error.strerror or error})"
+    return (
+        f"Photo {path} {what}: nothing was made of it. What was finished is kept; when the photos are as they are to "
+        "be, the same command goes on from there"
+    )
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -78,7 +123,8 @@ def read_pixels(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:
     Photos are never enlarged. JPEG is decoded at 1/2, 1/4 or 1/8 where that is still large enough, and brought to
     the exact size by area averaging: W = round(width_px * s), H = round(height_px * s), s = max_side_px / longer side.
 
-    Raises `MissingFileError` when the file is gone and `InputError` when it cannot be decoded; both name it.
+    Raises `InputError` when it cannot be decoded, `LostFileError` when the file is gone, out of reach or not the one
+    that the header was read from, and `MissingFileError` when none has been seen; all name it.
     """
     if max_side_px is not None and max_side_px < 1:
         raise InputError(f"`max_side_px`: expected at least 1, found {max_side_px}")
@@ -90,10 +136,10 @@ def read_pixels(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:
             if scale < 1:
                 image.draft("RGB", stored_size)
             pixels = _rgb(image)
-    except FileNotFoundError:
-        raise MissingFileError(f"Photo {photo.name}: {photo.path} does not exist any more") from None
     except _READ_ERRORS as error:
+        check_unchanged(photo, error)
         raise InputError(f"Photo {photo.name} ({photo.path}) cannot be decoded: {error}") from None
+    check_unchanged(photo)
     pixels = _upright(pixels, photo.orientation)
     if (pixels.shape[1], pixels.shape[0]) != size:
         if scale == 1.0:

@@ -44,8 +44,9 @@ def load_photos(
     "row"), `none` (one side), or two patterns `GLOB,GLOB`. Key frames of a video are written into `frames_dir`.
     Photo files may be named one by one, too. Files that cannot be used are warned of and kept in `Photos.skipped`.
 
-    Raises `MissingFileError` when a source is not there, and `InputError` when there is no photo, fewer than
-    `min_photos`, a video that cannot be decoded, or a value of `sides` that is unknown or does not fit the names.
+    Raises `MissingFileError` when a source is not there, `LostFileError` when a photo that was there is gone, and
+    `InputError` when there is no photo, fewer than `min_photos`, a video that cannot be decoded, or a value of `sides`
+    that is unknown or does not fit the names.
     """
     progress = progress or Silent()
     check_option(sides)
@@ -134,6 +135,7 @@ def _photo(file: _Found) -> Photo:
         taken_at=exif.taken_at,
         gnss=exif.gnss,
         focal_sd_px=focal[1] if focal else None,
+        file_state=header.file_state,
     )
 
 

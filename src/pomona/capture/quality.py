@@ -11,7 +11,7 @@ import numpy as np
 from pomona.arrays import Array, ByteArray
 from pomona.capture.images import read_pixels
 from pomona.capture.keyframes import sharpness
-from pomona.errors import PomonaError
+from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 
@@ -73,7 +73,7 @@ def look_at(
         photo = listed[index]
         try:
             pixels = read_pixels(photo, max_side_px=options.side_px)
-        except PomonaError:
+        except (InputError, MissingFileError):
             before = None
             continue
         grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,18 +19,24 @@ from pomona.errors import InputError
 from pomona.progress import Progress
 
 _MANIFEST = "frames.json"
-_VERSION = 1  # of `frames.json` and of how frames are chosen: another one takes them anew
+_VERSION = 2  # of `frames.json` and of how frames are chosen: another one takes them anew
 
 
 @dataclass(frozen=True)
 class KeyFrame:
-    """One key frame as a file: its name, its 0-based index and its time in the video, its size."""
+    """One key frame as a file: its name, its 0-based index and its time in the video, its size, its file's digest."""
 
     name: str
     frame_idx: int
     time_s: float
     width_px: int
     height_px: int
+    digest: str
+
+    @classmethod
+    def of(cls, path: Path, frame_idx: int, time_s: float, width_px: int, height_px: int) -> KeyFrame:
+        """Return the key frame that was written to a file."""
+        return cls(path.name, frame_idx, time_s, width_px, height_px, _digest_of_frame(path))
 
 
 def is_video(path: Path) -> bool:
@@ -54,15 +60,16 @@ def extract_key_frames(
 ) -> tuple[KeyFrame, ...]:
     """Choose key frames of a video and write them as `frames_dir/frame_000123.jpg` (the number is the frame's index).
 
-    Frames already written from the same video with the same options are used again. The video's rotation is applied.
+    Frames already written from the same video with the same options are used again, unless one of them is not as it was
+    written. The video's rotation is applied.
     `frames.json` beside the frames holds what the video was, the options and the frames' times.
 
     Raises `InputError` when the video cannot be decoded.
     """
     made_from: dict[str, Any] = {"version": _VERSION, "video": _digest(video), "options": asdict(options)}
+    if whole := read_frame_list(frames_dir, made_from):
+        return whole
     known = _read_manifest(frames_dir)
-    if known and known["made_from"] == made_from and all((frames_dir / f["name"]).is_file() for f in known["frames"]):
-        return tuple(KeyFrame(**frame) for frame in known["frames"])
     for stale in known["frames"] if known else ():
         (frames_dir / stale["name"]).unlink(missing_ok=True)
     frames_dir.mkdir(parents=True, exist_ok=True)
@@ -71,12 +78,23 @@ def extract_key_frames(
         name = f"frame_{frame.frame_idx:06d}.jpg"
         write_jpeg(frames_dir / name, frame.pixels[:, :, ::-1], quality=options.jpeg_quality)
         height, width = frame.pixels.shape[:2]
-        frames.append(KeyFrame(name, frame.frame_idx, round(frame.time_s, 4), width, height))
+        frames.append(KeyFrame.of(frames_dir / name, frame.frame_idx, round(frame.time_s, 4), width, height))
     # The manifest is written last: without it the frames are made anew.
+    write_frame_list(frames_dir, made_from, frames)
+    return tuple(frames)
+
+
+def write_frame_list(frames_dir: Path, made_from: Mapping[str, Any], frames: Sequence[KeyFrame]) -> None:
+    """Write `frames.json` beside frames."""
     partial = frames_dir / (_MANIFEST + ".part")
     partial.write_text(json.dumps({"made_from": made_from, "frames": [asdict(f) for f in frames]}, indent=1), "utf-8")
     partial.replace(frames_dir / _MANIFEST)
-    return tuple(frames)
+
+
+def read_frame_list(frames_dir: Path, made_from: Mapping[str, Any]) -> tuple[KeyFrame, ...]:
+    """Return the frames in a folder; none where they were made from something else, or are not as they were written."""
+    known = _read_manifest(frames_dir)
+    return _whole_frames(frames_dir, known["frames"]) if known and known["made_from"] == made_from else ()
 
 
 def _digest(video: Path) -> str:
@@ -87,6 +105,21 @@ def _digest(video: Path) -> str:
         file.seek(max(0, size - (1 << 20)))
         digest.update(file.read())
     return digest.hexdigest()
+
+
+def _whole_frames(frames_dir: Path, listed: list[dict[str, Any]]) -> tuple[KeyFrame, ...]:
+    """The frames that are listed; none where the list is damaged, or one of them is not as it was written."""
+    try:
+        frames = tuple(KeyFrame(**frame) for frame in listed)
+        whole = all(_digest_of_frame(frames_dir / frame.name) == frame.digest for frame in frames)
+    except (OSError, TypeError):
+        return ()
+    return frames if whole else ()
+
+
+def _digest_of_frame(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _read_manifest(frames_dir: Path) -> dict[str, Any] | None:

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from pomona.cli.wording import with_options
 from pomona.errors import PomonaError
+from pomona.survey.files import disk_error
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -43,7 +44,10 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
         except Exception as error:
-            _tell_of_our_mistake(error)
+            if (said := disk_error(error)) is None or os.environ.get("POMONA_DEBUG"):
+                _tell_of_our_mistake(error)
+            say("Error", "bold red", with_options(said))
+            raise typer.Exit(WRONG_INPUT) from None
 
     return wrapped
 

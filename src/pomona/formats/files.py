@@ -6,13 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from pomona.errors import FormatError, MissingFileError
+from pomona.errors import FormatError, LostFileError, MissingFileError, is_away
 
 _Read = TypeVar("_Read", str, bytes)
 
 
 def read_text(path: Path, expected: str) -> str:
-    """Return the text of a file; raises `MissingFileError`, and `FormatError` where it is empty or no UTF-8 text."""
+    """Return the text of a file; raises `MissingFileError`, and `FormatError` where it is empty or no UTF-8 text.
+
+    Where its disk does not answer, that is a `LostFileError`: it says nothing of what the file holds.
+    """
     text = _read(path, expected, lambda: path.read_text(encoding="utf-8-sig"))
     if not text.strip():
         raise FormatError(f"{path}: expected {expected}, but the file is empty")
@@ -35,4 +38,7 @@ def _read(path: Path, expected: str, read: Callable[[], _Read]) -> _Read:
     except FileNotFoundError:
         raise MissingFileError(f"{path}: expected {expected}, but there is no such file") from None
     except (OSError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError) and is_away(error) and not isinstance(error, PermissionError):
+            said = f"{path} cannot be reached ({error.strerror}): try again when its disk answers"
+            raise LostFileError(said) from None
         raise FormatError(f"{path}: expected {expected}, but it cannot be read: {error}") from None

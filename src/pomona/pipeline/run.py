@@ -40,7 +40,7 @@ def run(
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
     options.check_files()
     paths = [Path(path).expanduser().resolve() for path in photos]
-    survey = SurveyFolder.create(Path(out))
+    survey = SurveyFolder.create(Path(out), overwrite=overwrite)
     with disk_errors(survey.folder), survey.locked():
         if overwrite:
             survey.clear()

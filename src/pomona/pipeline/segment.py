@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import PomonaError
 from pomona.photos import Photo, Photos
@@ -14,6 +16,7 @@ from pomona.pipeline.stage import DIGESTS, PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import write_file
+from pomona.survey.sealed import is_sealed, seal
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
@@ -125,7 +128,16 @@ def _by_model(
         found[of_photo.photo] = of_photo
         if of_photo.photo not in done:
             _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
-    return Segmented(SurveyDetections(found), segmenter.traits.score_threshold)
+    return Segmented(SurveyDetections(_numbered(found)), segmenter.traits.score_threshold)
+
+
+def _numbered(found: Mapping[str, Detections]) -> dict[str, Detections]:
+    """Give detections the ids 1, 2, … in the photos' order: the same whichever of them an earlier run had kept."""
+    ends = np.cumsum([len(of_photo) for of_photo in found.values()]).tolist()
+    return {
+        name: replace(of_photo, ids=np.arange(end - len(of_photo), end) + 1)
+        for (name, of_photo), end in zip(found.items(), ends, strict=True)
+    }
 
 
 def _file_of(folder: Path, photo: Photo, content: str, scale: float) -> Path:
@@ -135,7 +147,12 @@ def _file_of(folder: Path, photo: Photo, content: str, scale: float) -> Path:
 
 def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
     of_one = SurveyDetections({photo.name: found})
-    write_file(path, lambda temporary: write_coco(temporary, Photos((photo,)), of_one))
+
+    def write(temporary: Path) -> None:
+        write_coco(temporary, Photos((photo,)), of_one)
+        seal(temporary)
+
+    write_file(path, write)
 
 
 def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
@@ -145,7 +162,7 @@ def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
     done: dict[str, Detections] = {}
     ids: set[int] = set()
     for photo in photos:
-        if not files[photo.name].is_file():
+        if not is_sealed(files[photo.name]):
             continue
         try:
             found = read_coco(files[photo.name], Photos((photo,)))[photo.name]

@@ -10,20 +10,26 @@ from typing import Any
 
 from pomona.corrections import Corrections
 from pomona.errors import InputError
-from pomona.photos import Photos
+from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import SourceValue
 from pomona.pipeline.stage import CORRECTIONS, DIGESTS, PHOTOS, SIDES, SKIPPED, Source
 from pomona.progress import Progress, track
 from pomona.survey import SurveyFolder
-from pomona.survey.digest import digest, file_digest, plain
+from pomona.survey.digest import digest, file_digest, is_digest, plain
 from pomona.survey.files import write_file
+
+# What is known of a photo's file, and says nothing of the photo.
+_OF_FILE = ("path", "file_state")
 
 
 def load_photos(
     survey: SurveyFolder, paths: Sequence[Path], options: RunOptions, progress: Progress, *, min_photos: int
 ) -> tuple[Photos, dict[str, str]]:
-    """Return the photos and the digests of their contents; a photo is read for its digest only when it is new."""
+    """Return the photos and the digests of their contents; a photo is read for its digest only when it is new.
+
+    Raises as `capture.load_photos` does.
+    """
     from pomona import capture
 
     for path in paths:
@@ -51,7 +57,7 @@ def sources_of(photos: Photos, digests: Mapping[str, str], corrections: Correcti
     survey that is opened without its photos has none.
     """
     details = [
-        {**{k: v for k, v in plain(photo).items() if k != "path"}, "digest": digests.get(photo.name)}
+        {**{k: v for k, v in plain(photo).items() if k not in _OF_FILE}, "digest": digests.get(photo.name)}
         for photo in photos
     ]
     sides = {photo.name: photo.side for photo in photos}
@@ -66,18 +72,38 @@ def sources_of(photos: Photos, digests: Mapping[str, str], corrections: Correcti
 
 def _digests(survey: SurveyFolder, photos: Photos, progress: Progress) -> dict[str, str]:
     cache_path = survey.work("digests.json")
-    try:
-        cache = json.loads(cache_path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        cache = {}
+    cache = read_digests(cache_path)
     digests, fresh = {}, {}
     for photo in track(photos, progress, "looking for changes in photos", len(photos)):
-        stat = photo.path.stat()
-        place = f"{photo.path} {stat.st_size} {stat.st_mtime_ns}"
-        digests[photo.name] = fresh[place] = cache.get(place) or file_digest(photo.path)
+        assert photo.file_state is not None
+        size, changed_at = photo.file_state
+        place = f"{photo.path} {size} {changed_at}"
+        digests[photo.name] = fresh[place] = cache.get(place) or _digest_of(photo)
     if fresh != cache:
         write_file(cache_path, lambda path: _write_json(path, fresh))
     return digests
+
+
+def _digest_of(photo: Photo) -> str:
+    """The digest of a photo's file, which is still the one that its header was read from."""
+    from pomona.capture.images import check_unchanged
+
+    try:
+        content = file_digest(photo.path)
+    except OSError as error:
+        check_unchanged(photo, error)
+        raise
+    check_unchanged(photo)
+    return content
+
+
+def read_digests(path: Path) -> dict[str, str]:
+    """Return what `digests.json` holds, by place, size and time of a file; nothing where it is damaged or not there."""
+    try:
+        cache = json.loads(path.read_text(encoding="utf-8"))
+        return {str(place): content for place, content in cache.items() if is_digest(content)}
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return {}
 
 
 def _write_json(path: Path, content: Any) -> None:

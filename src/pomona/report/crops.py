@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from pomona.arrays import ByteArray
 from pomona.drawing import Square, cut, jpeg
-from pomona.errors import PomonaError
+from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 from pomona.report.choose import choose_photos
 from pomona.report.data import ReportData
@@ -60,7 +60,7 @@ def _crops_of(photo: Photo, entries: list[tuple[int, Box]]) -> Iterable[tuple[in
     wanted_px = round(longer * CROP_SIDE_PX / smallest_px)
     try:
         pixels = read_pixels(photo, max_side_px=max(1, min(longer, wanted_px)))
-    except (PomonaError, OSError):
+    except (InputError, MissingFileError):
         return
     scale = pixels.shape[1] / photo.width_px
     for detection_id, crop in entries:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray, set_checked
 from pomona.capture import read_pixels
-from pomona.errors import InputError
+from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 from pomona.progress import Progress
 
@@ -103,7 +103,7 @@ def _in_photo(
         if not coarse:
             return []
         grey = cv2.cvtColor(_pixels(photo, mirrored), cv2.COLOR_RGB2GRAY)
-    except (InputError, OSError) as error:
+    except (InputError, MissingFileError) as error:
         return str(error)
     return [Sighting(photo.name, i, _measured(grey, i, corners, dictionary)) for i, corners in coarse]
 

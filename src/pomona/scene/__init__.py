@@ -11,7 +11,7 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.dense.views import View, make_view
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import PomonaError, few
+from pomona.errors import InputError, MissingFileError, few
 from pomona.fruit_ranges import fruit_ranges
 from pomona.fruit_size import FruitSize
 from pomona.fruits import FruitCloud
@@ -119,7 +119,7 @@ class _Maps:
         side_px = min(self._options.most_side_px, round(self._scale * longer))
         try:
             rgb = read_pixels(photo, max_side_px=side_px)
-        except PomonaError:
+        except (InputError, MissingFileError):
             self.unread.append(photo.name)
             return None
         nothing = Detections.empty(photo.name, photo.width_px, photo.height_px)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.arrays import ByteArray
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import InputError, PomonaError
+from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
@@ -170,7 +170,7 @@ def _of_photo(
 ) -> Detections | None:
     try:
         image = pixels.result()
-    except PomonaError as error:
+    except (InputError, MissingFileError) as error:
         progress.warn(f"{photo.name} is left out: {error}")
         return None
     size_px = photo.width_px, photo.height_px

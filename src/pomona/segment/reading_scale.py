@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
-from pomona.errors import PomonaError
+from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress
 from pomona.segment.protocol import Segmenter, SegmenterTraits
@@ -121,7 +121,7 @@ def _readable(photo: Photo, max_side_px: int) -> ByteArray | None:
 
     try:
         return read_pixels(photo, max_side_px=max_side_px)
-    except PomonaError:
+    except (InputError, MissingFileError):
         return None  # Said to the person when the photo's turn comes.
 
 

@@ -91,7 +91,7 @@ def run_adapted(
     Raises what `run` and `adapt` raise, and `MissingExtraError` without the extra `train`.
     """
     learn = learning()
-    survey = SurveyFolder.create(out)
+    survey = SurveyFolder.create(out, overwrite=overwrite)
     if not overwrite and survey.adapted_model.is_file():
         options = replace(options, model=str(survey.adapted_model))
         known = read_learnt(survey)

@@ -6,6 +6,8 @@ pixels, mean the same for photos of any size; what comes out is in pixels of the
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,6 +82,17 @@ def create_database(path: Path, cameras: Sequence[CameraEntry], images: Sequence
             _write_camera(database, i, entry)
         for i, photo in enumerate(images):
             _write_image(database, i, photo)
+
+
+def is_whole(path: Path) -> bool:
+    """Say whether a database can be read, and is one of COLMAP's, as far as SQLite can say."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True)) as database:
+            found = database.execute("PRAGMA quick_check(1)").fetchone()
+            tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    except sqlite3.Error:
+        return False
+    return found == ("ok",) and {"cameras", "images", "keypoints", "descriptors", "matches"} <= tables
 
 
 def add_to_database(path: Path, i: int, image: ImageEntry, new_camera: CameraEntry | None) -> None:

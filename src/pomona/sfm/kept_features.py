@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pomona.errors import PomonaError
+from pomona.formats.npz import read_npz
 from pomona.photos import Photo
 from pomona.sfm.features import Features
 from pomona.sfm.options import SfmOptions
@@ -49,9 +51,9 @@ class KeptFeatures:
     def get(self, photo: Photo) -> Features | None:
         """Return the features of a photo; None where there are none, or none that can be read."""
         try:
-            with np.load(self._path(photo)) as stored:
-                return Features(stored["keypoints"], stored["descriptors"], stored["rgb"], float(stored["sharpness"]))
-        except (OSError, ValueError, KeyError, EOFError):
+            stored = read_npz(self._path(photo), "features of a photo")
+            return Features(stored["keypoints"], stored["descriptors"], stored["rgb"], float(stored["sharpness"]))
+        except (PomonaError, KeyError, TypeError, ValueError):
             return None
 
     def _path(self, photo: Photo) -> Path:

@@ -15,7 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import ByteArray
+from pomona.arrays import Array, ByteArray
+from pomona.errors import PomonaError
+from pomona.formats.npz import read_npz
 from pomona.photos import Photo
 from pomona.sfm import engine
 from pomona.sfm.engine import CameraEntry, ImageEntry, Overlap
@@ -39,9 +41,9 @@ _MATCH_OPTIONS = (
 class Workspace:
     """The work folder of one side.
 
-    It is begun anew where the photos, the options that features depend on, or the `code_key` (which names the code and
-    the engines' versions) differ from those it was made with; where only options that matches depend on differ, the
-    features stay. Mapping is always done again.
+    It is begun anew where files in it are damaged, and where the photos, the options that features depend on, or the
+    `code_key` (which names the code and the engines' versions) differ from those it was made with; where only options
+    that matches depend on differ, the features stay. Mapping is always done again.
     """
 
     def __init__(self, folder: Path, photos: Sequence[Photo], options: SfmOptions, code_key: str = "") -> None:
@@ -51,7 +53,7 @@ class Workspace:
         self.database = folder / "features.db"
         self.cameras, self.images = _entries(photos, options)
         path, settings = folder / "settings.json", self._settings(code_key)
-        stored = _read_settings(path) if self.database.is_file() else {}
+        stored = _read_settings(path) if self._is_whole() else {}
         if stored == settings:
             return
         if stored.get("features") == settings["features"]:
@@ -63,6 +65,20 @@ class Workspace:
             engine.create_database(self.database, self.cameras, self.images)
         # Written last: without it, the folder is begun anew.
         path.write_text(json.dumps(settings, indent=1), encoding="utf-8")
+
+    def _is_whole(self) -> bool:
+        """Whether what an earlier run left can be read: the disk may have lost some of it with its power."""
+        if not self.database.is_file() or not engine.is_whole(self.database):
+            return False
+        if self._first_look.is_file() and not engine.is_whole(self._first_look):
+            self._first_look.unlink()
+        done = set(range(len(self.photos))) - set(engine.missing_features(self.database, len(self.photos)))
+        try:
+            for i in done:
+                self._stored(i)
+        except PomonaError:
+            return False
+        return True
 
     @property
     def _first_look(self) -> Path:
@@ -95,13 +111,14 @@ class Workspace:
 
     def colours(self, i: int) -> ByteArray:
         """Return the colours (n, 3) of the keypoints of photo i."""
-        with np.load(self._features_path(i)) as stored:
-            return np.asarray(stored["rgb"], np.uint8)
+        return np.asarray(self._stored(i)["rgb"], np.uint8)
 
     def sharpness(self, i: int) -> float:
         """Return the sharpness of photo i."""
-        with np.load(self._features_path(i)) as stored:
-            return float(stored["sharpness"])
+        return float(self._stored(i)["sharpness"])
+
+    def _stored(self, i: int) -> dict[str, Array]:
+        return read_npz(self._features_path(i), "what is known of the features of a photo")
 
     def _features_path(self, i: int) -> Path:
         return self.folder / "features" / f"{i:06d}.npz"

@@ -37,6 +37,11 @@ def digest(value: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:_LENGTH]
 
 
+def is_digest(value: Any) -> bool:
+    """Say whether a value can be what `digest` and `file_digest` return."""
+    return isinstance(value, str) and len(value) == _LENGTH and set(value) <= set("0123456789abcdef")
+
+
 def file_digest(path: Path) -> str:
     """Return a digest of a file's content, or of the names and contents of all (not hidden) files below a folder."""
     if path.is_dir():

@@ -148,7 +148,7 @@ def run_status(survey: SurveyFolder) -> RunStatus | None:
     path = survey.folder / "work" / _FILE
     try:
         alive = is_locked(path)
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return None
     status: RunStatus | None = None

@@ -9,27 +9,37 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pomona.errors import PomonaError, SurveyError
+from pomona.errors import PomonaError, SurveyError, is_away
 
 # What the operating system says of a disk without room, and of one that must not be written to.
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 def write_file(path: Path, write: Callable[[Path], None]) -> None:
     """Let `write` make the file under a temporary name in the same folder (same suffix), then rename it to `path`.
 
-    When `write` fails, what was at `path` before is still there and nothing else is.
+    When `write` fails, what was at `path` before is still there and nothing else is. An `OSError` names `path` then.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
+    temporary = part_of(path)
     try:
         write(temporary)
         flush_to_disk(temporary)
         temporary.replace(path)
         flush_name(path)
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, str(temporary)):
+            error.filename, error.filename2 = str(path), None
+        raise
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a disk that failed may fail again, and the first error says why
+            temporary.unlink(missing_ok=True)
+
+
+def part_of(path: Path) -> Path:
+    """Return the name under which `write_file` begins a file."""
+    return path.with_name(f".{path.stem}.part{path.suffix}")
 
 
 def flush_to_disk(path: Path) -> None:
@@ -63,24 +73,55 @@ _GO_ON = "run the same command again, and it goes on where it was"
 
 @contextmanager
 def disk_errors(folder: Path, *, then: str = _GO_ON) -> Iterator[None]:
-    """Turn a full or write-protected disk into a `SurveyError` that says where, and what to do once there is space."""
+    """Turn errors of disks into a `SurveyError` that says which file, why, and what to do.
+
+    They are a disk that is full, one that must not be written to, and one that does not answer, as a network share that
+    is away. `folder` is the survey's; `then` is what to do once there is space.
+    """
     try:
         yield
     except PomonaError:
         raise
     except Exception as error:
-        number = error.errno if isinstance(error, OSError) else None
-        if number in _FULL or "disk is full" in str(error).lower() or "no space left" in str(error).lower():
-            raise SurveyError(
-                f"The disk is full: cannot write to {folder}{_free(folder)}. What was finished is kept: free some "
-                f"space and {then}"
-            ) from error
-        inside = isinstance(error, OSError) and str(error.filename or "").startswith(str(folder))
-        if number in _FORBIDDEN and inside:
-            raise SurveyError(f"{folder} cannot be written to ({error}): choose another folder") from error
+        if (said := disk_error(error, folder, then=then)) is not None:
+            raise SurveyError(said) from error
         raise
 
 
-def _free(folder: Path) -> str:
-    existing = next(p for p in (folder, *folder.parents) if p.exists())
-    return f" ({shutil.disk_usage(existing).free / 1e6:.0f} MB free)"
+def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_ON) -> str | None:
+    """Return in words what a disk's error says of a file, in a survey's `folder` or anywhere; None for other errors."""
+    name = error.filename if isinstance(error, OSError) else None
+    file = Path(os.fsdecode(name)) if isinstance(name, str | bytes) else folder
+    inside = folder is not None and file is not None and (file == folder or folder in file.parents)
+    if _is_full(error):
+        return (
+            f"The disk is full: cannot write {file or 'a file'}{_free(file or Path())}. What was finished is kept: "
+            f"free some space and {then}"
+        )
+    if not isinstance(error, OSError) or file is None:
+        return None
+    reason = error.strerror or str(error)
+    if error.errno in _FORBIDDEN:
+        advice = "choose another folder" if inside else "it has to be readable, or writable where it is an output"
+        return f"{file} cannot be {'written to' if inside else 'opened'} ({reason}): {advice}"
+    if is_away(error):
+        return (
+            f"{file} cannot be reached ({reason}): it was taken away, or its disk or network share does not answer. "
+            "What was finished is kept: when it is there again, the same command goes on where it was"
+        )
+    return None
+
+
+def _is_full(error: Exception) -> bool:
+    if isinstance(error, OSError) and error.errno in _FULL:
+        return True
+    text = str(error).lower()  # engines have errors of their own
+    return "disk is full" in text or "no space left" in text
+
+
+def _free(path: Path) -> str:
+    try:
+        existing = next(p for p in (path, *path.parents) if p.exists())
+        return f" ({shutil.disk_usage(existing).free / 1e6:.0f} MB free)"
+    except (OSError, StopIteration):
+        return ""

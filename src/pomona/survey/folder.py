@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from pomona import __version__
-from pomona.errors import MissingFileError, SurveyError, as_text
+from pomona.errors import FormatError, MissingFileError, SurveyError, as_text
 from pomona.survey.digest import plain
-from pomona.survey.files import disk_errors, write_file
+from pomona.survey.files import disk_errors, part_of, write_file
 from pomona.survey.locks import lock
 from pomona.survey.manifest import FORMAT, MANIFEST, read_manifest
 from pomona.survey.record import StageRecord, now
@@ -33,8 +33,9 @@ _WRITERS = {
     "report-truth.html": "pomona report {survey} --truth FILE",
     "contact_sheet.jpg": "pomona report {survey}",
 }
-# What file managers leave in any folder: an empty one is empty for all that.
-_IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
+# What file managers leave in any folder, and a run that was stopped at its very beginning: an empty one is empty for
+# all that.
+_IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory", part_of(Path(MANIFEST)).name})
 
 
 class SurveyFolder:
@@ -48,14 +49,19 @@ class SurveyFolder:
         self._manifest = manifest
 
     @classmethod
-    def create(cls, folder: Path) -> SurveyFolder:
-        """Make a survey folder, or open the one that is there.
+    def create(cls, folder: Path, *, overwrite: bool = False) -> SurveyFolder:
+        """Make a survey folder, or open the one that is there; with `overwrite`, one with a damaged manifest, too.
 
         Raises `SurveyError` when the folder holds something else or cannot be written to; nothing is touched then.
         """
         folder = Path(folder).expanduser().resolve()
         if as_text(str(folder)) != str(folder):
             raise SurveyError(f"{as_text(str(folder))}: expected a name in UTF-8 for `out`")
+        with disk_errors(folder):
+            return cls._create(folder, overwrite)
+
+    @classmethod
+    def _create(cls, folder: Path, overwrite: bool) -> SurveyFolder:
         if folder.exists() and not folder.is_dir():
             raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for `out`")
         present = [p.name for p in folder.iterdir() if p.name not in _IGNORED] if folder.exists() else []
@@ -65,11 +71,15 @@ class SurveyFolder:
                 f"{folder} holds something else than a survey ({few}): nothing was written. "
                 "Choose a new or empty folder for `out`"
             )
-        survey = cls.open(folder) if present else cls(folder, _new_manifest())
-        if not present:  # a survey that is there may be another run's, which is known once it is locked
-            with disk_errors(folder):
-                folder.mkdir(parents=True, exist_ok=True)
-                survey._write()
+        if present:  # a survey that is there may be another run's, which is known once it is locked
+            try:
+                return cls.open(folder)
+            except FormatError:  # no run leaves such a manifest: none is at work here
+                if not overwrite:
+                    raise
+        survey = cls(folder, _new_manifest())
+        folder.mkdir(parents=True, exist_ok=True)
+        survey._write()
         return survey
 
     @classmethod

@@ -12,6 +12,7 @@ from pomona.survey.record import StageRecord
 
 FORMAT = "pomona-survey"
 MANIFEST = "survey.json"
+_ANEW = "use another folder, or begin this one anew with `overwrite`"
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
@@ -20,13 +21,13 @@ def read_manifest(path: Path) -> dict[str, Any]:
     Raises `FormatError` naming the entry that is none that Pomona writes, and `SurveyError` where the file is of
     something else.
     """
-    manifest = load_json(path, "the manifest of a survey (use another folder, or remove this file)")
+    manifest = load_json(path, f"the manifest of a survey ({_ANEW})")
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise SurveyError(f"{path.parent} holds something else than a survey: its {MANIFEST} was not written by Pomona")
     try:
         _check(manifest)
     except (InputError, TypeError, ValueError) as error:
-        raise FormatError(f"{path}: {error}: the file is damaged: use another folder, or remove it") from None
+        raise FormatError(f"{path}: {error}: the file is damaged: {_ANEW}") from None
     return manifest
 
 

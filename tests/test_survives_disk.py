@@ -1,0 +1,164 @@
+"""Runs on disks that are full, fail, go away for a while or lose their power: told in words, and gone on from."""
+
+from __future__ import annotations
+
+import errno
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from faulty_disk import FaultyDisk, Operation, PoweredDisk, failing_during, failing_once, write_image
+from fuzz.campaign import scratch
+from pipeline_fakes import Fakes, make_photos
+from pomona.errors import PomonaError
+from pomona.pipeline import run
+
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # half-open archives
+
+RESULTS = ("fruits.csv", "observations.csv", "trees.csv", "segments.csv", "fruits.geojson", "detections.json")
+FEW = 6
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
+    return Fakes().install(monkeypatch)
+
+
+@pytest.fixture
+def place() -> Iterator[Path]:
+    """A folder in memory: these tests wait for the disk very often."""
+    with scratch() as folder:
+        yield folder
+
+
+def results(survey: Path) -> dict[str, bytes]:
+    return {name: (survey / name).read_bytes() for name in RESULTS}
+
+
+class Row:
+    """Three photos, the results of an undisturbed run of them, and what that run does to its disk."""
+
+    def __init__(self, place: Path, fakes: Fakes) -> None:
+        self._fakes = fakes
+        self.photos, self.place = make_photos(place / "photos", 3), place
+        fakes.calls.clear()
+        with FaultyDisk(place / "undisturbed") as disk:
+            self.run(place / "undisturbed")
+        self.operations, self.calls = disk.operations, dict(fakes.calls)
+        self.results = results(place / "undisturbed")
+        self._count = 0
+
+    def run(self, out: Path) -> None:
+        run([self.photos], out)
+
+    def out(self) -> Path:
+        self._count += 1
+        return self.place / f"out{self._count}"
+
+    def disturbed(self, disk: FaultyDisk) -> str:
+        """Run on a disk that fails, then on one that does not, which has to end as the undisturbed run; return what
+        was said, "" where nothing had to be."""
+        self._fakes.calls.clear()
+        said = ""
+        try:
+            with disk:
+                self.run(disk.folder)
+        except PomonaError as error:
+            said = str(error)
+        self.run(disk.folder)
+        assert results(disk.folder) == self.results
+        assert not [path for path in disk.folder.rglob("*") if ".part" in path.name]
+        again = Counter(self._fakes.calls) - Counter(self.calls)
+        assert len(again) <= 1, f"{again} were done again, of which one alone was not finished"
+        assert max(again.values(), default=0) <= self.calls.get("tiles", 1)
+        return said
+
+
+@pytest.fixture
+def row(place: Path, fakes: Fakes) -> Row:
+    return Row(place, fakes)
+
+
+def some(operations: list[Operation], count: int, seed: int = 0) -> list[int]:
+    """Some operations, of every kind of file and of every file in turn, the same in every run."""
+    order = np.random.default_rng(seed).permutation(len(operations)).tolist()
+    seen: Counter[tuple[str, str]] = Counter()
+    turns = []
+    for k in order:
+        what = operations[k].kind, operations[k].path.name
+        turns.append((seen[what], len(turns), k))
+        seen[what] += 1
+    return [k for _, _, k in sorted(turns)[:count]]
+
+
+def check_every_write_fails_once(row: Row, numbers: list[int], code: int) -> None:
+    told = 0
+    for number in numbers:
+        out = row.out()
+        said = row.disturbed(FaultyDisk(out, failing_once(number, code)))
+        if said:
+            told += 1
+            assert str(out) in said, said
+            advice = {
+                errno.ENOSPC: "free some space and run the same command again",
+                errno.EROFS: "choose another folder",
+                errno.EIO: "the same command goes on where it was",
+            }[code]
+            assert advice in said, said
+    assert told > len(numbers) / 2
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO], ids=["full", "read-only", "broken"])
+def test_a_write_that_fails_is_told_and_gone_on_from(row: Row, code: int) -> None:
+    check_every_write_fails_once(row, some(row.operations, FEW, seed=code), code)
+
+
+@pytest.mark.slow
+def test_each_write_fails_once_and_nothing_is_lost(row: Row) -> None:
+    """Each file at each of its operations, and at some of the many writes of the larger ones."""
+    numbers = some(row.operations, 200)
+    named = {(operation.kind, operation.path.name) for operation in row.operations}
+    assert {(row.operations[k].kind, row.operations[k].path.name) for k in numbers} == named
+    check_every_write_fails_once(row, numbers, errno.ENOSPC)
+
+
+@pytest.mark.parametrize("code", [errno.ESTALE, errno.ENOENT, errno.EIO])
+def test_a_share_that_goes_away_for_a_while_is_gone_on_from(row: Row, code: int) -> None:
+    rng = np.random.default_rng(code)
+    everything = ("open", "write", "fsync", "replace", "mkdir", "unlink", "rmdir", "truncate", "read")
+    for first in rng.integers(0, len(row.operations), FEW // 2).tolist():
+        out = row.out()
+        said = row.disturbed(FaultyDisk(out, failing_during(first, first + 30, code), everything))
+        assert not said or (str(out) in said and "the same command goes on" in said), said
+
+
+def check_power(row: Row, often: int) -> None:
+    """Take what the disk holds at operations of a run, each time with names first or contents first, and go on."""
+    images: dict[frozenset[tuple[str, bytes]], dict[str, bytes]] = {}
+
+    def look(operation: Operation) -> None:
+        if operation.number % often == 0:
+            for image in (disk.as_flushed(), disk.as_named()):
+                images[frozenset(image.items())] = image
+
+    out = row.place / "powered"
+    with PoweredDisk(out, look) as disk:
+        row.run(out)
+    assert results(out) == row.results
+    assert len(images) > 12
+    for image in images.values():
+        again = write_image(image, row.out())
+        row.run(again)
+        assert results(again) == row.results
+
+
+def test_a_power_cut_loses_nothing_that_was_said_to_be_there(row: Row) -> None:
+    check_power(row, often=71)
+
+
+@pytest.mark.slow
+def test_a_power_cut_at_any_moment_loses_nothing(row: Row) -> None:
+    check_power(row, often=1)
