@@ -1,6 +1,7 @@
-"""Read very many damaged files by every reader, and write a table of what became of them.
+"""Read very many damaged files by every reader, ask servers for anything, and write tables of what became of it.
 
-`python -m fuzz --files 10000` in `tests/`; `--reader NAME` for some alone, `--case N` to see one case fail.
+`python -m fuzz --files 10000` in `tests/`; `--reader NAME` for some alone, `--case N` to see one case fail; `--requests
+10000` for the servers, which come last where all readers are wanted.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from pathlib import Path
 from fuzz.campaign import Tally, damaged, run, scratch, write_examples
 from fuzz.kept import keep
 from fuzz.readers import READERS
+from fuzz.requests import RequestTally
+from fuzz.servers import targets
 
 
 def main() -> int:
@@ -22,6 +25,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
     parser.add_argument("--files", type=int, default=10_000, help="damaged files for each reader")
     parser.add_argument("--reader", action="append", help="a reader, or how the names of several begin")
+    parser.add_argument("--requests", type=int, help="requests to each server; as many as files where nothing is said")
     parser.add_argument("--case", type=int, help="show what this case of a reader does")
     parser.add_argument("--keep", type=Path, help="a folder for one file of each kind of finding, as `tests/fuzz/kept`")
     parser.add_argument("--out", type=Path, default=Path("fuzz.md"), help="where the table goes")
@@ -40,7 +44,15 @@ def main() -> int:
             if options.keep is not None:
                 keep(reader, same[0], options.keep)
         options.out.write_text(_table(tallies), encoding="utf-8")
-    return 1 if any(tally.findings for tally in tallies) else 0
+    asked = []
+    if options.requests or not options.reader:
+        with scratch() as folder, targets(folder) as servers:
+            for server in servers:
+                asked.append(server.try_requests(range(options.requests or options.files)))
+                print("\n  ".join([_request_row(asked[-1]), *asked[-1].findings[:20]]), flush=True)
+        with options.out.open("a" if tallies else "w", encoding="utf-8") as file:
+            file.write("\n" + _request_table(asked))
+    return 1 if any(tally.findings for tally in (*tallies, *asked)) else 0
 
 
 def _show(name: str, case: int) -> int:
@@ -77,6 +89,26 @@ def _table(tallies: list[Tally]) -> str:
     )
     day = datetime.now(UTC).date().isoformat()
     return f"{day}, Python {sys.version.split()[0]}, {os.cpu_count()} cores\n\n" + "\n".join(lines) + "\n"
+
+
+def _request_row(tally: RequestTally) -> str:
+    done = sum(count for status, count in tally.statuses.items() if status < 400)
+    counts = f"{tally.requests} | {done} | {tally.statuses.total() - done} | {len(tally.findings)}"
+    return f"| {tally.name} | {counts} | {tally.slowest_s:.2f} | {tally.most_read} | {tally.wall_s:.0f} |"
+
+
+def _request_table(tallies: list[RequestTally]) -> str:
+    head = [
+        "server",
+        "requests",
+        "answered",
+        "refused",
+        "findings",
+        "slowest, s",
+        "read of a body, bytes",
+        "all, s",
+    ]
+    return "\n".join(["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *map(_request_row, tallies)]) + "\n"
 
 
 if __name__ == "__main__":

@@ -656,9 +656,189 @@ _GCP = (
 )
 
 
+# What runs keep for themselves: a damaged file of it is as one that is not there, which counts as refused here
+
+
+def _needed(value: object) -> object:
+    from pomona.errors import FormatError
+
+    if not value:
+        raise FormatError("taken for none")
+    return value
+
+
+def _kept_features(folder: Path) -> Any:
+    from pomona.sfm.kept_features import KeptFeatures
+    from pomona.sfm.options import SfmOptions
+
+    return KeptFeatures(folder, SfmOptions(), "code")
+
+
+def _features(folder: Path) -> None:
+    from pomona.sfm.features import Features
+
+    rng = np.random.default_rng(0)
+    keypoints, descriptors = rng.uniform(0, 90, (9, 4)).astype(np.float32), rng.integers(0, 255, (9, 128), np.uint8)
+    features = Features(keypoints, descriptors, rng.integers(0, 255, (9, 3), np.uint8), 0.5)
+    _kept_features(folder).keep(_small_photos().items[0], features)
+
+
+def _read_features(folder: Path) -> object:
+    return _needed(_kept_features(folder).get(_small_photos().items[0]))
+
+
+def _photo_detections(folder: Path) -> None:
+    from pomona.formats.detections.coco import write_coco
+    from pomona.survey.sealed import seal
+
+    photos = _small_photos()
+    write_coco(folder / "kept.json", photos, _discs(photos))
+    seal(folder / "kept.json")
+
+
+def _read_photo_detections(path: Path) -> object:
+    from pomona.formats.detections.coco import read_coco
+    from pomona.survey.sealed import is_sealed
+
+    _needed(is_sealed(path))
+    return read_coco(path, _small_photos())
+
+
+def _read_digests(path: Path) -> object:
+    from pomona.pipeline.sources import read_digests
+
+    return _needed(read_digests(path))
+
+
+def _key_frames(folder: Path) -> None:
+    from pomona.capture.video import KeyFrame, write_frame_list
+
+    Image.new("RGB", (8, 8)).save(folder / "frame_000001.jpg")
+    write_frame_list(folder, {"version": 0}, [KeyFrame.of(folder / "frame_000001.jpg", 1, 0.5, 8, 8)])
+
+
+def _read_key_frames(folder: Path) -> object:
+    from pomona.capture.video import read_frame_list
+
+    return _needed(read_frame_list(folder, {"version": 0}))
+
+
+_EVENTS = [
+    {"event": "begin", "time": 1.5, "process": 7}, {"event": "stage", "time": 2.5, "name": "photos"},
+    {"event": "step", "time": 3.5, "label": "segmenting", "total": 9}, {"event": "done", "time": 4.0, "done": 3},
+    {"event": "warning", "time": 5.0, "message": "dark"}, {"event": "end", "time": 6.0, "state": "finished"},
+]  # fmt: skip
+
+
+def _events(folder: Path) -> None:
+    _survey(folder)
+    (folder / "work").mkdir(exist_ok=True)
+    (folder / "work" / "run.jsonl").write_text("".join(json.dumps(event) + "\n" for event in _EVENTS))
+
+
+def _read_events(folder: Path) -> object:
+    from pomona.survey import SurveyFolder
+    from pomona.survey.events import run_status
+
+    status: Any = _needed(run_status(SurveyFolder.open(folder)))
+    return [status.stage, status.step_left_s, json.dumps(repr(status))]
+
+
+def _catalogue(folder: Path) -> None:
+    from pomona.app.catalogue import Catalogue
+
+    Catalogue(folder / "surveys.json").add("Row 1", Path("/nowhere/row"), ("run", "/nowhere/photos"))
+
+
+def _read_catalogue(path: Path) -> object:
+    from pomona.app.catalogue import Catalogue
+
+    entries: Any = _needed(Catalogue(path).entries)
+    return [
+        [one.id.strip(), one.name.strip(), one.folder.name, one.created.strip(), [word.strip() for word in one.asked]]
+        for one in entries
+    ]
+
+
+_ORCHARD = """title = "Fruit"
+[defaults]
+sides = "none"
+fruit-diameter = 0.075
+[workers]
+processes = 2
+[[survey]]
+row = "Row 1"
+date = 2026-09-01
+photos = ["row-1/photos"]
+markers = "markers.csv"
+[[survey]]
+row = "Row 1"
+date = 2026-10-01
+photos = ["east", "west"]
+"""
+
+
+def _read_orchard(path: Path) -> object:
+    from pomona.orchard.plan import read_orchard
+
+    orchard = read_orchard(path)
+    return [orchard.comparisons, [survey.key for survey in orchard.surveys]]
+
+
+def _outcome_folder(folder: Path) -> Any:
+    from pomona.orchard.folder import OrchardFolder
+    from pomona.orchard.places import Place
+
+    return OrchardFolder(Place(str(folder)))
+
+
+def _outcome(folder: Path) -> None:
+    from pomona.orchard.jobs import Attempt, Outcome
+
+    tried = Attempt(**dict.fromkeys(Attempt.__dataclass_fields__, "x"))
+    _outcome_folder(folder).keep(
+        "surveys", Outcome(name="row-1", state="failed", reason="no photos", attempts=(tried,))
+    )
+
+
+def _read_outcome(folder: Path) -> object:
+    outcome = _needed(_outcome_folder(folder).outcome("surveys", "row-1"))
+    return outcome.to_json()  # type: ignore[attr-defined]
+
+
+def _checkpoint(folder: Path) -> None:
+    import torch
+
+    state = {"model": {"a.weight": torch.zeros(3, 4), "a.bias": torch.ones(3)}, "arch": "maskrcnn-r50", "step": 7}
+    torch.save(state, folder / "model.pt")
+
+
+def _read_checkpoint(path: Path) -> object:
+    from pomona.segment.mask_rcnn import read_checkpoint
+
+    return [str(value) for value in read_checkpoint(path, "a checkpoint").values()]
+
+
+def _kept() -> Sequence[Reader]:
+    return [
+        Reader("features of a photo", _read_features, (Example(_features),)),
+        Reader("detections of a photo", _read_photo_detections, (Example(_photo_detections, "kept.json"),)),
+        Reader(
+            "digests.json", _read_digests,
+            _text("digests.json", json.dumps({f"/photos/{k}.jpg 100 {k}": f"{k:024x}" for k in range(5)}, indent=1)),
+        ),
+        Reader("frames.json", _read_key_frames, (Example(_key_frames),)),
+        Reader("run.jsonl", _read_events, (Example(_events, whole=_all_but("") | {"survey.json"}),)),
+        Reader("surveys of the app", _read_catalogue, (Example(_catalogue, "surveys.json"),)),
+        Reader("orchard.toml", _read_orchard, _text("orchard.toml", _ORCHARD)),
+        Reader("outcomes of an orchard", _read_outcome, (Example(_outcome),)),
+        Reader("checkpoints", _read_checkpoint, (Example(_checkpoint, "model.pt"),)),
+    ]  # fmt: skip
+
+
 def all_readers() -> tuple[Reader, ...]:
     """Return every reader; the examples of cameras and detections grouped by program."""
-    return (*_given(), *_own(), *_other())
+    return (*_given(), *_own(), *_other(), *_kept())
 
 
 def _given() -> Sequence[Reader]:
