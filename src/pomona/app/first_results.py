@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,7 +20,6 @@ from pomona.formats.detections.coco import read_coco
 from pomona.fruits import Fruits
 from pomona.photos import Photo, Photos
 from pomona.survey import SurveyFolder
-from pomona.survey.digest import digest
 from pomona.survey.fused import fused_path, read_fused
 from pomona.survey.photos import photo_of
 from pomona.survey.reader import SurveyReader
@@ -28,6 +30,9 @@ _WHOLE_PX = 4096  # the longer side of photos in which fruits are marked
 _QUALITY = 82
 _TINT = 0.25
 _KEPT_FILES = 3  # of detections, in memory: a survey before and after it has learnt, and another one
+_KEPT_NAMES = 20_000  # of photos
+_FILE_NAME = re.compile(rb'"file_name":\s*("(?:[^"\\]|\\.)*")')
+_HEAD_BYTES = 8192
 # Stages that leave fruits, the latest first.
 _FRUITS = ("filter", "second_look", "fuse")
 
@@ -48,8 +53,8 @@ class FirstResults:
 
     def photos(self) -> list[PhotoSoFar]:
         """Return the photos, and how many fruits were found in each so far."""
-        kept = self._kept("*")
-        return [PhotoSoFar(name, _count(kept.get(key))) for name, key in self._keys().items()]
+        kept = self._kept()
+        return [PhotoSoFar(name, _count(kept.get(name))) for name in self.names]
 
     def whole(self, index: int) -> bytes:
         """Return a photo as a JPEG, as it is, of at most 4096 pixels; raises `MissingFileError` where it is gone."""
@@ -114,8 +119,7 @@ class FirstResults:
 
     def _found_in(self, photo: Photo) -> Detections | None:
         """What was found in a photo: by the run at work, or, where that is over, as the whole file has it."""
-        key = self._keys()[photo.name]
-        kept, whole = self._kept(key).get(key), self._found_by.detections
+        kept, whole = self._kept().get(photo.name), self._found_by.detections
         try:
             written_ns = whole.stat().st_mtime_ns if whole.is_file() else -1
             if kept is not None and kept.stat().st_mtime_ns > written_ns:
@@ -124,14 +128,15 @@ class FirstResults:
         except (PomonaError, OSError, KeyError):  # it is being written, or was given in another way
             return None
 
-    def _keys(self) -> dict[str, str]:
-        """The names under which stage `segment` keeps what it found in each photo."""
-        return {e["name"]: digest([e["name"], e["digest"]]) for e in self._survey.get("photos", ())}
-
-    def _kept(self, pattern: str) -> dict[str, Path]:
-        """The files of photos by their keys, the latest where options changed."""
-        files = list((self._found_by.folder / "work" / "segment").glob(f"*/{pattern}.json"))
-        return {path.stem: path for path in sorted(files, key=lambda path: path.parent.stat().st_mtime)}
+    def _kept(self) -> dict[str, Path]:
+        """The files in which stage `segment` keeps what it found, by photo, the latest of each."""
+        latest: dict[str, tuple[int, Path]] = {}
+        for path in (self._found_by.folder / "work" / "segment").glob("*/*.json"):
+            with suppress(OSError):  # replaced at this moment
+                written_ns = path.stat().st_mtime_ns
+                name = _photo_in(path, written_ns)
+                latest[name] = max(latest.get(name, (-1, path)), (written_ns, path))
+        return {name: path for name, (_, path) in latest.items()}
 
     def _draw(self, pixels: ByteArray, found: Detections, place: PictureFromPhoto, side_px: int) -> None:
         counts_from = SurveyReader(self._found_by).score_threshold
@@ -145,6 +150,14 @@ class FirstResults:
 def _detections(path: Path, written_ns: int) -> SurveyDetections:
     """The detections of a file, as it was written at that moment."""
     return read_coco(path)
+
+
+@lru_cache(maxsize=_KEPT_NAMES)
+def _photo_in(path: Path, written_ns: int) -> str:
+    """The photo that a file of detections is of, which stands at its head; "" where none does."""
+    with path.open("rb") as file:
+        found = _FILE_NAME.search(file.read(_HEAD_BYTES))
+    return str(json.loads(found[1])) if found else ""
 
 
 def _count(kept: Path | None) -> int | None:
