@@ -61,6 +61,7 @@ class Figures:
     centre_mm: float
     seconds: float
     warnings: tuple[str, ...]
+    said_mm: float = float("nan")  # how exact the run says that places are (one standard deviation)
 
 
 def failed(photos: int, seconds: float, message: str) -> Figures:
@@ -91,6 +92,7 @@ def measure_case(name: str, folder: Path, survey: Path) -> Figures:
         markers=folder / "markers.csv",
         detections=folder / "masks.json",
         cameras=folder / case.given if case.given else None,
+        scene=False,  # the cloud has no part in cameras
     )
     photos = sorted(path.name for path in (folder / "images").iterdir())
     before = _seconds()
@@ -128,7 +130,7 @@ def compare(name: str, folder: Path, survey: Path, photos: list[str], warnings: 
         worst_mm=float(apart_mm.max()), similar_mm=_rms(similar_mm), scale_percent=100 * scale,
         focal_percent=100 * max(ratios, key=abs), off=len(off), missed=len(off - named),
         false_alarms=len((alarms & placed) - off), fault=said, f1=f1, centre_mm=centre_mm, seconds=seconds,
-        warnings=tuple(warnings),
+        warnings=tuple(warnings), said_mm=_said_mm(survey),
     )  # fmt: skip
 
 
@@ -142,6 +144,11 @@ def _fruits(folder: Path, survey: Path) -> tuple[float, float]:
 
 def _pieces(survey: Path) -> int:
     return len(json.loads((survey / "survey.json").read_text())["stages"]["scale"]["info"]["report"]["pieces"])
+
+
+def _said_mm(survey: Path) -> float:
+    said = json.loads((survey / "survey.json").read_text())["stages"]["scale"]["info"]["report"]["accuracy"]
+    return said["position_sd_mm"] if said else float("nan")
 
 
 def _rms(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
@@ -185,13 +192,14 @@ def figures_of(name: str, out: Path, label: str, data: Path) -> Figures:
 
 
 def table(found: dict[str, Figures]) -> str:
-    head = ("case", "placed", "pieces", "RMS, mm", "worst", "similarity", "scale, %", "focal, %", "off", "missed",
-            "false alarms", "fault", "F1", "centre, mm", "CPU s")  # fmt: skip
+    head = ("case", "placed", "pieces", "RMS, mm", "said ±", "worst", "similarity", "scale, %", "focal, %", "off",
+            "missed", "false alarms", "fault", "F1", "centre, mm", "CPU s")  # fmt: skip
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for name, f in found.items():
-        cells = (name, f"{f.placed} of {f.photos}", f.pieces, f"{f.rms_mm:.1f}", f"{f.worst_mm:.0f}",
-                 f"{f.similar_mm:.1f}", f"{f.scale_percent:+.2f}", f"{f.focal_percent:+.2f}", f.off, f.missed,
-                 f.false_alarms, f.fault or "–", f"{f.f1:.3f}", f"{f.centre_mm:.1f}", f"{f.seconds:.0f}")  # fmt: skip
+        cells = (name, f"{f.placed} of {f.photos}", f.pieces, f"{f.rms_mm:.1f}", f"{f.said_mm:.1f}",
+                 f"{f.worst_mm:.0f}", f"{f.similar_mm:.1f}", f"{f.scale_percent:+.2f}", f"{f.focal_percent:+.2f}",
+                 f.off, f.missed, f.false_alarms, f.fault or "–", f"{f.f1:.3f}", f"{f.centre_mm:.1f}",
+                 f"{f.seconds:.0f}")  # fmt: skip
         lines.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(lines)
 

@@ -39,6 +39,9 @@ SCENES = {
     "walk": _WALK,
     "walk-wind": replace(_WALK, wind_m=0.004, width_px=360, height_px=540),
     "walk-near-markers": replace(_WALK, distance_m=2.1, marker_offset_m=1.05),  # so near that photos seldom hold them
+    "video": replace(
+        _WALK, seed=7102, photos_per_side=30, photos_round_end=30, step_m=0.1, width_px=400, height_px=600,
+    ),
     "sides": replace(
         _WALK, seed=7101, photos_round_end=0, photos_per_side=9, step_m=0.35, light="overcast", width_px=360,
         height_px=540,
@@ -89,6 +92,19 @@ def scaled(shot: Shot, factor: float) -> Shot:
     ids = cv2.resize(shot.ids, size, interpolation=cv2.INTER_NEAREST)
     camera = replace(shot.camera, focal_px=shot.camera.focal_px * factor, width_px=size[0], height_px=size[1])
     return replace(shot, pixels=np.asarray(pixels, np.uint8), ids=np.asarray(ids, np.uint16), camera=camera)
+
+
+def cropped(shot: Shot, left_px: int, top_px: int, width_px: int, height_px: int, *, enlarged: bool) -> Shot:
+    """A part of the photo, as small as it is or `enlarged` to the size of the whole; EXIF says nothing of it."""
+    h, w = shot.ids.shape
+    part = slice(top_px, top_px + height_px), slice(left_px, left_px + width_px)
+    pixels, ids = shot.pixels[part], shot.ids[part]
+    camera = replace(shot.camera, width_px=width_px, height_px=height_px)
+    if enlarged:
+        pixels = np.asarray(cv2.resize(pixels, (w, h), interpolation=cv2.INTER_CUBIC))
+        ids = np.asarray(cv2.resize(ids, (w, h), interpolation=cv2.INTER_NEAREST))
+        camera = replace(shot.camera, focal_px=shot.camera.focal_px * w / width_px)
+    return replace(shot, pixels=pixels.copy(), ids=ids.copy(), camera=camera)
 
 
 def zoomed(shot: Shot, factor: float, *, told: bool, model: str = "Bed A") -> Shot:
@@ -169,6 +185,28 @@ def zoom_changed(shots: list[Shot], rng: np.random.Generator) -> list[Shot]:
     return [zoomed(s, 1.2, told=False) if i >= len(shots) // 2 else s for i, s in enumerate(shots)]
 
 
+def edited(shots: list[Shot], rng: np.random.Generator) -> list[Shot]:
+    """Photos of which an editor cut off a strip at the right and at the bottom, and left EXIF as it was."""
+    return [cropped(s, 0, 0, round(0.8 * s.ids.shape[1]), round(0.9 * s.ids.shape[0]), enlarged=False) for s in shots]
+
+
+def stabilised(shots: list[Shot], rng: np.random.Generator) -> list[Shot]:
+    """Frames of a video as a phone steadies it: of each another part of the sensor, which is off by up to 3 %."""
+    frames = []
+    for s in shots:
+        h, w = s.ids.shape
+        width, height = 2 * round(0.45 * w), 2 * round(0.45 * h)
+        across, down = np.round(rng.uniform(-0.03, 0.03, 2) * w).astype(int)
+        left, top = (w - width) // 2 + int(across), (h - height) // 2 + int(down)
+        frames.append(replace(cropped(s, left, top, width, height, enlarged=True), focal_35mm=None))
+    return frames
+
+
+def mirrored(shots: list[Shot], rng: np.random.Generator) -> list[Shot]:
+    """Photos as a selfie camera saves them."""
+    return [replace(s, pixels=s.pixels[:, ::-1].copy(), ids=s.ids[:, ::-1].copy()) for s in shots]
+
+
 def _clipped(pixels: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> ByteArray:
     return np.clip(np.round(pixels), 0, 255).astype(np.uint8)
 
@@ -221,6 +259,11 @@ CASES = {
     "walk, shuffled names": Case("walk", shuffled),
     "walk, two cameras": Case("walk", two_cameras),
     "walk, zoom changed": Case("walk", zoom_changed, fault="zoom|focal"),
+    "walk, cropped by an editor": Case("walk", edited, fault="EXIF|crop"),
+    "walk, stabilised": Case("walk", stabilised, fault="stabilis"),
+    "walk, mirrored": Case("walk", mirrored, fault="mirror"),
+    "video": Case("video", without_exif),
+    "video, stabilised": Case("video", stabilised, fault="stabilis"),
     "walk, photos of another place": Case("walk", others="orchard-dev", fault="other_"),
     "walk, three markers": Case("walk", markers=three_markers),
     "walk, markers of one side": Case("walk", markers=coplanar_markers),

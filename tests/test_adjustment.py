@@ -10,8 +10,10 @@ import pytest
 
 from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px
 from pomona.adjustment.lenses import frames_of, known_focals, lens_votes, lenses_apart, share_lenses
+from pomona.adjustment.steadiness import middles, wandering_middles
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.geometry import estimate_similarity
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.sfm.models import Model
@@ -203,3 +205,25 @@ def test_noise_of_features_is_what_it_was_before_points_were_fitted_to_it() -> N
     adjusted = adjust(EAST, noise_px=NOISE_PX)
     assert adjusted is not None
     assert feature_noise_px(adjusted) == pytest.approx(NOISE_PX, rel=0.1)
+
+
+def test_pictures_whose_middle_wanders_are_found_and_steady_ones_are_not() -> None:
+    steady = adjust(photographed("west", photos=10, noise_px=NOISE_PX, seed=4), noise_px=NOISE_PX)
+    assert wandering_middles(steady) == []
+    found = middles(steady)
+    # Where nothing moved, middles are off by as much as they are uncertain: to 1 px here.
+    assert 0.5 < np.sqrt(((found.offsets_px / found.sds_px) ** 2).mean()) < 1.3
+    # Each frame cut out of another part of the sensor, by up to 3 % of its width.
+    shifts_px = np.random.default_rng(5).uniform(-0.03, 0.03, (10, 2)) * WIDTH
+    cut = replace(steady, track_xy_px=steady.track_xy_px + shifts_px[steady.track_photo_idx])
+    stabilised = adjust(cut, noise_px=NOISE_PX)
+    # The adjustment takes most of that for turns, and cameras go astray by centimetres.
+    back = estimate_similarity(stabilised.centers_in_world, steady.centers_in_world)
+    off_m = np.linalg.norm(back.apply(stabilised.centers_in_world) - steady.centers_in_world, axis=1)
+    assert 0.01 < off_m.max() < 0.5
+    (said,) = wandering_middles(stabilised)
+    assert "west/000.jpg to west/009.jpg" in said
+    assert "stabilised" in said
+    # Five photos say nothing of a scatter.
+    five = take(Model(stabilised, np.arange(10), np.ones(10)), np.arange(10) < 5).cameras
+    assert wandering_middles(five) == []

@@ -38,6 +38,7 @@ def write_photo(
     focal_mm: float | None = 24.0,
     orientation: int = 1,
     seconds: int | None = None,
+    taken_px: tuple[int, int] | None = None,
 ) -> Path:
     """Write a photo of blocks of colour with EXIF, its format by its suffix."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -51,6 +52,8 @@ def write_photo(
         details[0x920A] = focal_mm
     if seconds is not None:
         details[0x9003] = f"2017:09:28 11:00:{seconds:02d}"
+    if taken_px is not None:
+        details[0xA002], details[0xA003] = taken_px
     image.save(path, exif=exif)
     return path
 
@@ -214,6 +217,20 @@ def test_mixed_cameras_sizes_copies_and_missing_exif_are_warned_of_once(tmp_path
     assert [photo.focal_px is None for photo in photos] == [False, False, False, True, True, True]
     for said in ("4 cameras or zooms", "3 of 6 photos say nothing of their focal length", "different sizes", "5.jpg ="):
         assert sum(said in warning for warning in progress.warnings) == 1
+
+
+def test_cropped_photos_are_named_and_resized_ones_are_not(tmp_path: Path) -> None:
+    write_photo(tmp_path / "cropped.jpg", (84, 78), seed=1, taken_px=(4000, 3000))
+    write_photo(tmp_path / "resized.jpg", (80, 60), seed=2, taken_px=(4000, 3000))
+    write_photo(tmp_path / "upright.jpg", (60, 80), seed=3, taken_px=(4000, 3000))
+    progress = Silent()
+    photos = load_photos([tmp_path], progress=progress).by_name()
+    (said,) = [warning for warning in progress.warnings if "cropped" in warning]
+    assert "cropped.jpg" in said
+    assert "resized.jpg" not in said
+    assert "upright.jpg" not in said
+    # EXIF's focal length is of the whole photo: it does not hold for a part.
+    assert [photos[name].focal_px is None for name in ("cropped.jpg", "resized.jpg", "upright.jpg")] == [True, 0, 0]
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -316,12 +316,39 @@ def test_small_pieces_that_nothing_ties_are_lost_by_name(monkeypatch: pytest.Mon
     stray = photographed("east", photos=3, seed=9)
     stray = replace(stray, photos=("east/a.jpg", "east/b.jpg", "east/c.jpg"))
     pieces = Reconstruction((BOTH.pieces[0], as_piece(stray, "east", 5)))
-    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"))
-    placed = place_in_world(pieces, photos_of(EAST, stray), options=options)
+    options, progress = ScaleOptions(markers=marker_table(tmp_path / "markers.csv")), Silent()
+    placed = place_in_world(pieces, photos_of(EAST, stray), options=options, progress=progress)
     assert placed.cameras.photos == EAST.photos
     assert [lost.photo for lost in placed.lost] == list(stray.photos)
+    assert [w for w in progress.warnings if "east/a.jpg to east/c.jpg" in w and "has no place" in w]
     assert "separate piece of 3 photos" in placed.lost[0].reason
     assert "between this place and its neighbours" in placed.lost[0].advice
+
+
+def test_pieces_of_a_side_are_named_where_nothing_exact_joins_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    more = photographed("east", photos=6, seed=9)
+    more = replace(more, photos=tuple(f"east/more_{i}.jpg" for i in range(6)))
+    pieces = Reconstruction((BOTH.pieces[0], as_piece(more, "east", 5)))
+    show_markers(monkeypatch, sighted([EAST, more], PLACES))
+    options, by_markers = ScaleOptions(markers=marker_table(tmp_path / "markers.csv")), Silent()
+    assert place_in_world(pieces, photos_of(EAST, more), options=options, progress=by_markers).report.sides_are_tied
+    assert not [w for w in by_markers.warnings if "piece 2" in w]
+    by_gnss = Silent()
+    known = Photos(
+        tuple(
+            replace(photo, gnss=Gnss(41.5 + center[1] / 111_000, 0.8 + center[0] / 83_000, 200 + center[2]))
+            for photo, center in zip(
+                photos_of(EAST, more), [*EAST.centers_in_world, *more.centers_in_world], strict=True
+            )
+        )
+    )
+    placed = place_in_world(pieces, known, progress=by_gnss)
+    assert placed.report.source == "gnss"
+    (said,) = [w for w in by_gnss.warnings if "GNSS alone" in w]
+    assert "east/000.jpg to east/007.jpg" in said
+    assert "east/more_0.jpg to east/more_5.jpg" in said
 
 
 def test_no_piece_is_an_error_with_advice() -> None:

@@ -25,14 +25,29 @@ def too_few(paths: Sequence[Path], photos: Sequence[Photo], skipped: Sequence[Sk
     return message
 
 
-def warn_of(photos: Sequence[Photo], skipped: Sequence[Skipped], progress: Progress, *, from_video: bool) -> None:
-    """Warn, once for each matter, of what was skipped, missing focal lengths, mixed cameras, zooms, sizes, copies."""
+def warn_of(
+    photos: Sequence[Photo],
+    skipped: Sequence[Skipped],
+    progress: Progress,
+    *,
+    cropped: Sequence[str] = (),
+    from_video: bool,
+) -> None:
+    """Warn, once for each matter, of what was skipped or `cropped`, missing focal lengths, mixed cameras, zooms, sizes,
+    copies."""
     if skipped:
         reasons = [f"{s.name} ({s.reason})" for s in skipped]
         progress.warn(
             f"{_count(len(skipped), 'file')} could not be used and {_was(skipped)} skipped: {_listed(reasons)}"
         )
-    without = [photo for photo in photos if photo.focal_px is None]
+    if cropped:
+        progress.warn(
+            f"{_count(len(cropped), 'photo')} {_was(cropped)} cropped: EXIF has sides of another proportion: "
+            f"{_listed(cropped)}. What is off the middle is placed wrongly, and EXIF's focal length is of the whole; "
+            "give the photos as they come from the camera"
+        )
+    told = set(cropped)
+    without = [photo for photo in photos if photo.focal_px is None and photo.name not in told]
     if without and not from_video:
         progress.warn(
             f"{len(without)} of {_count(len(photos), 'photo')} say nothing of their focal length (no EXIF, or an "

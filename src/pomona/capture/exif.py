@@ -21,6 +21,8 @@ _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
 # How far lenses are from their nominal focal length, and a sensor's imaged part from its nominal width: a share.
 _NOMINAL = 0.01
+# Sides of a photo in another proportion than EXIF has them, by more than rounding and a raw file's margin: cropped.
+_SAME_SHAPE = 0.02
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Exif:
     focal_35mm: float | None = None
     digital_zoom: float | None = None
     plane_width_mm: float | None = None
+    size_px: tuple[float, float] | None = None
     taken_at: datetime | None = None
     gnss: Gnss | None = None
 
@@ -60,6 +63,7 @@ def parse_exif(base: Mapping[int, Any], details: Mapping[int, Any], gps: Mapping
         focal_35mm=_positive(details.get(_FOCAL_35MM)),
         digital_zoom=_positive(details.get(_DIGITAL_ZOOM)),
         plane_width_mm=_plane_width_mm(details),
+        size_px=_size_px(details),
         taken_at=_time(details.get(_DATE_ORIGINAL) or base.get(_DATE_TIME), details.get(_SUBSEC_ORIGINAL)),
         gnss=_gnss(gps),
     )
@@ -72,8 +76,11 @@ def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] |
     resolution), then the 35 mm equivalent, which is rounded to whole millimetres. The equivalent overrules the two
     others where they disagree by more than 10 %: it alone knows of digital zoom, crops and a phone's other lenses.
     Photos may have been resized, so millimetres are related to the longer side or, for the 35 mm equivalent, to the
-    diagonal, by which CIPA's guideline DCG-001 defines it. None where EXIF does not lead to a focal length.
+    diagonal, by which CIPA's guideline DCG-001 defines it. None where EXIF does not lead to a focal length, as where
+    photos were cropped: EXIF is of the whole.
     """
+    if was_cropped(exif, width_px, height_px):
+        return None
     equivalent = None
     if exif.focal_35mm is not None:
         focal = exif.focal_35mm / _DIAGONAL_35MM_MM * math.hypot(width_px, height_px)
@@ -88,6 +95,14 @@ def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] |
             if equivalent is not None and abs(focal / equivalent[0] - 1) < 0.1:
                 return focal, focal * _sd(exif.focal_mm)
     return equivalent
+
+
+def was_cropped(exif: Exif, width_px: int, height_px: int) -> bool:
+    """Say whether a photo of this size is only a part of what the camera took, by the shape that EXIF has."""
+    if exif.size_px is None:
+        return False
+    shapes = [max(sides) / min(sides) for sides in (exif.size_px, (width_px, height_px))]
+    return abs(shapes[0] / shapes[1] - 1) > _SAME_SHAPE
 
 
 def _sd(focal_mm: float) -> float:
@@ -126,6 +141,11 @@ def _plane_width_mm(details: Mapping[int, Any]) -> float | None:
     longer = max(sides)
     # Anything else than 2 to 70 mm is a wrong unit or a size that was rewritten by an editor.
     return longer if 2.0 < longer < 70.0 else None
+
+
+def _size_px(details: Mapping[int, Any]) -> tuple[float, float] | None:
+    width, height = _positive(details.get(_PIXEL_X)), _positive(details.get(_PIXEL_Y))
+    return None if width is None or height is None else (width, height)
 
 
 def _time(value: Any, subsec: Any) -> datetime | None:

@@ -8,9 +8,9 @@ from datetime import datetime
 from pathlib import Path
 
 from pomona.capture.checks import too_few, warn_of
-from pomona.capture.exif import Exif, focal_px
+from pomona.capture.exif import Exif, focal_px, was_cropped
 from pomona.capture.files import VIDEO_SUFFIXES, list_photos, natural_key
-from pomona.capture.images import read_header
+from pomona.capture.images import Header, read_header
 from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
@@ -54,16 +54,20 @@ def load_photos(
     found = _find(paths, frames_dir, key_frames or KeyFrameOptions(), progress)
     photos: list[Photo] = []
     skipped: list[Skipped] = []
+    cropped: list[str] = []
     for file in track(found, progress, "Reading photo headers"):
         try:
-            photos.append(_photo(file))
+            header = _header(file)
+            photos.append(_photo(file, header))
+            if was_cropped(header.exif, header.width_px, header.height_px):
+                cropped.append(file.name)
         except InputError as reason:
             skipped.append(Skipped(as_text(file.name), str(reason)))
     if len(photos) < min_photos:
         raise InputError(too_few(paths, photos, skipped, min_photos))
     photos = _with_sides(photos, sides, progress)
     from_video = any(file.video for file in found)
-    warn_of(photos, skipped, progress, from_video=from_video)
+    warn_of(photos, skipped, progress, cropped=cropped, from_video=from_video)
     return Photos(_ordered(photos), tuple(skipped), from_video=from_video)
 
 
@@ -114,11 +118,14 @@ def _of_source(
     return [_Found(frame.name, frames_dir / label / frame.name, video=path.name) for frame in frames]
 
 
-def _photo(file: _Found) -> Photo:
-    """Open one file. Its side is, for now, the group it came with."""
+def _header(file: _Found) -> Header:
     if as_text(file.name) != file.name:
         raise InputError("its name is not UTF-8: rename the file")
-    header = read_header(file.path)
+    return read_header(file.path)
+
+
+def _photo(file: _Found, header: Header) -> Photo:
+    """What one file's header says. Its side is, for now, the group it came with."""
     exif = header.exif
     size = f"{header.width_px}x{header.height_px}"
     key = f"video {file.video} {size}" if file.video else f"{_camera(exif)} {size}"

@@ -27,8 +27,9 @@ _VAGUE_PLACE, _VAGUE_SCALE = 0.4, 0.01
 # What 95 % of errors are below, in standard deviations: of a length, and of a place (all three directions together).
 _SURE, _SURE_PLACE = 2.0, 1.61
 # A marker that is seen farther than this (in fruit diameters) from where the others have it is told of, where that is
-# more than two standard deviations; and one half as far off, where chance would do that in less than one survey of ten.
-_WRONG_MARKER, _CHANCE = 0.2, 0.1
+# more than two standard deviations; and one half as far off, where chance would do that in less than one survey of ten
+# and it is off by more than these pixels: wrong matches near their epipolar lines bend the ends of pieces by less.
+_WRONG_MARKER, _CHANCE, _BENT_PX = 0.2, 0.1, 3.0
 # Markers are measured to this by tape: where the adjustment finds their places worse, something is wrong with one.
 _MEASURED_SD_M = 0.003
 # More photos of one marker than this are not read.
@@ -144,7 +145,10 @@ def warn_of_marker(
         marker
         for marker in checked
         if (marker.offset_mm > most_mm and marker.deviations > _SURE)
-        or (marker.offset_mm > most_mm / 2 and marker.deviations > no_chance)
+        or (
+            marker.offset_mm > max(most_mm / 2, _BENT_PX * _pixel_mm(cameras, known[marker.marker_id]))
+            and marker.deviations > no_chance
+        )
     ]
     if not wrong:
         return
@@ -156,3 +160,11 @@ def warn_of_marker(
         f"wrongly, or the photos that see it are placed wrongly ({', '.join(seen_by[:_MOST_NAMES])}). Measure it "
         "again, or take it out of the table"
     )
+
+
+def _pixel_mm(cameras: Cameras, marker: Landmark) -> float:
+    """How large a pixel is at a marker, in the middle of the photos that see it."""
+    photos = marker.photo_idx
+    distances_m = np.linalg.norm(cameras.centers_in_world[photos] - marker.place, axis=1)
+    focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])[cameras.intrinsics_idx[photos]]
+    return 1000 * float(np.median(distances_m / focals_px))

@@ -37,7 +37,8 @@ class Placement:
     """What is known so far of each piece, by its index.
 
     `in_world` holds the cameras of pieces that are in the world frame by measurement ("tied" in the report);
-    `metres_per_unit` the scales known, whether or not the piece has a place; `scales` where both came from;
+    `metres_per_unit` the scales known, whether or not the piece has a place; `scales` where both came from; `met` the
+    pieces that were registered to each other by their fruits;
     `failures` why sources gave none; `ties` how sides agree on fruits that both see; `adjusted` what was adjusted on
     markers, and `accuracy` what that says of itself; `contradictions` those of the `notes` that say that a check
     contradicts it.
@@ -48,6 +49,7 @@ class Placement:
     in_world: dict[int, Cameras] = field(default_factory=dict)
     metres_per_unit: dict[int, float] = field(default_factory=dict)
     scales: dict[int, PieceScale] = field(default_factory=dict)
+    met: set[int] = field(default_factory=set)
     failures: dict[int, list[str]] = field(default_factory=dict)
     markers: list[MarkerResidual] = field(default_factory=list)
     unseen_markers: tuple[int, ...] = ()
@@ -81,6 +83,11 @@ class Placement:
         """Name a piece for a person."""
         piece = self.pieces[idx]
         return f"Side {piece.side or 'of the row'}{'' if self.is_main(idx) else f', piece {idx + 1}'}"
+
+    def name_with_photos(self, idx: int) -> str:
+        """Name a piece, and its first and last photo, for a person."""
+        photos = self.pieces[idx].cameras.photos
+        return f"{self.name(idx)} ({photos[0]} to {photos[-1]})"
 
     def is_main(self, idx: int) -> bool:
         """Say whether a piece is the largest of its side (it comes first)."""

@@ -156,15 +156,11 @@ def _warn_of_places(placement: Placement, tied: Sequence[int], sides: dict[int, 
         moved_m = _moved_m(one, one.moved(found.target_from_source))
         if moved_m > _SAME_FRUIT * one.diameter_m:
             placement.contradict(
-                f"{_named(placement, i)} and {_named(placement, j)} have {len(found.pairs)} fruits in common, "
-                f"{1000 * moved_m:.0f} mm apart: the markers that one of them sees are not where the table has them, "
-                "or were moved between the sides. Measure them again; until then fruits seen from both count twice"
+                f"{placement.name_with_photos(i)} and {placement.name_with_photos(j)} have {len(found.pairs)} fruits "
+                f"in common, {1000 * moved_m:.0f} mm apart: the markers that one of them sees are not where the table "
+                "has them, or were moved between the sides. Measure them again; until then fruits seen from both "
+                "count twice"
             )
-
-
-def _named(placement: Placement, idx: int) -> str:
-    photos = placement.pieces[idx].cameras.photos
-    return f"{placement.name(idx)} ({photos[0]} to {photos[-1]})"
 
 
 def _register_to(
@@ -187,6 +183,7 @@ def _register_to(
     placement.set_scale(idx, placement.scales[base].source, metres_per_unit)
     with_most = max(known, key=lambda i: len(_shared(sides[idx], sides[i])))
     moved_m = _moved_m(before, sides[idx]) if starts_from_gnss else float("nan")
+    placement.met |= {base, idx}
     placement.ties.append(_tie(placement, with_most, idx, "gnss" if starts_from_gnss else "fruits", sides, moved_m))
     return True
 

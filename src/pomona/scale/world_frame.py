@@ -148,10 +148,16 @@ def _assemble(placement: Placement, frame: WorldFrame | None, options: ScaleOpti
         if placement.is_main(idx) or (has_scale and len(piece.cameras) >= options.least_loose_photos):
             loose.append(idx)
         else:
-            lost += _lost(placement, idx)
+            left_out = _lost(placement, idx)
+            placement.warn(
+                f"{placement.name_with_photos(idx)} has no place: {left_out[0].reason}; {left_out[0].advice}"
+            )
+            lost += left_out
     metric = [_in_metres(placement.pieces[i].cameras, placement.metres_per_unit.get(i, 1.0)) for i in loose]
     beside = dict(zip(loose, set_beside(list(placement.in_world.values()), metric), strict=True))
     _warn_of_loose(placement, loose)
+    if frame is not None and frame.scale_source not in ("markers", "control-points"):
+        _warn_of_pieces_by_gnss(placement)
     kept = sorted([*placement.in_world, *loose])
     scales = tuple(placement.scales[i] for i in kept if i in placement.scales)
     if frame is None:
@@ -228,8 +234,25 @@ def _warn_of_loose(placement: Placement, loose: list[int]) -> None:
         )
     pieces = [i for i in loose if not placement.is_main(i)]
     if pieces:
-        photos = sum(len(placement.pieces[i].cameras) for i in pieces)
         placement.warn(
-            f"{len(pieces)} separate pieces ({photos} photos) were set beside the others: fruits seen in more than one "
-            "piece are counted twice. More photos between the pieces, or markers, tie them together"
+            f"{_listed(placement, pieces)}: set beside the others, as nothing joins them, not even their own matches: "
+            "fruits seen in more than one piece are counted twice. Take photos at shorter steps there, so that each "
+            "shares at least two thirds of its view with the next, or set up markers that both pieces see"
         )
+
+
+def _warn_of_pieces_by_gnss(placement: Placement) -> None:
+    """Name pieces of one side that positions alone hold together, which are metres off."""
+    here = [i for i in sorted(placement.in_world) if i not in placement.met]
+    for side in dict.fromkeys(placement.pieces[i].side for i in here):
+        of_side = [i for i in sorted(placement.in_world) if placement.pieces[i].side == side]
+        if len(of_side) > 1:
+            placement.warn(
+                f"{_listed(placement, of_side)}: GNSS alone says where they are to each other, as their own matches do "
+                "not join them, and too few fruits do: fruits seen in more than one piece may count twice. Take photos "
+                "at shorter steps there, so that each shares at least two thirds of its view with the next"
+            )
+
+
+def _listed(placement: Placement, pieces: Sequence[int]) -> str:
+    return ", ".join(placement.name_with_photos(i) for i in pieces)

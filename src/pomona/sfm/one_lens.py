@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from pomona.adjustment.bundle import adjust, feature_noise_px, is_no_worse
 from pomona.adjustment.lenses import credible_focals, known_focals, lenses_apart, share_lenses, wrong_focals
+from pomona.adjustment.steadiness import wandering_middles
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress
@@ -23,7 +24,8 @@ def with_one_lens(pieces: Sequence[Piece], photos: Photos, progress: Progress) -
 
     On a flat scene seen head-on, focal length trades against distance, and each piece makes up its own; here all
     pieces say together what it is, and where they cannot tell, EXIF decides. Warns of EXIF that the photos contradict,
-    and of one camera that must have zoomed. The pieces are returned unchanged where nothing is gained.
+    of one camera that must have zoomed, and of stabilised videos. The pieces are returned unchanged where
+    nothing is gained.
     """
     joined = concatenate([piece.cameras for piece in pieces], WorldFrame())
     known = photos.by_name()
@@ -35,7 +37,8 @@ def with_one_lens(pieces: Sequence[Piece], photos: Photos, progress: Progress) -
         apart = _adjusted(joined, known, trust_exif=False)
         if apart is not None and feature_noise_px(adjusted) > _MORE_NOISE * feature_noise_px(apart):
             adjusted = apart
-    for sentence in [*wrong_focals(adjusted or joined, known), *lenses_apart(adjusted or joined, known)]:
+    cameras = adjusted or joined
+    for sentence in wrong_focals(cameras, known) + lenses_apart(cameras, known) + wandering_middles(cameras):
         progress.warn(sentence)
     if adjusted is None:
         return list(pieces)

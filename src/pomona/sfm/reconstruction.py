@@ -101,7 +101,8 @@ def _reconstruct_side(
     models, evidence = _map(workspace, unreadable, label, progress)
     pieces = [Piece(side, model.cameras, mean_error_px(model.cameras)) for model in models]
     lost = explain_unregistered(evidence)
-    _warn_of_lost(pieces, lost, label, progress)
+    for photo in lost:
+        progress.warn(f"Photo {photo.photo} has no place: {photo.reason}. {photo.advice}")
     return pieces, lost
 
 
@@ -276,18 +277,6 @@ def _warn_of_cameras(workspace: Workspace, label: str, progress: Progress) -> No
             f"The photos{label} were taken with {len(kinds)} cameras, lenses or zooms ({listing}). Each gets "
             "intrinsics of its own; one camera at one zoom gives better places."
         )
-
-
-def _warn_of_lost(pieces: Sequence[Piece], lost: Sequence[Unregistered], label: str, progress: Progress) -> None:
-    if len(pieces) > 1:
-        sizes = ", ".join(str(len(piece.cameras)) for piece in pieces)
-        progress.warn(
-            f"The photos{label} fall into {len(pieces)} pieces ({sizes} photos) that their own matches do not join: "
-            "there is too little overlap between them. Markers, GNSS or fruits seen from both can; where nothing does, "
-            "pieces that were set beside each other, or left out, are named."
-        )
-    for photo in lost:
-        progress.warn(f"Photo {photo.photo} has no place: {photo.reason}. {photo.advice}")
 
 
 def _nothing_placed(lost: Sequence[Unregistered]) -> str:
