@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pomona.adjustment.weights import Landmark
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
@@ -20,7 +21,7 @@ from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.accuracy import free_center_sds, warn_of_vague_places
+from pomona.scale.accuracy import LeftOutMarker, free_center_sds, warn_of_marker, warn_of_vague_places
 from pomona.scale.aruco import find_markers
 from pomona.scale.marker_table import read_markers
 from pomona.scale.markers import MarkerFit, find_sightings, fit_markers
@@ -157,6 +158,22 @@ def test_a_marker_that_the_fit_hides_is_named_with_the_photos_that_see_it(
     assert placed.report.markers_rms_mm < 0.5 * off_mm
     assert placed.report.accuracy is not None
     assert placed.report.accuracy.position_sd_mm > 6
+
+
+@pytest.mark.parametrize(("coarser", "off_mm", "deviations", "told"), [
+    (1, 9.0, 3.4, True), (4, 9.0, 3.4, False), (4, 20.0, 2.5, True), (1, 9.0, 2.5, False), (1, 5.0, 9.0, False)
+])  # fmt: skip
+def test_a_marker_is_wrong_beyond_chance_fruits_and_pixels(
+    coarser: float, off_mm: float, deviations: float, told: bool
+) -> None:
+    # A pixel is 1.8 mm at the markers, or 7 mm in photos a fourth as wide.
+    lens = replace(LENS, params=LENS.params / [coarser, coarser, coarser, 1])
+    cameras = replace(EAST, intrinsics=(lens,))
+    marker = Landmark(np.array(PLACES[3]), 0.001, np.arange(3), np.zeros((3, 2)), np.ones(3))
+    placement = Placement([Piece("east", cameras, 0.3)], Silent())
+    found = [LeftOutMarker(3, off_mm, deviations), *(LeftOutMarker(i, 1.0, 0.5) for i in range(3))]
+    warn_of_marker(placement, cameras, found, dict.fromkeys(range(4), marker), fruit_diameter_m=0.075)
+    assert [f"Marker 3 is seen {off_mm:.0f} mm" in note for note in placement.contradictions] == [True] * told
 
 
 def test_photos_that_few_points_hold_are_named() -> None:
