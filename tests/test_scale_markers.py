@@ -437,3 +437,22 @@ def test_mirrored_photos_are_found_by_their_markers(tmp_path: Path) -> None:
     assert find_sightings(placement, Photos(tuple(photos)), read_markers(options.markers), options) == []
     (said,) = placement.contradictions
     assert said.startswith("The photos are mirrored: 2 of them show markers the wrong way round (one.png to two.png)")
+
+
+def test_mirrored_photos_are_found_where_a_plate_looks_the_same_in_the_mirror(tmp_path: Path) -> None:
+    # Plate 8 looks the same in a mirror.
+    corners = np.array([[250, 180], [330, 185], [325, 262], [246, 258]], np.float32)
+    taken, mirrored = [], []
+    for k, marker_id in enumerate((8, 3, 4, 5, 6)):
+        taken.append(plate_photo(tmp_path / f"taken_{k}.png", marker_id, corners, (640, 480)))
+        mirrored.append(plate_photo(tmp_path / f"mirrored_{k}.png", marker_id, corners, (640, 480)))
+        cv2.imwrite(str(mirrored[-1].path), cv2.imread(str(taken[-1].path))[:, ::-1])
+    places = {i: (0.1 * i, 0.0, 1.0) for i in (3, 4, 5, 6, 8, 9, 20, 21, 22, 23)}
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", places))
+    table = read_markers(options.markers)
+    assert [s.marker_id for s in find_markers(mirrored, set(places), "DICT_4X4_50", Silent())] == [8]
+    for photos, seen, told in ((mirrored, 0, 1), (taken, 5, 0)):
+        names = (*(photo.name for photo in photos), *EAST.photos[5:])
+        placement = Placement([Piece("", replace(EAST, photos=names), 0.3)], Silent())
+        assert len(find_sightings(placement, Photos(tuple(photos)), table, options)) == seen
+        assert len(placement.contradictions) == told

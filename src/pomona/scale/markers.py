@@ -43,6 +43,9 @@ _ENOUGH = 0.8
 _LEAST_SIGMA_M = 0.0002
 # A plate that one photo alone seems to show in its mirror image may be leaves.
 _LEAST_MIRRORED = 2
+# Photos are mirrored that show so many times as many plates in the mirror as they do themselves; of a survey that shows
+# some, about so many photos are looked at.
+_CLEARLY, _MIRRORED_PHOTOS = 2, 24
 # Cameras that stood nearer to or farther from the markers than this speak for a table in other units.
 _PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
 
@@ -70,13 +73,20 @@ def find_sightings(
             f"{named}. Check that they are {options.marker_dictionary} plates (`marker_dictionary`), sharp, "
             "unobstructed, with a white margin"
         )
-    if not sightings:
-        _warn_of_mirrored(placement, searched, wanted, options)
-    return sightings
+    many_unseen = 2 * len(placement.unseen_markers) >= len(wanted)
+    return [] if many_unseen and _are_mirrored(placement, searched, wanted, sightings, options) else sightings
 
 
-def _warn_of_mirrored(placement: Placement, photos: list[Photo], wanted: set[int], options: ScaleOptions) -> None:
-    """Warn where plates that no photo shows are in the photos' mirror images: nothing else tells these from photos."""
+def _are_mirrored(
+    placement: Placement, photos: list[Photo], wanted: set[int], as_taken: Sequence[Sighting], options: ScaleOptions
+) -> bool:
+    """Say, and warn, whether plates are seen in the photos' mirror images: nothing else tells these from photos.
+
+    Some plates look like themselves or others in a mirror, so that a few may be seen in mirrored photos, too.
+    """
+    if as_taken:  # a table of many rows has markers that no photo of this one shows: some photos tell
+        photos = photos[:: max(1, len(photos) // _MIRRORED_PHOTOS)]
+    looked_at = {photo.name for photo in photos}
     found = find_markers(
         photos,
         wanted,
@@ -86,12 +96,15 @@ def _warn_of_mirrored(placement: Placement, photos: list[Photo], wanted: set[int
         mirrored=True,
     )
     names = sorted({sighting.photo for sighting in found})
-    if len(names) >= _LEAST_MIRRORED:
-        placement.contradict(
-            f"The photos are mirrored: {len(names)} of them show markers the wrong way round ({names[0]} to "
-            f"{names[-1]}). A selfie camera or a program for videos did that: mirror them back, or all places would "
-            "be those of the row's mirror image"
-        )
+    others = sum(sighting.photo in looked_at for sighting in as_taken)
+    if len(names) < _LEAST_MIRRORED or len(found) <= _CLEARLY * others:
+        return False
+    placement.contradict(
+        f"The photos are mirrored: {len(names)} of them show markers the wrong way round ({names[0]} to "
+        f"{names[-1]}). A selfie camera or a program for videos did that: mirror them back, or all places would "
+        "be those of the row's mirror image"
+    )
+    return True
 
 
 def place_by_markers(
