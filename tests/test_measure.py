@@ -13,10 +13,11 @@ from pomona.errors import InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
+from pomona.mask_rays import mask_rays
 from pomona.measure import MeasureOptions, measure
 from pomona.measure.spheroid_fit import Evidence, Prior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
-from pomona.outlines import outline_px
+from pomona.outlines import depths_in_hull, outline_px
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 
@@ -208,6 +209,34 @@ def test_outlines_lie_on_the_masks_edge_and_not_on_the_photos() -> None:
     assert off.max() <= 5
     cut = outline_px(Mask.from_pixels(np.ones((10, 10), bool), 0, 5), 100, 100)
     assert cut[:, 0].min() > 1
+
+
+def test_outlines_that_lie_deep_in_the_hull_are_left_out() -> None:
+    y, x = np.mgrid[:41, :41] - 20
+    disc = Mask.from_pixels((x**2 + y**2 <= 20**2) & ~((abs(x) < 4) & (y < 8)), 30, 30)  # a leaf lies across it
+    edge_px = outline_px(disc, 200, 200)
+    depths = depths_in_hull(edge_px)
+    cut = (abs(edge_px[:, 0] - 50.5) < 5) & (edge_px[:, 1] < 60)
+    assert depths.min() == pytest.approx(0, abs=1e-6)
+    assert (depths[~cut] < 1.0).all()
+    assert depths[cut].max() == pytest.approx(16, abs=1)  # half way down, 4 px beside the middle
+    detections = SurveyDetections({"a": Detections("a", 200, 200, (disc,), np.ones(1), np.array([1]))})
+    camera = replace(
+        CAMERAS,
+        photos=("a",),
+        intrinsics=(Intrinsics("SIMPLE_PINHOLE", 200, 200, np.array([300.0, 100, 100])),),
+        intrinsics_idx=np.zeros(1, int),
+        cam_from_world=CAMERAS.cam_from_world[:1],
+    )
+    whole, hull = (mask_rays(detections, camera, rays_per_mask=24, hull_slack=slack) for slack in (None, 0.04))
+    assert whole.edge_shares[0] == 1
+    assert 0.55 < hull.edge_shares[0] < 0.75
+    assert hull.edge_counts[0] == pytest.approx(hull.edge_shares[0] * whole.edge_counts[0])
+
+
+def test_points_on_one_line_are_on_their_hull() -> None:
+    assert (depths_in_hull(np.array([[1.0, 1], [2, 2], [3, 3]])) == 0).all()
+    assert (depths_in_hull(np.array([[1.0, 1]])) == 0).all()
 
 
 @settings(max_examples=30, deadline=None)

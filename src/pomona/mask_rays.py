@@ -10,7 +10,7 @@ from pomona.arrays import Array, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.fruits import Observations
-from pomona.outlines import outline_px
+from pomona.outlines import depths_in_hull, outline_px
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,9 +20,10 @@ class MaskRays:
     `photo_idx` (n,) into the photos; `ids`, `scores` (n,) the detections'; `rays` (n, 3) unit directions to the masks'
     centres of mass, `centers_px` (n, 2) these; `outlines` (n, k, 3) unit directions along their edges, and
     `edge_counts` (n,), how many pixels these have: less than k are repeated, and a mask without any, which lies along
-    the photo's edge, has its centre in their place. `widths`, `extents` and `areas` (n,) are the mean and the longer
-    side of the box, and the area, at unit depth: times the depth (squared) they are metres. Of the photos: their names
-    `photos` (p,), centres `eyes_in_world` (p, 3) and `cam_from_world` (p, 3, 4).
+    the photo's edge, has its centre in their place; `edge_shares` (n,): which share of the whole outline these are.
+    `widths`, `extents` and `areas` (n,) are the mean and the longer side of the box, and the area, at unit depth: times
+    the depth (squared) they are metres. Of the photos: their names `photos` (p,), centres `eyes_in_world` (p, 3) and
+    `cam_from_world` (p, 3, 4).
     """
 
     photo_idx: IntArray
@@ -32,6 +33,7 @@ class MaskRays:
     centers_px: FloatArray
     outlines: FloatArray
     edge_counts: IntArray
+    edge_shares: FloatArray
     widths: FloatArray
     extents: FloatArray
     areas: FloatArray
@@ -43,7 +45,7 @@ class MaskRays:
         n, p = len(self.photo_idx), len(self.photos)
         for name in ("photo_idx", "ids", "edge_counts"):
             set_checked(self, name, (n,), np.int64)
-        for name in ("scores", "widths", "extents", "areas"):
+        for name in ("scores", "edge_shares", "widths", "extents", "areas"):
             set_checked(self, name, (n,), np.float64)
         set_checked(self, "rays", (n, 3), np.float64)
         set_checked(self, "centers_px", (n, 2), np.float64)
@@ -98,12 +100,18 @@ class MaskRays:
 
 
 def mask_rays(
-    detections: SurveyDetections, cameras: Cameras, *, rays_per_mask: int, only: Observations | None = None
+    detections: SurveyDetections,
+    cameras: Cameras,
+    *,
+    rays_per_mask: int,
+    only: Observations | None = None,
+    hull_slack: float | None = None,
 ) -> MaskRays:
     """Return the detections of all photos that have a camera, each outline as `rays_per_mask` rays.
 
-    `only`: those that these observations are of. Within a photo they are sorted by where they are, so that what follows
-    does not depend on the order they come in.
+    `only`: those that these observations are of. `hull_slack`: outlines are just those pixels of them that lie at most
+    so many of the mask's longer sides, or a pixel, inside its convex hull. Within a photo they are sorted by where they
+    are, so that what follows does not depend on the order they come in.
 
     `fuse`, `filter` and `measure` each make their own, as they differ in detections, order of photos and number of rays
     (16, 16 and 24). All three together take less than a second for 28 photos.
@@ -115,20 +123,20 @@ def mask_rays(
         if found is not None and wanted is not None:
             found = found[np.isin(found.ids, wanted)]
         if found is not None and len(found):
-            parts.append(_of_photo(photo_idx, found, cameras, rays_per_mask))
+            parts.append(_of_photo(photo_idx, found, cameras, rays_per_mask, hull_slack))
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)] if parts else _nothing(rays_per_mask)
     return MaskRays(*[*columns, cameras.photos, cameras.centers_in_world, cameras.cam_from_world])
 
 
-def _of_photo(photo_idx: int, found: Detections, cameras: Cameras, rays: int) -> list[Array]:
-    """Return the first ten columns of `MaskRays` for one photo."""
+def _of_photo(photo_idx: int, found: Detections, cameras: Cameras, rays: int, hull_slack: float | None) -> list[Array]:
+    """Return the first eleven columns of `MaskRays` for one photo."""
     centers_px = np.array([mask.center_px for mask in found.masks])
     order = np.lexsort(centers_px.T)
     masks = [found.masks[k] for k in order]
     intrinsics = cameras.intrinsics_of(photo_idx)
     size_px = intrinsics.width_px, intrinsics.height_px
-    outlines = [_outline(mask, centers_px[k], size_px, rays) for mask, k in zip(masks, order, strict=True)]
-    outlines_px = np.concatenate([xy_px for xy_px, _ in outlines])
+    outlines = [_outline(mask, centers_px[k], size_px, rays, hull_slack) for mask, k in zip(masks, order, strict=True)]
+    outlines_px = np.concatenate([xy_px for xy_px, _, _ in outlines])
     return [
         np.full(len(found), photo_idx),
         found.ids[order],
@@ -136,19 +144,28 @@ def _of_photo(photo_idx: int, found: Detections, cameras: Cameras, rays: int) ->
         cameras.rays_in_world(photo_idx, centers_px[order]),
         centers_px[order],
         cameras.rays_in_world(photo_idx, outlines_px).reshape(len(found), rays, 3),
-        np.array([count for _, count in outlines]),
+        np.array([count for _, count, _ in outlines]),
+        np.array([share for _, _, share in outlines]),
         np.array([mask.width_px + mask.height_px for mask in masks]) / (2 * intrinsics.focal_px),
         np.array([max(mask.width_px, mask.height_px) for mask in masks]) / intrinsics.focal_px,
         np.array([mask.area_px for mask in masks]) / intrinsics.focal_px**2,
     ]
 
 
-def _outline(mask: Mask, center_px: FloatArray, size_px: tuple[int, int], rays: int) -> tuple[FloatArray, int]:
-    """Return `rays` points (rays, 2) along a mask's edge, and how many pixels that has; its centre, where none."""
+def _outline(
+    mask: Mask, center_px: FloatArray, size_px: tuple[int, int], rays: int, hull_slack: float | None
+) -> tuple[FloatArray, int, float]:
+    """Return `rays` points (rays, 2) along a mask's edge, how many pixels that has, and which share of all.
+
+    The mask's centre and 0 pixels, where it has none.
+    """
     edge_px = outline_px(mask, *size_px)
     if len(edge_px) == 0:
-        return np.repeat(center_px[None], rays, axis=0), 0
-    return edge_px[_evenly_spaced(len(edge_px), rays)], len(edge_px)
+        return np.repeat(center_px[None], rays, axis=0), 0, 1.0
+    kept_px = edge_px
+    if hull_slack is not None:
+        kept_px = edge_px[depths_in_hull(edge_px) <= max(1.0, hull_slack * max(mask.width_px, mask.height_px))]
+    return kept_px[_evenly_spaced(len(kept_px), rays)], len(kept_px), len(kept_px) / len(edge_px)
 
 
 def _evenly_spaced(count: int, places: int) -> IntArray:
@@ -157,5 +174,5 @@ def _evenly_spaced(count: int, places: int) -> IntArray:
 
 
 def _nothing(rays: int) -> list[Array]:
-    shapes: list[tuple[int, ...]] = [(0,), (0,), (0,), (0, 3), (0, 2), (0, rays, 3), (0,), (0,), (0,), (0,)]
+    shapes: list[tuple[int, ...]] = [(0,), (0,), (0,), (0, 3), (0, 2), (0, rays, 3), (0,), (0,), (0,), (0,), (0,)]
     return [np.zeros(shape) for shape in shapes]

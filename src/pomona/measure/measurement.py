@@ -64,7 +64,13 @@ def measure(
     progress = progress or Silent()
     if len(fused.fruits) == 0:
         return fused.fruits
-    masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_photo, only=fused.observations)
+    masks = mask_rays(
+        detections,
+        cameras,
+        rays_per_mask=options.rays_per_photo,
+        only=fused.observations,
+        hull_slack=options.hull_slack,
+    )
     seen = _all_seen(fused, masks, options)
     widths_m, reasons = _first_widths(fused, seen, masks)
     progress.start("measure", 2)
@@ -176,8 +182,9 @@ def _evidence(
     focals_px = np.array([cameras.intrinsics_of(i).focal_px for i in range(len(cameras.photos))])
     pixels_m = masks.depths(start.centers[of], mask_idx) / focals_px[photo_idx]
     typical_m = float(np.median(start.radii))
-    # Of a small mask's few pixels, each is a ray more than once.
-    says = np.minimum(options.independent, masks.edge_counts[mask_idx] / 2) / options.rays_per_photo
+    # Of a small mask's few pixels, each is a ray more than once; of an outline that leaves cut, less is on the hull.
+    whole = options.independent * masks.edge_shares[mask_idx]
+    says = np.minimum(whole, masks.edge_counts[mask_idx] / 2) / options.rays_per_photo
     # Photos beside each other show the same bumps, leaves and shadows: their masks err together.
     counts = np.bincount(of, minlength=len(start))[of]
     says /= 1 + (counts - 1) * options.photos_together

@@ -18,21 +18,23 @@ TIE_OF_OUTLINES = 0.5
 class MeasureOptions:
     """Options of `measure`.
 
-    `rays_per_photo`, `points_per_fruit`: how much of each mask's outline and of the cloud is used. A mask's rays say as
-    much as `independent` measurements, errors of a fruit's masks correlate by `photos_together`, and all points say as
-    much as `points_as_masks` masks. Rays err by `pixel_noise` pixels and, as no fruit is a spheroid, by `shape_noise`
-    radii. `kind` says how high fruits are for their width, give or take `ratio_sd` (of a variety; of single fruits
-    `single_ratio_sd`) as a share, and stalks lean by `tilt_sd` radians. Fruits whose diameter comes out with a standard
-    deviation of at most `clear_sd`, as a share, or is among the `clear_share` that are known best, say what is usual in
-    this survey, if there are `fewest_clear`. Centres are tied to where the fusion has them as by a standard deviation
-    of `place_radii`; None: 5 where fruits have points of a cloud, else 0.5. A diameter outside `smallest` to `largest`
-    median diameters of the survey is no measurement, nor is one that what is seen of the fruit itself tells with a
-    standard deviation above `largest_sd` as a share.
+    `rays_per_photo`, `points_per_fruit`: how much of each mask's outline and of the cloud is used; rays are of
+    those of the outline's pixels that lie at most `hull_slack` of its longer side inside its convex hull. A whole
+    outline says as much as `independent` measurements, errors of a fruit's masks correlate by `photos_together`,
+    and all points say as much as `points_as_masks` masks. Rays err by `pixel_noise` pixels and, as no fruit is a
+    spheroid, by `shape_noise` radii. `kind` says how high fruits are for their width, give or take `ratio_sd` (of a
+    variety; of single fruits `single_ratio_sd`) as a share, and stalks lean by `tilt_sd` radians. Fruits whose
+    diameter comes out with a standard deviation of at most `clear_sd`, as a share, or is among the `clear_share`
+    that are known best, say what is usual in this survey, if there are `fewest_clear`. Centres are tied to where
+    the fusion has them as by a standard deviation of `place_radii`; None: 5 where fruits have points of a cloud,
+    else 0.5. A diameter outside `smallest` to `largest` median diameters of the survey is no measurement, nor is
+    one that what is seen of the fruit itself tells with a standard deviation above `largest_sd` as a share.
     `relative_sd` is what a spheroid leaves unsaid of a fruit, as a share. `allometry` gives weights.
     """
 
     rays_per_photo: int = 24
     points_per_fruit: int = 300
+    hull_slack: float = 0.04
     independent: float = 16.0
     photos_together: float = 0.1
     points_as_masks: float = 0.5
@@ -64,7 +66,7 @@ class MeasureOptions:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise InputError(f"`{name}`: expected a positive number, found {value}")
-        for name in ("relative_sd", "photos_together", "clear_share"):
+        for name in ("relative_sd", "photos_together", "clear_share", "hull_slack"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"`{name}`: expected a share from 0 to 1, found {getattr(self, name)}")
 
