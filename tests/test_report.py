@@ -15,6 +15,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pomona.cameras import WorldFrame
+from pomona.capture.quality import Problems
 from pomona.errors import InputError
 from pomona.evaluate.fruits import Truth
 from pomona.fruits import FruitCloud, Fruits, Observations
@@ -145,6 +146,19 @@ def test_quality_is_gathered_with_advice_that_names_photos(data: ReportData, tex
     gap = report_html(replace(data, cameras=cameras))
     before, after = (data.cameras.photos[east[k]] for k in (1, 6))
     assert f"nothing lies between {before} and {after}" in gap
+
+
+def test_photos_that_are_blurred_or_badly_lit_are_named_and_fine_ones_are_not(data: ReportData) -> None:
+    first, second, third = data.photos.names[:3]
+    said = report_html(replace(data, problems=Problems(blurred=(first, second), dark=(), bright=(third,), gap=())))
+    section = said[said.index('<section class="sheet" id="quality">') :]
+    section = section[: section.index("</section>")]
+    assert f"{first}, {second}: hold still, walk more slowly or expose shorter" in section
+    assert f"{third}: expose shorter, or keep the sky out of them" in section
+    assert ">2</td>" in section
+    assert "dark photos" not in section
+    fine = report_html(replace(data, problems=Problems((), (), (), ())))
+    assert not [word for word in ("blurred photos", "dark photos", "too bright") if word in fine]
 
 
 def test_chosen_packing_classes_come_first(data: ReportData, text: str) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 import pomona
 from pipeline_fakes import Fakes
+from pomona.capture.quality import quality_of
 from pomona.errors import InputError, MissingFileError
 from pomona.geometry import estimate_similarity
 from pomona.live import Watch, WatchOptions, WatchServer
@@ -94,7 +95,7 @@ def test_folders_that_are_none_are_told_of(tmp_path: Path) -> None:
 def test_light_is_told_of(row: tuple[list[Photo], np.ndarray], tmp_path: Path, factor, offset, matter) -> None:
     pixels = cv2.imread(str(row[0][0].path)).astype(float) * factor + offset
     photo = save(tmp_path, "p.png", np.clip(pixels, 0, 255).astype(np.uint8))
-    assert [hint.matter for hint in Checks(WatchOptions()).exposure(photo)] == ([matter] if matter else [])
+    assert [hint.matter for hint in Checks(WatchOptions()).exposure(quality_of(photo))] == ([matter] if matter else [])
 
 
 def test_a_blurred_photo_is_named_once_also_when_it_was_the_first() -> None:

@@ -1,21 +1,24 @@
-"""How good photos are to work with: sharp, well exposed, each with enough of the one before in it."""
+"""How good photos are to work with: sharp, well exposed, each with enough of the one before in it.
+
+The checks before a run (`pomona.app`), those while photos arrive (`pomona.live`) and the report use this.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from pomona.arrays import Array, ByteArray
+from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.capture.images import read_pixels
-from pomona.capture.keyframes import sharpness
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 
 _BLACK, _WHITE = 6, 249
+_FEWEST_AROUND = 3  # of fewer photos, none is usual
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +32,7 @@ class QualityOptions:
     """
 
     side_px: int = 800
-    blurred: float = 0.3
+    blurred: float = 0.4
     around: int = 5
     clipped: float = 0.35
     overlap: float = 0.5
@@ -39,17 +42,18 @@ class QualityOptions:
 
 @dataclass(frozen=True)
 class PhotoQuality:
-    """One photo; `sharpness` is the variance of the Laplacian, `dark` and `bright` are shares of black and white.
+    """One photo; `dark` and `bright` are shares of black and white; `sharpness` is that of the function.
 
     `overlap` is the share of the photo before it, of the same side, that is in it; NaN where there is none before it
     that was looked at.
     """
 
     photo: str
+    side: str
     sharpness: float
     dark: float
     bright: float
-    overlap: float
+    overlap: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -62,46 +66,82 @@ class Problems:
     gap: tuple[str, ...]
 
 
+def sharpness(grey: ByteArray) -> float:
+    """Return how sharp a grey image is, beside others of the same scene and size, whatever their contrast.
+
+    It is the variance of the Laplacian over that of the image.
+    """
+    return float(cv2.Laplacian(grey, cv2.CV_32F).var() / max(float(grey.var()), 1.0))
+
+
+def quality_of(photo: Photo, *, options: QualityOptions | None = None) -> PhotoQuality:
+    """Return what is seen in one photo; raises as `read_pixels` does."""
+    return _looked_at(photo, options or QualityOptions())[0]
+
+
+def _looked_at(photo: Photo, options: QualityOptions) -> tuple[PhotoQuality, ByteArray]:
+    """Return what is seen in a photo, and its grey pixels."""
+    pixels = read_pixels(photo, max_side_px=options.side_px)
+    grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
+    dark = float((pixels.max(axis=2) <= _BLACK).mean())
+    bright = float((pixels.min(axis=2) >= _WHITE).mean())
+    return PhotoQuality(photo.name, photo.side, sharpness(grey), dark, bright), grey
+
+
 def look_at(
-    photos: Photos, *, options: QualityOptions | None = None, progress: Progress | None = None
+    photos: Photos, *, overlaps: bool = True, options: QualityOptions | None = None, progress: Progress | None = None
 ) -> list[PhotoQuality]:
-    """Return what is seen in each photo that can be read, in the photos' order."""
+    """Return what is seen in each photo that can be read, in the photos' order; without `overlaps` these are NaN."""
     options, found = options or QualityOptions(), list[PhotoQuality]()
     before: tuple[Photo, _Features] | None = None
     listed, chosen = list(photos), _chosen(len(photos), options.most_photos)
     for index in track(chosen, progress or Silent(), "looking at the photos"):
         photo = listed[index]
         try:
-            pixels = read_pixels(photo, max_side_px=options.side_px)
+            seen, grey = _looked_at(photo, options)
         except (InputError, MissingFileError):
             before = None
             continue
-        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
-        features = _features(grey)
-        follows = before is not None and before[0].side == photo.side and index - 1 in chosen
-        overlap = _overlap(before[1], features, options.least_matches) if before is not None and follows else np.nan
-        found.append(PhotoQuality(photo.name, sharpness(grey), *clipped_shares(pixels), overlap))
-        before = photo, features
+        if overlaps:
+            features = _features(grey)
+            if before is not None and before[0].side == photo.side and index - 1 in chosen:
+                seen = replace(seen, overlap=_overlap(before[1], features, options.least_matches))
+            before = photo, features
+        found.append(seen)
     return found
 
 
 def problems_of(seen: Sequence[PhotoQuality], *, options: QualityOptions | None = None) -> Problems:
     """Return which photos a person should look at, and perhaps take again."""
     options = options or QualityOptions()
-    values = np.array([photo.sharpness for photo in seen])
-    usual = [np.median(values[max(0, k - options.around) : k + options.around + 1]) for k in range(len(values))]
-    names = [photo.photo for photo in seen]
+    dark = tuple(photo.photo for photo in seen if photo.dark > options.clipped)
+    bright = tuple(photo.photo for photo in seen if photo.bright > options.clipped)
+    # Photos that are lit badly lack detail for that reason.
+    lit = [photo for photo in seen if photo.photo not in {*dark, *bright}]
+    blurred = set[str]()
+    for side in {photo.side for photo in lit}:
+        of_side = [photo for photo in lit if photo.side == side]
+        shares = shares_of_usual([photo.sharpness for photo in of_side], options.around)
+        blurred |= {photo.photo for photo, share in zip(of_side, shares, strict=True) if share < options.blurred}
     return Problems(
-        blurred=tuple(n for n, v, u in zip(names, values, usual, strict=True) if v < options.blurred * u),
-        dark=tuple(photo.photo for photo in seen if photo.dark > options.clipped),
-        bright=tuple(photo.photo for photo in seen if photo.bright > options.clipped),
+        blurred=tuple(photo.photo for photo in seen if photo.photo in blurred),
+        dark=dark,
+        bright=bright,
         gap=tuple(photo.photo for photo in seen if photo.overlap < options.overlap),
     )
 
 
-def clipped_shares(pixels: ByteArray) -> tuple[float, float]:
-    """Return which shares of pixels (h, w, 3) are black and white in all channels: light that no one can bring back."""
-    return float((pixels.max(axis=2) <= _BLACK).mean()), float((pixels.min(axis=2) >= _WHITE).mean())
+def shares_of_usual(values: Sequence[float], around: int) -> FloatArray:
+    """Return each photo's sharpness (n,) over the median of those `around` it on each side and itself.
+
+    `values` are along one side of the row; NaN where fewer than three photos are there to compare.
+    """
+    shares = np.full(len(values), np.nan)
+    for k, value in enumerate(values):
+        near = values[max(0, k - around) : k + around + 1]
+        if len(near) >= _FEWEST_AROUND:
+            shares[k] = value / max(float(np.median(near)), 1e-12)
+    return shares
 
 
 @dataclass(frozen=True, eq=False)

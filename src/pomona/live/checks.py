@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
+from pomona.capture.quality import PhotoQuality, shares_of_usual
 from pomona.live.options import WatchOptions
-from pomona.photos import Photo
 
 Matter = Literal["unreadable", "dark", "bright", "blurred", "gap"]
 
@@ -31,42 +29,37 @@ class Checks:
         self._sharpness: dict[str, float] = {}
         self._blurred: set[str] = set()
 
-    def exposure(self, photo: Photo) -> list[Hint]:
-        """Return what is to be said of the light; raises as `capture.read_pixels` does."""
-        from pomona.capture import read_pixels
-        from pomona.capture.quality import QualityOptions, clipped_shares
-
-        dark, bright = clipped_shares(read_pixels(photo, max_side_px=QualityOptions.side_px))
+    def exposure(self, seen: PhotoQuality) -> list[Hint]:
+        """Return what is to be said of the light."""
         hints = []
-        if dark > self._options.clipped:
-            text = f"is dark: {dark:.0%} of it is black. Expose longer or wait for light; then take it again"
-            hints.append(Hint(photo.name, "dark", text))
-        if bright > self._options.clipped:
-            text = f"is too bright: {bright:.0%} of it is white. Expose shorter or keep the sky out; then take it again"
-            hints.append(Hint(photo.name, "bright", text))
+        if seen.dark > self._options.quality.clipped:
+            text = f"is dark: {seen.dark:.0%} of it is black. Expose longer or wait for light; then take it again"
+            hints.append(Hint(seen.photo, "dark", text))
+        if seen.bright > self._options.quality.clipped:
+            share = f"{seen.bright:.0%}"
+            text = f"is too bright: {share} of it is white. Expose shorter or keep the sky out; then take it again"
+            hints.append(Hint(seen.photo, "bright", text))
         return hints
 
     def sharpness(self, photo: str, sharpness: float) -> list[Hint]:
         """Return which photos are blurred beside those around them, each once: the last, or one a little before."""
         self._sharpness[photo] = sharpness
-        names = list(self._sharpness)[-2 * self._options.around - 1 :]
-        if len(names) < 3:
-            return []
-        usual = float(np.median([self._sharpness[name] for name in names]))
-        blurred = [
-            name
-            for name in names
-            if self._sharpness[name] < self._options.blurred * usual and name not in self._blurred
-        ]
+        quality = self._options.quality
+        shares = shares_of_usual(list(self._sharpness.values()), quality.around)
+        blurred = {
+            name: share
+            for name, share in zip(self._sharpness, shares.tolist(), strict=True)
+            if share < quality.blurred and name not in self._blurred
+        }
         self._blurred |= set(blurred)
         return [
             Hint(
                 name,
                 "blurred",
-                f"is blurred: it has {self._sharpness[name] / usual:.0%} of the usual sharpness. Hold still, walk more "
+                f"is blurred: it has {share:.0%} of the usual sharpness. Hold still, walk more "
                 "slowly or expose shorter; then take this place again",
             )
-            for name in blurred
+            for name, share in blurred.items()
         ]
 
     def overlap(self, photo: str, shared: Mapping[str, int]) -> list[Hint]:

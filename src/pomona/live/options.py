@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from pomona.capture.quality import QualityOptions
 from pomona.errors import InputError
 
 
@@ -14,8 +15,7 @@ class WatchOptions:
     `until`: so many photos are all (None: more may come). `idle_s`: so long without a photo is the end (None: never).
     `poll_s`: the folders are looked at so often; a file that did not change in between is whole.
     `first_photos`: fruits are looked for as soon as there are so many photos, which say how large they appear.
-    `blurred`: this share of the usual sharpness of the photos around it, `around` on each side, is named.
-    `clipped`: so is this share of pixels that are black, or white.
+    `quality` says which photos are named as blurred, dark or bright.
     `overlap`: two photos that share fewer points than this hold together badly.
     `answer_s`: while more photos wait than can be kept up with, a count is made so often nevertheless.
     """
@@ -24,9 +24,7 @@ class WatchOptions:
     idle_s: float | None = None
     poll_s: float = 1.0
     first_photos: int = 4
-    blurred: float = 0.4
-    around: int = 5
-    clipped: float = 0.35
+    quality: QualityOptions = field(default_factory=QualityOptions)
     overlap: int = 40
     answer_s: float = 10.0
 

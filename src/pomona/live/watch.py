@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pomona.capture.quality import quality_of
 from pomona.errors import InputError, PomonaError
 from pomona.fruit_kinds import many_of
 from pomona.live.arrivals import Arrivals, Stamp
@@ -203,7 +204,8 @@ class Watch:
         self._arrived = time.monotonic()
         self._tell("looking", f"Looking at {photo.name}")
         try:
-            badly_lit = side.checks.exposure(photo)
+            seen = quality_of(photo, options=self._watching.quality)
+            badly_lit = side.checks.exposure(seen)
             self._hint(badly_lit)
             features = self._kept.get(photo)
             if features is None:
@@ -218,7 +220,7 @@ class Watch:
         shared = side.growing.add(photo, features)
         # Photos that are lit badly are blurred and share nothing, for that reason.
         if not badly_lit:
-            blurred = side.checks.sharpness(photo.name, features.sharpness)
+            blurred = side.checks.sharpness(photo.name, seen.sharpness)
             self._hint(blurred)
             if not any(hint.photo == photo.name for hint in blurred):
                 self._hint(side.checks.overlap(photo.name, shared))

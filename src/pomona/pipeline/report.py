@@ -13,7 +13,8 @@ from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.sfm import SFM
-from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, RunLog, Stage, Store, SurveyContext
+from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Input, RunLog, Stage, Store, SurveyContext
+from pomona.progress import Progress
 from pomona.survey.files import write_file
 
 if TYPE_CHECKING:
@@ -88,13 +89,27 @@ def _gathered(
     )
 
 
-def _as_found(gathered: ReportData, *, options: ReportOptions) -> Report:
-    return Report(gathered, options)
+def _looked_at(gathered: ReportData, photos: Photos, progress: Progress) -> ReportData:
+    from pomona.capture.quality import look_at, problems_of
+
+    return replace(gathered, problems=problems_of(look_at(photos, overlaps=False, progress=progress)))
 
 
-def _as_corrected(gathered: ReportData, corrected: Corrected, least_score: float, *, options: ReportOptions) -> Report:
+def _as_found(gathered: ReportData, photos: Photos, *, options: ReportOptions, progress: Progress) -> Report:
+    return Report(_looked_at(gathered, photos, progress), options)
+
+
+def _as_corrected(
+    gathered: ReportData,
+    photos: Photos,
+    corrected: Corrected,
+    least_score: float,
+    *,
+    options: ReportOptions,
+    progress: Progress,
+) -> Report:
     shown = replace(
-        gathered,
+        _looked_at(gathered, photos, progress),
         observations=corrected.observations,
         masks=corrected.detections.at_least(least_score),
         corrections=corrected.applied,
@@ -137,10 +152,16 @@ def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) ->
     )
     store = Store(save=_save, outputs=lambda survey: (survey.report, survey.contact_sheet))
     if corrected is None:
-        return Stage(name="report", inputs={"gathered": gathered}, options=_options, compute=_as_found, store=store)
+        inputs: dict[str, Input] = {"gathered": gathered, "photos": PHOTOS}
+        return Stage(name="report", inputs=inputs, options=_options, compute=_as_found, store=store)
     return Stage(
         name="report",
-        inputs={"gathered": gathered, "corrected": corrected, "least_score": Fact(SELECT, "least_score")},
+        inputs={
+            "gathered": gathered,
+            "photos": PHOTOS,
+            "corrected": corrected,
+            "least_score": Fact(SELECT, "least_score"),
+        },
         options=_options,
         compute=_as_corrected,
         store=store,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.cameras import Cameras
+from pomona.capture.quality import Problems
 from pomona.crop import Crop, RowSegments
 from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
@@ -31,7 +32,8 @@ class ReportData:
     """All that the report shows of one survey.
 
     `cloud` holds the points of the scene (`fruit_id` 0) and of the fruits, in the frame of `cameras`. `photos` are
-    all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place.
+    all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place,
+    `problems` those that are blurred or badly lit (None: not looked at).
     `detections` is their number in all photos (None: not known); `masks`, by photo, are those that may have become
     fruit, where outlines and crops are wanted. `corrections` is how many a person made that found their fruit. `scale`
     says how metres were found, where known.
@@ -51,6 +53,7 @@ class ReportData:
     masks: Mapping[str, Detections] | None = None
     corrections: int = 0
     lost: tuple[Unregistered, ...] = ()
+    problems: Problems | None = None
     scale: ScaleReport | None = None
     trees: Trees = field(default_factory=Trees.empty)
     fruit_words: str = "fruits"

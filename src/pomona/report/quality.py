@@ -32,6 +32,14 @@ def _photos(data: ReportData) -> Iterator[tuple[str, str, str]]:
     elif data.photos.skipped:
         advice = f"{few([file.name for file in data.photos.skipped])}: {data.photos.skipped[0].reason}"
     yield "photos with a place", f"{len(data.cameras)} of {given}", advice
+    if data.problems is not None:
+        for names, what, advice in (
+            (data.problems.blurred, "blurred photos", "hold still, walk more slowly or expose shorter"),
+            (data.problems.dark, "dark photos", "expose longer, or wait for light"),
+            (data.problems.bright, "photos that are too bright", "expose shorter, or keep the sky out of them"),
+        ):
+            if names:
+                yield what, str(len(names)), f"{few(names)}: {advice}"
 
 
 def _metres(data: ReportData) -> Iterator[tuple[str, str, str]]:

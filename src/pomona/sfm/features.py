@@ -13,6 +13,7 @@ import numpy as np
 
 from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.capture.images import read_pixels
+from pomona.capture.quality import sharpness
 from pomona.photos import Photo
 from pomona.sfm.options import SfmOptions
 
@@ -22,7 +23,7 @@ class Features:
     """n features of one photo, in working pixels (those of the photo times `scale`, COLMAP's convention).
 
     `keypoints` (n, 4) float32: x, y, scale (px), direction (rad). `descriptors` (n, 128) uint8. `rgb` (n, 3).
-    `sharpness`: variance of the Laplacian over the variance of the image, both of the working image.
+    `sharpness`: that of the working image (`capture.quality.sharpness`).
     """
 
     keypoints: Array
@@ -65,7 +66,7 @@ def features_of(pixels: ByteArray, photo: Photo, options: SfmOptions) -> Feature
     # The decoded size is rounded to whole pixels; +0.5 goes from OpenCV's pixels to COLMAP's.
     exact = working_scale(photo, options) * np.array([photo.width_px, photo.height_px]) / grey.shape[::-1]
     geometry[:, :2] = (geometry[:, :2] + 0.5) * exact
-    return Features(geometry.astype(np.float32), root_sift(descriptors), rgb, _sharpness(grey))
+    return Features(geometry.astype(np.float32), root_sift(descriptors), rgb, sharpness(grey))
 
 
 def root_sift(descriptors: FloatArray) -> ByteArray:
@@ -76,8 +77,3 @@ def root_sift(descriptors: FloatArray) -> ByteArray:
     sums = np.abs(descriptors).sum(axis=1, keepdims=True)
     scaled = 512 * np.sqrt(descriptors / np.maximum(sums, 1e-9))
     return np.asarray(np.clip(np.round(scaled), 0, 255), np.uint8)
-
-
-def _sharpness(grey: ByteArray) -> float:
-    laplacian = cv2.Laplacian(grey, cv2.CV_32F)
-    return float(laplacian.var() / max(float(grey.var()), 1.0))
