@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px
 from pomona.adjustment.lenses import frames_of, known_focals, lens_votes, lenses_apart, share_lenses
+from pomona.adjustment.normal_equations import derivatives
 from pomona.adjustment.steadiness import middles, wandering_middles
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.geometry import estimate_similarity
+from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.sfm.models import Model
@@ -66,7 +70,82 @@ def focal_errors(cameras: Cameras, truth: float = FOCAL) -> FloatArray:
     return np.array([lens.focal_px / truth - 1 for lens in cameras.intrinsics])
 
 
+MODELS = {
+    "SIMPLE_PINHOLE": [],
+    "PINHOLE": [],
+    "SIMPLE_RADIAL": [-0.06],
+    "RADIAL": [-0.06, 0.02],
+    "OPENCV": [-0.06, 0.02, 0.003, -0.002],
+    "FULL_OPENCV": [-0.06, 0.02, 0.003, -0.002, 0.01, 0.02, -0.01, 0.005],
+}
+
+
+def with_lens(cameras: Cameras, model: str) -> Cameras:
+    """The same photos by a lens of another of COLMAP's models."""
+    focal = [FOCAL] if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL") else [FOCAL, 1.02 * FOCAL]
+    params = np.array([*focal, WIDTH / 2, HEIGHT / 2 + 7, *MODELS[model]])
+    return replace(cameras, intrinsics=(Intrinsics(model, WIDTH, HEIGHT, params),))
+
+
+def seen_px(cameras: Cameras, k: int) -> FloatArray:
+    """Where observation k should be."""
+    point = cameras.points_in_world[cameras.track_point_idx[k]]
+    return cameras.project(int(cameras.track_photo_idx[k]), point[None])[0][0]
+
+
+def changed(cameras: Cameras, k: int, *, turn: FloatArray, shift: FloatArray, place: FloatArray) -> Cameras:
+    """The cameras with the photo of observation k turned about its centre and moved, and its point moved."""
+    i, poses, points = cameras.track_photo_idx[k], cameras.cam_from_world.copy(), cameras.points_in_world.copy()
+    rotation = Rotation.from_rotvec(turn).as_matrix() @ poses[i, :, :3]
+    poses[i] = np.column_stack([rotation, -rotation @ (cameras.centers_in_world[i] + shift)])
+    points[cameras.track_point_idx[k]] += place
+    return replace(cameras, cam_from_world=poses, points_in_world=points)
+
+
+def relensed(cameras: Cameras, change: FloatArray) -> Cameras:
+    """The cameras with another focal length (by its logarithm) and distortion."""
+    (lens,) = cameras.intrinsics
+    params = lens.params.copy()
+    params[list(lens.focal_idx)] *= np.exp(change[0])
+    params[list(lens.distortion_idx)] += change[1:]
+    return replace(cameras, intrinsics=(replace(lens, params=params),))
+
+
+def numerical(cameras: Cameras, k: int) -> list[FloatArray]:
+    """Derivatives of observation k by photo (2, 6), lens (2, q) and point (2, 3), by small changes of each."""
+    step, nothing = 1e-5, np.zeros(3)
+
+    def by(change: Callable[[FloatArray], Cameras], count: int) -> FloatArray:
+        ends = [[seen_px(change(sign * step * one), k) for sign in (1, -1)] for one in np.eye(count)]
+        return np.array([(more - less) / (2 * step) for more, less in ends]).T
+
+    (lens,) = cameras.intrinsics
+    return [
+        by(lambda move: changed(cameras, k, turn=move[:3], shift=move[3:], place=nothing), 6),
+        by(lambda change: relensed(cameras, change), 1 + len(lens.distortion_idx)),
+        by(lambda move: changed(cameras, k, turn=nothing, shift=nothing, place=move), 3),
+    ]
+
+
 EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)
+
+
+@pytest.mark.parametrize("model", list(MODELS))
+def test_derivatives_are_those_of_small_changes(model: str) -> None:
+    cameras = with_lens(EAST, model)
+    every = np.arange(len(cameras.track_point_idx))
+    of_photo, of_lens, of_point, off_px = derivatives(cameras, 0, every)
+    for k in every[:: len(every) // 10]:
+        for found, wanted in zip((of_photo[k], of_lens[k], of_point[k]), numerical(cameras, int(k)), strict=True):
+            assert found == pytest.approx(wanted, rel=1e-5, abs=1e-3)
+        assert off_px[k] == pytest.approx(seen_px(cameras, int(k)) - cameras.track_xy_px[k])
+
+
+def test_points_behind_a_camera_have_no_derivatives() -> None:
+    behind = changed(EAST, 5, turn=np.zeros(3), shift=np.zeros(3), place=np.array([0.0, 100.0, 0.0]))
+    of_photo, _, of_point, off_px = derivatives(behind, 0, np.array([5, 6]))
+    assert not any(part[0].any() for part in (of_photo, of_point, off_px))
+    assert of_photo[1].any()
 
 
 def test_sides_vote_for_one_focal_length() -> None:

@@ -17,6 +17,13 @@ ByteArray = npt.NDArray[np.uint8]
 Float32Array = npt.NDArray[np.float32]
 
 
+def groups(labels: IntArray) -> list[tuple[int, IntArray]]:
+    """Return each label that occurs in `labels` (n,), in order, and where it does, in order."""
+    order = np.argsort(labels, kind="stable")
+    found, starts = np.unique(labels[order], return_index=True)
+    return list(zip(found.tolist(), np.split(order, starts[1:]) if len(found) else [], strict=True))
+
+
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: Any) -> Array:
     """Return `value` as a read-only array of `dtype`, or raise `InputError` saying both shapes.
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray, IntArray, set_checked
+from pomona.arrays import ByteArray, FloatArray, IntArray, groups, set_checked
 from pomona.data_frames import data_frame
 from pomona.errors import InputError
 from pomona.geometry import Similarity
@@ -129,6 +129,15 @@ class Cameras:
         pose = self.cam_from_world[photo_idx]
         points_in_cam = np.asarray(points_in_world) @ pose[:, :3].T + pose[:, 3]
         return self.intrinsics_of(photo_idx).px_from_cam(points_in_cam), points_in_cam[:, 2]
+
+    def project_each(self, photo_idx: IntArray, points_in_world: FloatArray) -> FloatArray:
+        """Project each of n points (n, 3) into a photo of its own (n,): pixels (n, 2), NaN behind the camera."""
+        poses = self.cam_from_world[photo_idx]
+        points_in_cam = np.einsum("nij,nj->ni", poses[:, :, :3], points_in_world) + poses[:, :, 3]
+        xy_px = np.empty((len(points_in_cam), 2))
+        for lens, mine in groups(self.intrinsics_idx[photo_idx]):
+            xy_px[mine] = self.intrinsics[lens].px_from_cam(points_in_cam[mine])
+        return xy_px
 
     def rays_in_world(self, photo_idx: int, xy_px: FloatArray) -> FloatArray:
         """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2)."""

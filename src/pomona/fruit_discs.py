@@ -71,10 +71,7 @@ def seen_fruits(
     eyes, rays = masks.eyes_in_world[photo_idx], masks.outlines[mask_idx]
     centers, radii_m = spheres.centers_in_world[fruit_idx], spheres.radii_m[fruit_idx]
     shifts_m, sds = _fitted(centers, radii_m, eyes, rays)
-    xy_px = np.zeros((len(fruit_idx), 2))
-    for i in np.unique(photo_idx):
-        here = photo_idx == i
-        xy_px[here] = cameras.project(int(i), (centers + shifts_m)[here])[0]
+    xy_px = cameras.project_each(photo_idx, centers + shifts_m)
     depths = masks.depths(centers, mask_idx)
     focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])[cameras.intrinsics_idx[photo_idx]]
     shares = np.minimum(masks.areas[mask_idx] * depths**2 / (np.pi * radii_m**2), 1)

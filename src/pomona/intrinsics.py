@@ -90,6 +90,21 @@ class Intrinsics:
         x, y = self._distorted(points_in_cam[:, 0] / depth, points_in_cam[:, 1] / depth)
         return np.stack([fx * x + cx, fy * y + cy], axis=1)
 
+    def px_slopes(self, points_in_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of `px_from_cam` by the points (n, 2, 3) and by the p `params` (n, 2, p).
+
+        NaN for points not in front of the camera.
+        """
+        fx, fy = self.opencv_params[:2]
+        depth = np.where(points_in_cam[:, 2] > 0, points_in_cam[:, 2], np.nan)
+        x, y = points_in_cam[:, 0] / depth, points_in_cam[:, 1] / depth
+        xx, xy, yy = self._slopes(x, y)
+        of_x = np.stack([xx, xy, -xx * x - xy * y], axis=1) * (fx / depth)[:, None]
+        of_y = np.stack([xy, yy, -xy * x - yy * y], axis=1) * (fy / depth)[:, None]
+        by_opencv = self._slopes_by_opencv_params(x, y)
+        by_params = np.stack([by_opencv[:, :, slots].sum(2) for slots in _OPENCV_SLOTS[self.model]], axis=2)
+        return np.stack([of_x, of_y], axis=1), by_params
+
     def cam_from_px(self, xy_px: FloatArray) -> FloatArray:
         """Return for pixels (n, 2) the undistorted rays (n, 3) in camera axes with z = 1.
 
@@ -153,6 +168,23 @@ class Intrinsics:
         xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
         yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
         return xx, 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y, yy
+
+    def _slopes_by_opencv_params(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """The derivatives (n, 2, 12) of pixels by `opencv_params`, seen at undistorted x and y (n,)."""
+        fx, fy, _, _, k1, k2, _, _, k3, k4, k5, k6 = self.opencv_params
+        found = np.zeros((len(x), 2, 12))
+        found[:, 0, 0], found[:, 1, 1] = self._distorted(x, y)
+        found[:, 0, 2] = found[:, 1, 3] = 1.0
+        r2 = x * x + y * y
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / below
+        outwards = np.stack([fx * x, fy * y], axis=1) / below[:, None]
+        for power, (above_slot, below_slot) in enumerate(((4, 9), (5, 10), (8, 11)), start=1):
+            found[:, :, above_slot] = outwards * (r2**power)[:, None]
+            found[:, :, below_slot] = -found[:, :, above_slot] * radial[:, None]
+        found[:, :, 6] = np.stack([fx * 2 * x * y, fy * (r2 + 2 * y * y)], axis=1)
+        found[:, :, 7] = np.stack([fx * (r2 + 2 * x * x), fy * 2 * x * y], axis=1)
+        return found
 
     def turned(self, quarters: int) -> Intrinsics:
         """Return the intrinsics of the same photo turned clockwise by that many quarters of a full turn."""

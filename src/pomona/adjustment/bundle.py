@@ -113,12 +113,8 @@ def _scene_px(cameras: Cameras) -> float:
 
 def residuals_px(cameras: Cameras) -> FloatArray:
     """Return for each observation (k, 2) of a point how far from it the point projects; NaN behind the camera."""
-    residuals = np.zeros((len(cameras.track_point_idx), 2))
-    for i in range(len(cameras)):
-        here = cameras.track_photo_idx == i
-        seen = cameras.points_in_world[cameras.track_point_idx[here]]
-        residuals[here] = cameras.project(i, seen)[0] - cameras.track_xy_px[here]
-    return residuals
+    seen = cameras.points_in_world[cameras.track_point_idx]
+    return cameras.project_each(cameras.track_photo_idx, seen) - cameras.track_xy_px
 
 
 def point_errors_px(cameras: Cameras) -> FloatArray:

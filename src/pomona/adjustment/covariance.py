@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from pomona.adjustment.normal_equations import derivatives, lens_starts, normal_equations
 from pomona.adjustment.weights import Weights
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 
 # What nothing measures is known to ten thousand times what it would be if all else were known, which is not singular.
@@ -18,6 +18,7 @@ _VAGUE = 1e-8
 _ROUNDS = 4
 # Eigenvalues of a point's normal equations below this share of the largest are of directions that no photo tells.
 _SINGULAR = 1e-9
+_UNSEEN = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +76,11 @@ def left_out(cameras: Cameras, weights: Weights, found: Covariance) -> LeftOut:
     Source: Cook and Weisberg 1982, "Residuals and influence in regression", section 2.2.
     """
     offsets, sds, axes = [], [], []
+    known = np.flatnonzero(np.isin(cameras.track_point_idx, weights.known_idx))
+    seen = {point: known[mine] for point, mine in groups(cameras.track_point_idx[known])}
     for point_idx, sd_m, covered in zip(weights.known_idx, weights.known_sds_m, found.known_points, strict=True):
         prior = np.eye(3) / sd_m**2
-        own, pull = _of_point(cameras, weights, int(point_idx))
+        own, pull = _of_point(cameras, weights, seen.get(int(point_idx), _UNSEEN))
         moved = np.linalg.solve(own + prior, pull)
         with_all = np.linalg.inv(covered)
         values, vectors = np.linalg.eigh(with_all - prior)
@@ -90,13 +93,12 @@ def left_out(cameras: Cameras, weights: Weights, found: Covariance) -> LeftOut:
     )
 
 
-def _of_point(cameras: Cameras, weights: Weights, point_idx: int) -> tuple[FloatArray, FloatArray]:
-    """The normal equations (3, 3) and right side (3,) of one point, by its own observations, cameras held."""
+def _of_point(cameras: Cameras, weights: Weights, mine: IntArray) -> tuple[FloatArray, FloatArray]:
+    """The normal equations (3, 3) and right side (3,) of one point, by its own observations (k,), cameras held."""
     normal, pull = np.zeros((3, 3)), np.zeros(3)
-    mine = np.flatnonzero(cameras.track_point_idx == point_idx)
-    for i in np.unique(cameras.track_photo_idx[mine]):
-        here = mine[cameras.track_photo_idx[mine] == i]
-        _, _, of_point, off_px = derivatives(cameras, int(i), here)
+    for lens, places in groups(cameras.intrinsics_idx[cameras.track_photo_idx[mine]]):
+        here = mine[places]
+        _, _, of_point, off_px = derivatives(cameras, lens, here)
         weight = 1 / np.asarray(weights.track_sds_px)[here] ** 2
         normal += np.einsum("k,kij,kil->jl", weight, of_point, of_point)
         pull -= np.einsum("k,kij,ki->j", weight, of_point, off_px)

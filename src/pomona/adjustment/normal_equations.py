@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.weights import Weights
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.intrinsics import Intrinsics
 
@@ -29,8 +29,6 @@ Source: Zhang 1997, "Parameter estimation techniques", section 9.4.
 """
 # What is known of a place is no outlier so soon as a match is.
 _PLACE_TAIL = 2 * TAIL
-# Steps of numerical derivatives, as shares: the cube root of the precision of numbers, as central differences want.
-_STEP = 6e-6
 # Eigenvalues of a point's normal equations below this share of the largest are of directions that no photo tells.
 _SINGULAR = 1e-9
 # An observation of a point behind its camera counts as so far off, in standard deviations.
@@ -104,17 +102,15 @@ def normal_equations(cameras: Cameras, weights: Weights) -> NormalEquations:
     entries = []
     k, m = len(cameras.track_point_idx), len(cameras.points_in_world)
     by_place, residuals = np.zeros((k, 2, 3)), np.zeros((k, 2))
-    for i in range(len(cameras)):
-        here = np.flatnonzero(cameras.track_photo_idx == i)
-        of_photo, of_lens, of_point, off_px = derivatives(cameras, i, here)
+    for lens, here in groups(cameras.intrinsics_idx[cameras.track_photo_idx]):
+        of_photo, of_lens, of_point, off_px = derivatives(cameras, lens, here)
         weight = np.sqrt(_heeded(cameras, weights, here, off_px)) / np.asarray(weights.track_sds_px)[here]
         both = np.concatenate([of_photo, of_lens], axis=2) * weight[:, None, None]
-        start = starts[cameras.intrinsics_idx[i]]
-        column = np.concatenate([6 * i + np.arange(6), start + np.arange(of_lens.shape[2])])
-        row = 2 * here[:, None] + np.arange(2)
-        entries.append(
-            (both.ravel(), np.broadcast_to(row[:, :, None], both.shape).ravel(), np.tile(column, 2 * len(here)))
-        )
+        columns = np.empty(both.shape, np.int64)
+        columns[:, :, :6] = (6 * cameras.track_photo_idx[here, None] + np.arange(6))[:, None]
+        columns[:, :, 6:] = starts[lens] + np.arange(of_lens.shape[2])
+        rows = (2 * here[:, None] + np.arange(2))[:, :, None]
+        entries.append((both.ravel(), np.broadcast_to(rows, both.shape).ravel(), columns.ravel()))
         by_place[here], residuals[here] = of_point * weight[:, None, None], off_px * weight[:, None]
     values, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
     by_parameter = coo_array((values, (rows, columns)), shape=(2 * k, width)).tocsr()
@@ -146,14 +142,11 @@ def _prior(cameras: Cameras, weights: Weights, starts: IntArray, width: int) -> 
 
 def cost(cameras: Cameras, weights: Weights) -> float:
     """Return what an adjustment makes small: the sum of all residuals' losses, in squared standard deviations."""
-    total = 0.0
-    for i in range(len(cameras)):
-        here = np.flatnonzero(cameras.track_photo_idx == i)
-        in_photo, _ = cameras.project(i, cameras.points_in_world[cameras.track_point_idx[here]])
-        sds_px = np.asarray(weights.track_sds_px)[here, None]
-        squares = (np.nan_to_num((in_photo - cameras.track_xy_px[here]) / sds_px, nan=_BEHIND) ** 2).sum(1)
-        exact = np.isin(cameras.track_point_idx[here], weights.known_idx)
-        total += float(np.where(exact, squares, TAIL**2 * np.log1p(squares / TAIL**2)).sum())
+    in_photos = cameras.project_each(cameras.track_photo_idx, cameras.points_in_world[cameras.track_point_idx])
+    off = (in_photos - cameras.track_xy_px) / weights.track_sds_px[:, None]
+    squares = (np.nan_to_num(off, nan=_BEHIND) ** 2).sum(1)
+    exact = np.isin(cameras.track_point_idx, weights.known_idx)
+    total = float(np.where(exact, squares, TAIL**2 * np.log1p(squares / TAIL**2)).sum())
     apart = (cameras.points_in_world[weights.known_idx] - weights.known_places) / weights.known_sds_m[:, None]
     total += float((_PLACE_TAIL**2 * np.log1p((apart**2).sum(1) / _PLACE_TAIL**2)).sum())
     focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])
@@ -199,37 +192,25 @@ def lens_starts(cameras: Cameras) -> IntArray:
     return np.asarray(6 * len(cameras) + np.cumsum([0, *sizes[:-1]]), np.int64)
 
 
-def derivatives(cameras: Cameras, i: int, here: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return of the observations `here` (k,) of photo i the derivatives by it, its lens and points, and residuals.
+def derivatives(
+    cameras: Cameras, lens_idx: int, here: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return of the observations `here` (k,), all by one lens, the derivatives by photos, lens, points, and residuals.
 
     (k, 2, 6), (k, 2, q), (k, 2, 3) and (k, 2), in pixels; all 0 of points that are behind the camera.
     """
-    pose, lens = cameras.cam_from_world[i], cameras.intrinsics_of(i)
-    in_cam = cameras.points_in_world[cameras.track_point_idx[here]] @ pose[:, :3].T + pose[:, 3]
-    steps = _STEP * np.maximum(np.abs(in_cam[:, 2:]), 1e-9)
-    by_place = np.stack(
-        [
-            (lens.px_from_cam(in_cam + steps * axis) - lens.px_from_cam(in_cam - steps * axis)) / (2 * steps)
-            for axis in np.eye(3)
-        ],
-        axis=2,
-    )
-    turned = np.cross(np.eye(3)[None], in_cam[:, None]).transpose(0, 2, 1)
-    of_photo = np.concatenate([by_place @ turned, -by_place @ pose[:, :3]], axis=2)
-    of_lens = np.stack(
-        [_by_lens(lens, in_cam, idx) for idx in (lens.focal_idx, *((j,) for j in lens.distortion_idx))], 2
-    )
+    poses, lens = cameras.cam_from_world[cameras.track_photo_idx[here]], cameras.intrinsics[lens_idx]
+    rotations = poses[:, :, :3]
+    in_cam = np.einsum("kij,kj->ki", rotations, cameras.points_in_world[cameras.track_point_idx[here]]) + poses[:, :, 3]
+    by_place, by_params = lens.px_slopes(in_cam)
+    of_point = by_place @ rotations
+    # A turn by a small vector t moves a point p in the camera's axes by t x p; a shift moves it as the point inversely.
+    of_turn = np.cross(in_cam[:, None], by_place)
+    focal = (by_params[:, :, lens.focal_idx] * lens.params[list(lens.focal_idx)]).sum(2, keepdims=True)
+    of_lens = np.concatenate([focal, by_params[:, :, lens.distortion_idx]], axis=2)
     off_px = lens.px_from_cam(in_cam) - cameras.track_xy_px[here]
-    found = of_photo, of_lens, by_place @ pose[:, :3], off_px
+    found = np.concatenate([of_turn, -of_point], axis=2), of_lens, of_point, off_px
     behind = ~np.isfinite(off_px).all(1)
     for part in found:
         part[behind] = 0.0
     return found
-
-
-def _by_lens(lens: Intrinsics, in_cam: FloatArray, idx: tuple[int, ...]) -> FloatArray:
-    """The derivatives (k, 2) of pixels by one parameter of a lens; by its logarithm if it is the focal length."""
-    step = np.zeros(len(lens.params))
-    step[list(idx)] = _STEP * (lens.params[list(idx)] if idx == lens.focal_idx else 1.0)
-    more, less = replace(lens, params=lens.params + step), replace(lens, params=lens.params - step)
-    return np.asarray((more.px_from_cam(in_cam) - less.px_from_cam(in_cam)) / (2 * _STEP))
