@@ -130,14 +130,14 @@ class Cameras:
         points_in_cam = np.asarray(points_in_world) @ pose[:, :3].T + pose[:, 3]
         return self.intrinsics_of(photo_idx).px_from_cam(points_in_cam), points_in_cam[:, 2]
 
-    def project_each(self, photo_idx: IntArray, points_in_world: FloatArray) -> FloatArray:
-        """Project each of n points (n, 3) into a photo of its own (n,): pixels (n, 2), NaN behind the camera."""
+    def project_each(self, photo_idx: IntArray, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Project each of n points (n, 3) into a photo of its own (n,): what `project` returns, in one go."""
         poses = self.cam_from_world[photo_idx]
         points_in_cam = np.einsum("nij,nj->ni", poses[:, :, :3], points_in_world) + poses[:, :, 3]
         xy_px = np.empty((len(points_in_cam), 2))
         for lens, mine in groups(self.intrinsics_idx[photo_idx]):
             xy_px[mine] = self.intrinsics[lens].px_from_cam(points_in_cam[mine])
-        return xy_px
+        return xy_px, points_in_cam[:, 2]
 
     def rays_in_world(self, photo_idx: int, xy_px: FloatArray) -> FloatArray:
         """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2)."""

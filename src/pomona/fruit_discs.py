@@ -71,7 +71,7 @@ def seen_fruits(
     eyes, rays = masks.eyes_in_world[photo_idx], masks.outlines[mask_idx]
     centers, radii_m = spheres.centers_in_world[fruit_idx], spheres.radii_m[fruit_idx]
     shifts_m, sds = _fitted(centers, radii_m, eyes, rays)
-    xy_px = cameras.project_each(photo_idx, centers + shifts_m)
+    xy_px = cameras.project_each(photo_idx, centers + shifts_m)[0]
     depths = masks.depths(centers, mask_idx)
     focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])[cameras.intrinsics_idx[photo_idx]]
     shares = np.minimum(masks.areas[mask_idx] * depths**2 / (np.pi * radii_m**2), 1)

@@ -114,7 +114,7 @@ def _scene_px(cameras: Cameras) -> float:
 def residuals_px(cameras: Cameras) -> FloatArray:
     """Return for each observation (k, 2) of a point how far from it the point projects; NaN behind the camera."""
     seen = cameras.points_in_world[cameras.track_point_idx]
-    return cameras.project_each(cameras.track_photo_idx, seen) - cameras.track_xy_px
+    return cameras.project_each(cameras.track_photo_idx, seen)[0] - cameras.track_xy_px
 
 
 def point_errors_px(cameras: Cameras) -> FloatArray:

@@ -142,7 +142,7 @@ def _prior(cameras: Cameras, weights: Weights, starts: IntArray, width: int) -> 
 
 def cost(cameras: Cameras, weights: Weights) -> float:
     """Return what an adjustment makes small: the sum of all residuals' losses, in squared standard deviations."""
-    in_photos = cameras.project_each(cameras.track_photo_idx, cameras.points_in_world[cameras.track_point_idx])
+    in_photos, _ = cameras.project_each(cameras.track_photo_idx, cameras.points_in_world[cameras.track_point_idx])
     off = (in_photos - cameras.track_xy_px) / weights.track_sds_px[:, None]
     squares = (np.nan_to_num(off, nan=_BEHIND) ** 2).sum(1)
     exact = np.isin(cameras.track_point_idx, weights.known_idx)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.dense.options import DenseOptions
+from pomona.intrinsics import Intrinsics
+
+_SAME_DISTANCE = 0.6
 
 
 def choose_neighbours(
@@ -17,41 +21,61 @@ def choose_neighbours(
     `depths_m` (n,) is each photo's typical depth of fruit; `sides` (n,) its side. Neighbours are spread over
     directions: one that lies in a direction already taken twice as often as the opposite one waits.
     """
-    centers = cameras.centers_in_world
+    centers, side_of = cameras.centers_in_world, np.array(sides)
+    tree = cKDTree(centers) if len(cameras) else None
+    corner = max((_corner(lens) for lens in cameras.intrinsics), default=0.0)
     chosen = []
     for i in range(len(cameras)):
-        angles, overlaps = _angles_and_overlaps(cameras, i, float(depths_m[i]), centers, options)
-        fit = np.abs(np.log(np.maximum(angles, 1e-6) / options.ideal_angle_deg))
+        assert tree is not None
+        depth_m = float(depths_m[i])
+        points = _sight(cameras, i, depth_m)
+        middle = points.mean(0)
+        # Who is farther away than this sees none of the points from nearly the same distance.
+        reach_m = np.linalg.norm(points - middle, axis=1).max() + corner * depth_m / _SAME_DISTANCE
+        near = np.array(tree.query_ball_point(middle, reach_m, return_sorted=True), np.int64)
+        near = near[(near != i) & (side_of[near] == side_of[i])]
+        angles = _angles_deg(middle - centers[near], middle - centers[i])
         usable = (angles >= options.min_angle_deg) & (angles <= options.max_angle_deg)
-        usable &= overlaps >= options.min_overlap
-        usable &= np.array([side == sides[i] for side in sides])
-        usable[i] = False
-        order = np.flatnonzero(usable)[np.argsort(fit[usable], kind="stable")]
+        near, angles = near[usable], angles[usable]
+        enough = np.array([_overlap(cameras, j, points, depth_m) >= options.min_overlap for j in near], bool)
+        near, angles = near[enough], angles[enough]
+        fit = np.abs(np.log(np.maximum(angles, 1e-6) / options.ideal_angle_deg))
+        order = near[np.argsort(fit, kind="stable")]
         chosen.append(_spread(centers[order] - centers[i], order, options.neighbours))
     return chosen
 
 
-def _angles_and_overlaps(
-    cameras: Cameras, i: int, depth_m: float, centers: FloatArray, options: DenseOptions
-) -> tuple[FloatArray, FloatArray]:
-    """Return to every photo the angle at what photo i looks at, and the share of photo i's sight it sees too."""
+def _corner(lens: Intrinsics) -> float:
+    """How far a point may be that a photo shows, for each metre of its depth: in the corners."""
+    corners_px = np.array([(x, y) for x in (0.0, lens.width_px) for y in (0.0, lens.height_px)])
+    return float(np.linalg.norm(lens.cam_from_px(corners_px), axis=1).max())
+
+
+def _sight(cameras: Cameras, i: int, depth_m: float) -> FloatArray:
+    """Points (25, 3) all over what photo i shows, at a depth."""
     intrinsics = cameras.intrinsics_of(i)
     grid = (np.stack(np.meshgrid(np.arange(5), np.arange(5)), -1).reshape(-1, 2) + 0.5) / 5
     rays = intrinsics.cam_from_px(grid * [intrinsics.width_px, intrinsics.height_px])
     pose = cameras.cam_from_world[i]
-    points = (rays * depth_m - pose[:, 3]) @ pose[:, :3]
-    middle = points.mean(0)
-    to_middle = middle - centers
-    to_middle /= np.linalg.norm(to_middle, axis=1, keepdims=True)
-    angles = np.degrees(np.arccos(np.clip(to_middle @ to_middle[i], -1, 1)))
-    overlaps = np.zeros(len(cameras))
-    for j in np.flatnonzero(angles <= options.max_angle_deg):
-        xy, depth = cameras.project(int(j), points)
-        size = [cameras.intrinsics_of(int(j)).width_px, cameras.intrinsics_of(int(j)).height_px]
-        # Nearly the same distance, or fruit would be much larger in one photo than in the other.
-        seen = (xy > 0).all(1) & (xy < size).all(1) & (depth > 0.6 * depth_m) & (depth < depth_m / 0.6)
-        overlaps[j] = seen.mean()
-    return angles, overlaps
+    points: FloatArray = (rays * depth_m - pose[:, 3]) @ pose[:, :3]
+    return points
+
+
+def _angles_deg(sights: FloatArray, sight: FloatArray) -> FloatArray:
+    """The angles (n,) between sights (n, 3) and one (3,)."""
+    cosines = (sights @ sight) / (np.linalg.norm(sights, axis=1) * np.linalg.norm(sight))
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1, 1))))
+
+
+def _overlap(cameras: Cameras, j: int, points: FloatArray, depth_m: float) -> float:
+    """The share of points (n, 3) that photo j shows from nearly the same distance.
+
+    Fruit would be much larger in one photo than in the other otherwise.
+    """
+    xy, depth = cameras.project(j, points)
+    size = [cameras.intrinsics_of(j).width_px, cameras.intrinsics_of(j).height_px]
+    seen = (xy > 0).all(1) & (xy < size).all(1)
+    return float((seen & (depth > _SAME_DISTANCE * depth_m) & (depth < depth_m / _SAME_DISTANCE)).mean())
 
 
 def _spread(directions: FloatArray, order: IntArray, count: int) -> IntArray:

@@ -38,11 +38,12 @@ def sphere_cloud(
         return FruitCloud.empty()
     scale = min(1.0, options.work_fruit_px / fruit_width_px(detections, cameras))
     by_name, index = photos.by_name(), {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
+    photo_of = {name: i for i, name in enumerate(cameras.photos)}
     parts = []
     for name in track(sorted(shown), progress, "cloud", len(shown)):
         photo = by_name[name]
         pixels = read_pixels(photo, max_side_px=round(scale * max(photo.width_px, photo.height_px)))
-        photo_idx = cameras.photos.index(name)
+        photo_idx = photo_of[name]
         for fruit_id, mask in shown[name]:
             i = index[fruit_id]
             xy_px = _inside(mask, photo.width_px / pixels.shape[1])

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.special import erf
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
@@ -42,7 +43,7 @@ def view_features(
     return np.stack(
         [
             np.log(views),
-            _seen_shares(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options),
+            seen_shares(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options),
             np.bincount(sphere_idx, masks.scores[mask_idx], n) / views,
             largest_share,
             np.log(np.maximum(_place_sds(spheres, sphere_idx, mask_idx, masks, size), options.least_place_sd)),
@@ -70,33 +71,38 @@ def _place_sds(
     return place_sds_m(spheres, matches, masks, size.radius_m, ObjectOptions()) / size.diameter_m
 
 
-def _seen_shares(
+def seen_shares(
     spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras, options: FilterOptions
 ) -> FloatArray:
-    """Return the share of the photos that should see each sphere which do (n,)."""
-    in_picture = np.stack([_in_picture(spheres, cameras, i) for i in range(len(cameras))], axis=1)
-    eyes = cameras.centers_in_world
+    """Return the share of the photos that should see each sphere which do (n,).
+
+    Photos farther away than those that see it are not looked at: the time grows with the row, not with its square.
+    """
+    eyes, places = cameras.centers_in_world, spheres.centers_in_world
+    distances = np.linalg.norm(places[sphere_idx] - eyes[photo_idx], axis=1)
+    reach_m = np.zeros(len(spheres))
+    np.maximum.at(reach_m, sphere_idx, options.farther * distances)
+    near = cKDTree(eyes).query_ball_point(places, reach_m, return_sorted=True).tolist() if len(eyes) else []
     result = np.ones(len(spheres))
-    order = np.argsort(sphere_idx, kind="stable")
-    for mine in np.split(order, np.flatnonzero(np.diff(sphere_idx[order])) + 1):
-        if len(mine) == 0:
-            continue
-        i, seen = sphere_idx[mine[0]], photo_idx[mine]
-        sights = spheres.centers_in_world[i] - eyes
-        distances = np.linalg.norm(sights, axis=1)
-        cosines = (sights / distances[:, None]) @ (sights[seen] / distances[seen, None]).T
-        should = in_picture[i] & (cosines.max(1) > np.cos(np.radians(options.near_deg)))
-        should &= distances < options.farther * distances[seen].max()
-        should[seen] = True
-        result[i] = len(seen) / should.sum()
+    for i, mine in groups(sphere_idx):
+        seen, others = photo_idx[mine], np.array(near[i], np.int64)
+        sights = places[i] - eyes[others]
+        lengths = np.linalg.norm(sights, axis=1)
+        seen_sights = (places[i] - eyes[seen]) / distances[mine, None]
+        cosines = (sights / lengths[:, None]) @ seen_sights.T
+        should = (cosines.max(1) > np.cos(np.radians(options.near_deg))) & (lengths < reach_m[i])
+        should &= _in_picture(spheres, cameras, i, others)
+        result[i] = len(seen) / len(np.union1d(others[should], seen))
     return result
 
 
-def _in_picture(spheres: Spheres, cameras: Cameras, photo_idx: int) -> BoolArray:
-    xy_px, depths = cameras.project(photo_idx, spheres.centers_in_world)
-    intrinsics = cameras.intrinsics_of(photo_idx)
-    margin_px = (spheres.radii_m * intrinsics.focal_px / np.maximum(depths, 1e-9))[:, None]
-    inside: BoolArray = (xy_px > margin_px).all(1) & (
-        xy_px < [intrinsics.width_px, intrinsics.height_px] - margin_px
-    ).all(1)
+def _in_picture(spheres: Spheres, cameras: Cameras, sphere_idx: int, photo_idx: IntArray) -> BoolArray:
+    """Say which photos (k,) have one sphere wholly in the picture."""
+    place = np.broadcast_to(spheres.centers_in_world[sphere_idx], (len(photo_idx), 3))
+    xy_px, depths = cameras.project_each(photo_idx, place)
+    lenses = [cameras.intrinsics_of(i) for i in photo_idx]
+    focals_px = np.array([lens.focal_px for lens in lenses])
+    sizes_px = np.array([(lens.width_px, lens.height_px) for lens in lenses]).reshape(-1, 2)
+    margin_px = (spheres.radii_m[sphere_idx] * focals_px / np.maximum(depths, 1e-9))[:, None]
+    inside: BoolArray = (xy_px > margin_px).all(1) & (xy_px < sizes_px - margin_px).all(1)
     return inside

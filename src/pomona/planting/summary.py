@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, groups
 from pomona.fruits import Fruits
 from pomona.measure.allometry import Allometry, total_weight
 from pomona.trees import Trees, Trunks
 
 _WITHIN_95 = 1.96
+_NONE = np.zeros(0, np.int64)
 
 
 def trees_of(fruits: Fruits, trunks: Trunks, allometry: Allometry) -> Trees:
@@ -22,7 +23,10 @@ def trees_of(fruits: Fruits, trunks: Trunks, allometry: Allometry) -> Trees:
     ids = sorted(known.keys() | named)
     if not ids:
         return Trees.empty()
-    rows = [_one(fruits, tree, known, allometry) for tree in ids]
+    here, beside = dict(groups(fruits.tree_ids)), dict(groups(fruits.other_tree_ids))
+    rows = [
+        _one(tree, fruits[here.get(tree, _NONE)], fruits[beside.get(tree, _NONE)], known, allometry) for tree in ids
+    ]
     xy, counts, lows, highs, diameters, kg, low_kg, high_kg = (list(column) for column in zip(*rows, strict=True))
     return Trees(
         ids=np.array(ids, np.int64),
@@ -37,11 +41,12 @@ def trees_of(fruits: Fruits, trunks: Trunks, allometry: Allometry) -> Trees:
     )
 
 
-def _one(fruits: Fruits, tree: int, known: dict[int, FloatArray], allometry: Allometry) -> tuple[object, ...]:
-    mine = fruits.tree_ids == tree
-    own = fruits[mine]
+def _one(
+    tree: int, own: Fruits, beside: Fruits, known: dict[int, FloatArray], allometry: Allometry
+) -> tuple[object, ...]:
+    """A row of the table: of a tree, its `own` fruits, and those that are `beside` it, between it and another."""
     place = known.get(tree, own.centers_in_world[:, :2].mean(axis=0) if len(own) else np.full(2, np.nan))
-    low, high = _interval(fruits, tree)
+    low, high = _interval(own, beside[beside.tree_ids != tree])
     measured = own.diameters_m[np.isfinite(own.diameters_m)]
     diameter = float(np.median(measured)) if len(measured) else np.nan
     weight = total_weight(own, allometry)
@@ -51,13 +56,13 @@ def _one(fruits: Fruits, tree: int, known: dict[int, FloatArray], allometry: All
     return place, len(own), low, high, diameter, weight.kg, weight.low_kg, weight.high_kg
 
 
-def _interval(fruits: Fruits, tree: int) -> tuple[int, int]:
-    """The 95 % interval of the true fruits among those on the tree, and of those between it and a neighbour."""
-    here, maybe = fruits.tree_ids == tree, fruits.other_tree_ids == tree
-    share = np.where(here, np.where(fruits.other_tree_ids > 0, 0.5, 1.0), 0.0) + np.where(maybe & ~here, 0.5, 0.0)
+def _interval(own: Fruits, beside: Fruits) -> tuple[int, int]:
+    """The 95 % interval of the true fruits among those on a tree, and of those between it and a neighbour."""
+    share = np.concatenate([np.where(own.other_tree_ids > 0, 0.5, 1.0), np.full(len(beside), 0.5)])
+    scores = np.concatenate([own.scores, beside.scores])
     # A fruit without a score was put there by a person.
-    probabilities = share * np.where(np.isfinite(fruits.scores), fruits.scores, 1.0)
+    probabilities = share * np.where(np.isfinite(scores), scores, 1.0)
     mean, sd = float(probabilities.sum()), float(np.sqrt((probabilities * (1 - probabilities)).sum()))
-    count = int(here.sum())
+    count = len(own)
     low = min(count, int(np.floor(mean - _WITHIN_95 * sd)))
     return max(low, 0), max(count, int(np.ceil(mean + _WITHIN_95 * sd)))

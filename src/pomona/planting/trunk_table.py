@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pomona.errors import FormatError
 from pomona.formats.small_table import read_small_table
 from pomona.trees import Trunks
+
+_SAME_PLACE_M = 0.01
 
 
 def read_trunks(path: Path) -> Trunks:
@@ -21,10 +24,10 @@ def read_trunks(path: Path) -> Trunks:
     if 0 in ids:
         raise FormatError(f"{path}, column id: expected numbers above 0, found 0")
     xy = np.stack([table.numbers("x"), table.numbers("y")], axis=1)
-    for k in range(len(xy)):
-        same = np.flatnonzero(np.linalg.norm(xy[:k] - xy[k], axis=1) < 0.01)
-        if len(same):
-            raise FormatError(
-                f"{path}: trees {ids[same[0]]} and {ids[k]} stand at the same place: expected metres, not degrees"
-            )
+    same = sorted((max(pair), min(pair)) for pair in cKDTree(xy).query_pairs(_SAME_PLACE_M))
+    if same:
+        later, earlier = same[0]
+        raise FormatError(
+            f"{path}: trees {ids[earlier]} and {ids[later]} stand at the same place: expected metres, not degrees"
+        )
     return Trunks(np.array(ids, np.int64), xy)

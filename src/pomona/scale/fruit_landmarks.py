@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from pomona.adjustment.bundle import adjust_landmarks, can_be_adjusted, feature_noise_px, is_no_worse
 from pomona.adjustment.lenses import credible_focals, share_lenses
 from pomona.adjustment.weights import Landmark
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, groups
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.fruit_discs import SeenFruits
 from pomona.geometry import estimate_similarity
@@ -69,13 +69,10 @@ def landmarks(seen: SeenFruits) -> list[Landmark]:
     """Return the fruits that photos enough see, enough of them."""
     good = seen.shares >= _LEAST_SHARE
     good &= np.bincount(seen.fruit_idx[good], minlength=len(seen))[seen.fruit_idx] >= _LEAST_PHOTOS
+    discs = np.flatnonzero(good)
     return [
-        Landmark(
-            seen.centers_in_world[i],
-            np.inf,
-            *(values[good & (seen.fruit_idx == i)] for values in (seen.photo_idx, seen.xy_px, seen.sds_px)),
-        )
-        for i in np.unique(seen.fruit_idx[good])
+        Landmark(seen.centers_in_world[i], np.inf, *(v[discs[mine]] for v in (seen.photo_idx, seen.xy_px, seen.sds_px)))
+        for i, mine in groups(seen.fruit_idx[discs])
     ]
 
 
@@ -100,5 +97,5 @@ def _deviation(cameras: Cameras, fruits: list[Landmark]) -> float:
 
 
 def _offsets_px(cameras: Cameras, fruit: Landmark) -> FloatArray:
-    seen = [cameras.project(int(i), fruit.place[None])[0][0] for i in fruit.photo_idx]
-    return np.nan_to_num(np.array(seen) - fruit.xy_px, nan=1e3)
+    seen_px, _ = cameras.project_each(fruit.photo_idx, np.broadcast_to(fruit.place, (len(fruit.photo_idx), 3)))
+    return np.nan_to_num(seen_px - fruit.xy_px, nan=1e3)

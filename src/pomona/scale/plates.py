@@ -64,7 +64,8 @@ def _warn_of_size(placement: Placement, logs: FloatArray) -> None:
 
 def plate_corners(cameras: Cameras, seen: Sequence[Sighting]) -> FloatArray | None:
     """Return the corners (4, 3) of a plate in the world, in the order in which they are printed; None if not told."""
-    idx = [cameras.photos.index(s.photo) for s in seen]
+    index = {name: i for i, name in enumerate(cameras.photos)}
+    idx = [index[s.photo] for s in seen]
     corners = []
     for k in range(4):
         xy_px = [s.corners_px[k] + _INSET_PX * np.sign(s.corners_px[k] - s.center_px) for s in seen]

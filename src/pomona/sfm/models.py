@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import Array, ByteArray, FloatArray, IntArray
+from pomona.arrays import Array, ByteArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.intrinsics import Intrinsics
 from pomona.sfm.engine import CAMERA_MODEL, CameraEntry, open_models
@@ -71,11 +71,10 @@ def _observed(
 ) -> tuple[FloatArray, Array]:
     """Places (k, 2), in working pixels, and colours (k, 3) of the keypoints of tracks."""
     xy, rgb = np.zeros((len(elements), 2)), np.zeros((len(elements), 3))
-    for i, image in enumerate(images):
-        mine = np.flatnonzero(elements[:, 0] == i)
-        keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+    for i, mine in groups(elements[:, 0]):
+        keypoints = np.array([point.xy for point in images[i].points2D]).reshape(-1, 2)
         xy[mine] = keypoints[elements[mine, 1]]
-        rgb[mine] = colours(image.image_id - 1)[elements[mine, 1]]
+        rgb[mine] = colours(images[i].image_id - 1)[elements[mine, 1]]
     return xy, rgb
 
 

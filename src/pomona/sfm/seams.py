@@ -13,6 +13,9 @@ from pomona.sfm.engine import Overlap
 from pomona.sfm.models import Model
 from pomona.sfm.selection import FULL_WEIGHT, take
 
+# Sums of weights are as exact as this: matches that contradict a seam are whole ones.
+_NO_EXCESS = 1e-6
+
 
 def parted(model: Model, overlaps: Sequence[Overlap], shares: FloatArray, accidental: int) -> list[Model]:
     """Return the parts of a model between which its matches do not contradict it; the whole model where they never do.
@@ -35,31 +38,78 @@ def _parts(count: int, pairs: IntArray, explained: FloatArray, contradicted: Flo
     todo = [0]
     while todo:
         part = todo.pop()
-        seam = _worst_seam(labels == part, pairs, explained, contradicted)
+        seam = worst_seam(labels == part, pairs, explained, contradicted)
         if seam is not None:
             labels[seam] = labels.max() + 1
             todo += [part, int(labels.max())]
     return labels
 
 
-def _worst_seam(
-    inside: BoolArray, pairs: IntArray, explained: FloatArray, contradicted: FloatArray
-) -> BoolArray | None:
+def worst_seam(inside: BoolArray, pairs: IntArray, explained: FloatArray, contradicted: FloatArray) -> BoolArray | None:
     """Return one side (count,) of the seam that is most contradicted, or None where none is more so than explained.
 
     Seams are those of the tree of the best explained overlaps: what hangs together by a thread hangs by an edge of it.
     """
-    best, seam = 0.0, None
     here = inside[pairs].all(1)
     tree = _tree(len(inside), pairs[here], explained[here])
-    for k in range(len(tree)):
-        _, labels = connected_components(_graph(len(inside), np.delete(tree, k, axis=0)), directed=False)
-        side = (labels == labels[tree[k, 0]]) & inside
-        across = here & (side[pairs[:, 0]] != side[pairs[:, 1]])
-        excess = float(contradicted[across].sum() - explained[across].sum())
-        if excess > best:
-            best, seam = excess, side
-    return seam
+    if not len(tree):
+        return None
+    excess = _across(len(inside), tree, pairs[here], (contradicted - explained)[here])
+    worst = int(np.argmax(excess))
+    if excess[worst] <= _NO_EXCESS:
+        return None
+    _, labels = connected_components(_graph(len(inside), np.delete(tree, worst, axis=0)), directed=False)
+    return np.asarray((labels == labels[tree[worst, 0]]) & inside)
+
+
+def _across(count: int, tree: IntArray, pairs: IntArray, values: FloatArray) -> FloatArray:
+    """Return for each edge (n, 2) of a spanning tree (or trees) the sum of the pairs' values (k,) on whose path it is.
+
+    A pair counts at both of its ends, and twice less where their paths to the root meet: what is left, summed over all
+    that hangs below an edge, is of pairs of which one end alone hangs there.
+    """
+    rooted = _Rooted(count, tree)
+    sums = np.zeros(count)
+    np.add.at(sums, pairs[:, 0], values)
+    np.add.at(sums, pairs[:, 1], values)
+    np.subtract.at(sums, [rooted.meeting(int(a), int(b)) for a, b in pairs], 2 * values)
+    for node in reversed(rooted.order):
+        if rooted.parent[node] >= 0:
+            sums[rooted.parent[node]] += sums[node]
+    lower = np.where(rooted.depth[tree[:, 0]] > rooted.depth[tree[:, 1]], tree[:, 0], tree[:, 1])
+    return np.asarray(sums[lower])
+
+
+class _Rooted:
+    """Trees hung up by one node each: `parent` (n,), -1 of roots, `depth` (n,), and nodes in an `order` from above."""
+
+    def __init__(self, count: int, edges: IntArray) -> None:
+        beside: list[list[int]] = [[] for _ in range(count)]
+        for a, b in edges.tolist():
+            beside[a].append(b)
+            beside[b].append(a)
+        self.parent, self.depth = np.full(count, -1), np.full(count, -1)
+        self.order: list[int] = []
+        for root in range(count):
+            if self.depth[root] < 0:
+                self._hang(root, beside)
+
+    def _hang(self, root: int, beside: Sequence[Sequence[int]]) -> None:
+        self.depth[root] = 0
+        waiting = [root]
+        while waiting:
+            node = waiting.pop()
+            self.order.append(node)
+            for other in beside[node]:
+                if self.depth[other] < 0:
+                    self.parent[other], self.depth[other] = node, self.depth[node] + 1
+                    waiting.append(other)
+
+    def meeting(self, a: int, b: int) -> int:
+        """Return where the paths of two nodes of one tree to its root meet."""
+        while a != b:
+            a, b = (self.parent[a], b) if self.depth[a] >= self.depth[b] else (a, self.parent[b])
+        return a
 
 
 def _tree(count: int, pairs: IntArray, explained: FloatArray) -> IntArray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.errors import InputError, few
 from pomona.formats.cameras.given import GivenCameras, shared
@@ -69,8 +69,8 @@ def turned(cameras: Cameras, quarters: Sequence[int]) -> Cameras:
     rotations = np.array([np.linalg.matrix_power(turn, q % 4) for q in quarters])
     intrinsics, intrinsics_idx = shared([cameras.intrinsics_of(i).turned(q) for i, q in enumerate(quarters)])
     xy_px = cameras.track_xy_px.copy()
-    for i, q in enumerate(quarters):
-        here = cameras.track_photo_idx == i
+    for i, here in groups(cameras.track_photo_idx):
+        q = quarters[i]
         height_px, width_px = cameras.intrinsics_of(i).height_px, cameras.intrinsics_of(i).width_px
         for _ in range(q % 4 if q else 0):
             xy_px[here] = np.stack([height_px - xy_px[here, 1], xy_px[here, 0]], axis=1)

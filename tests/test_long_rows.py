@@ -1,0 +1,204 @@
+"""Long rows: what looks only at neighbours finds what looking at all would find, which is kept here as the oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial.transform import Rotation
+
+from fuse_scenes import cameras_in_a_row
+from pomona.arrays import BoolArray, FloatArray, IntArray, groups
+from pomona.cameras import Cameras
+from pomona.dense.neighbours import choose_neighbours
+from pomona.dense.options import DenseOptions
+from pomona.errors import FormatError
+from pomona.filter.options import FilterOptions
+from pomona.filter.view_features import seen_shares
+from pomona.fruits import Fruits
+from pomona.measure.allometry import STORY_APPLES
+from pomona.planting.summary import trees_of
+from pomona.planting.trunk_table import read_trunks
+from pomona.sfm.seams import worst_seam
+from pomona.sfm.selection import FULL_WEIGHT
+from pomona.spheres import Spheres
+from pomona.trees import Trunks
+
+ROW = cameras_in_a_row(60)  # 9 m
+
+
+def row_of_two_lenses() -> Cameras:
+    """A row whose photos are held unevenly, every third by a longer lens."""
+    turns = Rotation.from_rotvec(np.random.default_rng(1).normal(0, 0.06, (len(ROW), 3))).as_matrix()
+    rotations = turns @ ROW.cam_from_world[:, :, :3]
+    poses = np.concatenate([rotations, -rotations @ ROW.centers_in_world[:, :, None]], axis=2)
+    longer = replace(ROW.intrinsics[0], params=ROW.intrinsics[0].params * [1.3, 1.3, 1, 1])
+    lens_idx = (np.arange(len(ROW)) % 3 == 0).astype(np.int64)
+    return replace(ROW, intrinsics=(ROW.intrinsics[0], longer), intrinsics_idx=lens_idx, cam_from_world=poses)
+
+
+def test_groups_are_where_labels_are() -> None:
+    found = groups(np.array([3, 1, 3, 7, 1]))
+    assert [(label, places.tolist()) for label, places in found] == [(1, [1, 4]), (3, [0, 2]), (7, [3])]
+    assert groups(np.zeros(0, np.int64)) == []
+
+
+def test_points_are_projected_into_their_own_photos() -> None:
+    cameras, random = row_of_two_lenses(), np.random.default_rng(2)
+    photo_idx = random.integers(0, len(cameras), 200)
+    points = cameras.centers_in_world[photo_idx] + random.normal([0, 1, 0], [0.4, 0.8, 0.4], (200, 3))
+    xy_px, depths = cameras.project_each(photo_idx, points)
+    assert 10 < np.isnan(xy_px[:, 0]).sum() < 100
+    for i, point, xy, depth in zip(photo_idx, points, xy_px, depths, strict=True):
+        one_px, one_depth = cameras.project(int(i), point[None])
+        assert xy == pytest.approx(one_px[0], nan_ok=True)
+        assert depth == pytest.approx(one_depth[0])
+
+
+def shares_by_all_photos(
+    spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras, options: FilterOptions
+) -> FloatArray:
+    """`seen_shares` by asking every photo of every sphere."""
+    result = np.ones(len(spheres))
+    for i in range(len(spheres)):
+        seen = photo_idx[sphere_idx == i]
+        if not len(seen):
+            continue
+        sights = spheres.centers_in_world[i] - cameras.centers_in_world
+        distances = np.linalg.norm(sights, axis=1)
+        cosines = (sights / distances[:, None]) @ (sights[seen] / distances[seen, None]).T
+        should = cosines.max(1) > np.cos(np.radians(options.near_deg))
+        should &= distances < options.farther * distances[seen].max()
+        for j in np.flatnonzero(should):
+            lens = cameras.intrinsics_of(int(j))
+            xy, depth = cameras.project(int(j), spheres.centers_in_world[i][None])
+            margin = spheres.radii_m[i] * lens.focal_px / max(depth[0], 1e-9)
+            should[j] = bool((xy > margin).all() and (xy < [lens.width_px - margin, lens.height_px - margin]).all())
+        should[seen] = True
+        result[i] = len(seen) / should.sum()
+    return result
+
+
+def test_photos_that_should_see_a_fruit_are_found_among_those_near_it() -> None:
+    cameras, random, options = row_of_two_lenses(), np.random.default_rng(3), FilterOptions()
+    count = 80
+    centers = np.column_stack(
+        [random.uniform(-4, 4, count), random.normal(0, 0.2, count), random.normal(0, 0.3, count)]
+    )
+    spheres = Spheres(centers, np.full(count, 0.035))
+    pairs = []
+    for i in range(1, count):  # the first is seen by none
+        near = np.argsort(np.linalg.norm(cameras.centers_in_world - centers[i], axis=1))[:6]
+        pairs += [(i, int(j)) for j in random.choice(near, random.integers(1, 5), replace=False)]
+    sphere_idx, photo_idx = np.array(pairs).T
+    found = seen_shares(spheres, sphere_idx, photo_idx, cameras, options)
+    assert found == pytest.approx(shares_by_all_photos(spheres, sphere_idx, photo_idx, cameras, options))
+    assert found[0] == 1
+    assert 0.1 < found[1:].min() < found[1:].max() <= 1
+
+
+def neighbours_of_all(cameras: Cameras, i: int, depth_m: float, options: DenseOptions) -> set[int]:
+    """Photos that may be compared with photo i, by asking all."""
+    lens, pose = cameras.intrinsics_of(i), cameras.cam_from_world[i]
+    grid = (np.stack(np.meshgrid(np.arange(5), np.arange(5)), -1).reshape(-1, 2) + 0.5) / 5
+    points = (lens.cam_from_px(grid * [lens.width_px, lens.height_px]) * depth_m - pose[:, 3]) @ pose[:, :3]
+    sights = points.mean(0) - cameras.centers_in_world
+    sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+    angles = np.degrees(np.arccos(np.clip(sights @ sights[i], -1, 1)))
+    found = set()
+    for j in range(len(cameras)):
+        xy, depth = cameras.project(j, points)
+        size = [cameras.intrinsics_of(j).width_px, cameras.intrinsics_of(j).height_px]
+        seen = (xy > 0).all(1) & (xy < size).all(1) & (depth > 0.6 * depth_m) & (depth < depth_m / 0.6)
+        if (
+            j != i
+            and options.min_angle_deg <= angles[j] <= options.max_angle_deg
+            and seen.mean() >= options.min_overlap
+        ):
+            found.add(j)
+    return found
+
+
+def test_photos_to_compare_are_found_among_those_near() -> None:
+    cameras, options = row_of_two_lenses(), DenseOptions(neighbours=60)
+    chosen = choose_neighbours(cameras, ("east",) * len(cameras), np.full(len(cameras), 1.5), options)
+    wanted = [neighbours_of_all(cameras, i, 1.5, options) for i in range(len(cameras))]
+    assert [set(found.tolist()) for found in chosen] == wanted
+    assert 2 < np.mean([len(found) for found in wanted]) < 12
+
+
+def seam_by_cutting_each_edge(
+    inside: BoolArray, pairs: IntArray, explained: FloatArray, contradicted: FloatArray
+) -> tuple[float, BoolArray | None]:
+    """The worst seam by taking every edge of the tree out in turn, and how much it is contradicted."""
+    best, seam, here = 0.0, None, inside[pairs].all(1)
+
+    def graph(values: FloatArray, edges: IntArray) -> coo_matrix:
+        return coo_matrix((values, edges.T), shape=(len(inside), len(inside)))
+
+    found = minimum_spanning_tree(graph(2 * FULL_WEIGHT - explained[here], pairs[here])).tocoo()
+    tree = np.stack([found.row, found.col], axis=1)
+    for k in range(len(tree)):
+        rest = np.delete(tree, k, axis=0)
+        labels = connected_components(graph(np.ones(len(rest)), rest), directed=False)[1]
+        side = (labels == labels[tree[k, 0]]) & inside
+        across = here & (side[pairs[:, 0]] != side[pairs[:, 1]])
+        excess = float(contradicted[across].sum() - explained[across].sum())
+        if excess > best:
+            best, seam = excess, side
+    return best, seam
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_worst_seam_is_that_of_cutting_each_edge(seed: int) -> None:
+    random, count = np.random.default_rng(seed), 40
+    pairs = np.array([(i, i + step) for i in range(count) for step in (1, 2, 5, 19) if i + step < count])
+    pairs = pairs[random.random(len(pairs)) < 0.7]
+    explained, contradicted = random.uniform(0, 60, (2, len(pairs)))
+    inside = random.random(count) < 0.9
+    _, wanted = seam_by_cutting_each_edge(inside, pairs, explained, contradicted)
+    found = worst_seam(inside, pairs, explained, contradicted)
+    assert (found is None) == (wanted is None)
+    if found is not None and wanted is not None:
+        assert (found == wanted).all()
+    assert worst_seam(inside, pairs, explained, 0 * contradicted) is None
+
+
+def interval_by_all_fruits(fruits: Fruits, tree: int) -> tuple[int, int]:
+    """A tree's 95 % interval by asking every fruit."""
+    here, maybe = fruits.tree_ids == tree, fruits.other_tree_ids == tree
+    share = np.where(here, np.where(fruits.other_tree_ids > 0, 0.5, 1.0), 0.0) + np.where(maybe & ~here, 0.5, 0.0)
+    values = share * fruits.scores
+    mean, sd = values.sum(), np.sqrt((values * (1 - values)).sum())
+    return max(min(here.sum(), int(np.floor(mean - 1.96 * sd))), 0), max(here.sum(), int(np.ceil(mean + 1.96 * sd)))
+
+
+def test_trees_have_the_intervals_of_their_own_fruits() -> None:
+    random, count = np.random.default_rng(4), 400
+    tree_ids = random.integers(0, 12, count)
+    beside = np.where(random.random(count) < 0.3, tree_ids + 1, 0)
+    fruits = Fruits(
+        np.arange(1, count + 1),
+        random.uniform(0, 12, (count, 3)),
+        random.uniform(0.06, 0.08, count),
+        random.uniform(0.3, 1, count),
+        np.full(count, 3),
+        tree_ids=tree_ids,
+        other_tree_ids=beside,
+    )
+    trees = trees_of(fruits, Trunks(np.arange(1, 15), random.uniform(0, 12, (14, 2))), STORY_APPLES)
+    assert trees.ids.tolist() == list(range(1, 15))
+    assert trees.fruits.tolist() == [int((tree_ids == tree).sum()) for tree in range(1, 15)]
+    intervals = [interval_by_all_fruits(fruits, tree) for tree in range(1, 15)]
+    assert list(zip(trees.fruits_low.tolist(), trees.fruits_high.tolist(), strict=True)) == intervals
+
+
+def test_the_first_of_two_trunks_at_one_place_is_named(tmp_path: Path) -> None:
+    table = tmp_path / "trees.csv"
+    table.write_text("id,x,y\n5,0,0\n6,1,0\n7,2,0\n8,1.004,0\n9,2,0.001\n")
+    with pytest.raises(FormatError, match="trees 6 and 8 stand at the same place"):
+        read_trunks(table)
