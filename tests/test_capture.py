@@ -12,7 +12,7 @@ import pillow_heif
 import pytest
 from PIL import Image
 
-from pomona.capture import load_photos, read_pixels
+from pomona.capture import load_photos, read_grey, read_pixels
 from pomona.capture.exif import Exif, focal_px, parse_exif
 from pomona.capture.files import natural_key
 from pomona.capture.sensors import sensor_width_mm
@@ -249,6 +249,12 @@ def test_pixels_are_upright_at_any_size(tmp_path: Path, orientation: int, suffix
     assert (photo.width_px, photo.height_px) == ((96, 80) if orientation < 5 else (80, 96))
     # JPEG blurs the borders of the blocks; a turn too many or too few is some 80 grey values.
     assert np.abs(read_pixels(photo).astype(int) - expected).mean() <= (12 if suffix == "jpg" else 0)
+    for side_px in (None, 24):
+        grey, seen = read_grey(photo, max_side_px=side_px), read_pixels(photo, max_side_px=side_px)
+        assert grey.shape == seen.shape[:2]
+        apart = np.abs(grey - seen @ [0.299, 0.587, 0.114])
+        assert apart.mean() < 1
+        assert apart.max() < 12  # of vivid colours a channel is cut off
     small = read_pixels(photo, max_side_px=24)
     assert small.shape == ((20, 24, 3) if orientation < 5 else (24, 20, 3))
     # Each block of colour spans four pixels of the small photo: its inner pixels keep the colour.

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray, set_checked
-from pomona.capture import read_pixels
+from pomona.capture import read_grey
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 from pomona.progress import Progress
@@ -95,21 +95,21 @@ def _in_photo(
     photo: Photo, wanted: Collection[int], dictionary: str, search_side_px: int, mirrored: bool
 ) -> list[Sighting] | str:
     try:
-        small = cv2.cvtColor(_pixels(photo, mirrored, search_side_px), cv2.COLOR_RGB2GRAY)
+        small = _grey(photo, mirrored, search_side_px)
         scale = small.shape[1] / photo.width_px
         if scale == 1.0:
             return [Sighting(photo.name, i, c) for i, c in detect(small, dictionary) if i in wanted]
         coarse = [(i, c / scale) for i, c in detect(small, dictionary) if i in wanted]
         if not coarse:
             return []
-        grey = cv2.cvtColor(_pixels(photo, mirrored), cv2.COLOR_RGB2GRAY)
+        grey = _grey(photo, mirrored)
     except (InputError, MissingFileError) as error:
         return str(error)
     return [Sighting(photo.name, i, _measured(grey, i, corners, dictionary)) for i, corners in coarse]
 
 
-def _pixels(photo: Photo, mirrored: bool, max_side_px: int | None = None) -> ByteArray:
-    pixels = read_pixels(photo, max_side_px=max_side_px)
+def _grey(photo: Photo, mirrored: bool, max_side_px: int | None = None) -> ByteArray:
+    pixels = read_grey(photo, max_side_px=max_side_px)
     return np.ascontiguousarray(pixels[:, ::-1]) if mirrored else pixels
 
 
