@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
 from fuse_scenes import cameras_in_a_row
+from pomona.adjustment.covariance import covariance, focal_sds
+from pomona.adjustment.normal_equations import normal_equations
+from pomona.adjustment.selected_inverse import SelectedInverse
+from pomona.adjustment.weights import Landmark, Weights, weighted
 from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.dense.neighbours import choose_neighbours
@@ -23,10 +27,12 @@ from pomona.fruits import Fruits
 from pomona.measure.allometry import STORY_APPLES
 from pomona.planting.summary import trees_of
 from pomona.planting.trunk_table import read_trunks
+from pomona.sfm.models import Model
 from pomona.sfm.seams import worst_seam
-from pomona.sfm.selection import FULL_WEIGHT
+from pomona.sfm.selection import FULL_WEIGHT, take
 from pomona.spheres import Spheres
 from pomona.trees import Trunks
+from scale_scenes import photographed
 
 ROW = cameras_in_a_row(60)  # 9 m
 
@@ -39,6 +45,100 @@ def row_of_two_lenses() -> Cameras:
     longer = replace(ROW.intrinsics[0], params=ROW.intrinsics[0].params * [1.3, 1.3, 1, 1])
     lens_idx = (np.arange(len(ROW)) % 3 == 0).astype(np.int64)
     return replace(ROW, intrinsics=(ROW.intrinsics[0], longer), intrinsics_idx=lens_idx, cam_from_world=poses)
+
+
+def photographed_along(length_m: float, photos: int, *, noise_px: float = 0.3, seed: int = 0) -> Cameras:
+    """A long row seen from one side as mapping gives it: 40 points a metre, each seen by about four photos."""
+    row = photographed(
+        "east", length_m=length_m, photos=photos, points=round(40 * length_m), noise_px=noise_px, seed=seed
+    )
+    random = np.random.default_rng(seed)
+    apart = row.centers_in_world[row.track_photo_idx, 0] - row.points_in_world[row.track_point_idx, 0]
+    kept = (np.abs(apart) < 0.7) & (random.random(len(apart)) < 0.9)
+    tracks = {name: getattr(row, name)[kept] for name in ("track_point_idx", "track_photo_idx", "track_xy_px")}
+    row = replace(row, **tracks)
+    return take(Model(row, np.arange(photos), np.ones(photos)), np.ones(photos, bool)).cameras
+
+
+def marked(cameras: Cameras, every_m: float) -> list[Landmark]:
+    """Markers of known places along the row, two above each other, where photos show them."""
+    found = []
+    for x in np.arange(0.5, cameras.centers_in_world[:, 0].max(), every_m):
+        for z in (1.0, 1.9):
+            seen = np.flatnonzero(np.abs(cameras.centers_in_world[:, 0] - x) < 0.5)
+            place = np.array([x, 0.5, z])
+            xy_px, _ = cameras.project_each(seen, np.broadcast_to(place, (len(seen), 3)))
+            found.append(Landmark(place, 0.002, seen, xy_px, np.full(len(seen), 0.1)))
+    return found
+
+
+def dense_covariance(cameras: Cameras, weights: Weights) -> FloatArray:
+    """Covariances (p, p) by the whole inverse, nothing being held: zero along what nothing fixes."""
+    normal = normal_equations(cameras, weights).reduced().toarray()
+    sizes = np.sqrt(np.diag(normal))
+    inverse = np.linalg.pinv(normal / np.outer(sizes, sizes), rcond=1e-11, hermitian=True)
+    return np.asarray(inverse / np.outer(sizes, sizes))
+
+
+def about_the_best(covariance_of_centers: FloatArray, cameras: Cameras) -> FloatArray:
+    """Standard deviations (n,) of centres about the similarity that fits them best, the whole matrix at once."""
+    arms = cameras.centers_in_world - cameras.centers_in_world.mean(0)
+    motions = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)]
+    motions += [*(np.cross(axis, arms) for axis in np.eye(3)), arms]
+    gauge = np.array([motion.ravel() for motion in motions]).T
+    weights = np.ones(len(gauge))
+    for _ in range(4):
+        fitted = np.eye(len(gauge)) - gauge @ np.linalg.pinv(gauge * weights[:, None]) * weights
+        variances = np.diag(fitted @ covariance_of_centers @ fitted.T).reshape(-1, 3).sum(1)
+        weights = np.repeat(1 / np.sqrt(np.maximum(variances, np.median(variances))), 3)
+    return np.asarray(np.sqrt(variances))
+
+
+def test_uncertainties_are_those_of_the_whole_inverse() -> None:
+    cameras = photographed_along(14.0, 70)
+    seeing, weights = weighted(cameras, noise_px=0.3, landmarks=marked(cameras, 6.0))
+    wanted, found = dense_covariance(seeing, weights), covariance(seeing, weights)
+    centers = (6 * np.arange(70)[:, None] + [3, 4, 5]).ravel()
+    of_centers = wanted[np.ix_(centers, centers)]
+    sds = np.sqrt(np.diag(of_centers).reshape(-1, 3).sum(1))
+    assert found.center_sds == pytest.approx(sds, rel=1e-4)
+    assert 1.3 < sds.max() / sds.min() < 10
+    places = np.diag(wanted)[-3 * len(weights.known_idx) :].reshape(-1, 3)
+    assert np.diagonal(found.known_points, axis1=1, axis2=2) == pytest.approx(places, rel=1e-4)
+    arms = (cameras.centers_in_world - cameras.centers_in_world.mean(0)).ravel()
+    assert found.scale_sd == pytest.approx(np.sqrt(arms @ of_centers @ arms) / (arms @ arms), rel=1e-4)
+    assert focal_sds(seeing, weights)[0] == pytest.approx(np.sqrt(wanted[420, 420]), rel=1e-4)
+
+
+def test_uncertainties_without_markers_are_those_about_the_best_similarity() -> None:
+    cameras = photographed_along(14.0, 70)
+    seeing, weights = weighted(cameras, noise_px=0.3, free_frames=np.zeros(70, np.int64))
+    wanted = dense_covariance(seeing, weights)
+    centers = (6 * np.arange(70)[:, None] + [3, 4, 5]).ravel()
+    found = covariance(seeing, weights)
+    assert found.center_sds == pytest.approx(about_the_best(wanted[np.ix_(centers, centers)], cameras), rel=1e-3)
+    assert np.isnan(found.scale_sd)
+    assert focal_sds(seeing, weights)[0] == pytest.approx(np.sqrt(wanted[420, 420]), rel=1e-3)
+
+
+@pytest.mark.parametrize("border", [0, 2])
+def test_parts_of_an_inverse_are_those_of_all_of_it(border: int) -> None:
+    """Two chains that nothing connects, a node alone, and nodes that all others meet."""
+    random, inner = np.random.default_rng(border), 61
+    edges = [(i, j) for i in range(60) for j in (i + 1, i + 2) if j < 60 and (i < 30) == (j < 30)]
+    edges += [(i, inner + k) for i in range(inner) for k in range(border)]
+    nodes = np.repeat(np.arange(inner + border), 3)
+    matrix = np.zeros((len(nodes), len(nodes)))
+    for i, j in edges:
+        rows = random.normal(size=(4, 6))
+        both = np.concatenate([3 * i + np.arange(3), 3 * j + np.arange(3)])
+        matrix[np.ix_(both, both)] += rows.T @ rows
+    matrix += 0.1 * np.eye(len(matrix))
+    inverse, found = np.linalg.inv(matrix), SelectedInverse(csr_array(matrix), nodes)
+    params = np.arange(len(nodes)).reshape(-1, 3)
+    assert found.blocks(params) == pytest.approx(np.array([inverse[np.ix_(mine, mine)] for mine in params]))
+    right = random.normal(size=(len(nodes), 2))
+    assert found.solve(right) == pytest.approx(inverse @ right)
 
 
 def test_groups_are_where_labels_are() -> None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array
 
 from pomona.adjustment.normal_equations import derivatives, lens_starts, normal_equations
+from pomona.adjustment.selected_inverse import SelectedInverse
 from pomona.adjustment.weights import Weights
 from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 
-# What nothing measures is known to ten thousand times what it would be if all else were known, which is not singular.
-_VAGUE = 1e-8
+# What nothing measures is known to 100,000 times what it would be if all else were known; a smaller factor would hold
+# long rows together. Where rounding makes equations singular all the same, it is 10,000, or 1,000.
+_VAGUE = (1e-10, 1e-8, 1e-6)
 # Rounds in which centres that are hardly known come to weigh little.
 _ROUNDS = 4
 # Eigenvalues of a point's normal equations below this share of the largest are of directions that no photo tells.
@@ -23,30 +26,21 @@ _UNSEEN = np.zeros(0, np.int64)
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """Covariances of n photos' centres (3n, 3n) and of q known points (q, 3, 3).
+    """Covariances of each of n photos' centres (n, 3, 3) and of each of q known points (q, 3, 3).
 
-    In a frame that nothing fixes, centres vary about the similarity that fits all of its cameras best.
+    In a frame that nothing fixes, centres vary about the similarity that fits all of its cameras best. `scale_sd`: how
+    far off lengths among the cameras may be, as a share; NaN for fewer than two, and where nothing fixes their frame.
+    It is the standard deviation of the scale of the similarity that fits the cameras' true centres best.
     """
 
     centers_in_world: FloatArray
     known_points: FloatArray
+    scale_sd: float
 
     @property
     def center_sds(self) -> FloatArray:
         """(n,): how far off a photo's centre may be: the square root of the sum of its three variances."""
-        return np.asarray(np.sqrt(np.diag(self.centers_in_world).reshape(-1, 3).sum(1)))
-
-    def scale_sd(self, cameras: Cameras) -> float:
-        """Return how far off lengths among the cameras may be, as a share; NaN for fewer than two.
-
-        The standard deviation of the scale of the similarity that fits the cameras' true centres best.
-        """
-        arms = cameras.centers_in_world - cameras.centers_in_world.mean(0)
-        spread = float((arms**2).sum())
-        if spread == 0:
-            return float("nan")
-        share = arms.ravel() / spread
-        return float(np.sqrt(share @ self.centers_in_world @ share))
+        return np.asarray(np.sqrt(np.trace(self.centers_in_world, axis1=1, axis2=2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,75 +101,140 @@ def _of_point(cameras: Cameras, weights: Weights, mine: IntArray) -> tuple[Float
 
 def focal_sds(cameras: Cameras, weights: Weights) -> FloatArray:
     """Return the standard deviations (l,) of the focal lengths of adjusted cameras, as shares of them."""
-    normal, gauge = _equations(cameras, weights)
     starts = lens_starts(cameras)
-    return np.asarray(np.sqrt(np.diag(_inverse(normal, gauge, starts)[starts])))
+    return np.asarray(np.sqrt(_Inverse.of(cameras, weights).blocks(starts[:, None])[:, 0, 0]))
 
 
 def covariance(cameras: Cameras, weights: Weights) -> Covariance:
     """Return how uncertain adjusted cameras are; the wrong observations among their tracks count little (Cauchy)."""
-    normal, gauge = _equations(cameras, weights)
-    n, size = len(cameras), len(normal)
-    centers = (6 * np.arange(n)[:, None] + [3, 4, 5]).ravel()
-    places = np.arange(size - 3 * len(weights.known_idx), size)
-    wanted = np.concatenate([centers, places])
-    inverse = _inverse(normal, gauge, wanted)
-    of_points = inverse[places, 3 * n :].reshape(len(weights.known_idx), 3, len(weights.known_idx), 3)
-    each = np.arange(len(weights.known_idx))
-    return Covariance(_about_the_best(inverse[centers, : 3 * n], gauge[centers]), of_points[each, :, each, :])
+    inverse, n = _Inverse.of(cameras, weights), len(cameras)
+    centers = 6 * np.arange(n)[:, None] + np.array([3, 4, 5])
+    q = len(weights.known_idx)
+    places = inverse.size - 3 * q + np.arange(3 * q).reshape(-1, 3)
+    gauge = _gauge(cameras, np.asarray(weights.free_frames))
+    of_centers = inverse.blocks(centers)
+    if gauge.shape[1]:
+        of_centers = _about_the_best(inverse, of_centers, gauge, centers)
+    scale_sd = float("nan") if gauge.shape[1] else _scale_sd(inverse, cameras, centers)
+    return Covariance(of_centers, inverse.blocks(places), scale_sd)
 
 
-def _about_the_best(of_centers: FloatArray, gauge: FloatArray) -> FloatArray:
-    """Covariances (3n, 3n) of centres about the similarity that fits them best, where `gauge` (3n, g) moves them all.
+def _scale_sd(inverse: _Inverse, cameras: Cameras, centers: IntArray) -> float:
+    arms = cameras.centers_in_world - cameras.centers_in_world.mean(0)
+    spread = float((arms**2).sum())
+    if spread == 0:
+        return float("nan")
+    share = np.zeros((inverse.size, 1))
+    share[centers.ravel(), 0] = arms.ravel() / spread
+    return float(np.sqrt(share[:, 0] @ inverse.solve(share)[:, 0]))
+
+
+def _about_the_best(inverse: _Inverse, of_centers: FloatArray, gauge: FloatArray, centers: IntArray) -> FloatArray:
+    """Covariances (n, 3, 3) of centres about the similarity that fits them best, where `gauge` (3n, g) moves them all.
 
     Centres that are known less well than the middle one weigh less, or one would make all the others look vague.
     """
-    if not gauge.shape[1]:
-        return of_centers
-    found = of_centers
-    weights = np.ones(len(of_centers))
+    found, weights = of_centers, np.ones(len(gauge))
+    moved = gauge.reshape(len(centers), 3, -1)
     for _ in range(_ROUNDS):
-        fit = np.linalg.lstsq(gauge * weights[:, None], np.diag(weights), rcond=None)[0]
-        fitted = np.eye(len(of_centers)) - gauge @ fit
-        found = fitted @ of_centers @ fitted.T
-        variances = np.diag(found).reshape(-1, 3).sum(1)
+        fit = np.linalg.pinv(gauge * weights[:, None]) * weights
+        right = np.zeros((inverse.size, len(fit)))
+        right[centers.ravel()] = fit.T
+        with_fit = inverse.solve(right)[centers.ravel()]
+        of_fit = fit @ with_fit
+        crossed = np.einsum("nig,njg->nij", moved, with_fit.reshape(moved.shape))
+        own = np.einsum("nig,gh,njh->nij", moved, of_fit, moved)
+        found = of_centers - crossed - crossed.transpose(0, 2, 1) + own
+        variances = np.trace(found, axis1=1, axis2=2)
         weights = np.repeat(1 / np.sqrt(np.maximum(variances, np.median(variances))), 3)
     return found
 
 
-def _equations(cameras: Cameras, weights: Weights) -> tuple[FloatArray, FloatArray]:
-    """The normal equations (p, p) of photos, lenses and known points, in this order, and what nothing fixes (p, g)."""
-    normal = normal_equations(cameras, weights).reduced().toarray()
-    return normal, _gauge(cameras, np.asarray(weights.free_frames), len(normal))
+@dataclass(frozen=True, eq=False)
+class _Inverse:
+    """The inverse of the normal equations of photos, lenses and known points, in this order; `sizes` (p,) scale them.
+
+    Where nothing fixes a frame, one photo of it is held, and how far another is from that: what covariances about the
+    best similarity are does not depend on which.
+    """
+
+    scaled: SelectedInverse
+    sizes: FloatArray
+
+    @classmethod
+    def of(cls, cameras: Cameras, weights: Weights) -> _Inverse:
+        normal = normal_equations(cameras, weights).reduced()
+        sizes = np.sqrt(normal.diagonal())
+        sizes[sizes == 0] = 1.0  # of a photo without points
+        shrink = diags_array(1 / sizes)
+        held = _held(cameras, np.asarray(weights.free_frames), sizes)
+        scaled, nodes = shrink @ normal @ shrink + held, _nodes(cameras, len(weights.known_idx))
+        for vague in _VAGUE[:-1]:
+            with suppress(np.linalg.LinAlgError):
+                return cls(SelectedInverse(csr_array(scaled + vague * eye_array(len(sizes))), nodes), sizes)
+        return cls(SelectedInverse(csr_array(scaled + _VAGUE[-1] * eye_array(len(sizes))), nodes), sizes)
+
+    @property
+    def size(self) -> int:
+        return len(self.sizes)
+
+    def blocks(self, params: IntArray) -> FloatArray:
+        """Return the blocks (m, k, k) of parameters (m, k), each row of one photo, lens or point."""
+        sizes = self.sizes[params]
+        return self.scaled.blocks(params) / (sizes[:, :, None] * sizes[:, None, :])
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Return the inverse times a right side (p, c)."""
+        return np.asarray(self.scaled.solve(right / self.sizes[:, None]) / self.sizes[:, None])
 
 
-def _inverse(normal: FloatArray, gauge: FloatArray, columns: IntArray) -> FloatArray:
-    """Columns (p, c) of the inverse of normal equations (p, p), across the directions (p, g) that nothing fixes."""
-    sizes = np.sqrt(np.diag(normal))
-    sizes[sizes == 0] = 1.0  # of a photo without points
-    scaled = normal / np.outer(sizes, sizes)
-    free, _ = np.linalg.qr(gauge * sizes[:, None])
-    scaled += free @ free.T
-    scaled[np.diag_indices(len(scaled))] += _VAGUE
-    wanted = np.zeros((len(scaled), len(columns)))
-    wanted[columns, np.arange(len(columns))] = 1 / sizes[columns]
-    return np.asarray(cho_solve(cho_factor(scaled), wanted) / sizes[:, None])
+def _nodes(cameras: Cameras, known: int) -> IntArray:
+    """Whose parameter each (p,) is: photos come first, then lenses, then known points."""
+    n, lenses = len(cameras), len(cameras.intrinsics)
+    of_lenses = np.repeat(n + np.arange(lenses), [1 + len(lens.distortion_idx) for lens in cameras.intrinsics])
+    return np.concatenate([np.repeat(np.arange(n), 6), of_lenses, np.repeat(n + lenses + np.arange(known), 3)])
 
 
-def _gauge(cameras: Cameras, free_frames: IntArray, height: int) -> FloatArray:
-    """Unit columns (height, 7 f): how the parameters change where one of f free frames is moved as a whole."""
+def _held(cameras: Cameras, free_frames: IntArray, sizes: FloatArray) -> csr_array:
+    """What holds each free frame (p, p), in scaled parameters: the photo that sees most, and its distance to another.
+
+    The other is the farthest among the better half of photos: one that few points hold would hold nothing.
+    """
+    rows, columns, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    seen, centers = np.bincount(cameras.track_photo_idx, minlength=len(cameras)), cameras.centers_in_world
+    for frame, inside in groups(free_frames):
+        if frame < 0:
+            continue
+        best_first = inside[np.argsort(-seen[inside], kind="stable")]
+        first, well_seen = best_first[0], best_first[: 1 + len(inside) // 2]
+        own = 6 * first + np.arange(6)
+        rows, columns, values = [*rows, own], [*columns, own], [*values, np.ones(6)]
+        arms = centers[well_seen] - centers[first]
+        arm = arms[np.argmax(np.linalg.norm(arms, axis=1))]
+        other = 6 * well_seen[np.argmax(np.linalg.norm(arms, axis=1))] + np.array([3, 4, 5])
+        along = sizes[other] * arm
+        if (length := np.linalg.norm(along)) > 0:  # a single photo has no extent
+            along /= length
+            rows, columns = [*rows, np.repeat(other, 3)], [*columns, np.tile(other, 3)]
+            values.append(np.outer(along, along).ravel())
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return coo_array(entries, shape=(len(sizes), len(sizes))).tocsr()
+
+
+def _gauge(cameras: Cameras, free_frames: IntArray) -> FloatArray:
+    """Unit columns (3n, 7 f): how centres change where one of f free frames is moved as a whole."""
     columns = []
-    centers, rotations = cameras.centers_in_world, cameras.cam_from_world[:, :, :3]
-    for frame in np.unique(free_frames[free_frames >= 0]):
-        inside = np.flatnonzero(free_frames == frame)
+    centers = cameras.centers_in_world
+    for frame, inside in groups(free_frames):
+        if frame < 0:
+            continue
         arms = centers[inside] - centers[inside].mean(0)
-        motions = [(np.zeros_like(arms), np.broadcast_to(axis, arms.shape)) for axis in np.eye(3)]
-        motions += [(-rotations[inside] @ axis, np.cross(axis, arms)) for axis in np.eye(3)]
-        motions.append((np.zeros_like(arms), arms))
-        for turns, shifts in motions:
-            column = np.zeros(height)
-            column[(6 * inside[:, None] + np.arange(3)).ravel()] = turns.ravel()
-            column[(6 * inside[:, None] + 3 + np.arange(3)).ravel()] = shifts.ravel()
+        motions = [np.broadcast_to(axis, arms.shape) for axis in np.eye(3)]
+        motions += [np.cross(axis, arms) for axis in np.eye(3)]
+        motions.append(arms)
+        for shifts in motions:
+            column = np.zeros(centers.shape)
+            column[inside] = shifts
             if (length := np.linalg.norm(column)) > 0:  # a single photo has no extent
-                columns.append(column / length)
-    return np.array(columns).reshape(-1, height).T
+                columns.append(column.ravel() / length)
+    return np.array(columns).reshape(-1, centers.size).T

@@ -13,7 +13,7 @@ from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import focal_sds
 from pomona.adjustment.weights import weighted
 from pomona.arrays import FloatArray, IntArray, set_checked
-from pomona.cameras import Cameras, split
+from pomona.cameras import Cameras
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 
@@ -21,8 +21,6 @@ from pomona.photos import Photo
 _CONTRADICTION = 4.0
 # ... and by more than this share: lenses also breathe with focus, and their stabilisation moves them.
 _ALIKE_FOCAL = 0.03
-# Normal equations of so many photos fit into 100 MB.
-_PHOTOS_AT_ONCE = 300
 # Nobody knows a focal length better than this, whatever formal precision says.
 _LEAST_SD = 1e-4
 
@@ -48,21 +46,9 @@ def frames_of(cameras: Cameras) -> IntArray:
 
 
 def lens_votes(cameras: Cameras) -> LensVotes:
-    """Return what photos say of each lens by their own points, without EXIF and markers.
-
-    Long rows are taken in parts: what points say that photos of two parts see is lost, which is little.
-    """
-    information = np.zeros(len(cameras.intrinsics))
-    starts = range(0, len(cameras), _PHOTOS_AT_ONCE)
-    for start, part in zip(starts, split(cameras, _part_sizes(len(cameras))), strict=True):
-        lenses = np.unique(cameras.intrinsics_idx[start : start + len(part)])
-        _, weights = weighted(part, noise_px=feature_noise_px(cameras), free_frames=frames_of(part))
-        information[lenses] += 1 / focal_sds(part, weights) ** 2
-    return LensVotes(np.array([lens.focal_px for lens in cameras.intrinsics]), information**-0.5)
-
-
-def _part_sizes(photos: int) -> list[int]:
-    return [min(_PHOTOS_AT_ONCE, photos - start) for start in range(0, photos, _PHOTOS_AT_ONCE)]
+    """Return what photos say of each lens by their own points, without EXIF and markers."""
+    _, weights = weighted(cameras, noise_px=feature_noise_px(cameras), free_frames=frames_of(cameras))
+    return LensVotes(np.array([lens.focal_px for lens in cameras.intrinsics]), focal_sds(cameras, weights))
 
 
 def share_lenses(cameras: Cameras, photos: Mapping[str, Photo], *, trust_exif: bool = False) -> Cameras:

@@ -59,8 +59,14 @@ def _place(
         options=options.scale,
         detections=selected.counted,
         find_fruits=_find_fruits(selected.trusted, options.association),
+        find_landmarks=_find_fruits(selected.trusted, _quick(options.association)),
         progress=progress,
     )
+
+
+def _quick(association: ObjectOptions | None) -> ObjectOptions | None:
+    """What finds landmarks: those that many photos see clearly are found at once, and the adjustment places them."""
+    return None if association is None else replace(association, rounds=1, repeats=1)
 
 
 def _find_fruits(detections: SurveyDetections, association: ObjectOptions | None) -> FindFruits | None:

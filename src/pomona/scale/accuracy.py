@@ -18,9 +18,6 @@ from pomona.photos import Photo
 from pomona.scale.placement import Adjusted, Placement
 from pomona.scale.report import Accuracy
 
-MOST_ASSESSED = 1500
-"""The normal equations of more photos than this take gigabytes."""
-
 # A photo that may be farther off than this is told of (in fruit diameters), and lengths that may be off by more than
 # this share. From 0.4 on, two fruits side by side become one, and a fruit two.
 _VAGUE_PLACE, _VAGUE_SCALE = 0.4, 0.01
@@ -57,7 +54,7 @@ class Assessment:
 def assess_adjusted(placement: Placement, photos: Mapping[str, Photo], fruit_diameter_m: float) -> None:
     """Say how exact the photos are that were adjusted on markers, and warn of what contradicts the rest."""
     adjusted = placement.adjusted
-    if adjusted is None or len(adjusted.cameras) > MOST_ASSESSED:
+    if adjusted is None:
         return
     assessment = assess(adjusted, credible_focals(adjusted.cameras, photos))
     placement.accuracy = assessment.accuracy
@@ -83,12 +80,12 @@ def assess(adjusted: Adjusted, focals: Sequence[tuple[float, float] | None]) -> 
     entries = zip(known.items(), offsets_mm, checked.contradictions, strict=True)
     # One photo alone does not tell where a marker is.
     markers = [LeftOutMarker(i, mm, sds) for (i, marker), mm, sds in entries if len(set(marker.photo_idx)) > 1]
-    return Assessment(_accuracy(cameras, found), found.center_sds, tuple(markers))
+    return Assessment(_accuracy(found), found.center_sds, tuple(markers))
 
 
-def _accuracy(cameras: Cameras, found: Covariance) -> Accuracy:
+def _accuracy(found: Covariance) -> Accuracy:
     rms_mm = 1000 * float(np.sqrt((found.center_sds**2).mean()))
-    return Accuracy(rms_mm, found.scale_sd(cameras))
+    return Accuracy(rms_mm, found.scale_sd)
 
 
 def free_center_sds(cameras: Cameras, focals: Sequence[tuple[float, float] | None]) -> FloatArray:

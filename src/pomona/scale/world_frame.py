@@ -14,7 +14,7 @@ from pomona.errors import ReconstructionError
 from pomona.geometry import Similarity
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-from pomona.scale.accuracy import MOST_ASSESSED, assess_adjusted, free_center_sds, warn_of_vague_places
+from pomona.scale.accuracy import assess_adjusted, free_center_sds, warn_of_vague_places
 from pomona.scale.control_points import ControlPoints, read_control_points, surveyed_markers
 from pomona.scale.fruit_landmarks import adjust_on_fruits
 from pomona.scale.fruit_size import scale_by_fruit_size
@@ -42,13 +42,15 @@ def place_in_world(
     options: ScaleOptions | None = None,
     detections: SurveyDetections | None = None,
     find_fruits: FindFruits | None = None,
+    find_landmarks: FindFruits | None = None,
     progress: Progress | None = None,
 ) -> Placed:
     """Return all pieces as cameras in one metric frame, z up, with a report, and what could not be placed.
 
     Metres and the frame come from the first of these that a piece has: markers of known places, a scale bar, GNSS
-    positions, the fruits' own diameter. With `find_fruits`, sides that see the same fruits are aligned by them. Pieces
-    that nothing brings into one frame are set beside each other, with a warning.
+    positions, the fruits' own diameter. With `find_fruits`, sides that see the same fruits are aligned by them, and
+    all adjusted on those of `find_landmarks` (by default the same). Pieces that nothing brings into one frame are set
+    beside each other, with a warning.
 
     Raises `ReconstructionError` when there is no piece, and `InputError`, `FormatError` or `MissingFileError` for
     options and marker tables that cannot be used.
@@ -76,7 +78,7 @@ def place_in_world(
     if find_fruits is not None:
         align_sides(placement, frame, find_fruits, least_common=options.least_common_fruits)
         if options.refine:
-            adjust_on_fruits(placement, find_fruits, photos.by_name())
+            adjust_on_fruits(placement, find_landmarks or find_fruits, photos.by_name())
     if markers is not None:
         check_plates(placement, markers, sightings)
     check_walk(placement)
@@ -99,7 +101,7 @@ def _assess_places(placement: Placement, photos: Photos, options: ScaleOptions) 
         in_metres = idx in placement.scales and placement.scales[idx].source != "none"
         if not in_metres or set(cameras.photos) <= assessed:
             continue
-        if len(cameras) > MOST_ASSESSED or not len(cameras.track_point_idx):
+        if not len(cameras.track_point_idx):
             continue
         sds_m = placement.metres_per_unit[idx] * free_center_sds(cameras, credible_focals(cameras, photos.by_name()))
         warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
