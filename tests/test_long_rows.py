@@ -121,6 +121,25 @@ def test_uncertainties_without_markers_are_those_about_the_best_similarity() -> 
     assert focal_sds(seeing, weights)[0] == pytest.approx(np.sqrt(wanted[420, 420]), rel=1e-3)
 
 
+def test_a_photo_whose_points_nobody_else_sees_is_not_placed_by_them() -> None:
+    cameras = photographed_along(4.0, 20)
+    own = np.flatnonzero(cameras.track_photo_idx == 19)
+    apart = cameras.track_point_idx.copy()
+    apart[own] = len(cameras.points_in_world) + np.arange(len(own))
+    places = np.concatenate([cameras.points_in_world, cameras.points_in_world[cameras.track_point_idx[own]]])
+    alone = replace(
+        cameras,
+        points_in_world=places,
+        points_rgb=np.zeros(places.shape, np.uint8),
+        points_error_px=np.zeros(len(places)),
+        track_point_idx=apart,
+    )
+    seeing, weights = weighted(alone, noise_px=0.3, landmarks=marked(cameras, 2.5))
+    sds = covariance(seeing, weights).center_sds
+    assert sds[:19].max() < 0.1
+    assert sds[19] > 1
+
+
 @pytest.mark.parametrize("border", [0, 2])
 def test_parts_of_an_inverse_are_those_of_all_of_it(border: int) -> None:
     """Two chains that nothing connects, a node alone, and nodes that all others meet."""

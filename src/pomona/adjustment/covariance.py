@@ -21,6 +21,8 @@ _VAGUE = (1e-10, 1e-8, 1e-6)
 _ROUNDS = 4
 # Eigenvalues of a point's normal equations below this share of the largest are of directions that no photo tells.
 _SINGULAR = 1e-9
+# What is left of equations below this share of what they were is rounding.
+_ROUNDING = 1e-12
 _UNSEEN = np.zeros(0, np.int64)
 
 
@@ -163,10 +165,12 @@ class _Inverse:
 
     @classmethod
     def of(cls, cameras: Cameras, weights: Weights) -> _Inverse:
-        normal = normal_equations(cameras, weights).reduced()
-        sizes = np.sqrt(normal.diagonal())
-        sizes[sizes == 0] = 1.0  # of a photo without points
-        shrink = diags_array(1 / sizes)
+        equations = normal_equations(cameras, weights)
+        normal = equations.reduced()
+        # Of a photo without points, or whose points no other photo sees, what is left is rounding.
+        is_known = normal.diagonal() > _ROUNDING * equations.of_kept.diagonal()
+        sizes = np.sqrt(np.where(is_known, normal.diagonal(), 1.0))
+        shrink = diags_array(is_known / sizes)
         held = _held(cameras, np.asarray(weights.free_frames), sizes)
         scaled, nodes = shrink @ normal @ shrink + held, _nodes(cameras, len(weights.known_idx))
         for vague in _VAGUE[:-1]:

@@ -64,7 +64,8 @@ class NormalEquations:
         return csr_array(self.by_kept.T @ self.by_point)
 
     @cached_property
-    def _of_kept(self) -> csr_array:
+    def of_kept(self) -> csr_array:
+        """The equations (p, p) of what is kept, with all other points held where they are."""
         return csr_array(self.by_kept.T @ self.by_kept + diags_array(self.prior))
 
     def _inverses(self, damping: float) -> bsr_array:
@@ -76,7 +77,7 @@ class NormalEquations:
 
     def reduced(self) -> csr_array:
         """Return the equations (p, p) of what is kept, with all other points where they are best."""
-        return csr_array(self._of_kept - self._cross @ self._inverses(0.0) @ self._cross.T)
+        return csr_array(self.of_kept - self._cross @ self._inverses(0.0) @ self._cross.T)
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
         """Return the step (p,) of what is kept, and that of the other points (m', 3), shortened by `damping`.
@@ -86,8 +87,8 @@ class NormalEquations:
         inverses = self._inverses(damping)
         pull = self.by_kept.T @ self.residuals + self.prior * self.prior_residuals
         of_points = self.by_point.T @ self.residuals
-        sizes = self._of_kept.diagonal()
-        normal = self._of_kept + diags_array(damping * sizes + (sizes == 0)) - self._cross @ inverses @ self._cross.T
+        sizes = self.of_kept.diagonal()
+        normal = self.of_kept + diags_array(damping * sizes + (sizes == 0)) - self._cross @ inverses @ self._cross.T
         # Photos of a row see few others: the equations are sparse, and rows of a thousand photos fit into memory.
         solver = splu(csc_array(normal), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         kept = -solver.solve(pull - self._cross @ (inverses @ of_points))
