@@ -13,8 +13,11 @@ DEMO_OUT ?= pomona-demo
 demo: .venv/installed
 	.venv/bin/pomona demo --out $(DEMO_OUT)
 
+# A process for each core, as long as there is memory for them; the tests of a file stay together.
+PYTEST := .venv-dev/bin/python -m pytest -n logical --maxprocesses 4 --dist loadfile
+
 test: .venv-dev/installed
-	.venv-dev/bin/python -m pytest
+	$(PYTEST)
 
 check: lint test docs slow
 
@@ -29,7 +32,7 @@ docs: .venv-dev/installed
 	.venv-dev/bin/zensical build --strict --clean
 
 slow: .venv-dev/installed
-	.venv-dev/bin/python -m pytest -m slow
+	$(PYTEST) -m slow --durations 15
 
 nightly: .venv-dev/installed
 	.ci/nightly

@@ -102,7 +102,7 @@ def test_where_something_hides_a_fruit_its_disc_is_doubtful(found: FoundFruits, 
     x0, y0, x1, y1 = mask.box_px
     pixels[y0:y1, x0:x1] = (50, 110, 70)  # as the leaves all around
     cv2.imwrite(str(tmp_path / "hidden.png"), pixels)
-    photos = [replace(p, path=tmp_path / "hidden.png") if p.name == photo else p for p in found.photos]
+    photos = [replace(p, path=tmp_path / "hidden.png", file_state=None) if p.name == photo else p for p in found.photos]
     hidden = replace(without(found, photo, place), photos=type(found.photos)(tuple(photos)))
 
     labels = label_photos(hidden, options=OPTIONS)

@@ -60,7 +60,7 @@ def test_photos_dropped_on_a_full_disk_are_not_kept_by_halves(small_disk: Path) 
     folder = small_disk / "drop"
     first = asyncio.run(dropped.keep(folder, "a.jpg", _pieces(4, 65_536), 4 * 65_536))
 
-    with pytest.raises(SurveyError, match=r"The disk is full: cannot write to .*drop .*drop the photos again"):
+    with pytest.raises(SurveyError, match=r"The disk is full: cannot write .*drop .*drop the photos again"):
         asyncio.run(dropped.keep(folder, "b.jpg", _pieces(32, 65_536), 32 * 65_536))
 
     assert [path.name for path in folder.iterdir()] == ["a.jpg"]

@@ -52,12 +52,12 @@ def middles(cameras: Cameras) -> Middles:
     for i, mine in enumerate(of_photos):
         here = mine[views[cameras.track_point_idx[mine]] > 2]
         if len(here) >= _LEAST_POINTS:
-            offsets_px[i], sds_px[i] = _middle(cameras, i, here, noise_px)
+            offsets_px[i], sds_px[i] = _middle(cameras, int(cameras.intrinsics_idx[i]), here, noise_px)
     return Middles(offsets_px, sds_px)
 
 
-def _middle(cameras: Cameras, i: int, here: IntArray, noise_px: float) -> tuple[FloatArray, FloatArray]:
-    of_photo, of_lens, _, off_px = derivatives(cameras, i, here)
+def _middle(cameras: Cameras, lens_idx: int, here: IntArray, noise_px: float) -> tuple[FloatArray, FloatArray]:
+    of_photo, of_lens, _, off_px = derivatives(cameras, lens_idx, here)
     of_middle = np.broadcast_to(np.eye(2), (len(here), 2, 2))
     design = np.concatenate([of_middle, of_photo, of_lens[:, :, :1]], axis=2) / noise_px
     wanted, change = -off_px / noise_px, np.zeros(design.shape[2])
