@@ -410,6 +410,15 @@ def test_how_well_sides_agree_is_said(data: ReportData, tmp_path: Path) -> None:
     assert "Sides agree" not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+def test_a_short_row_from_the_side_is_no_wider_than_the_charts_beside_it() -> None:
+    short, long = (
+        dot_chart([Dot(x, z, 0.04, "") for x in (0.0, length) for z in (0.5, 2.5)], Axis(name="m"), Axis(name="z"))
+        for length in (1.8, 12.0)
+    )
+    assert '<svg class="plot"' in short
+    assert '<svg class="plot map"' in long
+
+
 def test_the_row_is_drawn_from_the_side_and_each_tree_has_a_bar(data: ReportData, text: str) -> None:
     drawing = text[text.index('<svg class="plot map"') :]
     drawing = drawing[: drawing.index("</svg>")]

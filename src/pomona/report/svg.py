@@ -130,8 +130,10 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
         parts.append(_text(_LEFT + scale * (i * step - left), _TOP + height + 16, number(i * step)))
     parts += [_text(_LEFT + width / 2, _TOP + height + 32, along.name), _text(2, 10, upward.name, "start")]
     whole = _LEFT + width + _RIGHT
-    view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{1.6 * whole:.0f}px"'
-    return f'<svg class="plot map" {view} role="img" aria-label="{escape(along.name)}">{"".join(parts)}</svg>'
+    # A long row has a line of the page to itself; a short one is no larger than the charts beside it.
+    classes, most_px = ("plot map", 1.6 * whole) if whole > WIDTH else ("plot", whole)
+    view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{most_px:.0f}px"'
+    return f'<svg class="{classes}" {view} role="img" aria-label="{escape(along.name)}">{"".join(parts)}</svg>'
 
 
 def _discs(circles: Sequence[tuple[float, float, float]], dots: Sequence[Dot]) -> list[str]:
