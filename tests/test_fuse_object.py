@@ -6,6 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.arrays import FloatArray
@@ -14,7 +17,7 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.fruits import Fruits
 from pomona.fuse.object import ObjectOptions, fuse
-from pomona.fuse.object.gating import Gate
+from pomona.fuse.object.gating import Gate, _within
 from pomona.fuse.object.refinement import fit_spheres
 from pomona.mask_rays import mask_rays
 from pomona.spheres import Spheres
@@ -229,3 +232,14 @@ def test_spheres_fitted_together_end_where_each_ends_alone() -> None:
         np.testing.assert_allclose(together.centers_in_world[k], fitted.centers_in_world[0], atol=1e-9)
         np.testing.assert_allclose(together.radii_m[k], fitted.radii_m[0], atol=1e-9)
     assert np.abs(together.centers_in_world - guesses.centers_in_world).max() > 0.005
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 60))
+@settings(max_examples=40, deadline=None)
+def test_what_lies_within_reach_is_what_comparing_all_with_all_finds(seed: int, places: int, points: int) -> None:
+    random = np.random.default_rng(seed)
+    xy, others = random.uniform(-1, 1, (places, 2)), random.uniform(-1, 1, (points, 2))
+    reach = 10.0 ** random.uniform(-3, 0.5, places)
+    far = np.linalg.norm(xy[:, None] - others, axis=2)
+    wanted = np.nonzero(far <= reach[:, None])
+    np.testing.assert_array_equal(np.stack(_within(xy, reach, cKDTree(others))), np.stack(wanted))

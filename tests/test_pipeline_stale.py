@@ -336,6 +336,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "sfm": frozenset({"sfm", "scale", "report"}),
     "sphere_outlines": HANDED,
     "spheres": frozenset({"scale", "fuse", "second_look", "filter", "report"}),
+    "threads": frozenset({"segment", "second_look", "sfm", "scale", "dense", "scene", "report"}),
     "trees": frozenset({"planting"}) | HANDED,
     "survey": ALL - {"select", "planting"},
     "yields": frozenset({"results"}),

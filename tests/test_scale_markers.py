@@ -22,7 +22,7 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.accuracy import LeftOutMarker, free_center_sds, warn_of_marker, warn_of_vague_places
-from pomona.scale.aruco import find_markers
+from pomona.scale.aruco import detect, find_markers
 from pomona.scale.marker_table import read_markers
 from pomona.scale.markers import MarkerFit, find_sightings, fit_markers
 from pomona.scale.placement import Placement
@@ -456,3 +456,27 @@ def test_mirrored_photos_are_found_where_a_plate_looks_the_same_in_the_mirror(tm
         placement = Placement([Piece("", replace(EAST, photos=names), 0.3)], Silent())
         assert len(find_sightings(placement, Photos(tuple(photos)), table, options)) == seen
         assert len(placement.contradictions) == told
+
+
+def test_a_photo_of_tiny_squares_breaks_no_search_for_plates() -> None:
+    """OpenCV fits lines to the sides of outlines, and gives up with an error of its own where a side is one pixel."""
+    random = np.random.default_rng(188)
+    side = int(random.integers(40, 300))
+    noise = (random.random((side, side)) * 255).astype(np.uint8)
+    coarser = int(random.integers(1, 6))
+    small = cv2.resize(noise, None, fx=1 / coarser, fy=1 / coarser, interpolation=cv2.INTER_AREA)
+    grey = cv2.resize(small, (side, side), interpolation=cv2.INTER_NEAREST)
+    plates = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    for _ in range(30):
+        wide = int(random.integers(3, 9))
+        x, y = random.integers(0, side - wide, 2)
+        grey[y : y + wide, x : x + wide] = 0
+        plate = cv2.aruco.generateImageMarker(plates, int(random.integers(0, 50)), 6)
+        x, y = random.integers(2, side - 12, 2)
+        grey[y - 2 : y + 8, x - 2 : x + 8] = 255
+        grey[y : y + 6, x : x + 6] = plate
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+    with pytest.raises(cv2.error):
+        cv2.aruco.ArucoDetector(plates, parameters).detectMarkers(grey)
+    assert all(corners.shape == (4, 2) for _, corners in detect(grey, "DICT_4X4_50"))

@@ -221,3 +221,16 @@ def test_where_photos_show_few_fruits_more_of_them_tell_the_scale(tmp_path: Path
     segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 150))
     scales = reading_scales(photos, segmenter, sample_photos=2, score_threshold=0.5, progress=Silent())
     assert scales["0.jpg"] == pytest.approx(1.0, rel=0.25)
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 5])
+def test_photos_segmented_at_the_same_time_come_out_the_same(tmp_path: Path, at_once: int) -> None:
+    photos = red_photos(tmp_path)
+    photos.items[1].path.write_bytes(b"no photo any more")
+    progress = Silent()
+    found = segment_photos(photos, RedSegmenter(at_once=at_once), progress=progress)
+    assert [(name, d.ids.tolist()) for name, d in found.items()] == [("p0.jpg", [1]), ("p2.jpg", [2, 3, 4])]
+    assert [mask.box_px for mask in found["p2.jpg"].masks] == [
+        mask.box_px for mask in segment_photos(photos, RedSegmenter())["p2.jpg"].masks
+    ]
+    assert any("p1.jpg is left out" in warning for warning in progress.warnings)

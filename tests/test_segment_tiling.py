@@ -45,18 +45,28 @@ def test_tiles_cover_evenly(width: int, height: int, tile: int, share: float, fi
         starts, sizes = np.array(spans).T
         assert starts[0] == 0
         assert starts[-1] + sizes[-1] == length
-        assert (sizes <= tile).all()
         overlaps = starts[:-1] + sizes[:-1] - starts[1:]
         assert (overlaps >= overlap - 1).all(), "rounding of starts takes a pixel at most"
         assert len(overlaps) == 0 or np.ptp(overlaps) <= 1
-        # One tile less would not do.
-        assert len(starts) == 1 or (len(starts) - 1) * (tile - overlap) + overlap < length
+        if not fit:
+            assert (sizes <= tile).all()
+            # One tile less would not do.
+            assert len(starts) == 1 or (len(starts) - 1) * (tile - overlap) + overlap < length
+    if fit:
+        squares = tile_windows(width, height, tile_px=tile, min_overlap_px=overlap)
+        assert all(w.width_px * w.height_px <= tile**2 for w in windows)
+        assert pixels_of(windows) <= pixels_of(squares)
+
+
+def pixels_of(windows: tuple[Window, ...]) -> int:
+    return sum(w.width_px * w.height_px for w in windows)
 
 
 def test_fitted_tiles_waste_little() -> None:
     windows = tile_windows(2074, 1382, tile_px=1280, min_overlap_px=96, fit=True)
-    assert len(windows) == 4
-    assert {(w.width_px, w.height_px) for w in windows} == {(1088, 768)}
+    assert len(windows) == 2
+    assert {(w.width_px, w.height_px) for w in windows} == {(1088, 1382)}
+    assert tile_windows(968, 1452, tile_px=1280, min_overlap_px=96, fit=True) == (Window(0, 0, 1452, 968),)
 
 
 @pytest.mark.parametrize(("tile", "overlap"), [(100, 100), (100, 0), (1, 1), (100, 120)])

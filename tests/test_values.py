@@ -155,6 +155,7 @@ def test_masks_are_exact_after_packing(seed: int) -> None:
     rows, columns = np.mgrid[-2:15, -2:19]
     inside = a.contains(np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], 1))
     assert inside.sum() == first.sum()
+    np.testing.assert_allclose(a.center_px, np.argwhere(first)[:, ::-1].mean(0) + 0.5, rtol=1e-12)
     np.testing.assert_array_equal(a.moved(3, 2).center_px, a.center_px + np.array([3, 2]))
 
 

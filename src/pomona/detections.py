@@ -45,7 +45,7 @@ class Mask:
         """The crop, boolean (height_px, width_px)."""
         count = self.width_px * self.height_px
         bits = np.unpackbits(np.frombuffer(self.packed, np.uint8), count=count)
-        return bits.reshape(self.height_px, self.width_px).astype(bool)
+        return bits.reshape(self.height_px, self.width_px).view(bool)
 
     @property
     def area_px(self) -> int:
@@ -60,8 +60,10 @@ class Mask:
     @property
     def center_px(self) -> FloatArray:
         """(x, y), the centre of mass, in COLMAP's convention (centre of the top-left pixel is (0.5, 0.5))."""
-        rows, columns = np.nonzero(self.pixels)
-        return np.array([columns.mean() + self.x_px + 0.5, rows.mean() + self.y_px + 0.5])
+        pixels = self.pixels
+        in_columns, in_rows = np.count_nonzero(pixels, axis=0), np.count_nonzero(pixels, axis=1)
+        column, row = (counts @ np.arange(len(counts)) / counts.sum() for counts in (in_columns, in_rows))
+        return np.array([column + self.x_px + 0.5, row + self.y_px + 0.5])
 
     def contains(self, xy_px: FloatArray) -> BoolArray:
         """Say for each point (n, 2), in COLMAP's convention, whether it falls on a set pixel; returns (n,)."""

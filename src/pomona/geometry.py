@@ -139,7 +139,9 @@ def offsets_from_rays(points: FloatArray, origins: FloatArray, rays: FloatArray)
     `points`, `origins` and the unit directions `rays`, all (..., 3), are broadcast against each other.
     """
     from_origins = points - origins
-    offsets: FloatArray = from_origins - (from_origins * rays).sum(-1, keepdims=True) * rays
+    # einsum: NumPy's sum is slow over axes as short as this.
+    along = np.einsum("...i,...i->...", from_origins, rays)
+    offsets: FloatArray = from_origins - along[..., None] * rays
     return offsets
 
 

@@ -13,7 +13,11 @@ import numpy as np
 
 from pomona.arrays import Array, Float32Array
 from pomona.errors import FormatError, MissingFileError
+from pomona.threads import cores
 
+# A photo on each of some cores takes a fifth less of them than one photo after another on all; each takes memory of its
+# own.
+_MOST_AT_ONCE = 4
 # What runs a network, the best first; CUDA's is there where the package `onnxruntime-gpu` is installed.
 _PROVIDERS = ("CUDAExecutionProvider", "CPUExecutionProvider")
 _FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
@@ -35,16 +39,18 @@ class Tensor:
 class OnnxFile:
     """A network that runs on the GPU where ONNX Runtime can use one, else on the CPU.
 
-    `note` says why it runs on the CPU where ONNX Runtime was made for GPUs.
+    `note` says why it runs on the CPU where ONNX Runtime was made for GPUs; `at_once` how many threads had best run it
+    at the same time.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when ONNX Runtime cannot load it.
     """
 
-    def __init__(self, path: Path, *, threads: int | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = Path(path)
         if not self.path.is_file():
             raise MissingFileError(f"Model {path}: no such file")
-        self._session, self.note = _open(self.path, threads)
+        self._session, self.note = _open(self.path)
+        self.at_once = _at_once() if self._session.get_providers()[0] == "CPUExecutionProvider" else 1
         try:
             self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
             self.inputs = tuple(map(_tensor, self._session.get_inputs()))
@@ -138,7 +144,11 @@ def chosen_providers(available: Sequence[str]) -> list[str]:
     return [name for name in _PROVIDERS if name in available]
 
 
-def _open(path: Path, threads: int | None) -> tuple[Any, str | None]:
+def _at_once() -> int:
+    return min(_MOST_AT_ONCE, cores())
+
+
+def _open(path: Path) -> tuple[Any, str | None]:
     """A session on the best provider that works, and why it is not the best that ONNX Runtime has."""
     import onnxruntime as ort
 
@@ -147,8 +157,9 @@ def _open(path: Path, threads: int | None) -> tuple[Any, str | None]:
     # Threads that wait for work by turning in circles take processors from each other, and from others: half as much
     # again of what a photo takes, on two that were busy.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    if threads is not None:
-        options.intra_op_num_threads = threads
+    options.intra_op_num_threads = cores() // _at_once()
+    # Memory laid out for images of one size is of no use where sizes vary, and is asked for anew each time.
+    options.enable_mem_pattern = False
     best, *_ = providers = chosen_providers(ort.get_available_providers())
     reason = "it was not loaded"
     while True:

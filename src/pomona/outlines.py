@@ -15,7 +15,7 @@ def outline_px(mask: Mask, width_px: int, height_px: int) -> FloatArray:
     Points are moved half a pixel outwards, from the centres of the outermost pixels to the mask's edge.
     """
     contours, _ = cv2.findContours(
-        mask.pixels.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(mask.x_px, mask.y_px)
+        mask.pixels.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(mask.x_px, mask.y_px)
     )
     pixels = np.concatenate([contour[:, 0] for contour in contours]).astype(np.float64)
     inner = (pixels > 0).all(1) & (pixels < (width_px - 1, height_px - 1)).all(1)

@@ -8,7 +8,6 @@ would draw a square window to their own depth, have no say.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from pomona.arrays import Array
 from pomona.dense.atlas import Atlas
 from pomona.dense.views import View
+from pomona.threads import cores
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +61,9 @@ def sweep(
         scores[i] = each.mean(0)
 
     # OpenCV and numpy let go of the interpreter's lock: threads do.
-    with ThreadPoolExecutor(_cores()) as pool:
+    with ThreadPoolExecutor(min(8, cores())) as pool:
         list(pool.map(try_one, range(len(offsets))))
     return scores
-
-
-def _cores() -> int:
-    return min(8, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 class _Warp:

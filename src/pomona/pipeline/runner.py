@@ -34,12 +34,21 @@ class SourceValue:
 
 
 @contextmanager
-def _one_thread_of_algebra() -> Iterator[None]:
-    """Have linear algebra take one thread: sums of several have other last digits with each number of threads."""
+def _one_thread_of_libraries() -> Iterator[None]:
+    """Have linear algebra and OpenCV take one thread each time they are called: stages share out the cores themselves.
+
+    Sums of several threads have other last digits with each number of them, and OpenCV's cost a third more in all.
+    """
+    import cv2
     import scipy.linalg  # noqa: F401  # it brings a library of its own, which must be there to be told
 
-    with threadpool_limits(1, user_api="blas"):
-        yield
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1, user_api="blas"):
+            yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 class Runner:
@@ -198,7 +207,7 @@ class Runner:
     def _computed(self, stage: Stage[T], progress: Progress) -> tuple[T, dict[str, str], Mapping[str, Any]]:
         """Compute and store a value; return it with the digests of the files written and the stage's facts."""
         assert stage.store is not None
-        with _one_thread_of_algebra():
+        with _one_thread_of_libraries():
             value = stage.compute(**self._arguments(stage, progress))
         info = stage.store.save(value, self._context)
         if stage.store.rounds and stage.store.load is not None:

@@ -124,10 +124,14 @@ def _by_model(
     files = {photo.name: _file_of(folder, photo, digests[photo.name], scales[photo.name]) for photo in photos}
     done, found = _done(photos, files), dict[str, Detections]()
     by_name = photos.by_name()
-    for of_photo in iter_detections(photos, segmenter, options=chosen, progress=progress, done=done, scales=scales):
+
+    def keep(of_photo: Detections) -> None:
+        _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
+
+    for of_photo in iter_detections(
+        photos, segmenter, options=chosen, progress=progress, done=done, scales=scales, keep=keep
+    ):
         found[of_photo.photo] = of_photo
-        if of_photo.photo not in done:
-            _keep(write_coco, files[of_photo.photo], by_name[of_photo.photo], of_photo)
     return Segmented(SurveyDetections(_numbered(found)), segmenter.traits.score_threshold)
 
 
@@ -156,23 +160,18 @@ def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
 
 
 def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
-    """Detections that an earlier, stopped run kept; what is damaged, or has ids that clash, is done again."""
+    """Detections that an earlier, stopped run kept; what is damaged is done again."""
     from pomona.formats.detections.coco import read_coco
 
     done: dict[str, Detections] = {}
-    ids: set[int] = set()
     for photo in photos:
         if not is_sealed(files[photo.name]):
             continue
         try:
-            found = read_coco(files[photo.name], Photos((photo,)))[photo.name]
+            done[photo.name] = read_coco(files[photo.name], Photos((photo,)))[photo.name]
         except (PomonaError, KeyError):
             continue
-        of_photo = set(found.ids.tolist())
-        if not of_photo & ids:
-            done[photo.name] = found
-            ids |= of_photo
-    return done
+    return _numbered(done)
 
 
 def _save(segmented: Segmented, context: SurveyContext) -> Mapping[str, Any]:
@@ -215,12 +214,12 @@ class PhotoByPhoto:
         self._threshold = self._segmenter.traits.score_threshold
         self._options = choice.kept_from(self._threshold)
         self._scales: dict[tuple[str, str, int, int], float] = {}
-        self._found: dict[str, Detections] = {}
+        self._found: dict[str, Detections] = {}  # their ids count from 1 in each photo
 
     @property
     def segmented(self) -> Segmented:
         """All that was found so far."""
-        return Segmented(SurveyDetections(dict(self._found)), self._threshold)
+        return Segmented(SurveyDetections(_numbered(self._found)), self._threshold)
 
     def detect(self, photo: Photo, content: str, photos: Photos, progress: Progress) -> None:
         """Find the fruits in a photo, by the digest of its content; `photos` are those to learn the reading scale from.
@@ -232,16 +231,13 @@ class PhotoByPhoto:
 
         one, scale = Photos((photo,)), self._scale_of(photo, photos, progress)
         path = _file_of(self._folder, photo, content, scale)
-        kept = _done(one, {photo.name: path}).get(photo.name)
-        if kept is not None and not set(kept.ids.tolist()) & {i for d in self._found.values() for i in d.ids.tolist()}:
-            self._found[photo.name] = kept
-            return
-        scales = {photo.name: scale}
+        done, scales = _done(one, {photo.name: path}), {photo.name: scale}
         for found in iter_detections(
-            one, self._segmenter, options=self._options, progress=progress, done=self._found, scales=scales
+            one, self._segmenter, options=self._options, progress=progress, done=done, scales=scales
         ):
             self._found[photo.name] = found
-            _keep(write_coco, path, photo, found)
+            if photo.name not in done:
+                _keep(write_coco, path, photo, found)
 
     def _scale_of(self, photo: Photo, photos: Photos, progress: Progress) -> float:
         group = photo.side, photo.camera_key, photo.width_px, photo.height_px

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable
 
@@ -15,6 +16,7 @@ from pomona.report.options import ReportOptions
 from pomona.report.seen import Box, boxes_by_id, crop_box, each_observation
 
 CROP_SIDE_PX = 128
+_LEAST_SHARE = 0.75  # the smallest crop is at least so large, as a share of that
 _JPEG_QUALITY = 80  # a little less than photos have: a report holds thousands of crops
 # About what a crop of leaves takes as the page's text; `crops_mb` holds by what each one really takes.
 _USUAL_BYTES = 5000
@@ -57,9 +59,10 @@ def _crops_of(photo: Photo, entries: list[tuple[int, Box]]) -> Iterable[tuple[in
 
     longer = max(photo.width_px, photo.height_px)
     smallest_px = min(crop[2] for _, crop in entries)
-    wanted_px = round(longer * CROP_SIDE_PX / smallest_px)
+    # A half, a quarter, … is what JPEG is decoded at in no time: it is enough for crops that are nearly that large.
+    halvings = max(0, math.floor(math.log2(smallest_px / (_LEAST_SHARE * CROP_SIDE_PX))))
     try:
-        pixels = read_pixels(photo, max_side_px=max(1, min(longer, wanted_px)))
+        pixels = read_pixels(photo, max_side_px=max(1, longer >> halvings))
     except (InputError, MissingFileError):
         return
     scale = pixels.shape[1] / photo.width_px

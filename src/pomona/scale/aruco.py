@@ -20,6 +20,7 @@ from pomona.progress import Progress
 CENTER_SD_PX = 0.1
 """How exactly a plate's centre is measured, each coordinate (0.08 px RMS in rendered photos)."""
 
+_SMALLEST_WINDOW_PX = 13
 # Around where a plate was found in the small photo, as a share of its size: room for its white margin.
 _MARGIN = 0.6
 # Corners found in the whole photo farther than this share of the plate's size from the first ones are of another plate.
@@ -95,22 +96,18 @@ def _in_photo(
     photo: Photo, wanted: Collection[int], dictionary: str, search_side_px: int, mirrored: bool
 ) -> list[Sighting] | str:
     try:
-        small = _grey(photo, mirrored, search_side_px)
-        scale = small.shape[1] / photo.width_px
-        if scale == 1.0:
-            return [Sighting(photo.name, i, c) for i, c in detect(small, dictionary) if i in wanted]
-        coarse = [(i, c / scale) for i, c in detect(small, dictionary) if i in wanted]
-        if not coarse:
-            return []
-        grey = _grey(photo, mirrored)
+        grey = read_grey(photo)  # whole: a smaller one takes hardly less time, and the plates are measured in this one
     except (InputError, MissingFileError) as error:
         return str(error)
+    if mirrored:
+        grey = np.ascontiguousarray(grey[:, ::-1])
+    scale = search_side_px / max(grey.shape)
+    if scale >= 1.0:
+        return [Sighting(photo.name, i, c) for i, c in detect(grey, dictionary) if i in wanted]
+    small = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    scale = small.shape[1] / grey.shape[1]
+    coarse = [(i, c / scale) for i, c in detect(small, dictionary) if i in wanted]
     return [Sighting(photo.name, i, _measured(grey, i, corners, dictionary)) for i, corners in coarse]
-
-
-def _grey(photo: Photo, mirrored: bool, max_side_px: int | None = None) -> ByteArray:
-    pixels = read_grey(photo, max_side_px=max_side_px)
-    return np.ascontiguousarray(pixels[:, ::-1]) if mirrored else pixels
 
 
 def _measured(grey: ByteArray, marker_id: int, coarse_px: FloatArray, dictionary: str) -> FloatArray:
@@ -128,21 +125,27 @@ def _measured(grey: ByteArray, marker_id: int, coarse_px: FloatArray, dictionary
 
 def detect(grey: ByteArray, dictionary: str) -> list[tuple[int, FloatArray]]:
     """Return ids and corners (4, 2), in COLMAP's pixels, of the plates in a grey image (H, W)."""
-    found, ids, _ = _detector(dictionary).detectMarkers(grey)
+    try:
+        found, ids, _ = _detector(dictionary).detectMarkers(grey)
+    except cv2.error:  # outlines of a few pixels have sides too short for a line: corners are then left as they are
+        found, ids, _ = _detector(dictionary, refined=False).detectMarkers(grey)
     if ids is None:
         return []
     # OpenCV puts the centre of the first pixel at (0, 0), COLMAP at (0.5, 0.5).
     return [(int(i), corners[0].astype(np.float64) + 0.5) for i, corners in zip(ids.ravel(), found, strict=True)]
 
 
-def _detector(dictionary: str) -> Any:
+def _detector(dictionary: str, *, refined: bool = True) -> Any:
     names = dictionary_names()
     if dictionary not in names:
         raise InputError(f"Marker dictionary {dictionary!r} is not known; expected one of {', '.join(names)}")
     parameters = cv2.aruco.DetectorParameters()
     # Lines fitted to the outline: 0.12 px RMS at the centres of rendered plates, against 0.42 by corner gradients,
     # 0.61 by AprilTag's edges and 0.76 without refinement.
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+    if refined:
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+    # OpenCV also looks with windows of 3 px, in which leaves have most outlines, and plates that can be read none.
+    parameters.adaptiveThreshWinSizeMin = _SMALLEST_WINDOW_PX
     return cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)), parameters)
 
 

@@ -12,6 +12,7 @@ from pomona.arrays import Array, BoolArray, ByteArray, Float32Array, FloatArray
 from pomona.dense.views import View
 from pomona.scene.options import DenseSceneOptions
 from pomona.scene.stereo import inverse_depths
+from pomona.threads import cores, in_order
 
 # How far edges of the row may be off in a depth map; how far around them colours are looked at; and by how much, summed
 # over red, green and blue, row and background must differ.
@@ -41,7 +42,8 @@ def scene_map(view: View, partners: Sequence[View], depth_m: float, options: Den
     background is known for what it is.
     """
     search_m = options.nearest * depth_m, 2 * options.farthest * depth_m
-    found = [pair for partner in partners if (pair := inverse_depths(view, partner, *search_m)) is not None]
+    pairs = in_order(lambda partner: inverse_depths(view, partner, *search_m), partners, min(2, cores()))
+    found = [pair for pair in pairs if pair is not None]
     if not found:
         return None
     first, parallax = found[0]
@@ -92,11 +94,17 @@ def _of_background(rgb: ByteArray, in_row: BoolArray) -> BoolArray:
 
     row, has_row = mean_around(surely)
     behind, has_behind = mean_around(~in_row)
-    to_behind, to_row = (np.abs(colours - other).sum(2) for other in (behind, row))
-    contrast = np.abs(row - behind).sum(2)
+    to_behind, to_row, contrast = _apart(colours, behind), _apart(colours, row), _apart(row, behind)
     like_behind = np.where(has_row, (contrast > _CONTRAST) & (to_behind < to_row), to_behind < _CONTRAST / 2)
     background: BoolArray = has_behind & like_behind
     return background
+
+
+def _apart(one: Array, other: Array) -> Array:
+    """How much colours (h, w, 3) differ, summed over red, green and blue (h, w)."""
+    red, green, blue = cv2.split(cv2.absdiff(one, other))
+    apart: Array = red + green + blue
+    return apart
 
 
 def _seen_alike(own: SceneMap, other: SceneMap) -> Array:

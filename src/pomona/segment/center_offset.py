@@ -80,16 +80,15 @@ class CenterOffsetSegmenter(TileByTile):
     Raises `MissingFileError` when there is no such file and `FormatError` when it is not a model of this contract.
     """
 
-    def __init__(
-        self, source: Path | OnnxFile, *, score_floor: float | None = None, threads: int | None = None
-    ) -> None:
-        self._file = source if isinstance(source, OnnxFile) else OnnxFile(source, threads=threads)
+    def __init__(self, source: Path | OnnxFile, *, score_floor: float | None = None) -> None:
+        self._file = source if isinstance(source, OnnxFile) else OnnxFile(source)
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
         there = {node.name for node in self._file.outputs}
         self._channels = _CHANNELS | {name: count for name, count in _OPTIONAL.items() if name in there}
-        super().__init__(f"onnx:{name_of_file(self._path)}", self._metadata.traits, score_floor, self._file.note)
+        traits = replace(self._metadata.traits, at_once=self._file.at_once)
+        super().__init__(f"onnx:{name_of_file(self._path)}", traits, score_floor, self._file.note)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:

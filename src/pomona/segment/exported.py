@@ -68,5 +68,9 @@ def traits_of(file: OnnxFile, *, tile_px: int, score_threshold: float) -> Segmen
         raise FormatError(f"{file.path}: metadata pomona.score_threshold: expected 0 to 1, found {score_threshold:g}")
     # A quarter of a tile: fruits up to that width are seen whole by one of two tiles; larger ones are joined.
     return SegmenterTraits(
-        score_threshold=score_threshold, typical_fruit_px=typical, tile_px=tile_px, min_overlap_px=tile_px // 4
+        score_threshold=score_threshold,
+        typical_fruit_px=typical,
+        tile_px=tile_px,
+        min_overlap_px=tile_px // 4,
+        at_once=file.at_once,
     )

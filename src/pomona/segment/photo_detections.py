@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from threading import BoundedSemaphore
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
 from pomona.segment.reading_scale import MAX_ENLARGEMENT, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
 from pomona.segment.tiled_image import segment_tiled
+from pomona.threads import in_order
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,11 +74,16 @@ def iter_detections(
     progress: Progress | None = None,
     done: Mapping[str, Detections] | None = None,
     scales: Mapping[str, float] | None = None,
+    keep: Callable[[Detections], None] | None = None,
 ) -> Iterator[Detections]:
-    """Yield the detections of each photo as soon as they are there, so that they can be saved and gone on from.
+    """Yield the detections of each photo, in the photos' order; ids count on from those in `done`.
+
+    `keep` is called with those of each photo as soon as they are there, in whatever order, ids counting from 1: to save
+    them, so that a later run goes on from there.
 
     Photos in `done`, from an earlier run with the same options, are yielded as they are. `scales` are those of
-    `scales_of`, by name, where they are known already. The next photo is read while one is segmented.
+    `scales_of`, by name, where they are known already. As many photos are segmented at the same time as the segmenter
+    wishes, while the next one is read.
     """
     options, progress, done = options or SegmentOptions(), progress or Silent(), done or {}
     if isinstance(segmenter, TileByTile) and segmenter.note:
@@ -87,22 +93,30 @@ def iter_detections(
         scales = scales_of(photos, segmenter, options, progress) if todo else {}
     next_id = 1 + max((int(d.ids.max()) for d in done.values() if len(d)), default=0)
     progress.start("segmenting", len(photos))
-    with ThreadPoolExecutor(1) as reader:
-        coming = _read(reader, todo[0], scales) if todo else None
-        upcoming = iter(todo[1:])
-        for photo in photos:
-            if photo.name in done:
-                yield done[photo.name]
-                progress.advance()
-                continue
-            assert coming is not None
-            now, following = coming, next(upcoming, None)
-            coming = _read(reader, following, scales) if following else None
-            found = _of_photo(photo, now, segmenter, scales[photo.name], next_id, options, progress)
-            if found is not None:
-                next_id += len(found)
-                yield found
-            progress.advance()
+    turns = BoundedSemaphore(segmenter.traits.at_once)
+
+    def look(photo: Photo) -> Detections | str:
+        try:
+            pixels = _pixels_at(photo, scales[photo.name])
+        except (InputError, MissingFileError) as error:
+            return str(error)
+        with turns:
+            size_px = photo.width_px, photo.height_px
+            found = segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
+        if keep is not None:
+            keep(found)
+        return found
+
+    coming = in_order(look, todo, segmenter.traits.at_once + 1)
+    for photo in photos:
+        if photo.name in done:
+            yield done[photo.name]
+        elif isinstance(found := next(coming), str):
+            progress.warn(f"{photo.name} is left out: {found}")
+        else:
+            yield replace(found, ids=np.arange(len(found)) + next_id)
+            next_id += len(found)
+        progress.advance()
 
 
 def segment_photo(
@@ -111,7 +125,6 @@ def segment_photo(
     *,
     name: str = "",
     size_px: tuple[int, int] | None = None,
-    first_id: int = 1,
     options: SegmentOptions | None = None,
 ) -> Detections:
     """Return the detections of one photo whose pixels, uint8 (H, W, 3) RGB, are at the scale to segment at.
@@ -129,7 +142,7 @@ def segment_photo(
     read_size = pixels.shape[1], pixels.shape[0]
     size_px = read_size if size_px is None else size_px
     found = resized_detections(found, read_size, size_px)
-    return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + first_id, found.boxes_px)
+    return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + 1, found.boxes_px)
 
 
 def scales_of(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:
@@ -147,31 +160,9 @@ def threshold_of(segmenter: Segmenter, options: SegmentOptions) -> float:
     return segmenter.traits.score_threshold if options.score_threshold is None else options.score_threshold
 
 
-def _read(reader: ThreadPoolExecutor, photo: Photo, scales: Mapping[str, float]) -> Future[ByteArray]:
-    return reader.submit(_pixels_at, photo, scales[photo.name])
-
-
 def _pixels_at(photo: Photo, scale: float) -> ByteArray:
     from pomona.capture import read_pixels
 
     width, height = max(1, round(photo.width_px * scale)), max(1, round(photo.height_px * scale))
     pixels = read_pixels(photo, max_side_px=max(width, height) if scale < 1 else None)
     return resized_pixels(pixels, width, height) if scale > 1 else pixels
-
-
-def _of_photo(
-    photo: Photo,
-    pixels: Future[ByteArray],
-    segmenter: Segmenter,
-    scale: float,
-    first_id: int,
-    options: SegmentOptions,
-    progress: Progress,
-) -> Detections | None:
-    try:
-        image = pixels.result()
-    except (InputError, MissingFileError) as error:
-        progress.warn(f"{photo.name} is left out: {error}")
-        return None
-    size_px = photo.width_px, photo.height_px
-    return segment_photo(image, segmenter, name=photo.name, size_px=size_px, first_id=first_id, options=options)

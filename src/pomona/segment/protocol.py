@@ -60,7 +60,8 @@ class SegmenterTraits:
 
     `typical_fruit_px` is the width of fruit that it knows best and `fruit_px` the smallest and largest that it finds;
     None: unknown, photos are read at their full size. A detection counts from `score_threshold` up. Tiles are
-    `tile_px` wide and high, or at most that where `fits_tiles`, so that a photo is covered without waste.
+    `tile_px` wide and high; where `fits_tiles`, they have at most as many pixels, in the shape that covers the photo
+    without waste. `at_once` threads may ask it at the same time, each about a photo of its own.
     """
 
     score_threshold: float = 0.5
@@ -69,6 +70,7 @@ class SegmenterTraits:
     tile_px: int = 1024
     min_overlap_px: int = 128
     fits_tiles: bool = False
+    at_once: int = 1
 
     def __post_init__(self) -> None:
         if not 0 <= self.score_threshold <= 1:
@@ -77,6 +79,8 @@ class SegmenterTraits:
             raise InputError(f"`typical_fruit_px`: expected a positive width, found {self.typical_fruit_px}")
         if self.fruit_px is not None and not 0 < self.fruit_px[0] < self.fruit_px[1]:
             raise InputError(f"`fruit_px`: expected a smallest and a larger width, found {self.fruit_px}")
+        if self.at_once < 1:
+            raise InputError(f"`at_once`: expected at least 1, found {self.at_once}")
 
 
 @runtime_checkable

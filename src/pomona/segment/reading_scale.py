@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from pomona.progress import Progress
 from pomona.segment.protocol import Segmenter, SegmenterTraits
 from pomona.segment.resize import resized_pixels
 from pomona.segment.tiled_image import segment_tiled
+from pomona.threads import in_order
 
 MAX_ENLARGEMENT = 2.0
 _PASS_SIDES_PX = (512, 1024)
@@ -141,8 +143,8 @@ def _to_side(pixels: ByteArray, side_px: int) -> ByteArray:
 
 def _widths(images: Sequence[ByteArray], scale: float, segmenter: Segmenter, score_threshold: float) -> _Widths:
     widths, weights = [], []
-    for image in images:
-        found = segment_tiled(image, segmenter, score_threshold=score_threshold)
+    look = partial(segment_tiled, segmenter=segmenter, score_threshold=score_threshold)
+    for image, found in zip(images, in_order(look, images, segmenter.traits.at_once), strict=True):
         sides = found.boxes_px[:, 2:] - found.boxes_px[:, :2]
         height, width = image.shape[:2]
         # What the photo's edge cuts has no width to speak of; of what leaves cover, the longer side shows more.

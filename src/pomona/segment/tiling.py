@@ -30,7 +30,8 @@ def tile_windows(
 
     As few tiles as overlap by at least `min_overlap_px`, spread evenly from edge to edge: a photo of 5184 × 3456 gives
     the paper's 6 × 4 tiles of 1024, 192 px and 213 px of overlap. A side shorter than a tile is one tile of its length.
-    With `fit`, tiles are only as large as that number of tiles needs (a multiple of 32 where the photo allows it).
+    With `fit`, tiles have at most as many pixels as a square of `tile_px`, in whatever shape covers the photo with the
+    fewest pixels, and are only as large as that needs (multiples of 32 where that allows it).
 
     Raises `InputError` when the sizes make no sense.
     """
@@ -38,17 +39,43 @@ def tile_windows(
         raise InputError(f"Tiling: expected a photo of at least 1 × 1 pixel, found {width_px} × {height_px}")
     if not 1 <= min_overlap_px < tile_px:
         raise InputError(f"Tiling: expected an overlap of 1 to {tile_px - 1} px, found {min_overlap_px}")
-    columns = _spread(width_px, tile_px, min_overlap_px, fit)
-    rows = _spread(height_px, tile_px, min_overlap_px, fit)
+    if fit:
+        columns, rows = _fitted(width_px, height_px, tile_px, min_overlap_px)
+    else:
+        columns, rows = (_spread(side, tile_px, min_overlap_px) for side in (width_px, height_px))
     return tuple(Window(y, x, height, width) for y, height in rows for x, width in columns)
 
 
-def _spread(length_px: int, tile_px: int, min_overlap_px: int, fit: bool) -> list[tuple[int, int]]:
-    """The start and length of each tile along one side."""
+Spans = list[tuple[int, int]]  # start and length of each tile along one side
+
+
+def _spread(length_px: int, tile_px: int, min_overlap_px: int) -> Spans:
     if length_px <= tile_px:
         return [(0, length_px)]
-    count = math.ceil((length_px - min_overlap_px) / (tile_px - min_overlap_px))
-    if fit:
+    return _evenly(length_px, math.ceil((length_px - min_overlap_px) / (tile_px - min_overlap_px)), tile_px)
+
+
+def _evenly(length_px: int, count: int, tile_px: int) -> Spans:
+    return [(round(i * (length_px - tile_px) / max(count - 1, 1)), tile_px) for i in range(count)]
+
+
+def _fitted(width_px: int, height_px: int, tile_px: int, min_overlap_px: int) -> tuple[Spans, Spans]:
+    """Return the columns and rows of the grid that has the fewest pixels, counting twice what tiles share."""
+
+    def side_of(length_px: int, count: int) -> int:
         needed = math.ceil((length_px + (count - 1) * min_overlap_px) / count)
-        tile_px = min(tile_px, math.ceil(needed / 32) * 32)
-    return [(round(i * (length_px - tile_px) / (count - 1)), tile_px) for i in range(count)]
+        return min(length_px, max(needed, min(math.ceil(needed / 32) * 32, tile_px)))
+
+    # A grid of square tiles would do; one of twice as many columns or rows hardly has fewer pixels.
+    most_columns, most_rows = (2 * len(_spread(side, tile_px, min_overlap_px)) for side in (width_px, height_px))
+    grids = [
+        (columns * rows * width * height, columns * rows, columns, rows)
+        for columns in range(1, most_columns + 1)
+        for rows in range(1, most_rows + 1)
+        if (width := side_of(width_px, columns)) * (height := side_of(height_px, rows)) <= tile_px**2
+    ]
+    *_, columns, rows = min(grids)
+    return (
+        _evenly(width_px, columns, side_of(width_px, columns)),
+        _evenly(height_px, rows, side_of(height_px, rows)),
+    )

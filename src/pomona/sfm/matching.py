@@ -7,7 +7,6 @@ not enough to hold a photo, or to join one part of the row with another, all fea
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -24,6 +23,7 @@ from pomona.sfm.engine import TwoViews
 from pomona.sfm.epipolar import matches_along_lines
 from pomona.sfm.pairs import Pair, candidate_pairs
 from pomona.sfm.workspace import Workspace
+from pomona.threads import cores
 
 # Matching can be stopped, and its progress is shown, after so many pairs.
 _PAIRS_AT_ONCE = 64
@@ -63,7 +63,7 @@ def _match_along_lines(workspace: Workspace, overlapping: Sequence[TwoViews], la
     done = engine.matched_pairs(path)
     missing = [views for views in overlapping if (views.first, views.second) not in done]
     progress.start(f"Matching what overlaps{label}", len(missing))
-    threads = options.threads or os.cpu_count() or 1
+    threads = options.threads or cores()
 
     def matched(views: TwoViews) -> IntArray:
         assert views.fundamental is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,6 +33,7 @@ from pomona.sfm.selection import credible, distinct, explained, mean_error_px, s
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
+from pomona.threads import cores
 
 _T = TypeVar("_T")
 
@@ -112,7 +112,7 @@ def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progres
     missing = engine.missing_features(workspace.database, len(photos))
     progress.start(f"Features{label}", len(photos))
     progress.advance(len(photos) - len(missing))
-    threads = workspace.options.threads or os.cpu_count() or 1
+    threads = workspace.options.threads or cores()
     for batch in _chunks(missing, 2 * threads):
         with ThreadPoolExecutor(threads) as pool:
             found = list(pool.map(lambda i: _try_extract(photos[i], workspace.options, kept), batch))

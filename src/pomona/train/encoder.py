@@ -31,14 +31,18 @@ class SameConv2d(nn.Conv2d):
 
     def forward(self, x: Tensor) -> Tensor:
         """Convolve (n, c, h, w); h and w must be even where the stride is 2."""
-        total = self.kernel_size[0] - self.stride[0]
-        before = total // 2
-        padded = functional.pad(x, (before, total - before, before, total - before)) if total > 0 else x
+        before, more = divmod(self.kernel_size[0] - self.stride[0], 2)
+        if more:
+            x = functional.pad(x, (before, before + 1, before, before + 1))
+        padding = 0 if more else before
         if self.groups > 1 and x.device.type == "cpu":
             # On CPUs the gradient of a convolution of each channel takes two to six times as long in bfloat16.
             with torch.autocast("cpu", enabled=False):
-                return self._conv_forward(padded.float(), self.weight, self.bias)
-        return self._conv_forward(padded, self.weight, self.bias)
+                return self._convolved(x.float(), padding)
+        return self._convolved(x, padding)
+
+    def _convolved(self, x: Tensor, padding: int) -> Tensor:
+        return functional.conv2d(x, self.weight, self.bias, self.stride, padding, groups=self.groups)
 
 
 class Block(nn.Module):

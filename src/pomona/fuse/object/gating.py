@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -74,12 +72,25 @@ class Gate:
             ahead = in_cam[:, 2] > spheres.radii_m[idx]
             idx, in_cam = idx[ahead], in_cam[ahead]
             reach = _REACH_RADII * spheres.radii_m[idx] / in_cam[:, 2]
-            near = tree.query_ball_point(in_cam[:, :2] / in_cam[:, 2:], reach, return_sorted=True)
-            counts = np.array([len(k) for k in near], np.int64)
-            sphere_idx.append(np.repeat(idx, counts))
-            found = np.fromiter(chain.from_iterable(near), np.int64, int(counts.sum()))
-            mask_idx.append(found + self._masks.of_photo(photo_idx).start)
+            near, masks = _within(in_cam[:, :2] / in_cam[:, 2:], reach, tree)
+            sphere_idx.append(idx[near])
+            mask_idx.append(masks + self._masks.of_photo(photo_idx).start)
         return np.concatenate(sphere_idx), np.concatenate(mask_idx)
+
+
+def _within(places: FloatArray, reach: FloatArray, tree: cKDTree) -> tuple[IntArray, IntArray]:
+    """Return pairs (place, point of the tree), in order, where the point is within reach (n,) of the place (n, 2)."""
+    pairs = [np.zeros((2, 0), np.int64)]
+    octaves = np.ceil(np.log2(reach))
+    for octave in np.unique(octaves):
+        idx = np.flatnonzero(octaves == octave)
+        near = cKDTree(places[idx], compact_nodes=False, balanced_tree=False)  # built soon, asked once
+        found = near.sparse_distance_matrix(tree, 2.0**octave, output_type="ndarray")
+        found = found[found["v"] <= reach[idx[found["i"]]]]
+        pairs.append(np.stack([idx[found["i"]], found["j"]]))
+    place_idx, point_idx = np.concatenate(pairs, axis=1)
+    order = np.lexsort((point_idx, place_idx))
+    return place_idx[order], point_idx[order]
 
 
 def best_in_photo(matches: Matches, masks: MaskRays, costs: FloatArray | None = None) -> Matches:

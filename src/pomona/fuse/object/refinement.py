@@ -122,14 +122,14 @@ class _Equations:
         idx, radii, radius_m = self._idx, spheres.radii_m, self._radius_m
         inside_scale = self._options.inside_scale
         beside = offsets_from_rays(spheres.centers_in_world[idx][:, None], self._eyes[:, None], self._rays)
-        off = np.maximum(np.linalg.norm(beside, axis=2), 1e-12)
+        off = np.maximum(np.sqrt(np.einsum("kji,kji->kj", beside, beside)), 1e-12)
         residuals = (off - radii[idx, None]) / radius_m
         scales = np.where(residuals < 0, inside_scale, self._options.outside_scale)
         weights = _INDEPENDENT / (self._rays.shape[1] * inside_scale**2) / (1 + (residuals / scales) ** 2)
         slopes = np.concatenate([beside / off[:, :, None], np.full((*off.shape, 1), -1.0)], axis=2)
         weighted = slopes * weights[:, :, None]
         normal = self._summed(np.swapaxes(weighted, 1, 2) @ slopes)
-        gradient = self._summed((weighted * residuals[:, :, None]).sum(1))
+        gradient = self._summed(np.einsum("kji,kj->ki", weighted, residuals))
         self._parts.add_to(normal, gradient, spheres.centers_in_world, radii, radius_m)
         normal[:, 3, 3] += 1 / self._radius_spread**2
         gradient[:, 3] += (radii / radius_m - 1) / self._radius_spread**2
