@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import gc
+import shutil
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +16,15 @@ import pytest
 from faulty_disk import FaultyDisk, Operation, PoweredDisk, failing_during, failing_once, write_image
 from fuzz.campaign import scratch
 from pipeline_fakes import Fakes, make_photos
-from pomona.errors import PomonaError
+from pomona.errors import PomonaError, SurveyError
+from pomona.formats.npz import read_npz, write_npz
 from pomona.pipeline import run
+from pomona.survey.files import disk_errors
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # half-open archives
 
 RESULTS = ("fruits.csv", "observations.csv", "trees.csv", "segments.csv", "fruits.geojson", "detections.json")
-FEW = 6
+FEW = 8
 
 
 @pytest.fixture
@@ -94,13 +99,21 @@ def some(operations: list[Operation], count: int, seed: int = 0) -> list[int]:
     return [k for _, _, k in sorted(turns)[:count]]
 
 
+# Making a folder that is there, or removing a file that is not, may fail; so may the log, which nothing depends on.
+MATTER = ("open", "write", "fsync", "replace")
+
+
 def check_every_write_fails_once(row: Row, numbers: list[int], code: int) -> None:
-    told = 0
+    mattered = 0
     for number in numbers:
         out = row.out()
-        said = row.disturbed(FaultyDisk(out, failing_once(number, code)))
+        disk = FaultyDisk(out, failing_once(number, code))
+        said = row.disturbed(disk)
+        failed = disk.operations[number]
+        if failed.kind in MATTER and failed.path.name != "run.jsonl":
+            mattered += 1
+            assert said, failed
         if said:
-            told += 1
             assert str(out) in said, said
             advice = {
                 errno.ENOSPC: "free some space and run the same command again",
@@ -108,7 +121,7 @@ def check_every_write_fails_once(row: Row, numbers: list[int], code: int) -> Non
                 errno.EIO: "the same command goes on where it was",
             }[code]
             assert advice in said, said
-    assert told > len(numbers) / 2
+    assert mattered >= len(numbers) / 4
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO], ids=["full", "read-only", "broken"])
@@ -156,9 +169,36 @@ def check_power(row: Row, often: int) -> None:
 
 
 def test_a_power_cut_loses_nothing_that_was_said_to_be_there(row: Row) -> None:
-    check_power(row, often=71)
+    check_power(row, often=59)
 
 
 @pytest.mark.slow
 def test_a_power_cut_at_any_moment_loses_nothing(row: Row) -> None:
     check_power(row, often=1)
+
+
+@pytest.mark.parametrize(("free", "said"), [(4096, True), (10_000_000, False)])
+def test_an_engine_that_fails_on_a_full_disk_without_saying_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, said: bool
+) -> None:
+    """COLMAP says "No registered database factory succeeded" where its database has no room."""
+    usage = shutil.disk_usage(tmp_path)._replace(free=free)
+    monkeypatch.setattr("pomona.survey.files.shutil.disk_usage", lambda path: usage)
+    with pytest.raises(SurveyError if said else RuntimeError) as raised, disk_errors(tmp_path):
+        raise RuntimeError("No registered database factory succeeded.")
+    assert ("The disk is full" in str(raised.value)) == said
+
+
+def test_arrays_that_find_no_room_complain_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays = {"a": np.arange(5000), "b": np.asarray(0.5)}
+    write_npz(tmp_path / "a.npz", arrays)
+    for name, array in read_npz(tmp_path / "a.npz", "arrays").items():
+        np.testing.assert_array_equal(array, arrays[name])
+    later: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", later.append)
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with pytest.raises(OSError, match="No space left"):
+        write_npz(Path("/dev/full"), arrays)
+    gc.collect()
+    assert later == []

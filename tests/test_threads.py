@@ -42,6 +42,23 @@ def test_what_goes_wrong_is_raised_when_its_turn_comes() -> None:
         next(results)
 
 
+def test_what_was_begun_when_it_ends_is_finished_and_handed_over() -> None:
+    begun, left = threading.Event(), list[int]()
+
+    def work(k: int) -> int:
+        if k == 0:
+            assert begun.wait(60)
+            raise ValueError("the first")
+        begun.set()
+        return k
+
+    with pytest.raises(ValueError, match="the first"):
+        list(in_order(work, range(9), 2, left=left.append))
+    assert left[0] == 1
+    assert left == sorted(left)
+    assert left[-1] < 3
+
+
 def test_nothing_to_do_is_nothing_done() -> None:
     assert list(in_order(lambda k: k, [], 4)) == []
     assert cores() >= 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
@@ -17,11 +17,18 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_order(work: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[Result]:
+def in_order(
+    work: Callable[[Item], Result],
+    items: Iterable[Item],
+    threads: int,
+    *,
+    left: Callable[[Result], None] = lambda result: None,
+) -> Generator[Result, None, None]:
     """Yield `work(item)` of each item, in the items' order, while `threads` of them work on those that follow.
 
     Unlike `Executor.map` it begins no more than are soon asked for, so that memory is bounded. What `work` raises is
-    raised when its turn comes; what was not begun by then is left.
+    raised when its turn comes. What was begun when it ends early, for that or because nobody asks any more, is finished
+    and handed to `left`, in the thread that asked.
     """
     with ThreadPoolExecutor(threads) as pool:
         begun: deque[Future[Result]] = deque()
@@ -33,5 +40,6 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item], threads: int
             while begun:
                 yield begun.popleft().result()
         finally:
-            for waiting in begun:
-                waiting.cancel()
+            for ahead in begun:
+                if not ahead.cancel() and ahead.exception() is None:
+                    left(ahead.result())

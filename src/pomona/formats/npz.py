@@ -1,8 +1,10 @@
-"""Reading NumPy's `.npz` of anybody: never with pickles, never more than the file has room for."""
+"""NumPy's `.npz`: reading those of anybody, never with pickles, never more than the file has room for; writing ours."""
 
 from __future__ import annotations
 
+import io
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
@@ -13,6 +15,16 @@ from pomona.errors import FormatError, MissingFileError
 
 _MOST_UNPACKED_BYTES = 1_000_000_000
 """What a packed file may hold; one that is not packed may hold what it has."""
+
+
+def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write named arrays to a file.
+
+    The file is made in memory: on a full disk, Python's own way complains a second time when it lets go of it.
+    """
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    path.write_bytes(content.getbuffer())
 
 
 def read_npz(path: Path, expected: str) -> dict[str, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from threading import BoundedSemaphore
 
@@ -78,8 +79,8 @@ def iter_detections(
 ) -> Iterator[Detections]:
     """Yield the detections of each photo, in the photos' order; ids count on from those in `done`.
 
-    `keep` is called with those of each photo as soon as they are there, in whatever order, ids counting from 1: to save
-    them, so that a later run goes on from there.
+    `keep` is called with those of each photo that is not in `done`, ids counting from 1, also of photos that were being
+    segmented when something went wrong: to save them, so that a later run goes on from there.
 
     Photos in `done`, from an earlier run with the same options, are yielded as they are. `scales` are those of
     `scales_of`, by name, where they are known already. As many photos are segmented at the same time as the segmenter
@@ -102,21 +103,27 @@ def iter_detections(
             return str(error)
         with turns:
             size_px = photo.width_px, photo.height_px
-            found = segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
-        if keep is not None:
-            keep(found)
-        return found
+            return segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
 
-    coming = in_order(look, todo, segmenter.traits.at_once + 1)
-    for photo in photos:
-        if photo.name in done:
-            yield done[photo.name]
-        elif isinstance(found := next(coming), str):
-            progress.warn(f"{photo.name} is left out: {found}")
-        else:
-            yield replace(found, ids=np.arange(len(found)) + next_id)
-            next_id += len(found)
-        progress.advance()
+    def saved(found: Detections | str) -> None:
+        if keep is not None and not isinstance(found, str):
+            keep(found)
+
+    def rescued(found: Detections | str) -> None:
+        with suppress(OSError):  # what went wrong first says why
+            saved(found)
+
+    with closing(in_order(look, todo, segmenter.traits.at_once + 1, left=rescued)) as coming:
+        for photo in photos:
+            if photo.name in done:
+                yield done[photo.name]
+            elif isinstance(found := next(coming), str):
+                progress.warn(f"{photo.name} is left out: {found}")
+            else:
+                saved(found)
+                yield replace(found, ids=np.arange(len(found)) + next_id)
+                next_id += len(found)
+            progress.advance()
 
 
 def segment_photo(

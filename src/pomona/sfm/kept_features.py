@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pomona.errors import PomonaError
-from pomona.formats.npz import read_npz
+from pomona.formats.npz import read_npz, write_npz
 from pomona.photos import Photo
 from pomona.sfm.features import Features
 from pomona.sfm.options import SfmOptions
@@ -25,6 +25,9 @@ def known_of(photo: Photo) -> str:
     return repr((known, photo.focal_px, photo.camera_key, photo.orientation))
 
 
+_STORED = ("keypoints", "descriptors", "rgb", "sharpness")
+
+
 @dataclass(frozen=True)
 class KeptFeatures:
     """Features by photo in `folder`; those of another `code_key`, other options or another file are not found."""
@@ -38,14 +41,8 @@ class KeptFeatures:
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self._path(photo)
         part = path.with_suffix(".part")
-        with part.open("wb") as file:
-            np.savez(
-                file,
-                keypoints=features.keypoints,
-                descriptors=features.descriptors,
-                rgb=features.rgb,
-                sharpness=features.sharpness,
-            )
+        arrays = {name: np.asarray(getattr(features, name)) for name in _STORED}
+        write_npz(part, arrays)
         part.replace(path)
 
     def get(self, photo: Photo) -> Features | None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from pomona.arrays import Array, ByteArray
 from pomona.errors import PomonaError
-from pomona.formats.npz import read_npz
+from pomona.formats.npz import read_npz, write_npz
 from pomona.photos import Photo
 from pomona.sfm import engine
 from pomona.sfm.engine import CameraEntry, ImageEntry, Overlap
@@ -106,7 +106,7 @@ class Workspace:
     def save_features(self, batch: dict[int, Features]) -> None:
         """Store the features of some photos, by photo index."""
         for i, features in batch.items():
-            np.savez(self._features_path(i), rgb=features.rgb, sharpness=features.sharpness)
+            write_npz(self._features_path(i), {"rgb": features.rgb, "sharpness": np.asarray(features.sharpness)})
         engine.write_features(self.database, batch)
 
     def colours(self, i: int) -> ByteArray:

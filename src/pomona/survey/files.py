@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pomona.errors import PomonaError, SurveyError, is_away
 
+_NO_ROOM_BYTES = 200_000  # less than the smallest database
 # What the operating system says of a disk without room, and of one that must not be written to.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
@@ -93,7 +94,7 @@ def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_
     name = error.filename if isinstance(error, OSError) else None
     file = Path(os.fsdecode(name)) if isinstance(name, str | bytes) else folder
     inside = folder is not None and file is not None and (file == folder or folder in file.parents)
-    if _is_full(error):
+    if _is_full(error) or _leaves_no_room(error, folder):
         return (
             f"The disk is full: cannot write {file or 'a file'}{_free(file or Path())}. What was finished is kept: "
             f"free some space and {then}"
@@ -112,6 +113,14 @@ def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_
     return None
 
 
+def _leaves_no_room(error: Exception, folder: Path | None) -> bool:
+    """Whether an engine failed without saying why, on a disk where hardly anything can be written any more."""
+    if folder is None or type(error) is not RuntimeError:
+        return False
+    free = _free_bytes(folder)
+    return free is not None and free < _NO_ROOM_BYTES
+
+
 def _is_full(error: Exception) -> bool:
     if isinstance(error, OSError) and error.errno in _FULL:
         return True
@@ -120,8 +129,12 @@ def _is_full(error: Exception) -> bool:
 
 
 def _free(path: Path) -> str:
+    free = _free_bytes(path)
+    return "" if free is None else f" ({free / 1e6:.0f} MB free)"
+
+
+def _free_bytes(path: Path) -> int | None:
     try:
-        existing = next(p for p in (path, *path.parents) if p.exists())
-        return f" ({shutil.disk_usage(existing).free / 1e6:.0f} MB free)"
+        return shutil.disk_usage(next(p for p in (path, *path.parents) if p.exists())).free
     except (OSError, StopIteration):
-        return ""
+        return None

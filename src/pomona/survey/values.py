@@ -11,7 +11,7 @@ import numpy as np
 
 from pomona.arrays import Array
 from pomona.errors import FormatError
-from pomona.formats.npz import read_npz
+from pomona.formats.npz import read_npz, write_npz
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.survey.files import write_file
 
@@ -21,7 +21,7 @@ Arrays = Mapping[str, Array]
 
 def write_arrays(path: Path, arrays: Arrays) -> None:
     """Write named arrays to `path` (.npz), under a temporary name first."""
-    write_file(path, lambda temporary: np.savez(temporary, **arrays))
+    write_file(path, lambda temporary: write_npz(temporary, arrays))
 
 
 def read_arrays(path: Path) -> dict[str, Array]:
