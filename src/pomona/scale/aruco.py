@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,6 +15,7 @@ from pomona.capture import read_grey
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 from pomona.progress import Progress
+from pomona.threads import in_order
 
 CENTER_SD_PX = 0.1
 """How exactly a plate's centre is measured, each coordinate (0.08 px RMS in rendered photos)."""
@@ -79,16 +79,15 @@ def find_markers(
     photos = list(photos)
     progress.start("Looking for markers", len(photos))
     sightings: list[Sighting] = []
-    with ThreadPoolExecutor(threads) as pool:
-        look = partial(
-            _in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px, mirrored=mirrored
-        )
-        for photo, found in zip(photos, pool.map(look, photos), strict=True):
-            progress.advance()
-            if isinstance(found, str):
-                progress.warn(f"No markers were looked for in {photo.name}: {found}")
-            else:
-                sightings += found
+    look = partial(
+        _in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px, mirrored=mirrored
+    )
+    for photo, found in zip(photos, in_order(look, photos, threads), strict=True):
+        progress.advance()
+        if isinstance(found, str):
+            progress.warn(f"No markers were looked for in {photo.name}: {found}")
+        else:
+            sightings += found
     return sightings
 
 

@@ -46,20 +46,20 @@ def tile_windows(
     return tuple(Window(y, x, height, width) for y, height in rows for x, width in columns)
 
 
-Spans = list[tuple[int, int]]  # start and length of each tile along one side
+_Spans = list[tuple[int, int]]  # start and length of each tile along one side
 
 
-def _spread(length_px: int, tile_px: int, min_overlap_px: int) -> Spans:
+def _spread(length_px: int, tile_px: int, min_overlap_px: int) -> _Spans:
     if length_px <= tile_px:
         return [(0, length_px)]
     return _evenly(length_px, math.ceil((length_px - min_overlap_px) / (tile_px - min_overlap_px)), tile_px)
 
 
-def _evenly(length_px: int, count: int, tile_px: int) -> Spans:
+def _evenly(length_px: int, count: int, tile_px: int) -> _Spans:
     return [(round(i * (length_px - tile_px) / max(count - 1, 1)), tile_px) for i in range(count)]
 
 
-def _fitted(width_px: int, height_px: int, tile_px: int, min_overlap_px: int) -> tuple[Spans, Spans]:
+def _fitted(width_px: int, height_px: int, tile_px: int, min_overlap_px: int) -> tuple[_Spans, _Spans]:
     """Return the columns and rows of the grid that has the fewest pixels, counting twice what tiles share."""
 
     def side_of(length_px: int, count: int) -> int:
@@ -69,13 +69,10 @@ def _fitted(width_px: int, height_px: int, tile_px: int, min_overlap_px: int) ->
     # A grid of square tiles would do; one of twice as many columns or rows hardly has fewer pixels.
     most_columns, most_rows = (2 * len(_spread(side, tile_px, min_overlap_px)) for side in (width_px, height_px))
     grids = [
-        (columns * rows * width * height, columns * rows, columns, rows)
+        (columns * rows * width * height, columns * rows, columns, rows, width, height)
         for columns in range(1, most_columns + 1)
         for rows in range(1, most_rows + 1)
         if (width := side_of(width_px, columns)) * (height := side_of(height_px, rows)) <= tile_px**2
     ]
-    *_, columns, rows = min(grids)
-    return (
-        _evenly(width_px, columns, side_of(width_px, columns)),
-        _evenly(height_px, rows, side_of(height_px, rows)),
-    )
+    *_, columns, rows, width, height = min(grids)
+    return _evenly(width_px, columns, width), _evenly(height_px, rows, height)

@@ -25,9 +25,6 @@ def known_of(photo: Photo) -> str:
     return repr((known, photo.focal_px, photo.camera_key, photo.orientation))
 
 
-_STORED = ("keypoints", "descriptors", "rgb", "sharpness")
-
-
 @dataclass(frozen=True)
 class KeptFeatures:
     """Features by photo in `folder`; those of another `code_key`, other options or another file are not found."""
@@ -41,8 +38,7 @@ class KeptFeatures:
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self._path(photo)
         part = path.with_suffix(".part")
-        arrays = {name: np.asarray(getattr(features, name)) for name in _STORED}
-        write_npz(part, arrays)
+        write_npz(part, {name: np.asarray(value) for name, value in vars(features).items()})
         part.replace(path)
 
     def get(self, photo: Photo) -> Features | None:
