@@ -31,8 +31,7 @@ from pomona.evaluate.detections import (
 )
 from pomona.photos import Photos
 from pomona.progress import Silent
-from pomona.segment import Segmenter, SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.reading_scale import reading_scales
+from pomona.segment import Segmenter, SegmentOptions, load_segmenter, scales_of, segment_photos
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 LEAST_SCORE = 0.05
@@ -82,12 +81,7 @@ def segmented(
     """The detections of each photo, down to the least score; scales; seconds a photo, scale and reading included."""
     start = time.perf_counter()
     # The scale is found from what the segmenter is sure of, as in a survey, not from all that it reports here.
-    threshold = segmenter.traits.score_threshold
-    scales = (
-        reading_scales(photos, segmenter, sample_photos=4, score_threshold=threshold, progress=Silent())
-        if scale is None
-        else dict.fromkeys(photos.names, scale)
-    )
+    scales = dict(scales_of(photos, segmenter, SegmentOptions(scale=scale), Silent()).by_name)
     found: dict[str, Detections] = {}
     for value in sorted(set(scales.values())):
         group = Photos(tuple(photo for photo in photos if scales[photo.name] == value))

@@ -108,17 +108,12 @@ def floor(folder: str) -> dict[str, float]:
     """
     from pomona.capture import load_photos, read_pixels
     from pomona.progress import Silent
-    from pomona.segment import SegmentOptions, load_segmenter
-    from pomona.segment.photo_detections import segment_photo, threshold_of
-    from pomona.segment.reading_scale import reading_scales
+    from pomona.segment import SegmentOptions, load_segmenter, scales_of, segment_photo
     from pomona.sfm.features import features_of
     from pomona.sfm.options import SfmOptions
 
     photos, segmenter, sfm, options = load_photos([Path(folder)]), load_segmenter(None), SfmOptions(), SegmentOptions()
-    threshold = threshold_of(segmenter, options)
-    scales = reading_scales(
-        photos, segmenter, sample_photos=options.sample_photos, score_threshold=threshold, progress=Silent()
-    )
+    scales = scales_of(photos, segmenter, options, Silent()).by_name
     spent = dict.fromkeys(("decoding", "network", "features"), 0.0)
 
     def timed(name: str, work: Callable[..., T], *given: object, **named: object) -> T:

@@ -48,14 +48,12 @@ def write_random_mask_rcnn(path: Path) -> None:
 def measure(folder: Path, model: str | None, repeats: int) -> None:
     from pomona.capture import load_photos
     from pomona.progress import Silent
-    from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-    from pomona.segment.reading_scale import reading_scales
+    from pomona.segment import SegmentOptions, load_segmenter, scales_of, segment_photos
 
     photos = load_photos([folder], min_photos=1)
     segmenter = load_segmenter(model)
-    threshold = segmenter.traits.score_threshold
     start = time.perf_counter()
-    (scale,) = reading_scales(photos, segmenter, sample_photos=1, score_threshold=threshold, progress=Silent()).values()
+    (scale,) = scales_of(photos, segmenter, SegmentOptions(sample_photos=1), Silent()).by_name.values()
     search_s = time.perf_counter() - start
     options = SegmentOptions(scale=scale, kept_share=1)
     if search_s < 1e-2:  # no scale was looked for, so nothing has run yet

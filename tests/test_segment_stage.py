@@ -12,9 +12,8 @@ from pomona.errors import InputError
 from pomona.photos import Photo, Photos
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.segment import SegmenterTraits, SegmentOptions, iter_detections, segment_photos
+from pomona.segment import SegmenterTraits, SegmentOptions, iter_detections, scales_of, segment_photos
 from pomona.segment.protocol import TileDetections
-from pomona.segment.reading_scale import reading_scales
 from pomona.segment.resize import resized_detections, resized_mask
 from segment_scenes import RedSegmenter, disc, red_photo, red_photos
 
@@ -61,7 +60,7 @@ def test_photos_are_read_at_the_scale_at_which_fruits_are_known(tmp_path: Path, 
     centres = [(200.0 + 250 * i, 200.0 + 250 * j, float(radius)) for i in range(2) for j in range(2)]
     photos = Photos((red_photo(tmp_path / "a.jpg", 650, 620, centres),))
     segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 100))
-    scales = reading_scales(photos, segmenter, sample_photos=4, score_threshold=0.5, progress=Silent())
+    scales = scales_of(photos, segmenter, SegmentOptions(), Silent()).by_name
     assert scales["a.jpg"] == pytest.approx(min(40 / (2 * radius), 2.0), rel=0.25)
     found = segment_photos(photos, segmenter)["a.jpg"]
     assert len(found) == 4
@@ -75,11 +74,30 @@ def test_fruits_of_nearly_one_width_give_the_same_scale(tmp_path: Path) -> None:
     scales = []
     for radius in (25.0, 25.5, 26.0):
         photo = red_photo(tmp_path / f"{radius}.jpg", 650, 620, [(200.0, 200.0, radius), (450.0, 450.0, radius)])
-        found = reading_scales(Photos((photo,)), segmenter, sample_photos=4, score_threshold=0.5, progress=Silent())
-        scales.append(found[photo.name])
+        found = scales_of(Photos((photo,)), segmenter, SegmentOptions(), Silent())
+        scales.append(found.by_name[photo.name])
     assert len(set(scales)) == 1
     assert 6 * np.log2(scales[0]) == pytest.approx(round(6 * np.log2(scales[0])))
     assert scales[0] == pytest.approx(40 / 51, rel=0.13)
+
+
+def test_photos_that_were_read_to_find_their_scale_are_not_read_again(tmp_path: Path) -> None:
+    """Large photos, whose small copies do not do: what is found is what is found at that scale alone."""
+    fruits = [(300.0 + 240 * i, 300.0 + 240 * j, 20.0) for i in range(6) for j in range(4)]
+    photos = Photos(tuple(red_photo(tmp_path / f"{k}.jpg", 1800, 1400, fruits) for k in range(3)))
+    segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 100))
+    scales = scales_of(photos, segmenter, SegmentOptions(), Silent())
+    assert scales.by_name == dict.fromkeys(photos.names, 1.0)
+    assert 1 <= len(scales.seen) <= 2
+    before = len(segmenter.sizes)
+    found = {d.photo: d for d in iter_detections(photos, segmenter, scales=scales)}
+    looks = len(segmenter.sizes) - before
+    alone = segment_photos(photos, segmenter, options=SegmentOptions(scale=1.0))
+    assert looks * 3 == (len(segmenter.sizes) - before - looks) * (3 - len(scales.seen))
+    for name, of_photo in alone.items():
+        np.testing.assert_array_equal(found[name].boxes_px, of_photo.boxes_px)
+        np.testing.assert_array_equal(found[name].scores, of_photo.scores)
+        np.testing.assert_array_equal(found[name].ids, of_photo.ids)
 
 
 def test_sides_and_cameras_have_scales_of_their_own(tmp_path: Path) -> None:
@@ -92,7 +110,7 @@ def test_sides_and_cameras_have_scales_of_their_own(tmp_path: Path) -> None:
         )
     )
     segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 150))
-    scales = reading_scales(photos, segmenter, sample_photos=2, score_threshold=0.5, progress=Silent())
+    scales = scales_of(photos, segmenter, SegmentOptions(sample_photos=2), Silent()).by_name
     assert scales["b.jpg"] / scales["a.jpg"] == pytest.approx(3, rel=0.25)
 
 
@@ -219,7 +237,7 @@ def test_where_photos_show_few_fruits_more_of_them_tell_the_scale(tmp_path: Path
         tuple(red_photo(tmp_path / f"{k}.jpg", 800, 600, [(400.0, 300.0, float(r))]) for k, r in enumerate(radii))
     )
     segmenter = RedSegmenter(typical_fruit_px=40, fruit_px=(16, 150))
-    scales = reading_scales(photos, segmenter, sample_photos=2, score_threshold=0.5, progress=Silent())
+    scales = scales_of(photos, segmenter, SegmentOptions(sample_photos=2), Silent()).by_name
     assert scales["0.jpg"] == pytest.approx(1.0, rel=0.25)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from pomona.sfm.features import Features, extract, root_sift
 from pomona.sfm.kept_features import KeptFeatures
 from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
+from pomona.sfm.seams import held_parts
 from pomona.sfm.selection import credible, distinct, explained, sampson_distance, support, take
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
@@ -135,6 +136,41 @@ def test_the_criterion_falls_with_a_missing_and_with_a_misplaced_photo() -> None
     moved = Model(Cameras(whole.cameras.photos, (LENS,), np.zeros(6, int), poses), whole.photo_idx, whole.scale)
     worse = explained([moved], overlaps, keypoints)
     assert fewer.sum() - 1 < worse.sum() < 0.9 * best.sum()
+
+
+def seen_less(m: Model, keep: np.ndarray) -> Model:
+    """The model with a part of its observations."""
+    c = m.cameras
+    tracks = c.track_point_idx[keep], c.track_photo_idx[keep], c.track_xy_px[keep]
+    fewer = replace(c, track_point_idx=tracks[0], track_photo_idx=tracks[1], track_xy_px=tracks[2])
+    return Model(fewer, m.photo_idx, m.scale)
+
+
+@pytest.mark.parametrize("bridging", [0, 3, 12])
+def test_a_model_comes_apart_where_no_points_say_how_large_the_rest_is(bridging: int) -> None:
+    whole = model(9, points=900)
+    photo, point = whole.cameras.track_photo_idx, whole.cameras.track_point_idx
+    assert held_parts(whole) == [whole]
+    # Points that photos 0 to 4 see, and those that 4 to 8 see, have photo 4 in common and no more.
+    east, west = (np.unique(point[side]) for side in (photo < 4, photo > 4))
+    both = np.intersect1d(np.intersect1d(east, west), point[photo == 4])
+    kept = np.isin(point, both[:bridging]) | ~np.isin(point, np.intersect1d(east, west))
+    parts = held_parts(seen_less(whole, kept))
+    if bridging >= 5:
+        assert len(parts) == 1
+    else:
+        assert sorted(sorted(part.photo_idx.tolist()) for part in parts) in (
+            [[0, 1, 2, 3, 4], [5, 6, 7, 8]],
+            [[0, 1, 2, 3], [4, 5, 6, 7, 8]],
+        )
+
+
+def test_photos_that_see_nothing_in_common_are_parts_of_their_own() -> None:
+    whole = model(4)
+    parts = held_parts(seen_less(whole, whole.cameras.track_photo_idx != 2))
+    assert [part.photo_idx.tolist() for part in parts] == [[0, 1, 3], [2]]
+    nothing = held_parts(seen_less(whole, np.zeros(len(whole.cameras.track_photo_idx), bool)))
+    assert sorted(part.photo_idx.tolist() for part in nothing) == [[0], [1], [2], [3]]
 
 
 def test_a_photo_is_in_the_largest_piece_only_and_leftovers_are_dropped() -> None:

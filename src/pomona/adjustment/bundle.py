@@ -24,8 +24,10 @@ _LEAST_NOISE_PX = 0.1
 _MOST_ITERATIONS = 50
 # Steps end where they gain less than this share.
 _NO_GAIN = 1e-6
-# Damping: at first, and by how much it shrinks after a step that gains, and grows after one that does not.
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _CHANGE = 1e-4, 1e-7, 1e3, 10.0
+# Damping: at first, its bounds, and how it shrinks after a step that gains. After one that does not it grows, each time
+# in a row by twice as much: with one factor both ways, every other step of a long row that is bent was in vain, and the
+# bow stayed. Source: Nielsen 1999, "Damping parameter in Marquardt's method".
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING, _SHRINK, _GROW = 1e-4, 1e-9, 1e3, 3.0, 2.0
 # A photo has six degrees of freedom, which three points fix: with so many, a few wrong ones do not matter.
 _LEAST_POINTS = 12
 
@@ -64,20 +66,20 @@ def adjust_landmarks(
 ) -> tuple[Cameras, FloatArray]:
     """Return what `adjust` does, and where the landmarks (q, 3) are then."""
     seeing, weights = weighted(cameras, noise_px=noise_px, landmarks=landmarks, focals=focals)
-    damping, best = _FIRST_DAMPING, cost(seeing, weights)
+    damping, grow, best = _FIRST_DAMPING, _GROW, cost(seeing, weights)
     equations = normal_equations(seeing, weights)
     for _ in range(_MOST_ITERATIONS):
         trial = moved(seeing, equations, weights, damping)
         now = cost(trial, weights)
         if not now < best:
-            damping *= _CHANGE
+            damping, grow = damping * grow, grow * _GROW
             if damping > _MOST_DAMPING:
                 break
             continue
         gain, seeing, best = best - now, trial, now
         if gain < _NO_GAIN * best:
             break
-        damping = max(damping / _CHANGE, _LEAST_DAMPING)
+        damping, grow = max(damping / _SHRINK, _LEAST_DAMPING), _GROW
         equations = normal_equations(seeing, weights)
     adjusted = without_landmarks(seeing, cameras)
     places = seeing.points_in_world[len(cameras.points_in_world) :]

@@ -121,7 +121,7 @@ def _by_model(
     segmenter = load_segmenter(options.model.name)
     chosen = options.kept_from(segmenter.traits.score_threshold)
     scales = scales_of(photos, segmenter, chosen, progress)
-    files = {photo.name: _file_of(folder, photo, digests[photo.name], scales[photo.name]) for photo in photos}
+    files = {photo.name: _file_of(folder, photo, digests[photo.name], scales.by_name[photo.name]) for photo in photos}
     done, found = _done(photos, files), dict[str, Detections]()
     by_name = photos.by_name()
 
@@ -227,11 +227,11 @@ class PhotoByPhoto:
         A photo that cannot be read is warned of, and has no detections.
         """
         from pomona.formats.detections.coco import write_coco
-        from pomona.segment import iter_detections
+        from pomona.segment import ReadingScales, iter_detections
 
         one, scale = Photos((photo,)), self._scale_of(photo, photos, progress)
         path = _file_of(self._folder, photo, content, scale)
-        done, scales = _done(one, {photo.name: path}), {photo.name: scale}
+        done, scales = _done(one, {photo.name: path}), ReadingScales({photo.name: scale})
         for found in iter_detections(
             one, self._segmenter, options=self._options, progress=progress, done=done, scales=scales
         ):
@@ -246,5 +246,6 @@ class PhotoByPhoto:
 
             alike = tuple(p for p in photos if (p.side, p.camera_key, p.width_px, p.height_px) == group)
             first = Photos(alike[: self._options.sample_photos])
-            self._scales[group] = scales_of(first, self._segmenter, self._options, progress)[alike[0].name]
+            scales = scales_of(first, self._segmenter, self._options, progress)
+            self._scales[group] = scales.by_name[alike[0].name]
         return self._scales[group]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, suppress
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import BoundedSemaphore
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
-from pomona.segment.reading_scale import MAX_ENLARGEMENT, reading_scales
+from pomona.segment.reading_scale import MAX_ENLARGEMENT, ReadingScales, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
 from pomona.segment.tiled_image import segment_tiled
 from pomona.threads import in_order
@@ -74,7 +76,7 @@ def iter_detections(
     options: SegmentOptions | None = None,
     progress: Progress | None = None,
     done: Mapping[str, Detections] | None = None,
-    scales: Mapping[str, float] | None = None,
+    scales: ReadingScales | None = None,
     keep: Callable[[Detections], None] | None = None,
 ) -> Iterator[Detections]:
     """Yield the detections of each photo, in the photos' order; ids count on from those in `done`.
@@ -83,7 +85,7 @@ def iter_detections(
     segmented when something went wrong: to save them, so that a later run goes on from there.
 
     Photos in `done`, from an earlier run with the same options, are yielded as they are. `scales` are those of
-    `scales_of`, by name, where they are known already. As many photos are segmented at the same time as the segmenter
+    `scales_of`, where they are known already. As many photos are segmented at the same time as the segmenter
     wishes, while the next one is read.
     """
     options, progress, done = options or SegmentOptions(), progress or Silent(), done or {}
@@ -91,19 +93,15 @@ def iter_detections(
         progress.warn(segmenter.note)
     todo = [photo for photo in photos if photo.name not in done]
     if scales is None:
-        scales = scales_of(photos, segmenter, options, progress) if todo else {}
+        scales = scales_of(photos, segmenter, options, progress) if todo else ReadingScales({})
     next_id = 1 + max((int(d.ids.max()) for d in done.values() if len(d)), default=0)
     progress.start("segmenting", len(photos))
     turns = BoundedSemaphore(segmenter.traits.at_once)
 
     def look(photo: Photo) -> Detections | str:
-        try:
-            pixels = _pixels_at(photo, scales[photo.name])
-        except (InputError, MissingFileError) as error:
-            return str(error)
-        with turns:
-            size_px = photo.width_px, photo.height_px
-            return segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
+        if photo.name in scales.seen:
+            return scales.seen[photo.name]
+        return _look(photo, scales.by_name[photo.name], segmenter, options, turns)
 
     def saved(found: Detections | str) -> None:
         if keep is not None and not isinstance(found, str):
@@ -152,19 +150,40 @@ def segment_photo(
     return Detections(name, *size_px, found.masks, found.scores, np.arange(len(found)) + 1, found.boxes_px)
 
 
-def scales_of(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> dict[str, float]:
-    """Return for each photo's name the scale at which it is read: as asked for, or as the fruits in photos tell."""
+def scales_of(photos: Photos, segmenter: Segmenter, options: SegmentOptions, progress: Progress) -> ReadingScales:
+    """Return the scale at which each photo is read: as asked for, or as the fruits in photos tell."""
     if options.scale is not None:
-        return dict.fromkeys(photos.names, options.scale)
-    threshold = threshold_of(segmenter, options)
+        return ReadingScales(dict.fromkeys(photos.names, options.scale))
     return reading_scales(
-        photos, segmenter, sample_photos=options.sample_photos, score_threshold=threshold, progress=progress
+        photos,
+        segmenter,
+        partial(_look, segmenter=segmenter, options=options, turns=nullcontext()),
+        sample_photos=options.sample_photos,
+        score_threshold=threshold_of(segmenter, options),
+        progress=progress,
     )
 
 
 def threshold_of(segmenter: Segmenter, options: SegmentOptions) -> float:
     """Return the score from which a detection counts: as asked for, or the segmenter's own."""
     return segmenter.traits.score_threshold if options.score_threshold is None else options.score_threshold
+
+
+def _look(
+    photo: Photo,
+    scale: float,
+    segmenter: Segmenter,
+    options: SegmentOptions,
+    turns: AbstractContextManager[Any],
+) -> Detections | str:
+    """Return what is found in a photo read at a scale, once it is its turn; or why it cannot be read."""
+    try:
+        pixels = _pixels_at(photo, scale)
+    except (InputError, MissingFileError) as error:
+        return str(error)
+    with turns:
+        size_px = photo.width_px, photo.height_px
+        return segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
 
 
 def _pixels_at(photo: Photo, scale: float) -> ByteArray:

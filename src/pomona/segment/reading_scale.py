@@ -6,13 +6,14 @@ A quick first pass over a few photos of each side and camera finds the typical w
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
+from pomona.detections import Detections
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress
@@ -35,12 +36,31 @@ _CLOSE = 1.2
 _STEPS_PER_OCTAVE = 6
 
 
+Look = Callable[[Photo, float], Detections | str]
+"""Reads a photo at a scale and returns what is found in it, or why it cannot be read."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingScales:
+    """The scale at which to read each photo, by its name; `seen`: what was found in those that were read so already."""
+
+    by_name: Mapping[str, float]
+    seen: Mapping[str, Detections] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, eq=False)
 class _Widths:
     """Widths of the fruits seen in a pass, in pixels of the full photo, and how far each is to be believed."""
 
     width_px: FloatArray
     weight: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Widths]) -> _Widths:
+        return cls(
+            np.concatenate([np.zeros(0), *(part.width_px for part in parts)]),
+            np.concatenate([np.zeros(0), *(part.weight for part in parts)]),
+        )
 
     @property
     def evidence(self) -> float:
@@ -54,64 +74,78 @@ class _Widths:
 
 
 def reading_scales(
-    photos: Photos, segmenter: Segmenter, *, sample_photos: int, score_threshold: float, progress: Progress
-) -> dict[str, float]:
-    """Return for each photo's name the scale at which to read it, 1 being its full size.
+    photos: Photos, segmenter: Segmenter, look: Look, *, sample_photos: int, score_threshold: float, progress: Progress
+) -> ReadingScales:
+    """Return the scale at which to read each photo, 1 being its full size.
 
     Photos of one side, camera and size share a scale: that at which the median width of the fruits found in
     `sample_photos` of them (up to four times as many where these show few fruits) is the segmenter's typical one, to
     the nearest sixth of an octave; never over `MAX_ENLARGEMENT`. Where no fruit is found, they are read at 2048 pixels
-    at most. A segmenter that knows no typical width reads all photos at full size.
+    at most. A segmenter that knows no typical width reads all photos at full size. With `look` the stage reads photos.
     """
     typical_px = segmenter.traits.typical_fruit_px
     if typical_px is None:
-        return dict.fromkeys(photos.names, 1.0)
+        return ReadingScales(dict.fromkeys(photos.names, 1.0))
     groups: dict[tuple[str, str, int, int], list[Photo]] = defaultdict(list)
     for photo in photos:
         groups[photo.side, photo.camera_key, photo.width_px, photo.height_px].append(photo)
     progress.start("looking for the size of the fruits", len(groups))
-    scales = {}
+    scales: dict[str, float] = {}
+    seen: dict[str, Detections] = {}
     for group in groups.values():
-        scale = _scale_of(group, sample_photos, segmenter, typical_px, score_threshold)
+        scale, in_sample = _scale_of(group, sample_photos, segmenter, look, typical_px, score_threshold)
         scales.update({photo.name: scale for photo in group})
+        seen.update(in_sample)
         progress.advance()
-    return {name: scales[name] for name in photos.names}
+    return ReadingScales({name: scales[name] for name in photos.names}, seen)
 
 
 def _scale_of(
-    group: Sequence[Photo], sample_photos: int, segmenter: Segmenter, typical_px: float, score_threshold: float
-) -> float:
-    longer_px = max(group[0].width_px, group[0].height_px)
+    group: Sequence[Photo],
+    sample_photos: int,
+    segmenter: Segmenter,
+    look: Look,
+    typical_px: float,
+    score_threshold: float,
+) -> tuple[float, dict[str, Detections]]:
+    """Return the scale of a group of photos, and what was found in those that were read at it."""
+    longer_px, traits = max(group[0].width_px, group[0].height_px), segmenter.traits
     most = min(_MOST_TIMES * sample_photos, len(group))
     count = min(sample_photos, len(group))
+    anew: dict[float, list[Detections]] = {}
 
-    def look(side_px: float) -> _Widths:
+    def widths(side_px: float) -> _Widths:
+        """Widths in the small photos at hand, or in two of the sample read anew where these are too small."""
         scale = min(side_px / longer_px, MAX_ENLARGEMENT)
-        return _widths(_at_scale(sample, images, longer_px, scale), scale, segmenter, score_threshold)
+        at_hand_px = max((max(image.shape[:2]) for image in images), default=longer_px)
+        if at_hand_px < min(round(longer_px * scale), longer_px):
+            found = in_order(lambda photo: look(photo, scale), sample[:2], traits.at_once)
+            anew[scale] = [in_photo for in_photo in found if isinstance(in_photo, Detections)]
+            return _Widths.joined([_widths_in_photo(d, scale, traits, score_threshold) for d in anew[scale]])
+        small = partial(_widths_in_image, side_px=max(1, round(longer_px * scale)), scale=scale, segmenter=segmenter)
+        return _Widths.joined(list(in_order(partial(small, score_threshold=score_threshold), images, traits.at_once)))
 
     while True:
         sample = [group[int((k + 0.5) * len(group) / count)] for k in range(count)]
         images = [pixels for photo in sample if (pixels := _readable(photo, max(_PASS_SIDES_PX))) is not None]
-        best = max((look(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
+        best = max((widths(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
         if best.evidence >= _FEW or count == most:
             break
         count = min(2 * count, most)
     for side in _FINE_SIDES_PX:
         if best.evidence < _ENOUGH * len(images) and side / 2 < longer_px:
-            best = max(best, look(min(side, longer_px)), key=lambda seen: seen.evidence)
+            best = max(best, widths(min(side, longer_px)), key=lambda seen: seen.evidence)
     if best.evidence == 0:
-        best = look(min(_CLOSE_UP_SIDE_PX, longer_px))
-    if best.evidence == 0:
-        return min(1.0, _FINE_SIDES_PX[0] / longer_px)
-    scale = min(typical_px / best.median_px, MAX_ENLARGEMENT)
-    for _ in range(_REFINEMENTS):
-        seen = look(scale * longer_px)
+        best = widths(min(_CLOSE_UP_SIDE_PX, longer_px))
+    scale = _stepped(typical_px / best.median_px) if best.evidence else min(1.0, _FINE_SIDES_PX[0] / longer_px)
+    for _ in range(_REFINEMENTS if best.evidence else 0):
+        seen = widths(scale * longer_px)
         if seen.evidence == 0:
             break
-        before, scale = scale, min(typical_px / seen.median_px, MAX_ENLARGEMENT)
+        before, scale = scale, _stepped(typical_px / seen.median_px)
         if max(before, scale) < _CLOSE * min(before, scale):
             break
-    return _stepped(scale)
+    return scale, {found.photo: found for found in anew.get(scale, [])}
 
 
 def _stepped(scale: float) -> float:
@@ -127,31 +161,32 @@ def _readable(photo: Photo, max_side_px: int) -> ByteArray | None:
         return None  # Said to the person when the photo's turn comes.
 
 
-def _at_scale(sample: Sequence[Photo], images: Sequence[ByteArray], longer_px: int, scale: float) -> list[ByteArray]:
-    """The sampled photos at a scale: from the small ones at hand, or read anew where those are too small."""
-    side = max(1, round(longer_px * scale))
-    if images and side > max(images[0].shape[:2]) and longer_px > max(images[0].shape[:2]):
-        images = [pixels for photo in sample[:2] if (pixels := _readable(photo, side)) is not None]
-    return [_to_side(pixels, side) for pixels in images]
-
-
-def _to_side(pixels: ByteArray, side_px: int) -> ByteArray:
-    height, width = pixels.shape[:2]
+def _widths_in_image(
+    image: ByteArray, *, side_px: int, scale: float, segmenter: Segmenter, score_threshold: float
+) -> _Widths:
+    height, width = image.shape[:2]
     ratio = side_px / max(height, width)
-    return resized_pixels(pixels, max(1, round(width * ratio)), max(1, round(height * ratio)))
+    small = resized_pixels(image, max(1, round(width * ratio)), max(1, round(height * ratio)))
+    found = segment_tiled(small, segmenter, score_threshold=score_threshold)
+    return _widths(found.boxes_px, found.scores, small.shape[1::-1], scale, segmenter.traits)
 
 
-def _widths(images: Sequence[ByteArray], scale: float, segmenter: Segmenter, score_threshold: float) -> _Widths:
-    widths, weights = [], []
-    look = partial(segment_tiled, segmenter=segmenter, score_threshold=score_threshold)
-    for image, found in zip(images, in_order(look, images, segmenter.traits.at_once), strict=True):
-        sides = found.boxes_px[:, 2:] - found.boxes_px[:, :2]
-        height, width = image.shape[:2]
-        # What the photo's edge cuts has no width to speak of; of what leaves cover, the longer side shows more.
-        whole = (found.boxes_px[:, :2] > 1).all(1) & (found.boxes_px[:, 2:] < [width - 1, height - 1]).all(1)
-        widths.append(sides[whole].max(1))
-        weights.append(found.scores[whole] * _belief(sides[whole].max(1), segmenter.traits))
-    return _Widths(np.concatenate([*widths, []]) / scale, np.concatenate([*weights, []]))
+def _widths_in_photo(found: Detections, scale: float, traits: SegmenterTraits, score_threshold: float) -> _Widths:
+    counted = found[found.scores >= score_threshold]
+    assert counted.boxes_px is not None
+    size_px = scale * counted.width_px, scale * counted.height_px
+    return _widths(scale * counted.boxes_px, counted.scores, size_px, scale, traits)
+
+
+def _widths(
+    boxes_px: FloatArray, scores: FloatArray, size_px: Sequence[float], scale: float, traits: SegmenterTraits
+) -> _Widths:
+    """`boxes_px` (n, 4) and `size_px`, width and height, are in pixels of the photo as it was read, at `scale`."""
+    sides = boxes_px[:, 2:] - boxes_px[:, :2]
+    # What the photo's edge cuts has no width to speak of; of what leaves cover, the longer side shows more.
+    whole = (boxes_px[:, :2] > 1).all(1) & (boxes_px[:, 2:] < np.array(size_px) - 1).all(1)
+    width_px = sides[whole].max(1)
+    return _Widths(width_px / scale, scores[whole] * _belief(width_px, traits))
 
 
 def _belief(width_px: FloatArray, traits: SegmenterTraits) -> FloatArray:

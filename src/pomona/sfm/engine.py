@@ -205,26 +205,53 @@ def write_verified(path: Path, matches: Mapping[tuple[int, int], IntArray], opti
     """Verify the matches (k, 2) of pairs of photos, as `match` does, and store them."""
     with pycolmap.Database.open(path) as database:
         for (i, j), idx in matches.items():
-            cameras = [database.read_camera(database.read_image(k + 1).camera_id) for k in (i, j)]
-            points = [np.asarray(database.read_keypoints(k + 1), float)[:, :2] for k in (i, j)]
-            pairs = idx.astype(np.uint32)
-            geometry = pycolmap.estimate_two_view_geometry(
-                cameras[0], points[0], cameras[1], points[1], pairs, _verification(options)
-            )
-            database.write_matches(i + 1, j + 1, pairs)
-            database.write_two_view_geometry(i + 1, j + 1, geometry)
+            database.write_matches(i + 1, j + 1, idx.astype(np.uint32))
+            database.write_two_view_geometry(i + 1, j + 1, _verified(database, i, j, idx, options))
+
+
+def write_further(path: Path, matches: Mapping[tuple[int, int], IntArray], options: SfmOptions) -> None:
+    """Verify further matches (k, 2) of pairs that have some; where more pass than did before, they take their place.
+
+    What the pairs were matched with first stays in the database, as `read_matched` returns it.
+    """
+    with pycolmap.Database.open(path) as database:
+        for (i, j), idx in matches.items():
+            geometry = _verified(database, i, j, idx, options)
+            if len(geometry.inlier_matches) > len(database.read_two_view_geometry(i + 1, j + 1).inlier_matches):
+                database.update_two_view_geometry(i + 1, j + 1, geometry)
+
+
+def _verified(database: Any, i: int, j: int, idx: IntArray, options: SfmOptions) -> Any:
+    cameras = [database.read_camera(database.read_image(k + 1).camera_id) for k in (i, j)]
+    points = [np.asarray(database.read_keypoints(k + 1), float)[:, :2] for k in (i, j)]
+    return pycolmap.estimate_two_view_geometry(
+        cameras[0], points[0], cameras[1], points[1], idx.astype(np.uint32), _verification(options)
+    )
 
 
 def read_two_views(path: Path) -> list[TwoViews]:
     """Return the pairs of photos whose matches passed verification."""
-    general = pycolmap.TwoViewGeometryConfiguration.CALIBRATED, pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
     with pycolmap.Database.open(path) as database:
         ids, geometries = database.read_two_view_geometries()
     return [
-        TwoViews(*_photos_of(pair_id), np.asarray(geometry.F, float) if geometry.config in general else None)
+        _two_views(*_photos_of(pair_id), geometry)
         for pair_id, geometry in zip(ids, geometries, strict=True)
         if len(geometry.inlier_matches)
     ]
+
+
+def read_matched(path: Path, pairs: Sequence[tuple[int, int]], options: SfmOptions) -> list[TwoViews]:
+    """Return those of the pairs whose matches, as they were first written, pass verification."""
+    with pycolmap.Database.open(path) as database:
+        matches = {(i, j): np.asarray(database.read_matches(i + 1, j + 1), np.int64) for i, j in pairs}
+        enough = {pair: idx for pair, idx in matches.items() if len(idx) >= options.min_matches}
+        geometries = {(i, j): _verified(database, i, j, idx, options) for (i, j), idx in enough.items()}
+    return [_two_views(i, j, geometry) for (i, j), geometry in geometries.items() if len(geometry.inlier_matches)]
+
+
+def _two_views(first: int, second: int, geometry: Any) -> TwoViews:
+    general = pycolmap.TwoViewGeometryConfiguration.CALIBRATED, pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+    return TwoViews(first, second, np.asarray(geometry.F, float) if geometry.config in general else None)
 
 
 def _verification(options: SfmOptions) -> Any:

@@ -8,7 +8,6 @@ not enough to hold a photo, or to join one part of the row with another, all fea
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
@@ -23,7 +22,7 @@ from pomona.sfm.engine import TwoViews
 from pomona.sfm.epipolar import matches_along_lines
 from pomona.sfm.pairs import Pair, candidate_pairs
 from pomona.sfm.workspace import Workspace
-from pomona.threads import cores
+from pomona.threads import cores, in_order
 
 # Matching can be stopped, and its progress is shown, after so many pairs.
 _PAIRS_AT_ONCE = 64
@@ -59,23 +58,24 @@ def _first_look(workspace: Workspace, pairs: Sequence[Pair], progress: Progress)
 
 def _match_along_lines(workspace: Workspace, overlapping: Sequence[TwoViews], label: str, progress: Progress) -> None:
     """Match all features of pairs whose epipolar geometry is known."""
-    path, options = workspace.database, workspace.options
-    done = engine.matched_pairs(path)
+    done = engine.matched_pairs(workspace.database)
     missing = [views for views in overlapping if (views.first, views.second) not in done]
     progress.start(f"Matching what overlaps{label}", len(missing))
-    threads = options.threads or cores()
+    for chunk in _chunks(missing, _PAIRS_AT_ONCE):
+        engine.write_verified(workspace.database, _along_lines(workspace, chunk), workspace.options)
+        progress.advance(len(chunk))
 
+
+def _along_lines(workspace: Workspace, overlapping: Sequence[TwoViews]) -> dict[Pair, IntArray]:
     def matched(views: TwoViews) -> IntArray:
         assert views.fundamental is not None
-        one, other = engine.read_points(path, views.first), engine.read_points(path, views.second)
+        one, other = (engine.read_points(workspace.database, photo) for photo in (views.first, views.second))
         return matches_along_lines(one, other, views.fundamental, _TOLERANCE_PX)
 
     # Pairs share the processors out among them: what NumPy calls must not take them all for each.
-    with ThreadPoolExecutor(threads) as pool, threadpool_limits(1):
-        for chunk in _chunks(missing, _PAIRS_AT_ONCE):
-            pairs = [(views.first, views.second) for views in chunk]
-            engine.write_verified(path, dict(zip(pairs, pool.map(matched, chunk), strict=True)), options)
-            progress.advance(len(chunk))
+    with threadpool_limits(1):
+        found = in_order(matched, overlapping, workspace.options.threads or cores())
+        return {(views.first, views.second): idx for views, idx in zip(overlapping, found, strict=True)}
 
 
 def pairs_that_matter(pairs: Sequence[Pair], overlapping: set[Pair], photos: int) -> set[Pair]:
@@ -92,12 +92,15 @@ def pairs_that_matter(pairs: Sequence[Pair], overlapping: set[Pair], photos: int
 
 
 def _match_all(workspace: Workspace, pairs: Sequence[Pair], label: str, progress: Progress) -> None:
-    """Compare all features of each pair with all."""
+    """Compare all features of each pair with all, and then along the lines that these matches give, for more."""
     if not pairs:
         return
+    database, options = workspace.database, workspace.options
     progress.start(f"Matching what holds photos{label}", len(pairs))
     for chunk in _chunks(pairs, _PAIRS_AT_ONCE):
-        engine.match(workspace.database, workspace.named(chunk), workspace.options)
+        engine.match(database, workspace.named(chunk), options)
+        known = [views for views in engine.read_matched(database, chunk, options) if views.fundamental is not None]
+        engine.write_further(database, _along_lines(workspace, known), options)
         progress.advance(len(chunk))
 
 

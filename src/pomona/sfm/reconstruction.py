@@ -28,7 +28,7 @@ from pomona.sfm.models import Model, read_models
 from pomona.sfm.one_lens import with_one_lens
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
-from pomona.sfm.seams import parted
+from pomona.sfm.seams import held_parts, parted
 from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support, well_held
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
@@ -148,6 +148,7 @@ def _map(
         mapped |= {int(photo) for model in models for photo in model.photo_idx}
         models = distinct(models, workspace.options.min_piece_photos)
         models = well_held(models, workspace.options.least_points, workspace.options.min_piece_photos)
+        models = [part for model in models for part in held_parts(model)]
         models = _held_together(models, overlaps, keypoints, workspace.options)
         shares = explained(models, overlaps, keypoints)
         models = credible(models, overlaps, shares, workspace.options.least_explained)

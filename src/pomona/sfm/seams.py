@@ -1,11 +1,12 @@
-"""Models of mappers held against their own matches: where these contradict the model, it comes apart."""
+"""Models of mappers held against what they were made of: where matches contradict a model, or no points hold it
+together, it comes apart."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
@@ -15,6 +16,8 @@ from pomona.sfm.selection import FULL_WEIGHT, take
 
 # Sums of weights are as exact as this: matches that contradict a seam are whole ones.
 _NO_EXCESS = 1e-6
+# So many points in common are the least that say how large one part is beside another (as in `joining`).
+_LEAST_POINTS = 5
 
 
 def parted(model: Model, overlaps: Sequence[Overlap], shares: FloatArray, accidental: int) -> list[Model]:
@@ -30,6 +33,52 @@ def parted(model: Model, overlaps: Sequence[Overlap], shares: FloatArray, accide
     weights = np.array([np.clip(len(overlaps[k].idx) - accidental, 0, FULL_WEIGHT) for k in own], float)
     labels = _parts(len(place), pairs, weights * shares[own], weights * (1 - shares[own]))
     return [model] if labels.max(initial=0) == 0 else [take(model, labels == i) for i in range(labels.max() + 1)]
+
+
+def held_parts(model: Model) -> list[Model]:
+    """Return the parts of a model whose sizes its points hold together, largest first; the whole model if there is one.
+
+    Two photos that see the same points have their places up to the distance between them. What says how far a third
+    photo is away, and so how large things are there, is points that it sees and two of the others see, too. Where no
+    photo sees some, what follows has any size: a mapper that places all photos at once can make a point of it, which no
+    epipolar line contradicts.
+    """
+    n, cameras = len(model.photo_idx), model.cameras
+    if n < 3:
+        return [model]
+    seen = np.unique(np.stack([cameras.track_photo_idx, cameras.track_point_idx]), axis=1)
+    shape = n, len(cameras.points_in_world)
+    sees = coo_matrix((np.ones(seen.shape[1], np.int64), seen), shape=shape).tocsr()
+    seen_by = sees.tocsc()
+    labels, left = np.full(n, -1), np.ones(n, bool)
+    while left.any():
+        part = _held(sees, seen_by, left)
+        labels[part] = labels.max() + 1
+        left &= ~part
+    order = np.argsort(-np.bincount(labels), kind="stable")
+    return [model] if len(order) == 1 else [take(model, labels == i) for i in order]
+
+
+def _held(sees: csr_matrix, seen_by: csc_matrix, left: BoolArray) -> BoolArray:
+    """Return the photos (n,) of those `left` that points hold to the two that begin; both matrices are (n, points)."""
+    idx = np.flatnonzero(left)
+    first = int(idx[np.argmax(np.diff(sees.indptr)[idx])])
+    shared = np.where(left, sees @ sees[first].toarray()[0], -1)
+    shared[first] = -1
+    second = int(np.argmax(shared))
+    views, held = np.zeros(sees.shape[1], np.int64), np.zeros(len(left), np.int64)
+    inside = np.zeros(len(left), bool)
+    waiting = [first, second] if shared[second] >= _LEAST_POINTS else [first]
+    inside[waiting] = True
+    while waiting:
+        points = sees[waiting.pop()].indices
+        views[points] += 1
+        others, times = np.unique(seen_by[:, points[views[points] == 2]].indices, return_counts=True)
+        held[others] += times
+        new = others[(held[others] >= _LEAST_POINTS) & left[others] & ~inside[others]]
+        inside[new] = True
+        waiting += new.tolist()
+    return inside
 
 
 def _parts(count: int, pairs: IntArray, explained: FloatArray, contradicted: FloatArray) -> IntArray:
