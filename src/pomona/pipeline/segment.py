@@ -21,6 +21,7 @@ from pomona.survey.sealed import is_sealed, seal
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
     from pomona.segment.photo_detections import SegmentOptions
+    from pomona.segment.reading_scale import ReadingScales
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,11 +228,11 @@ class PhotoByPhoto:
         A photo that cannot be read is warned of, and has no detections.
         """
         from pomona.formats.detections.coco import write_coco
-        from pomona.segment import ReadingScales, iter_detections
+        from pomona.segment import iter_detections
 
-        one, scale = Photos((photo,)), self._scale_of(photo, photos, progress)
-        path = _file_of(self._folder, photo, content, scale)
-        done, scales = _done(one, {photo.name: path}), ReadingScales({photo.name: scale})
+        one, scales = Photos((photo,)), self._scales_for(photo, photos, progress)
+        path = _file_of(self._folder, photo, content, scales.by_name[photo.name])
+        done = _done(one, {photo.name: path})
         for found in iter_detections(
             one, self._segmenter, options=self._options, progress=progress, done=done, scales=scales
         ):
@@ -239,13 +240,14 @@ class PhotoByPhoto:
             if photo.name not in done:
                 _keep(write_coco, path, photo, found)
 
-    def _scale_of(self, photo: Photo, photos: Photos, progress: Progress) -> float:
-        group = photo.side, photo.camera_key, photo.width_px, photo.height_px
-        if group not in self._scales:
-            from pomona.segment import scales_of
+    def _scales_for(self, photo: Photo, photos: Photos, progress: Progress) -> ReadingScales:
+        from pomona.segment import ReadingScales, scales_of
 
-            alike = tuple(p for p in photos if (p.side, p.camera_key, p.width_px, p.height_px) == group)
-            first = Photos(alike[: self._options.sample_photos])
-            scales = scales_of(first, self._segmenter, self._options, progress)
-            self._scales[group] = scales.by_name[alike[0].name]
-        return self._scales[group]
+        group = photo.side, photo.camera_key, photo.width_px, photo.height_px
+        if group in self._scales:
+            return ReadingScales({photo.name: self._scales[group]})
+        alike = tuple(p for p in photos if (p.side, p.camera_key, p.width_px, p.height_px) == group)
+        first = Photos(alike[: self._options.sample_photos])
+        found = scales_of(first, self._segmenter, self._options, progress)
+        self._scales[group] = found.by_name[alike[0].name]
+        return ReadingScales({photo.name: self._scales[group]}, found.seen)

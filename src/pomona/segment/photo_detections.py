@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, closing, nullcontext, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from threading import BoundedSemaphore
-from typing import Any
 
 import numpy as np
 
@@ -154,10 +153,11 @@ def scales_of(photos: Photos, segmenter: Segmenter, options: SegmentOptions, pro
     """Return the scale at which each photo is read: as asked for, or as the fruits in photos tell."""
     if options.scale is not None:
         return ReadingScales(dict.fromkeys(photos.names, options.scale))
+    turns = BoundedSemaphore(segmenter.traits.at_once)
     return reading_scales(
         photos,
         segmenter,
-        partial(_look, segmenter=segmenter, options=options, turns=nullcontext()),
+        partial(_look, segmenter=segmenter, options=options, turns=turns),
         sample_photos=options.sample_photos,
         score_threshold=threshold_of(segmenter, options),
         progress=progress,
@@ -170,11 +170,7 @@ def threshold_of(segmenter: Segmenter, options: SegmentOptions) -> float:
 
 
 def _look(
-    photo: Photo,
-    scale: float,
-    segmenter: Segmenter,
-    options: SegmentOptions,
-    turns: AbstractContextManager[Any],
+    photo: Photo, scale: float, segmenter: Segmenter, options: SegmentOptions, turns: BoundedSemaphore
 ) -> Detections | str:
     """Return what is found in a photo read at a scale, once it is its turn; or why it cannot be read."""
     try:

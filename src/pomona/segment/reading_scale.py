@@ -6,9 +6,10 @@ A quick first pass over a few photos of each side and camera finds the typical w
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -36,8 +37,11 @@ _CLOSE = 1.2
 _STEPS_PER_OCTAVE = 6
 
 
-Look = Callable[[Photo, float], Detections | str]
-"""Reads a photo at a scale and returns what is found in it, or why it cannot be read."""
+class Look(Protocol):
+    """What finds fruits in photos at a scale."""
+
+    def __call__(self, photo: Photo, scale: float) -> Detections | str:
+        """Read a photo at a scale and return what is found in it, or why it cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,43 +113,77 @@ def _scale_of(
     score_threshold: float,
 ) -> tuple[float, dict[str, Detections]]:
     """Return the scale of a group of photos, and what was found in those that were read at it."""
-    longer_px, traits = max(group[0].width_px, group[0].height_px), segmenter.traits
+    longer_px = max(group[0].width_px, group[0].height_px)
     most = min(_MOST_TIMES * sample_photos, len(group))
     count = min(sample_photos, len(group))
-    anew: dict[float, list[Detections]] = {}
-
-    def widths(side_px: float) -> _Widths:
-        """Widths in the small photos at hand, or in two of the sample read anew where these are too small."""
-        scale = min(side_px / longer_px, MAX_ENLARGEMENT)
-        at_hand_px = max((max(image.shape[:2]) for image in images), default=longer_px)
-        if at_hand_px < min(round(longer_px * scale), longer_px):
-            found = in_order(lambda photo: look(photo, scale), sample[:2], traits.at_once)
-            anew[scale] = [in_photo for in_photo in found if isinstance(in_photo, Detections)]
-            return _Widths.joined([_widths_in_photo(d, scale, traits, score_threshold) for d in anew[scale]])
-        small = partial(_widths_in_image, side_px=max(1, round(longer_px * scale)), scale=scale, segmenter=segmenter)
-        return _Widths.joined(list(in_order(partial(small, score_threshold=score_threshold), images, traits.at_once)))
-
     while True:
-        sample = [group[int((k + 0.5) * len(group) / count)] for k in range(count)]
-        images = [pixels for photo in sample if (pixels := _readable(photo, max(_PASS_SIDES_PX))) is not None]
-        best = max((widths(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
+        photos = [group[int((k + 0.5) * len(group) / count)] for k in range(count)]
+        sample = _Sample(photos, segmenter, look, score_threshold)
+        best = max((sample.widths(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
         if best.evidence >= _FEW or count == most:
             break
         count = min(2 * count, most)
     for side in _FINE_SIDES_PX:
-        if best.evidence < _ENOUGH * len(images) and side / 2 < longer_px:
-            best = max(best, widths(min(side, longer_px)), key=lambda seen: seen.evidence)
+        if best.evidence < _ENOUGH * len(sample.images) and side / 2 < longer_px:
+            best = max(best, sample.widths(min(side, longer_px)), key=lambda seen: seen.evidence)
     if best.evidence == 0:
-        best = widths(min(_CLOSE_UP_SIDE_PX, longer_px))
+        best = sample.widths(min(_CLOSE_UP_SIDE_PX, longer_px))
     scale = _stepped(typical_px / best.median_px) if best.evidence else min(1.0, _FINE_SIDES_PX[0] / longer_px)
     for _ in range(_REFINEMENTS if best.evidence else 0):
-        seen = widths(scale * longer_px)
+        seen = sample.widths(scale * longer_px)
         if seen.evidence == 0:
             break
         before, scale = scale, _stepped(typical_px / seen.median_px)
         if max(before, scale) < _CLOSE * min(before, scale):
             break
-    return scale, {found.photo: found for found in anew.get(scale, [])}
+    return scale, {found.photo: found for found in sample.read_at.get(scale, [])}
+
+
+class _Sample:
+    """Photos of one size as small copies, and the widths of the fruits found in these at any scale.
+
+    Where the copies are too small for a scale, two photos are read again; `read_at` keeps what was found in them.
+    """
+
+    def __init__(self, photos: Sequence[Photo], segmenter: Segmenter, look: Look, score_threshold: float) -> None:
+        self.images = [pixels for photo in photos if (pixels := _readable(photo, max(_PASS_SIDES_PX))) is not None]
+        self.read_at: dict[float, list[Detections]] = {}
+        self._photos, self._segmenter, self._look, self._score_threshold = photos, segmenter, look, score_threshold
+
+    def widths(self, side_px: float) -> _Widths:
+        """Return the widths found where photos are read with `side_px` as their longer side."""
+        longer_px = max(self._photos[0].width_px, self._photos[0].height_px)
+        scale = min(side_px / longer_px, MAX_ENLARGEMENT)
+        copy_px = max((max(image.shape[:2]) for image in self.images), default=longer_px)
+        at_once, read_px = self._segmenter.traits.at_once, max(1, round(longer_px * scale))
+        if copy_px < min(read_px, longer_px):
+            found = in_order(partial(self._look, scale=scale), self._photos[:2], at_once)
+            self.read_at[scale] = [in_photo for in_photo in found if isinstance(in_photo, Detections)]
+            parts = [self._in_photo(in_photo, scale) for in_photo in self.read_at[scale]]
+        else:
+            parts = list(in_order(partial(self._in_copy, side_px=read_px, scale=scale), self.images, at_once))
+        return _Widths.joined(parts)
+
+    def _in_photo(self, found: Detections, scale: float) -> _Widths:
+        counted = found[found.scores >= self._score_threshold]
+        assert counted.boxes_px is not None
+        size_px = scale * counted.width_px, scale * counted.height_px
+        return self._believed(scale * counted.boxes_px, counted.scores, size_px, scale)
+
+    def _in_copy(self, image: ByteArray, *, side_px: int, scale: float) -> _Widths:
+        height, width = image.shape[:2]
+        ratio = side_px / max(height, width)
+        small = resized_pixels(image, max(1, round(width * ratio)), max(1, round(height * ratio)))
+        found = segment_tiled(small, self._segmenter, score_threshold=self._score_threshold)
+        return self._believed(found.boxes_px, found.scores, small.shape[1::-1], scale)
+
+    def _believed(self, boxes_px: FloatArray, scores: FloatArray, size_px: Sequence[float], scale: float) -> _Widths:
+        """Return the widths of boxes (n, 4), these and `size_px` (width, height) in pixels of the photo as read."""
+        sides = boxes_px[:, 2:] - boxes_px[:, :2]
+        # What the photo's edge cuts has no width to speak of; of what leaves cover, the longer side shows more.
+        whole = (boxes_px[:, :2] > 1).all(1) & (boxes_px[:, 2:] < np.array(size_px) - 1).all(1)
+        width_px = sides[whole].max(1)
+        return _Widths(width_px / scale, scores[whole] * _belief(width_px, self._segmenter.traits))
 
 
 def _stepped(scale: float) -> float:
@@ -159,34 +197,6 @@ def _readable(photo: Photo, max_side_px: int) -> ByteArray | None:
         return read_pixels(photo, max_side_px=max_side_px)
     except (InputError, MissingFileError):
         return None  # Said to the person when the photo's turn comes.
-
-
-def _widths_in_image(
-    image: ByteArray, *, side_px: int, scale: float, segmenter: Segmenter, score_threshold: float
-) -> _Widths:
-    height, width = image.shape[:2]
-    ratio = side_px / max(height, width)
-    small = resized_pixels(image, max(1, round(width * ratio)), max(1, round(height * ratio)))
-    found = segment_tiled(small, segmenter, score_threshold=score_threshold)
-    return _widths(found.boxes_px, found.scores, small.shape[1::-1], scale, segmenter.traits)
-
-
-def _widths_in_photo(found: Detections, scale: float, traits: SegmenterTraits, score_threshold: float) -> _Widths:
-    counted = found[found.scores >= score_threshold]
-    assert counted.boxes_px is not None
-    size_px = scale * counted.width_px, scale * counted.height_px
-    return _widths(scale * counted.boxes_px, counted.scores, size_px, scale, traits)
-
-
-def _widths(
-    boxes_px: FloatArray, scores: FloatArray, size_px: Sequence[float], scale: float, traits: SegmenterTraits
-) -> _Widths:
-    """`boxes_px` (n, 4) and `size_px`, width and height, are in pixels of the photo as it was read, at `scale`."""
-    sides = boxes_px[:, 2:] - boxes_px[:, :2]
-    # What the photo's edge cuts has no width to speak of; of what leaves cover, the longer side shows more.
-    whole = (boxes_px[:, :2] > 1).all(1) & (boxes_px[:, 2:] < np.array(size_px) - 1).all(1)
-    width_px = sides[whole].max(1)
-    return _Widths(width_px / scale, scores[whole] * _belief(width_px, traits))
 
 
 def _belief(width_px: FloatArray, traits: SegmenterTraits) -> FloatArray:

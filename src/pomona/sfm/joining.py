@@ -22,7 +22,7 @@ from pomona.sfm.selection import FULL_WEIGHT, TOLERANCE_PX, sampson_distance
 # A pose of two photos has five degrees of freedom; with so many matches agreeing it is no accident.
 _LEAST_MATCHES = 15
 # One depth gives the distance; with so many, wrong ones do not matter.
-_LEAST_DEPTHS = 5
+LEAST_DEPTHS = 5
 # Rays that meet under a smaller angle say little of depth.
 _LEAST_ANGLE = np.radians(1.0)
 # Distances that single points give may differ by so much (median deviation, relative).
@@ -209,7 +209,7 @@ def _median_ratio(over: FloatArray, under: FloatArray) -> float | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios: Array = over / under
     ratios = ratios[np.isfinite(ratios) & (ratios > 0)]
-    if len(ratios) < _LEAST_DEPTHS:
+    if len(ratios) < LEAST_DEPTHS:
         return None
     middle = float(np.median(ratios))
     return middle if float(np.median(np.abs(ratios / middle - 1))) < _MOST_SPREAD else None

@@ -11,13 +11,12 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.sfm.engine import Overlap
+from pomona.sfm.joining import LEAST_DEPTHS
 from pomona.sfm.models import Model
 from pomona.sfm.selection import FULL_WEIGHT, take
 
 # Sums of weights are as exact as this: matches that contradict a seam are whole ones.
 _NO_EXCESS = 1e-6
-# So many points in common are the least that say how large one part is beside another (as in `joining`).
-_LEAST_POINTS = 5
 
 
 def parted(model: Model, overlaps: Sequence[Overlap], shares: FloatArray, accidental: int) -> list[Model]:
@@ -68,14 +67,14 @@ def _held(sees: csr_matrix, seen_by: csc_matrix, left: BoolArray) -> BoolArray:
     second = int(np.argmax(shared))
     views, held = np.zeros(sees.shape[1], np.int64), np.zeros(len(left), np.int64)
     inside = np.zeros(len(left), bool)
-    waiting = [first, second] if shared[second] >= _LEAST_POINTS else [first]
+    waiting = [first, second] if shared[second] >= LEAST_DEPTHS else [first]
     inside[waiting] = True
     while waiting:
         points = sees[waiting.pop()].indices
         views[points] += 1
         others, times = np.unique(seen_by[:, points[views[points] == 2]].indices, return_counts=True)
         held[others] += times
-        new = others[(held[others] >= _LEAST_POINTS) & left[others] & ~inside[others]]
+        new = others[(held[others] >= LEAST_DEPTHS) & left[others] & ~inside[others]]
         inside[new] = True
         waiting += new.tolist()
     return inside
