@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pomona.arrays import ByteArray
+from pomona.arrays import Array, ByteArray
 from pomona.synth import RowOptions
 from pomona.synth.cameras import RowCamera
 from pomona.synth.truth import (
@@ -89,9 +89,26 @@ def scaled(shot: Shot, factor: float) -> Shot:
     size = round(shot.camera.width_px * factor), round(shot.camera.height_px * factor)
     how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
     pixels = cv2.resize(shot.pixels, size, interpolation=how)
-    ids = cv2.resize(shot.ids, size, interpolation=cv2.INTER_NEAREST)
+    ids = resized_ids(shot.ids, size)
     camera = replace(shot.camera, focal_px=shot.camera.focal_px * factor, width_px=size[0], height_px=size[1])
-    return replace(shot, pixels=np.asarray(pixels, np.uint8), ids=np.asarray(ids, np.uint16), camera=camera)
+    return replace(shot, pixels=np.asarray(pixels, np.uint8), ids=ids, camera=camera)
+
+
+def resized_ids(ids: Array, size: tuple[int, int]) -> Array:
+    """Ids in a photo of another size: of each pixel, the fruit that covers most of it, if that is half.
+
+    The nearest pixel is not in the middle: in a photo half as large it moves all masks by a quarter of a pixel.
+    """
+    if size[0] >= ids.shape[1]:
+        return np.asarray(cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT))
+    resized = np.zeros(size[::-1], ids.dtype)
+    # Where an edge runs through the middles of pixels, every other one is the fruit's: masks stay as large as they are.
+    most = 0.5 + 1e-3 * (-1.0) ** np.indices(size[::-1]).sum(0)
+    for fruit in np.unique(ids[ids > 0]):
+        share = cv2.resize((ids == fruit).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        here = share > most
+        resized[here], most[here] = fruit, share[here]
+    return resized
 
 
 def cropped(shot: Shot, left_px: int, top_px: int, width_px: int, height_px: int, *, enlarged: bool) -> Shot:
@@ -102,7 +119,7 @@ def cropped(shot: Shot, left_px: int, top_px: int, width_px: int, height_px: int
     camera = replace(shot.camera, width_px=width_px, height_px=height_px)
     if enlarged:
         pixels = np.asarray(cv2.resize(pixels, (w, h), interpolation=cv2.INTER_CUBIC))
-        ids = np.asarray(cv2.resize(ids, (w, h), interpolation=cv2.INTER_NEAREST))
+        ids = resized_ids(ids, (w, h))
         camera = replace(shot.camera, focal_px=shot.camera.focal_px * w / width_px)
     return replace(shot, pixels=pixels.copy(), ids=ids.copy(), camera=camera)
 
@@ -114,10 +131,10 @@ def zoomed(shot: Shot, factor: float, *, told: bool, model: str = "Bed A") -> Sh
     exact = w / (w - 2 * dx)
     part = slice(dy, h - dy), slice(dx, w - dx)
     pixels = cv2.resize(shot.pixels[part], (w, h), interpolation=cv2.INTER_CUBIC)
-    ids = cv2.resize(shot.ids[part], (w, h), interpolation=cv2.INTER_NEAREST)
+    ids = resized_ids(shot.ids[part], (w, h))
     focal = shot.focal_35mm and (shot.focal_35mm * exact if told else shot.focal_35mm)
     camera = replace(shot.camera, focal_px=shot.camera.focal_px * exact)
-    return replace(shot, pixels=np.asarray(pixels), ids=np.asarray(ids), camera=camera, focal_35mm=focal, model=model)
+    return replace(shot, pixels=np.asarray(pixels), ids=ids, camera=camera, focal_35mm=focal, model=model)
 
 
 def sideways(shot: Shot) -> Shot:

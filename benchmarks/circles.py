@@ -33,7 +33,7 @@ def compared(model: Path, row: RowFolder, scale: float, every: int) -> np.ndarra
         pixels = read_pixels(photo)
         size = (round(pixels.shape[1] * scale), round(pixels.shape[0] * scale))
         (found,) = segmenter.segment([cv2.resize(pixels, size, interpolation=cv2.INTER_LINEAR)])
-        ids = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST)
+        ids = cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT)
         assert found.circles_px is not None, f"{model} says no circles"
         centres, depths = camera.project(fruits.centres_in_world)
         radii = scale * camera.focal_px * fruits.diameters_m / 2 / depths

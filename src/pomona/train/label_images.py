@@ -203,7 +203,7 @@ def paint(
         x0, y0, x1, y1 = mask.box_px
         labels[y0:y1, x0:x1][mask.pixels] = k
     if scale != 1:
-        labels = cv2.resize(labels, _scaled(photo, scale), interpolation=cv2.INTER_NEAREST)
+        labels = cv2.resize(labels, _scaled(photo, scale), interpolation=cv2.INTER_NEAREST_EXACT)
     boxed = [k for k, fruit in enumerate(fruits, start=1) if fruit.mask is None]
     if boxed:
         assert pixels is not None
