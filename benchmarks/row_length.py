@@ -6,8 +6,8 @@ ROW is one side of a rough row of 50 m in 200 photos, rendered where it is missi
 Longer ones are its photos again and again under other names, shifted along the row, whose cameras, points and tracks
 are given, as the run of the longest row that was matched has them: features, matching and mapping are not in these.
 Metres come from control points, two above each other every six metres (or with `--apart`, at any distance): fruits,
-clicked with a pixel of noise in the four photos nearest to each. Processor seconds are those of `pomona run` with all
-its threads and processes. OUT keeps the surveys; those that are there are not run again.
+clicked with a pixel of noise in the four photos nearest to each. Processor seconds are those of the stages of
+`pomona run`, with all threads and processes. OUT keeps the surveys, and goes on where it was stopped.
 """
 
 import argparse
@@ -58,10 +58,14 @@ def control_points(row: Path, photos: list[Path], file: Path, apart_m: float) ->
     for x in stations:
         near = fruits[np.abs(fruits[:, 0] - x) < 0.5]
         for place in near[[near[:, 2].argmin(), near[:, 2].argmax()]]:
-            for i in np.argsort(np.abs(centers[:, 0] - place[0]))[:4]:
+            clicked = 0
+            for i in np.argsort(np.abs(centers[:, 0] - place[0])):
                 (pixel,), _ = cameras[i].project(place[None])
-                numbers = [*(place + ORIGIN), *(pixel + rng.normal(0, 1, 2))]
-                lines.append(" ".join([*(f"{number:.4f}" for number in numbers), f"{cameras[i].name}.jpg"]))
+                pixel += rng.normal(0, 1, 2)
+                if clicked < 4 and (pixel > 0).all() and (pixel < (cameras[i].width_px, cameras[i].height_px)).all():
+                    numbers = " ".join(f"{number:.4f}" for number in (*(place + ORIGIN), *pixel))
+                    lines.append(f"{numbers} {cameras[i].name}.jpg")
+                    clicked += 1
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
     local = read_control_points(file).markers.points_in_world[0]
     return ["--gcp", str(file)], local - (np.array(lines[1].split()[:3], float) - ORIGIN)
@@ -115,11 +119,10 @@ def main() -> None:
             else:
                 matched = max(n for n in stages if n <= len(originals))
                 given = repeated_row(out / f"survey-{matched}", row, out / f"row-{photos}", photos)
-            usage = used_by([sys.executable, "-m", "pomona", "run", *given, "--out", str(survey), "--overwrite"])
+            usage = used_by([sys.executable, "-m", "pomona", "run", *given, "--out", str(survey)])
             record = json.loads((survey / "survey.json").read_text())["stages"]
             figures = {name: stage["processor_s"] / photos for name, stage in record.items()}
-            figures["together"] = usage.processor_s / photos
-            figures["peak MB"] = usage.memory_mb
+            figures |= {"together": sum(figures.values()), "peak MB": usage.memory_mb}
             figures |= errors(survey, row, shift_m) if photos <= len(originals) else {}
             kept.write_text(json.dumps(figures, indent=1))
         stages[photos] = json.loads(kept.read_text())

@@ -91,7 +91,7 @@ class Fakes:
             tuple(Piece(side, cameras_of(photos.of_side(side).names), 0.4) for side in photos.sides), ()
         )
 
-    def _place(self, reconstruction, photos, *, options, detections, find_fruits, find_landmarks, progress):
+    def _place(self, reconstruction, photos, *, options, detections, find_fruits, progress):
         self.count("scale")
         cameras = concatenate([piece.cameras for piece in reconstruction.pieces], WorldFrame("fruit-diameter"))
         return Placed(cameras, (), ScaleReport("fruit-diameter"))

@@ -261,6 +261,14 @@ def test_fruits_come_to_the_trees_of_a_table(fakes: Fakes, photos: Path, tmp_pat
     assert read_fruits(survey.fruits).tree_ids.tolist() == [8]
 
 
+def test_points_clicked_outside_of_photos_are_said_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    name = sorted(path.name for path in photos.iterdir())[0]
+    (tmp_path / "gcp_list.txt").write_text(f"EPSG:32631\n430000 4580000 80 -7 30 {name}\n")
+    with pytest.raises(FormatError, match=rf"line 2: pixel -7 30 is not in .*{name}"):
+        run([photos], tmp_path / "out", RunOptions(gcp=tmp_path / "gcp_list.txt"))
+    assert not fakes.calls
+
+
 def test_a_mistake_in_the_table_of_trunks_is_said_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     (tmp_path / "trunks.csv").write_text("id,x,y\n7,0,zero\n")
     with pytest.raises(FormatError, match="line 2, column y"):

@@ -59,25 +59,21 @@ def _place(
         options=options.scale,
         detections=selected.counted,
         find_fruits=_find_fruits(selected.trusted, options.association),
-        find_landmarks=_find_fruits(selected.trusted, _quick(options.association)),
         progress=progress,
     )
 
 
-def _quick(association: ObjectOptions | None) -> ObjectOptions | None:
-    """What finds landmarks: those that many photos see clearly are found at once, and the adjustment places them."""
-    return None if association is None else replace(association, rounds=1, repeats=1)
-
-
 def _find_fruits(detections: SurveyDetections, association: ObjectOptions | None) -> FindFruits | None:
-    """Return what finds the fruits that one side sees."""
+    """Return what finds the fruits that cameras see: once is enough for those that many photos see clearly."""
     if association is None:
         return None
     from pomona.fruit_discs import SeenFruits, seen_fruits
     from pomona.fuse import object
 
+    once = replace(association, rounds=1, repeats=1)
+
     def find(cameras: Cameras) -> SeenFruits:
-        fused = object.fuse(detections, cameras, options=association)
+        fused = object.fuse(detections, cameras, options=once)
         return seen_fruits(fused.fruits, fused.observations, detections, cameras)
 
     return find

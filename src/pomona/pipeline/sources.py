@@ -28,7 +28,7 @@ def load_photos(
 ) -> tuple[Photos, dict[str, str]]:
     """Return the photos and the digests of their contents; a photo is read for its digest only when it is new.
 
-    Raises as `capture.load_photos` does.
+    Raises as `capture.load_photos` does, and `FormatError` or `InputError` for points clicked where no photo is.
     """
     from pomona import capture
 
@@ -47,6 +47,10 @@ def load_photos(
         from pomona.capture.positions import with_positions
 
         photos = with_positions(photos, options.positions, progress)
+    if options.gcp is not None:
+        from pomona.scale.control_points import read_control_points
+
+        read_control_points(options.gcp, photos)  # a mistake in it is said before hours of work
     return photos, _digests(survey, photos, progress)
 
 

@@ -42,15 +42,13 @@ def place_in_world(
     options: ScaleOptions | None = None,
     detections: SurveyDetections | None = None,
     find_fruits: FindFruits | None = None,
-    find_landmarks: FindFruits | None = None,
     progress: Progress | None = None,
 ) -> Placed:
     """Return all pieces as cameras in one metric frame, z up, with a report, and what could not be placed.
 
     Metres and the frame come from the first of these that a piece has: markers of known places, a scale bar, GNSS
     positions, the fruits' own diameter. With `find_fruits`, sides that see the same fruits are aligned by them, and
-    all adjusted on those of `find_landmarks` (by default the same). Pieces that nothing brings into one frame are set
-    beside each other, with a warning.
+    all adjusted on them. Pieces that nothing brings into one frame are set beside each other, with a warning.
 
     Raises `ReconstructionError` when there is no piece, and `InputError`, `FormatError` or `MissingFileError` for
     options and marker tables that cannot be used.
@@ -78,7 +76,7 @@ def place_in_world(
     if find_fruits is not None:
         align_sides(placement, frame, find_fruits, least_common=options.least_common_fruits)
         if options.refine:
-            adjust_on_fruits(placement, find_landmarks or find_fruits, photos.by_name())
+            adjust_on_fruits(placement, find_fruits, photos.by_name())
     if markers is not None:
         check_plates(placement, markers, sightings)
     check_walk(placement)

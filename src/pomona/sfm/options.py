@@ -39,7 +39,7 @@ class SfmOptions:
     `threads` of features and matching: None takes all processors. Mapping takes one (see `engine`).
     """
 
-    max_side_px: int = 1600
+    max_side_px: int = 1296
     max_features: int = 8000
     contrast_threshold: float = 0.02
     first_look_features: int = 2000
