@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -92,6 +93,21 @@ def test_ground_control_points_place_the_row_without_any_plate(tmp_path: Path, n
     assert placed.report.tied_pieces == 2
     assert placed.report.source == placed.cameras.frame.scale_source == "control-points"
     assert 0 < off_m(placed.cameras, EAST, WEST) < 0.002
+
+
+def test_a_point_measured_wrongly_is_told_by_its_name(tmp_path: Path) -> None:
+    seen = zip(gcp_lines()[1:], sighted([EAST, WEST], PLACES), strict=True)
+    moved = [line.split() for line, sighting in seen if sighting.photo.startswith("east")]
+    moved = [[f"{float(x) + 0.4:.3f}", *rest] if rest[-1] == "point_3" else [x, *rest] for x, *rest in moved]
+    path = tmp_path / "gcp_list.txt"
+    path.write_text("\n".join(["EPSG:25831", *(" ".join(words) for words in moved)]) + "\n")
+    progress = Silent()
+
+    place_in_world(
+        Reconstruction((as_piece(EAST, "east", 3),)), photos_of(EAST), options=ScaleOptions(gcp=path), progress=progress
+    )
+
+    assert any(re.search(r"point point_3 was left out: seen 0\.(3[5-9]|4[0-5])", text) for text in progress.warnings)
 
 
 def test_wrong_control_points_say_where_and_what(tmp_path: Path) -> None:

@@ -151,9 +151,10 @@ def warn_of_marker(
         return
     worst = max(wrong, key=lambda marker: marker.offset_mm)
     seen_by = [cameras.photos[i] for i in known[worst.marker_id].photo_idx]
+    name = placement.marker_name(worst.marker_id)
     placement.contradict(
-        f"Marker {worst.marker_id} is seen {worst.offset_mm:.0f} mm from its place in the table, by all that the "
-        f"photos and the other markers tell ({worst.deviations:.1f} standard deviations): it was moved or measured "
+        f"{name[0].upper()}{name[1:]} is seen {worst.offset_mm:.0f} mm from its place in the table, by all that the "
+        f"photos and the others tell ({worst.deviations:.1f} standard deviations): it was moved or measured "
         f"wrongly, or the photos that see it are placed wrongly ({', '.join(seen_by[:_MOST_NAMES])}). Measure it "
         "again, or take it out of the table"
     )

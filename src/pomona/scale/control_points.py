@@ -7,7 +7,8 @@ its place, its pixel (from the photo's upper left corner), the photo's file name
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,13 @@ class ControlPoints:
     """Markers in local metres with z up; where `frame` is not None, it says where on Earth these are.
 
     `sightings` are those that a person clicked, in photos by the survey's names; none of plates that are to be found.
+    `names`: what a person calls them, by id, where that is not the number on a plate.
     """
 
     markers: Markers
     frame: LocalFrame | None = None
     sightings: tuple[Sighting, ...] = ()
+    names: Mapping[int, str] = field(default_factory=dict)
 
     def in_world(self, frame: WorldFrame) -> WorldFrame:
         """Return the frame of the markers with its place on Earth."""
@@ -80,7 +83,7 @@ def read_control_points(path: Path, photos: Photos | None = None) -> ControlPoin
     unknown = np.full(len(ids), np.nan)
     markers = Markers(np.arange(len(ids)), points, unknown, unknown)
     sightings = [] if photos is None else _sightings(path, lines, [ids[name] for name in names], photos)
-    return ControlPoints(markers, frame, tuple(sightings))
+    return ControlPoints(markers, frame, tuple(sightings), {k: f"point {name}" for name, k in ids.items()})
 
 
 def _read(path: Path) -> tuple[str, list[_Line]]:

@@ -161,7 +161,7 @@ def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
             "taken from how the camera was held. Three markers that are not on one line make it exact"
         )
     for marker_id, reason in fit.unused.items():
-        placement.warn(f"{placement.name(idx)}: marker {marker_id} was left out: {reason}")
+        placement.warn(f"{placement.name(idx)}: {placement.marker_name(marker_id)} was left out: {reason}")
 
 
 def _check_units(placement: Placement, idx: int, places: dict[int, FloatArray], centers: FloatArray) -> None:

@@ -38,7 +38,8 @@ class Placement:
 
     `in_world` holds the cameras of pieces that are in the world frame by measurement ("tied" in the report);
     `metres_per_unit` the scales known, whether or not the piece has a place; `scales` where both came from; `met` the
-    pieces that were registered to each other by their fruits;
+    pieces that were registered to each other by their fruits; `marker_names` what a person calls markers, by id, where
+    that is not the number on a plate;
     `failures` why sources gave none; `ties` how sides agree on fruits that both see; `adjusted` what was adjusted on
     markers, and `accuracy` what that says of itself; `contradictions` those of the `notes` that say that a check
     contradicts it.
@@ -46,6 +47,7 @@ class Placement:
 
     pieces: Sequence[Piece]
     progress: Progress
+    marker_names: Mapping[int, str] = field(default_factory=dict)
     in_world: dict[int, Cameras] = field(default_factory=dict)
     metres_per_unit: dict[int, float] = field(default_factory=dict)
     scales: dict[int, PieceScale] = field(default_factory=dict)
@@ -83,6 +85,10 @@ class Placement:
         """Name a piece for a person."""
         piece = self.pieces[idx]
         return f"Side {piece.side or 'of the row'}{'' if self.is_main(idx) else f', piece {idx + 1}'}"
+
+    def marker_name(self, marker_id: int) -> str:
+        """Name a marker, or a point that was clicked, for a person."""
+        return self.marker_names.get(marker_id, f"marker {marker_id}")
 
     def name_with_photos(self, idx: int) -> str:
         """Name a piece, and its first and last photo, for a person."""

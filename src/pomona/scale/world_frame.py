@@ -62,7 +62,7 @@ def place_in_world(
             "No photo has a place, so that there is nothing to give a scale to. "
             "Take photos a small step apart, each overlapping the one before by 80 %"
         )
-    placement = Placement(pieces, progress)
+    placement = Placement(pieces, progress, {} if control is None else control.names)
     clicked = list(control.sightings) if control is not None else []
     sightings = clicked or find_sightings(placement, photos, markers, options)
     frame = place_by_markers(placement, photos, markers, sightings, options) if markers is not None else None
