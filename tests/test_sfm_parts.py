@@ -22,7 +22,7 @@ from pomona.sfm.kept_features import KeptFeatures
 from pomona.sfm.models import Model
 from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
 from pomona.sfm.seams import held_parts
-from pomona.sfm.selection import credible, distinct, explained, sampson_distance, support, take
+from pomona.sfm.selection import credible, distinct, explained, explicable, sampson_distance, support, take
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
@@ -179,6 +179,31 @@ def test_a_photo_is_in_the_largest_piece_only_and_leftovers_are_dropped() -> Non
     assert [m.photo_idx.tolist() for m in kept] == [list(range(8)), [20, 21, 22]]
     kept = distinct([large, model(6, first=5, seed=2)], 3)
     assert [m.photo_idx.tolist() for m in kept] == [list(range(8)), [8, 9, 10]]
+
+
+def test_what_pairs_of_photos_explain_by_themselves() -> None:
+    """With true geometry all but noise; of matches half of which are wrong, the other half."""
+    whole, calibration = model(6), np.array([[350.0, 0, 200], [0, 350, 150], [0, 0, 1]])
+    overlaps, keypoints = overlaps_of(whole)
+    noise = np.random.default_rng(0)
+    seen = [(LENS.cam_from_px(xy) @ calibration.T)[:, :2] + noise.normal(0, 0.3, xy.shape) for xy in keypoints]
+    inverse = np.linalg.inv(calibration)
+    verified = []
+    for overlap in overlaps:
+        first, second = whole.cameras.cam_from_world[[overlap.first, overlap.second]]
+        turn = second[:, :3] @ first[:, :3].T
+        x, y, z = second[:, 3] - turn @ first[:, 3]
+        essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
+        verified.append(replace(overlap, fundamental=inverse.T @ essential @ inverse))
+    shares = explicable(verified, seen)
+    assert ((shares > 0.98) & (shares < 1)).all()
+    every_other = (np.arange(o.idx.shape[0]) % 2 == 0 for o in verified)
+    wrong = [
+        replace(o, idx=np.stack([o.idx[:, 0], np.where(here, np.roll(o.idx[:, 1], 7), o.idx[:, 1])], axis=1))
+        for o, here in zip(verified, every_other, strict=True)
+    ]
+    assert 0.48 < explicable(wrong, seen).mean() < 0.6
+    assert (explicable(overlaps, seen) == 1).all()  # nothing is known of their geometry
 
 
 def test_small_overlaps_weigh_less() -> None:

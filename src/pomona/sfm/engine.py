@@ -56,11 +56,15 @@ class CameraEntry:
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Verified matches between two photos: `idx` (k, 2) into their keypoints."""
+    """Verified matches between two photos: `idx` (k, 2) into their keypoints.
+
+    `fundamental` (3, 3), in working pixels, is what they were verified by; None where they leave it open.
+    """
 
     first: int
     second: int
     idx: IntArray
+    fundamental: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +284,8 @@ def read_overlaps(path: Path) -> list[Overlap]:
     for pair_id, geometry in zip(ids, geometries, strict=True):
         idx = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
         if len(idx):
-            overlaps.append(Overlap(*_photos_of(pair_id), idx))
+            views = _two_views(*_photos_of(pair_id), geometry)
+            overlaps.append(Overlap(views.first, views.second, idx, views.fundamental))
     return overlaps
 
 

@@ -34,7 +34,8 @@ class SfmOptions:
     `least_known_points`: incremental mapping places a photo that sees at least so many points which have a place.
     COLMAP's default is 30; where a walk turns a corner there are fewer, and wrong places are found out afterwards.
     `mappers`: the ways of mapping that are tried; the better result of each side is kept (see `selection`).
-    `good_enough`: a result with this much support (0 to 1, see `selection`) ends the search for a better one.
+    `good_enough`: a result with this share of the support that pairs of photos have by themselves (see `selection`)
+    ends the search for a better one.
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
     `threads` of features and matching: None takes all processors. Mapping takes one (see `engine`).
     """

@@ -29,7 +29,7 @@ from pomona.sfm.one_lens import with_one_lens
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.sfm.seams import held_parts, parted
-from pomona.sfm.selection import credible, distinct, explained, mean_error_px, support, well_held
+from pomona.sfm.selection import credible, distinct, explained, explicable, mean_error_px, support, well_held
 from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
@@ -139,7 +139,9 @@ def _map(
     count = len(workspace.photos)
     overlaps = engine.read_overlaps(workspace.database)
     scale = [workspace.cameras[image.camera_idx].scale for image in workspace.images]
-    keypoints = [xy / s for xy, s in zip(engine.read_keypoints(workspace.database, count), scale, strict=True)]
+    in_working_px = engine.read_keypoints(workspace.database, count)
+    keypoints = [xy / s for xy, s in zip(in_working_px, scale, strict=True)]
+    enough = workspace.options.good_enough * support(explicable(overlaps, in_working_px), overlaps)
     best: list[Model] = []
     most, mapped = -1.0, set[int]()
     fewer = thinned(overlaps, [len(xy) for xy in keypoints], workspace.options.enough_tracks, workspace.options.seed)
@@ -155,7 +157,7 @@ def _map(
         supported = support(explained(models, overlaps, keypoints), overlaps)
         if models and supported > most:
             best, most = models, supported
-        if most >= workspace.options.good_enough:
+        if most >= enough:
             break
     best = _joined(workspace, best, overlaps, keypoints, label, progress)
     placed = frozenset(int(photo) for model in best for photo in model.photo_idx)

@@ -38,7 +38,23 @@ def explained(models: Sequence[Model], overlaps: Sequence[Overlap], keypoints: S
                 first, second = rays[overlap.first][overlap.idx[:, 0]], rays[overlap.second][overlap.idx[:, 1]]
                 pose1, pose2 = model.cameras.cam_from_world[[i, j]]
                 error_px = (focals_px[i] + focals_px[j]) / 2 * sampson_distance(pose1, pose2, first, second)
-                shares[k] = np.clip(1 - (error_px / TOLERANCE_PX) ** 2, 0, None).mean()
+                shares[k] = _heeded(error_px)
+    return shares
+
+
+def explicable(overlaps: Sequence[Overlap], keypoints: Sequence[FloatArray]) -> FloatArray:
+    """Return for each overlap the share of its matches that its own geometry explains, counted as by `explained`.
+
+    That is about the most that cameras can explain: what two photos agree on best, with nothing else to heed. 1 where
+    matches leave the geometry open. `keypoints` (n, 2) of each photo are in working pixels.
+    """
+    shares = np.ones(len(overlaps))
+    for k, overlap in enumerate(overlaps):
+        if overlap.fundamental is not None:
+            first, second = keypoints[overlap.first][overlap.idx[:, 0]], keypoints[overlap.second][overlap.idx[:, 1]]
+            ones = np.ones((len(first), 1))
+            error_px = _sampson(overlap.fundamental, np.hstack([first, ones]), np.hstack([second, ones]))
+            shares[k] = _heeded(error_px)
     return shares
 
 
@@ -128,9 +144,19 @@ def sampson_distance(pose1: FloatArray, pose2: FloatArray, rays1: FloatArray, ra
     """Return the Sampson distances (n,) of rays (n, 3), z = 1, in two cameras with poses [R | t] (3, 4)."""
     rotation = pose2[:, :3] @ pose1[:, :3].T
     x, y, z = pose2[:, 3] - rotation @ pose1[:, 3]
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ rotation
-    lines2, lines1 = rays1 @ essential.T, rays2 @ essential
-    algebraic = np.einsum("ni,ni->n", rays2, lines2)
+    turned = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], np.float64)
+    return _sampson(np.asarray(turned @ rotation, np.float64), rays1, rays2)
+
+
+def _heeded(error_px: FloatArray) -> float:
+    """The mean of what matches count for that are so far off."""
+    return float(np.clip(1 - (error_px / TOLERANCE_PX) ** 2, 0, None).mean())
+
+
+def _sampson(epipolar: FloatArray, places1: FloatArray, places2: FloatArray) -> FloatArray:
+    """Sampson distances (n,) of places (n, 3), third coordinate 1, by an essential or fundamental matrix (3, 3)."""
+    lines2, lines1 = places1 @ epipolar.T, places2 @ epipolar
+    algebraic = np.einsum("ni,ni->n", places2, lines2)
     slope = np.sqrt((lines2[:, :2] ** 2).sum(1) + (lines1[:, :2] ** 2).sum(1))
     distance: FloatArray = np.abs(algebraic) / np.maximum(slope, 1e-12)
     return distance
