@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import point_errors_px
 from pomona.arrays import FloatArray
@@ -65,6 +66,21 @@ def seeing(cameras: Cameras, scene: FloatArray, noise_px: float, random: np.rand
         track_xy_px=np.concatenate([xy for _, xy in seen]),
     )
     return replace(tracked, points_error_px=point_errors_px(tracked))
+
+
+def bent(row: Cameras, bow_m: float) -> Cameras:
+    """A straight row along an arc, its middle so far from the line between its ends."""
+    length_m, middle_m = np.ptp(row.centers_in_world[:, 0]), row.centers_in_world[:, 0].mean()
+    radius_m = length_m**2 / (8 * bow_m)
+
+    def on_arc(places: FloatArray) -> FloatArray:
+        angles, radii_m = (places[:, 0] - middle_m) / radius_m, radius_m - places[:, 1]
+        return np.stack([radii_m * np.sin(angles), radius_m - radii_m * np.cos(angles), places[:, 2]], axis=1)
+
+    turns = Rotation.from_rotvec(np.outer((row.centers_in_world[:, 0] - middle_m) / radius_m, [0, 0, 1])).as_matrix()
+    rotations = row.cam_from_world[:, :, :3] @ np.swapaxes(turns, 1, 2)
+    poses = np.concatenate([rotations, -rotations @ on_arc(row.centers_in_world)[:, :, None]], axis=2)
+    return replace(row, cam_from_world=poses, points_in_world=on_arc(row.points_in_world))
 
 
 def some_frame(seed: int) -> Similarity:

@@ -34,7 +34,7 @@ from pomona.sfm.seams import worst_seam
 from pomona.sfm.selection import FULL_WEIGHT, take
 from pomona.spheres import Spheres
 from pomona.trees import Trunks
-from scale_scenes import photographed
+from scale_scenes import bent, photographed
 
 ROW = cameras_in_a_row(60)  # 9 m
 
@@ -60,21 +60,6 @@ def photographed_along(length_m: float, photos: int, *, noise_px: float = 0.3, s
     tracks = {name: getattr(row, name)[kept] for name in ("track_point_idx", "track_photo_idx", "track_xy_px")}
     row = replace(row, **tracks)
     return take(Model(row, np.arange(photos), np.ones(photos)), np.ones(photos, bool)).cameras
-
-
-def bent(row: Cameras, bow_m: float) -> Cameras:
-    """A straight row along an arc, its middle so far from the line between its ends."""
-    length_m, middle_m = np.ptp(row.centers_in_world[:, 0]), row.centers_in_world[:, 0].mean()
-    radius_m = length_m**2 / (8 * bow_m)
-
-    def on_arc(places: FloatArray) -> FloatArray:
-        angles, radii_m = (places[:, 0] - middle_m) / radius_m, radius_m - places[:, 1]
-        return np.stack([radii_m * np.sin(angles), radius_m - radii_m * np.cos(angles), places[:, 2]], axis=1)
-
-    turns = Rotation.from_rotvec(np.outer((row.centers_in_world[:, 0] - middle_m) / radius_m, [0, 0, 1])).as_matrix()
-    rotations = row.cam_from_world[:, :, :3] @ np.swapaxes(turns, 1, 2)
-    poses = np.concatenate([rotations, -rotations @ on_arc(row.centers_in_world)[:, :, None]], axis=2)
-    return replace(row, cam_from_world=poses, points_in_world=on_arc(row.points_in_world))
 
 
 def marked(cameras: Cameras, every_m: float) -> list[Landmark]:

@@ -34,6 +34,7 @@ from scale_scenes import (
     PLACES,
     WIDTH,
     as_piece,
+    bent,
     marker_table,
     photographed,
     photos_of,
@@ -262,6 +263,32 @@ def test_a_side_without_markers_is_set_beside_with_a_warning(monkeypatch: pytest
     assert placed.cameras.frame.approximate
     assert not placed.report.sides_are_tied
     assert any("counted twice" in warning for warning in progress.warnings)
+
+
+def test_markers_of_a_long_bent_piece_are_used_but_for_one_that_was_moved(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A bow puts those of one end decimetres from where most have them; the adjustment says that it may."""
+    row = photographed("east", length_m=24.0, photos=80, points=1000)
+    stations = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24]
+    places = {2 * k + high: (float(x), -0.45, 1.0 + 0.9 * high) for k, x in enumerate(stations) for high in (0, 1)}
+    show_markers(monkeypatch, sighted([row], places))
+    rigid = fit_markers(as_piece(bent(row, 0.3), "east").cameras, sighted([row], places), places)
+    assert isinstance(rigid, MarkerFit)
+    assert set(rigid.unused) >= {22, 23, 24, 25}
+    bowed = Reconstruction((as_piece(bent(row, 0.3), "east"),))
+
+    def placed(table: dict[int, tuple[float, float, float]]) -> tuple[float, list[int]]:
+        options, progress = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", table)), Silent()
+        found = place_in_world(bowed, photos_of(row), options=options, progress=progress)
+        return rms_m(found.cameras, row), [marker.marker_id for marker in found.report.markers if not marker.used]
+
+    off_m, unused = placed(places)
+    assert 0.0005 < off_m < 0.02
+    assert not unused
+    off_m, unused = placed({**places, 23: (20.2, -0.45, 1.9)})
+    assert 0.0005 < off_m < 0.02
+    assert unused == [23]
 
 
 def test_robust_similarity_leaves_out_what_does_not_fit() -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from pomona.geometry import Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.accuracy import warn_of_vague_places
 from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
+from pomona.scale.bent_pieces import markers_within_bends
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Adjusted, Placement
@@ -123,17 +125,18 @@ def place_by_markers(
             continue
         fits[idx] = fit
         placement.set_scale(idx, source, fit.world_from_piece.scale, 1000 * fit.rms_m)
-        _warn_of_fit(placement, idx, fit)
     if not fits:
         return None
     tied = {idx: placement.pieces[idx].cameras.transformed(fit.world_from_piece) for idx, fit in fits.items()}
     loose = [idx for idx, cameras in tied.items() if fits[idx].up_is_known and can_be_adjusted(cameras)]
     if options.refine and loose:
         placement.progress.start("Refining cameras on the markers")
-        tied |= _refine(placement, {i: (tied[i], fits[i]) for i in loose}, places, photos.by_name())
+        refined = _refine(placement, {i: tied[i] for i in loose}, {i: fits[i] for i in loose}, places, photos)
+        tied, fits = tied | refined[0], fits | refined[1]
     for idx, cameras in tied.items():
         fit = fits[idx]
         placement.in_world[idx] = cameras
+        _warn_of_fit(placement, idx, fit)
         if not fit.up_is_known:
             sds_m = tilt_sds_m(cameras, np.array([places[i] for i in fit.used]))
             warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
@@ -144,14 +147,28 @@ def place_by_markers(
 
 def _refine(
     placement: Placement,
-    fitted: Mapping[int, tuple[Cameras, MarkerFit]],
+    pieces: Mapping[int, Cameras],
+    fits: Mapping[int, MarkerFit],
     places: Mapping[int, FloatArray],
-    photos: Mapping[str, Photo],
-) -> dict[int, Cameras]:
-    """Refine pieces on the markers together."""
-    pieces, fits = zip(*fitted.values(), strict=True)
-    placement.adjusted = refine(pieces, fits, places, photos)
-    return dict(zip(fitted, split(placement.adjusted.cameras, [len(piece) for piece in pieces]), strict=True))
+    photos: Photos,
+) -> tuple[dict[int, Cameras], dict[int, MarkerFit]]:
+    """Refine pieces on the markers together; those that a piece does not fit rigidly are used if it is bent so far."""
+    fits = dict(fits)
+    while True:
+        adjusted = refine(list(pieces.values()), list(fits.values()), places, photos.by_name())
+        focals = credible_focals(adjusted.cameras, photos.by_name())
+        sd_px = max(float(marker.sds_px.max()) for marker in adjusted.markers.values())
+        more = False
+        for idx, fit in fits.items():
+            doubted = [sighting for marker in fit.doubted.values() for sighting in marker.sightings]
+            seen = _known_points(adjusted.cameras, doubted, places, math.inf, sd_px)
+            within = markers_within_bends(adjusted, seen, focals)
+            fits[idx], more = fit.using(within), more or bool(within)
+        if not more:
+            break
+    placement.adjusted = adjusted
+    parts = split(adjusted.cameras, [len(piece) for piece in pieces.values()])
+    return dict(zip(pieces, parts, strict=True)), fits
 
 
 def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
@@ -180,7 +197,8 @@ class MarkerFit:
     """One piece in the markers' frame: which markers were `used`, the others with a reason, the residual RMS (m).
 
     `up_is_known` is False where markers did not fix the rotation, and the cameras' own up completed it. `seen_once`: of
-    markers that one photo sees where the table has them.
+    markers that one photo sees where the table has them. `doubted`: those of the unused that are seen well, but not
+    where the table has them.
     """
 
     world_from_piece: Similarity
@@ -189,6 +207,16 @@ class MarkerFit:
     rms_m: float
     up_is_known: bool
     seen_once: tuple[Sighting, ...] = ()
+    doubted: Mapping[int, TriangulatedMarker] = field(default_factory=dict)
+
+    def using(self, ids: Container[int]) -> MarkerFit:
+        """Return the fit with these of the doubted markers among those used."""
+        return replace(
+            self,
+            used={**self.used, **{i: marker for i, marker in self.doubted.items() if i in ids}},
+            unused={i: why for i, why in self.unused.items() if i not in ids},
+            doubted={i: marker for i, marker in self.doubted.items() if i not in ids},
+        )
 
     @property
     def sightings(self) -> list[Sighting]:
@@ -232,7 +260,8 @@ def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping
         if not is_inlier
     }
     used = {i: found[i] for i in ids if i not in wrong}
-    fit = MarkerFit(similarity, used, {**failed, **wrong}, rms_m, up_is_known)
+    doubted = {i: found[i] for i in wrong}
+    fit = MarkerFit(similarity, used, {**failed, **wrong}, rms_m, up_is_known, doubted=doubted)
     return _with_seen_once(cameras, fit, [s for s in sightings if s.marker_id in failed], places)
 
 
