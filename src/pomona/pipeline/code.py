@@ -30,6 +30,8 @@ _DISTRIBUTIONS = {
     "sklearn": ("scikit-learn",),
     "yaml": ("pyyaml",),
 }
+# The fields of statements that hold statements.
+_BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
 # Packages of extras, which a run with the defaults never imports: whoever installs one keeps earlier results.
 _OF_EXTRAS = frozenset({"bpy", "onnx", "pandas", "geopandas", "rerun", "torch", "torchvision", "transformers"})
 
@@ -121,7 +123,8 @@ def _imports(path: Path, name: str) -> tuple[str, ...]:
             assert node.level == 0, f"{name}: relative imports are not followed"
             origin = node.module or ""
             found += [origin, *(f"{origin}.{alias.name}" for alias in node.names)]
-        waiting += ast.iter_child_nodes(node)
+        elif isinstance(node, (ast.stmt, ast.Module, ast.excepthandler, ast.match_case)):  # no expression imports
+            waiting += [inner for part in _BLOCKS for inner in getattr(node, part, ())]
     return tuple(found)
 
 

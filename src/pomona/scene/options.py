@@ -24,7 +24,7 @@ class DenseSceneOptions:
 
     fruit_diameter_m: float = DEFAULT_DIAMETER_M
     work_fruit_px: float = 30.0
-    most_side_px: int = 960
+    most_side_px: int = 864
     min_angle_deg: float = 1.5
     ideal_angle_deg: float = 5.0
     max_angle_deg: float = 20.0

@@ -6,7 +6,6 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from sklearn.cluster import DBSCAN, KMeans
 
 from pomona.arrays import FloatArray, IntArray
 
@@ -76,11 +75,15 @@ def _gathered(points_in_world: FloatArray, eps_m: float) -> tuple[FloatArray, Fl
 
 
 def _dbscan(points: FloatArray, weights: FloatArray, eps_m: float, min_points: int) -> IntArray:
+    from sklearn.cluster import DBSCAN  # here, as it takes a second to load, and most runs need none of it
+
     groups = DBSCAN(eps=eps_m, min_samples=min_points).fit_predict(points, sample_weight=weights)
     return np.asarray(groups, np.int64)
 
 
 def split_in_two(points_in_world: FloatArray) -> IntArray:
     """Return 0 or 1 for each point: two groups by k-means, the same at every run."""
+    from sklearn.cluster import KMeans
+
     halves = KMeans(n_clusters=2, n_init=4, random_state=1).fit_predict(points_in_world)
     return np.asarray(halves, np.int64)
