@@ -15,7 +15,7 @@ from pomona.capture import read_grey
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo
 from pomona.progress import Progress
-from pomona.threads import in_order
+from pomona.threads import cores, in_order
 
 CENTER_SD_PX = 0.1
 """How exactly a plate's centre is measured, each coordinate (0.08 px RMS in rendered photos)."""
@@ -58,7 +58,6 @@ def find_markers(
     progress: Progress,
     *,
     search_side_px: int = 2000,
-    threads: int = 2,
     mirrored: bool = False,
 ) -> list[Sighting]:
     """Return every sighting of the `wanted` ids in the photos; other ids (false decodes, other plates) are left out.
@@ -82,7 +81,7 @@ def find_markers(
     look = partial(
         _in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px, mirrored=mirrored
     )
-    for photo, found in zip(photos, in_order(look, photos, threads), strict=True):
+    for photo, found in zip(photos, in_order(look, photos, cores()), strict=True):
         progress.advance()
         if isinstance(found, str):
             progress.warn(f"No markers were looked for in {photo.name}: {found}")
