@@ -12,7 +12,7 @@ from pomona.synth import LIGHTS, VARIETIES, RowOptions, render, render_row, trut
 from pomona.synth.cameras import RowCamera, row_cameras
 from pomona.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
 from pomona.synth.layout import lay_out_row
-from pomona.synth.meshes import fruit, plate
+from pomona.synth.meshes import fruit, ground, hedge, plate
 from pomona.synth.presets import DEMO, ROWS, training_options
 
 SMALL = RowOptions(seed=3, trees=2, fruits_per_tree=20, leaves_per_tree=200, photos_per_side=5)
@@ -28,6 +28,18 @@ def test_the_same_seed_gives_the_same_row_and_another_seed_another(row):
     assert np.array_equal(row.fruits.centres_in_world, again.fruits.centres_in_world)
     assert np.array_equal(row.foliage[1].vertices, again.foliage[1].vertices)
     assert not np.array_equal(row.fruits.centres_in_world, other.fruits.centres_in_world)
+
+
+def test_the_hedge_on_the_horizon_is_far_beyond_both_ends_of_a_row_of_any_length():
+    for length_m in (0.0, 5.0, 14.0):
+        rim = hedge(length_m, (0.1, 0.1, 0.1), np.random.default_rng(1)).vertices[:, :2]
+        assert np.allclose(np.linalg.norm(rim, axis=1), 45)
+    for length_m in (20.0, 50.0, 300.0):
+        rim = hedge(length_m, (0.1, 0.1, 0.1), np.random.default_rng(1)).vertices[:, :2]
+        earth = ground(length_m, (0.1, 0.1, 0.1)).vertices
+        assert np.linalg.norm(rim, axis=1).min() == pytest.approx(45)
+        assert np.linalg.norm(rim - [length_m, 0], axis=1).min() == pytest.approx(30)
+        assert earth[:, 0].max() == pytest.approx(rim[:, 0].max() + 15)
 
 
 def test_cameras_do_not_depend_on_the_fruits():

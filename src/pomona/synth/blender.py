@@ -17,7 +17,7 @@ from pomona.errors import MissingExtraError
 from pomona.synth import materials
 from pomona.synth.cameras import RowCamera
 from pomona.synth.layout import Row
-from pomona.synth.meshes import Mesh, fruit, plate
+from pomona.synth.meshes import Mesh, fruit, ground, hedge, plate
 from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
 
 try:
@@ -125,8 +125,7 @@ class BlenderStage:
     def _add_background(self, row: Row) -> None:
         """Add ground, neighbour rows (the same trees turned round, without fruits) and a hedge on the horizon."""
         rng = self._options.rng(600)
-        plain = np.array([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], float)
-        self._add_mesh("ground", Mesh(plain, np.array([[0, 1, 2, 3]]), np.full((4, 3), 0.1)), "ground")
+        self._add_mesh("ground", ground(self._options.length_m, (0.1, 0.1, 0.1)), "ground")
         for y in (-8.2, -4.3, 4.3, 8.2):
             for x in np.arange(-7.0, self._options.length_m + 7.5, 0.95):
                 turn = Matrix.Rotation(rng.uniform(0, 2 * math.pi), 4, "Z") @ Matrix.Diagonal(
@@ -138,14 +137,8 @@ class BlenderStage:
                     copy = bpy.data.objects.new("background", part.data)
                     copy.matrix_world = Matrix.Translation((x + rng.normal(0, 0.08), y, 0)) @ turn @ foot
                     self._scene.collection.objects.link(copy)
-        angle = np.linspace(0, 2 * np.pi, 240, endpoint=False)
-        crest = 3.2 + np.interp(angle, np.linspace(0, 2 * np.pi, 60), rng.uniform(-1.2, 2.5, 60))
-        crest += rng.normal(0, 0.15, 240)
-        rim = 45 * np.column_stack([np.cos(angle), np.sin(angle)])
-        wall = np.concatenate([np.column_stack([rim, np.zeros(240)]), np.column_stack([rim, crest])])
-        k = np.arange(240)
-        faces = np.stack([k, (k + 1) % 240, (k + 1) % 240 + 240, k + 240], axis=1)
-        self._add_mesh("hedge", Mesh(wall, faces, np.full((480, 3), 0.05)), "hedge", smooth=False)
+        around = hedge(self._options.length_m, (0.05, 0.05, 0.05), rng)
+        self._add_mesh("hedge", around, "hedge", smooth=False)
 
     def _add_light(self) -> None:
         world = bpy.data.worlds.new("sky")

@@ -167,3 +167,33 @@ def plate(bits: IntArray, size_m: float) -> Mesh:
         np.arange(4 * count * count + 4).reshape(-1, 4),
         np.concatenate([np.repeat(shade, 4), np.full(4, 0.4)])[:, None] * np.ones(3),
     )
+
+
+# The row begins in the middle of what lies around it; where it is long, its end is this far from the hedge, too.
+_GROUND_M = 60.0
+_HEDGE_M = 45.0
+_BEYOND_ROW_M = 30.0
+
+
+def ground(length_m: float, colour: Colour) -> Mesh:
+    """Return the flat ground around a row that begins at the origin and goes along x."""
+    corners = _stretched(_GROUND_M * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float), length_m)
+    return Mesh(corners, np.array([[0, 1, 2, 3]]), np.tile(colour, (4, 1)))
+
+
+def hedge(length_m: float, colour: Colour, rng: np.random.Generator) -> Mesh:
+    """Return a hedge on the horizon, all round a row that begins at the origin and goes along x."""
+    angle = np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    crest = 3.2 + np.interp(angle, np.linspace(0, 2 * np.pi, 60), rng.uniform(-1.2, 2.5, 60)) + rng.normal(0, 0.15, 240)
+    rim = np.column_stack([_HEDGE_M * np.cos(angle), _HEDGE_M * np.sin(angle), np.zeros(240)])
+    rim = _stretched(rim, length_m)
+    wall = np.concatenate([rim, rim + np.outer(crest, [0, 0, 1])])
+    k = np.arange(240)
+    faces = np.stack([k, (k + 1) % 240, (k + 1) % 240 + 240, k + 240], axis=1)
+    return Mesh(wall, faces, np.tile(colour, (480, 1)))
+
+
+def _stretched(points: FloatArray, length_m: float) -> FloatArray:
+    """What lies ahead (points (n, 3)), moved along a row that would reach it."""
+    beyond = max(0.0, length_m + _BEYOND_ROW_M - _HEDGE_M)
+    return np.asarray(points + np.outer(points[:, 0] > 0, [beyond, 0, 0]))

@@ -6,7 +6,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.synth.layout import Row
-from pomona.synth.meshes import Mesh, fruit, plate
+from pomona.synth.meshes import Mesh, fruit, ground, hedge, plate
 from pomona.synth.options import VARIETIES, RowOptions
 from pomona.synth.quick.scene import (
     FAR,
@@ -22,8 +22,6 @@ from pomona.synth.quick.scene import (
     part,
 )
 
-_GROUND_M = 60.0
-_HEDGE_M = 45.0
 _NEIGHBOURS_Y_M = (-8.2, -4.3, 4.3, 8.2)
 _ROUND_ROW_M = 1.4  # how far from the trunks things throw shadows on each other
 
@@ -38,7 +36,8 @@ def row_scene(row: Row, marker_cells: list[IntArray], options: RowOptions, *, ph
     parts = [p for pair in trees for p in pair]
     ends = np.cumsum([len(leaves[1]) + len(bark[1]) for leaves, bark in trees])
     spans = [(int(end) - len(t[0][1]) - len(t[1][1]), int(end)) for end, t in zip(ends, trees, strict=True)]
-    parts += [part(row.posts, OTHER), part(row.grass, LEAF), part(_ground(), FAR), part(_hedge(options), FAR)]
+    far = ground(options.length_m, (0.085, 0.09, 0.035)), hedge(options.length_m, (0.05, 0.08, 0.025), options.rng(600))
+    parts += [part(row.posts, OTHER), part(row.grass, LEAF)] + [part(mesh, FAR) for mesh in far]
     if row.stems is not None:
         parts.append(part(row.stems, OTHER))
     parts += _fruits(row, options) + _plates(row, marker_cells)
@@ -77,22 +76,6 @@ def _plates(row: Row, marker_cells: list[IntArray]) -> list[Part]:
         turned = mesh.vertices @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + centre
         parts.append(part(Mesh(turned, mesh.faces, mesh.colours), OTHER))
     return parts
-
-
-def _ground() -> Mesh:
-    corners = _GROUND_M * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
-    return Mesh(corners, np.array([[0, 1, 2, 3]]), np.tile([0.085, 0.09, 0.035], (4, 1)))
-
-
-def _hedge(options: RowOptions) -> Mesh:
-    rng = options.rng(600)
-    angle = np.linspace(0, 2 * np.pi, 240, endpoint=False)
-    crest = 3.2 + np.interp(angle, np.linspace(0, 2 * np.pi, 60), rng.uniform(-1.2, 2.5, 60)) + rng.normal(0, 0.15, 240)
-    rim = _HEDGE_M * np.column_stack([np.cos(angle), np.sin(angle)])
-    wall = np.concatenate([np.column_stack([rim, np.zeros(240)]), np.column_stack([rim, crest])])
-    k = np.arange(240)
-    faces = np.stack([k, (k + 1) % 240, (k + 1) % 240 + 240, k + 240], axis=1)
-    return Mesh(wall, faces, np.tile([0.05, 0.08, 0.025], (480, 1)))
 
 
 def _neighbours(row: Row, spans: list[tuple[int, int]], options: RowOptions) -> tuple[Copy, ...]:
