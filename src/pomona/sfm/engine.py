@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pycolmap
 
-from pomona.arrays import ByteArray, FloatArray, IntArray
+from pomona.arrays import Array, ByteArray, FloatArray, IntArray
 from pomona.colmap_gpu import what_is_missing
 from pomona.sfm.epipolar import DescribedPoints
 from pomona.sfm.options import SfmOptions
@@ -149,6 +149,14 @@ def write_features(path: Path, batch: Mapping[int, Features]) -> None:
             database.write_descriptors(i + 1, pycolmap.FeatureDescriptors(sift, features.descriptors))
 
 
+def add_keypoints(path: Path, added: Mapping[int, Array]) -> None:
+    """Put keypoints (n, 4) behind those of photos that have descriptors; what was there before is replaced."""
+    with pycolmap.Database.open(path) as database:
+        for i, keypoints in added.items():
+            described = database.read_keypoints(i + 1)[: database.num_descriptors_for_image(i + 1)]
+            database.update_keypoints(i + 1, np.concatenate([described, keypoints]).astype(np.float32))
+
+
 def copy_largest(source: Path, path: Path, count: int, most: int) -> None:
     """Store in another database the `most` largest features of each of the photos 0 to count - 1."""
     sift = pycolmap.FeatureExtractorType.SIFT
@@ -162,6 +170,12 @@ def copy_largest(source: Path, path: Path, count: int, most: int) -> None:
             database.write_descriptors(i + 1, pycolmap.FeatureDescriptors(sift, descriptors[largest]))
 
 
+def count_features(path: Path, count: int) -> list[int]:
+    """Return how many described features each of the photos 0 to count - 1 has."""
+    with pycolmap.Database.open(path) as database:
+        return [database.num_descriptors_for_image(i + 1) for i in range(count)]
+
+
 def iter_descriptors(path: Path) -> Iterator[ByteArray]:
     """Yield the descriptors (n, 128) of each photo."""
     with pycolmap.Database.open(path) as database:
@@ -170,10 +184,10 @@ def iter_descriptors(path: Path) -> Iterator[ByteArray]:
 
 
 def read_points(path: Path, i: int) -> DescribedPoints:
-    """Return all features of photo i, in working pixels."""
+    """Return all features of photo i that have descriptors, in working pixels."""
     with pycolmap.Database.open(path) as database:
-        keypoints = np.asarray(database.read_keypoints(i + 1), float)
-        return DescribedPoints(keypoints[:, :2], np.asarray(database.read_descriptors(i + 1).data, np.uint8))
+        descriptors = np.asarray(database.read_descriptors(i + 1).data, np.uint8)
+        return DescribedPoints(np.asarray(database.read_keypoints(i + 1), float)[: len(descriptors), :2], descriptors)
 
 
 def read_keypoints(path: Path, count: int) -> list[FloatArray]:

@@ -7,6 +7,7 @@ over the photo, the ratio test leaves few matches among all of them, and more am
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,11 +35,31 @@ class DescribedPoints:
     def __len__(self) -> int:
         return len(self.xy_px)
 
+    def of(self, idx: IntArray) -> DescribedPoints:
+        """Return some of the points."""
+        return DescribedPoints(self.xy_px[idx], self.descriptors[idx])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clear:
+    """When a match is clear: the angle to the best is at most `most_ratio` of that to the second best.
+
+    Features up to `apart_px` from the best are the same thing described again, and no second best.
+    """
+
+    most_ratio: float = _MOST_RATIO
+    apart_px: float = 0.0
+
 
 def matches_along_lines(
-    first: DescribedPoints, second: DescribedPoints, fundamental: FloatArray, tolerance_px: float
+    first: DescribedPoints,
+    second: DescribedPoints,
+    fundamental: FloatArray,
+    tolerance_px: float,
+    *,
+    clear: Clear | None = None,
 ) -> IntArray:
-    """Return matches (k, 2), indices into both photos' features, no feature twice.
+    """Return matches (k, 2), indices into both photos' features; no feature twice, unless `clear.apart_px` allows it.
 
     `fundamental` (3, 3): x2ᵀ F x1 = 0. Each feature of the first photo is compared with those of the second that are
     up to `tolerance_px` from the epipolar lines of it and of its neighbours; the best must be on its own line, be
@@ -50,12 +71,32 @@ def matches_along_lines(
     lines = pencil.lines(first.xy_px)
     at, places = pencil.position(lines), pencil.position(pencil.lines_through)
     reach = tolerance_px * pencil.turn_by_px
+    order = np.argsort(at, kind="stable")
+    blocks = (
+        (rows, np.flatnonzero(_within(places, reach, at[rows[0]], at[rows[-1]])))
+        for rows in np.array_split(order, -(-len(order) // _AT_ONCE))
+    )
+    idx = _matched(first, second, blocks, clear or Clear())
+    return idx[pencil.distances_px(lines[idx[:, 0]], idx[:, 1]) <= tolerance_px]
+
+
+def matches_anywhere(first: DescribedPoints, second: DescribedPoints, *, clear: Clear | None = None) -> IntArray:
+    """Return matches (k, 2) as `matches_along_lines` does, each feature being compared with all."""
+    if not len(first) or not len(second):
+        return np.zeros((0, 2), np.int64)
+    everywhere = np.arange(len(second))
+    blocks = ((rows, everywhere) for rows in np.array_split(np.arange(len(first)), -(-len(first) // _AT_ONCE)))
+    return _matched(first, second, blocks, clear or Clear())
+
+
+def _matched(
+    first: DescribedPoints, second: DescribedPoints, blocks: Iterable[tuple[IntArray, IntArray]], clear: Clear
+) -> IntArray:
+    """Matches (k, 2) of features that are compared in blocks: some of the first photo's with some of the second's."""
     here, there = (_unit(points.descriptors) for points in (first, second))
     best = np.full(len(first), -1, np.int64)
     preferred, preferred_likeness = np.full(len(second), -1, np.int64), np.full(len(second), -1.0, np.float32)
-    order = np.argsort(at, kind="stable")
-    for rows in np.array_split(order, -(-len(order) // _AT_ONCE)):
-        columns = np.flatnonzero(_within(places, reach, at[rows[0]], at[rows[-1]]))
+    for rows, columns in blocks:
         if not len(columns):
             continue
         likeness = here[rows] @ there[columns].T
@@ -63,11 +104,14 @@ def matches_along_lines(
         better = most > preferred_likeness[columns]
         preferred[columns[better]], preferred_likeness[columns[better]] = rows[liked[better]], most[better]
         nearest = likeness.argmax(1)
-        clear = _is_clear(likeness, nearest)
-        best[rows[clear]] = columns[nearest[clear]]
+        good = _is_clear(likeness, nearest, second.xy_px[columns], clear)
+        best[rows[good]] = columns[nearest[good]]
     matched = np.flatnonzero(best >= 0)
-    matched = matched[preferred[best[matched]] == matched]
-    matched = matched[pencil.distances_px(lines[matched], best[matched]) <= tolerance_px]
+    back = preferred[best[matched]]
+    returned = back == matched
+    if clear.apart_px:
+        returned |= np.linalg.norm(first.xy_px[back] - first.xy_px[matched], axis=1) <= clear.apart_px
+    matched = matched[returned]
     return np.stack([matched, best[matched]], axis=1)
 
 
@@ -117,13 +161,18 @@ def _within(places: FloatArray, reach: FloatArray, low: float, high: float) -> B
     return np.asarray(inside[0] | inside[1] | inside[2])
 
 
-def _is_clear(likeness: Array, nearest: IntArray) -> BoolArray:
+def _is_clear(likeness: Array, nearest: IntArray, xy_px: FloatArray, clear: Clear) -> BoolArray:
     """Whether the nearest (n,) of the columns is near, and much nearer than all others, in each row."""
-    rows = np.arange(len(likeness))
-    most = likeness[rows, nearest]
-    likeness[rows, nearest] = -1.0
-    angle, next_angle = (np.arccos(np.clip(values, -1, 1)) for values in (most, likeness.max(1)))
-    return np.asarray((angle < _MOST_ANGLE) & (angle < _MOST_RATIO * next_angle))
+    angles = np.arccos(np.clip(likeness[np.arange(len(likeness)), nearest], -1, 1))
+    good: BoolArray = angles < _MOST_ANGLE
+    near = np.flatnonzero(good)
+    others, best = likeness[near], nearest[near]
+    others[np.arange(len(near)), best] = -1.0
+    if clear.apart_px:
+        x, y = xy_px.T.astype(np.float32)
+        others[(x - x[best, None]) ** 2 + (y - y[best, None]) ** 2 <= clear.apart_px**2] = -1.0
+    good[near] = angles[near] < clear.most_ratio * np.arccos(np.clip(others.max(1, initial=-1.0), -1, 1))
+    return good
 
 
 def _unit(descriptors: ByteArray) -> Array:

@@ -6,7 +6,9 @@ places features as precisely (see docs/reference/methods/structure-from-motion.m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -48,25 +50,40 @@ def extract(photo: Photo, options: SfmOptions) -> Features:
 def features_of(pixels: ByteArray, photo: Photo, options: SfmOptions) -> Features:
     """Find the features of a photo in its pixels (H, W, 3) at the working scale."""
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
-    settings = {
-        "nfeatures": options.max_features,
-        "contrastThreshold": options.contrast_threshold,
-        "enable_precise_upscale": True,
-    }
-    sift = cv2.SIFT_create(**settings)  # type: ignore[attr-defined]
-    found, descriptors = sift.detectAndCompute(grey, None)
-    if not found:
-        return Features(np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8), np.zeros((0, 3), np.uint8), 0.0)
-    # OpenCV's feature order varies with its threads; a fixed order makes runs repeatable.
-    geometry = np.array([(*k.pt, k.size / 2, np.deg2rad(k.angle)) for k in found])
-    order = np.lexsort(geometry.T)[: options.max_features]
-    geometry, descriptors = geometry[order], descriptors[order]
-    column, row = geometry[:, :2].round().astype(int).T
-    rgb = pixels[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)]
+    geometry, descriptors = in_fixed_order(*sift(options.max_features, options).detectAndCompute(grey, None))
+    geometry, descriptors = geometry[: options.max_features], descriptors[: options.max_features]
+    if not len(geometry):
+        return Features(np.zeros((0, 4), np.float32), descriptors, np.zeros((0, 3), np.uint8), 0.0)
+    rgb = colours_at(pixels, geometry[:, :2])
     # The decoded size is rounded to whole pixels; +0.5 goes from OpenCV's pixels to COLMAP's.
     exact = working_scale(photo, options) * np.array([photo.width_px, photo.height_px]) / grey.shape[::-1]
     geometry[:, :2] = (geometry[:, :2] + 0.5) * exact
-    return Features(geometry.astype(np.float32), root_sift(descriptors), rgb, sharpness(grey))
+    return Features(geometry.astype(np.float32), descriptors, rgb, sharpness(grey))
+
+
+def sift(most: int, options: SfmOptions) -> Any:
+    """Return OpenCV's SIFT for `most` features of a photo."""
+    settings = {"nfeatures": most, "contrastThreshold": options.contrast_threshold, "enable_precise_upscale": True}
+    return cv2.SIFT_create(**settings)  # type: ignore[attr-defined]
+
+
+def in_fixed_order(found: Sequence[Any], descriptors: FloatArray | None) -> tuple[FloatArray, ByteArray]:
+    """Return x, y, scale (px) and direction (rad) of OpenCV's features (n, 4), in its pixels, and their descriptors.
+
+    OpenCV's feature order varies with its threads; a fixed order makes runs repeatable.
+    """
+    if not found or descriptors is None:
+        return np.zeros((0, 4)), np.zeros((0, 128), np.uint8)
+    geometry = np.array([(*k.pt, k.size / 2, np.deg2rad(k.angle)) for k in found])
+    order = np.lexsort(geometry.T)
+    return geometry[order], root_sift(descriptors[order])
+
+
+def colours_at(pixels: ByteArray, xy_px: FloatArray) -> ByteArray:
+    """Return the colours (n, 3) at places (n, 2) in OpenCV's pixels."""
+    column, row = xy_px.round().astype(int).T
+    height, width = pixels.shape[:2]
+    return np.asarray(pixels[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
 
 
 def root_sift(descriptors: FloatArray) -> ByteArray:

@@ -1,13 +1,14 @@
-"""Matching in two steps: the largest features of all candidate pairs, then all features of the pairs that overlap.
+"""Matching in steps: the largest features of all candidate pairs, then all features of the pairs that overlap.
 
 Most candidate pairs of a row show little in common. The largest features of both photos say which do, and what their
 epipolar geometry is, for a tenth of the time; along epipolar lines, all features take a tenth of theirs. Where that is
-not enough to hold a photo, or to join one part of the row with another, all features are compared with all.
+not enough to hold a photo, or to join one part of the row with another, all features are compared with all; and photos
+that still overlap with few others with their neighbours by features of tilted views (`wide_matching`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -21,6 +22,7 @@ from pomona.sfm import engine
 from pomona.sfm.engine import TwoViews
 from pomona.sfm.epipolar import matches_along_lines
 from pomona.sfm.pairs import Pair, candidate_pairs
+from pomona.sfm.wide_matching import match_wide, wide_pairs
 from pomona.sfm.workspace import Workspace
 from pomona.threads import cores, in_order
 
@@ -38,13 +40,23 @@ def match_photos(workspace: Workspace, label: str, progress: Progress) -> None:
     options = workspace.options
     pairs = candidate_pairs(workspace.photos, engine.iter_descriptors(workspace.database), options)
     progress.start(f"Matching{label}", len(pairs))
-    overlapping = _first_look(workspace, pairs, progress)
-    known = [views for views in overlapping if views.fundamental is not None]
+    seen = _first_look(workspace, pairs, progress)
+    known = [views for views in seen if views.fundamental is not None]
     _match_along_lines(workspace, known, label, progress)
     done = {(views.first, views.second) for views in known}
-    planar = {(views.first, views.second) for views in overlapping} - done
+    planar = {(views.first, views.second) for views in seen} - done
     matter = planar | pairs_that_matter(pairs, done | planar, len(workspace.photos))
     _match_all(workspace, sorted(matter), label, progress)
+    match_wide(workspace, _wide_candidates(workspace, pairs), label, progress)
+
+
+def _wide_candidates(workspace: Workspace, pairs: Sequence[Pair]) -> list[Pair]:
+    count = len(workspace.photos)
+    overlapping = {(o.first, o.second) for o in engine.read_overlaps(workspace.database)}
+    lonely = set(np.flatnonzero(partners_of(overlapping, count) < _ENOUGH_PARTNERS).tolist())
+    features = engine.count_features(workspace.database, count)
+    possible = [(i, j) for i, j in pairs if features[i] and features[j]]
+    return wide_pairs(possible, overlapping, lonely)
 
 
 def _first_look(workspace: Workspace, pairs: Sequence[Pair], progress: Progress) -> list[TwoViews]:
@@ -78,10 +90,15 @@ def _along_lines(workspace: Workspace, overlapping: Sequence[TwoViews]) -> dict[
         return {(views.first, views.second): idx for views, idx in zip(overlapping, found, strict=True)}
 
 
+def partners_of(overlapping: Collection[Pair], photos: int) -> IntArray:
+    """Return with how many others each of the photos (n,) overlaps."""
+    return np.bincount(np.array(sorted(overlapping), np.int64).ravel(), minlength=photos)
+
+
 def pairs_that_matter(pairs: Sequence[Pair], overlapping: set[Pair], photos: int) -> set[Pair]:
     """Return the other candidates that photos with few partners, or parts of the row without any, depend on."""
     idx = np.array(sorted(overlapping), np.int64).reshape(-1, 2)
-    partners = np.bincount(idx.ravel(), minlength=photos)
+    partners = partners_of(overlapping, photos)
     graph = coo_array((np.ones(len(idx)), (idx[:, 0], idx[:, 1])), shape=(photos, photos))
     part = connected_components(graph, directed=False)[1]
     return {

@@ -1,7 +1,8 @@
 """The work folder of one side: what it holds lets a stopped run go on where it was.
 
 `settings.json` (photos, options and code that the rest was made with), `features.db` (COLMAP's database: features,
-matches), `first-look.db` (the largest features and their matches), `features/*.npz` (colours of the keypoints,
+matches), `first-look.db` (the largest features and their matches), `wide.npz` (features and matches of tilted
+views, where photos needed them), `features/*.npz` (colours of the keypoints,
 sharpness), `mapping.db` (what the mappers read), `incremental/`, `global/` (models) and their logs.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,8 @@ class Workspace:
         stored = _read_settings(path) if self._is_whole() else {}
         if stored == settings:
             return
-        if stored.get("features") == settings["features"]:
+        # Features that the third step of matching added are not those that the other steps began with.
+        if stored.get("features") == settings["features"] and not self.wide_matches.is_file():
             engine.clear_matches(self.database)
             self._first_look.unlink(missing_ok=True)
         else:
@@ -76,6 +78,8 @@ class Workspace:
         try:
             for i in done:
                 self._stored(i)
+            if self.wide_matches.is_file():
+                read_npz(self.wide_matches, "matches of photos far apart")
         except PomonaError:
             return False
         return True
@@ -93,6 +97,11 @@ class Workspace:
             engine.copy_largest(self.database, self._first_look, count, self.options.first_look_features)
         return self._first_look
 
+    @property
+    def wide_matches(self) -> Path:
+        """The file of what the third step of matching found."""
+        return self.folder / "wide.npz"
+
     def named(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[str, str]]:
         """Return pairs of photos by their names."""
         return [(self.photos[i].name, self.photos[j].name) for i, j in pairs]
@@ -108,6 +117,14 @@ class Workspace:
         for i, features in batch.items():
             write_npz(self._features_path(i), {"rgb": features.rgb, "sharpness": np.asarray(features.sharpness)})
         engine.write_features(self.database, batch)
+
+    def add_features(self, added: Mapping[int, tuple[Array, ByteArray]]) -> None:
+        """Put keypoints (n, 4) and their colours (n, 3) behind the features that photos had at first."""
+        for i, (_, rgb) in added.items():
+            stored = self._stored(i)
+            first = stored["rgb"][: len(engine.read_points(self.database, i))]
+            write_npz(self._features_path(i), stored | {"rgb": np.concatenate([first, rgb])})
+        engine.add_keypoints(self.database, {i: keypoints for i, (keypoints, _) in added.items()})
 
     def colours(self, i: int) -> ByteArray:
         """Return the colours (n, 3) of the keypoints of photo i."""

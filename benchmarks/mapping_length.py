@@ -1,0 +1,95 @@
+"""What mapping costs by the length of a row, and how far it drifts: a row walked to and fro; docs/lab/speed.md.
+
+python -m benchmarks.mapping_length SURVEY ROW OUT [--photos 200 400 800]
+
+SURVEY is what `benchmarks.row_length` made of the rendered ROW. Its photos follow each other forth, back, forth, …: one
+walk of any length, in which photos are matched with their neighbours alone, as they were in SURVEY, and photos of one
+place taken on different ways are not. Mapping, selection and the adjustment of all cameras are those of a run. Errors
+are those of camera centres after one similarity.
+"""
+
+import argparse
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pomona.capture import load_photos
+from pomona.geometry import estimate_similarity
+from pomona.photos import Photos
+from pomona.progress import Silent
+from pomona.sfm import SfmOptions, engine
+from pomona.sfm.features import Features
+from pomona.sfm.one_lens import with_one_lens
+from pomona.sfm.pieces import Piece
+from pomona.sfm.reconstruction import _map
+from pomona.sfm.selection import mean_error_px
+from pomona.sfm.workspace import Workspace
+from pomona.synth.truth import RowFolder, read_cameras
+
+
+def to_and_fro(count: int, photos: int) -> list[int]:
+    """Which of the photos is taken at each step of a walk that turns at both ends."""
+    there_and_back = [*range(photos), *range(photos - 2, 0, -1)]
+    return [there_and_back[i % len(there_and_back)] for i in range(count)]
+
+
+def workspace_of(walk: list[int], source: Path, photos: Photos, folder: Path, options: SfmOptions) -> Workspace:
+    """A work folder in which the photos of a walk are matched."""
+    shutil.rmtree(folder, ignore_errors=True)
+    items = [replace(photos.items[k], name=f"{i:04d}.jpg", side="") for i, k in enumerate(walk)]
+    workspace = Workspace(folder, items, options)
+    keypoints = engine.read_keypoints(source, len(photos))
+    for i, k in enumerate(walk):
+        xy = np.column_stack([keypoints[k], np.ones(len(keypoints[k])), np.zeros(len(keypoints[k]))])
+        blank = np.zeros((0, 128), np.uint8), np.zeros((len(xy), 3), np.uint8)
+        workspace.save_features({i: Features(xy.astype(np.float32), *blank, 1.0)})
+    known = {(o.first, o.second): o.idx for o in engine.read_overlaps(source)}
+    known |= {(j, i): idx[:, ::-1] for (i, j), idx in known.items()}
+    reach = 2 * options.window
+    pairs = [(i, j) for i in range(len(walk)) for j in range(i + 1, min(i + reach + 1, len(walk)))]
+    found = {(i, j): known[walk[i], walk[j]] for i, j in pairs if (walk[i], walk[j]) in known}
+    engine.write_verified(workspace.database, found, options)
+    return workspace
+
+
+def processor_s() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("survey", type=Path)
+    parser.add_argument("row", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=int, nargs="+", default=[200, 400, 800])
+    arguments = parser.parse_args()
+    source = next((arguments.survey / "work" / "sfm").glob("*/features.db"))
+    photos = load_photos([arguments.row / "images"])
+    cameras = {camera.name: camera for camera in read_cameras(RowFolder(arguments.row).truth("cameras.json"))}
+    print("| photos | placed | pieces | mapping, processor s a photo | adjustment | RMS, mm | largest error, mm |")
+    print("|---|---|---|---|---|---|---|")
+    for count in arguments.photos:
+        walk = to_and_fro(count, len(photos))
+        workspace = workspace_of(walk, source, photos, arguments.out / str(count), SfmOptions())
+        begun = processor_s()
+        models, _ = _map(workspace, {}, "", Silent())
+        mapped = processor_s()
+        pieces = [Piece("", model.cameras, mean_error_px(model.cameras)) for model in models]
+        pieces = with_one_lens(pieces, Photos(tuple(workspace.photos)), Silent())
+        done = processor_s()
+        largest = pieces[0].cameras
+        true = np.array([cameras[photos.items[walk[int(n[:4])]].path.stem].centre_in_world for n in largest.photos])
+        poses = largest.cam_from_world
+        centers = -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3])
+        error_mm = 1e3 * np.linalg.norm(estimate_similarity(centers, true).apply(centers) - true, axis=1)
+        placed = sum(len(piece.cameras) for piece in pieces)
+        print(f"| {count} | {placed} | {len(pieces)} | {(mapped - begun) / count:.2f} | {(done - mapped) / count:.2f} "
+              f"| {np.sqrt((error_mm**2).mean()):.1f} | {error_mm.max():.0f} |", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
