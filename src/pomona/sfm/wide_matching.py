@@ -37,8 +37,6 @@ _TOLERANCE_PX = 4.0
 # lines of photos 0.6 m apart are accidents, with this one 5 %: docs/lab/cameras.md.
 _CLEAR = Clear(most_ratio=0.65, apart_px=3.0)
 _FIRST_CLEAR = Clear(most_ratio=0.8, apart_px=3.0)
-# The geometry that few matches give is off by pixels; that of the matches along its lines is not.
-_ROUNDS = 2
 # A feature this near to one that the photo has is that one.
 _SAME_PX = 1.0
 # Photos whose features are kept while pairs are gone through: 7 MB each.
@@ -136,14 +134,17 @@ def _matches(one: TiltedFeatures, other: TiltedFeatures, fundamental: FloatArray
     """Matches (k, 2) of two photos; none where nothing says what their epipolar geometry is."""
     if fundamental is None:
         fundamental = _first_geometry(one, other, least)
-    idx = np.zeros((0, 2), np.int64)
-    for _ in range(_ROUNDS):
-        if fundamental is None:
-            return np.zeros((0, 2), np.int64)
-        idx = matches_along_lines(one.points, other.points, fundamental, _TOLERANCE_PX, clear=_CLEAR)
-        idx = _one_of_each_place(idx, one, other)
-        fundamental = _geometry(one, other, idx, least)
-    return idx
+    if fundamental is None:
+        return np.zeros((0, 2), np.int64)
+    idx = _along_lines(one, other, fundamental)
+    # The geometry that few matches give is off by pixels; that of the matches along its lines is not.
+    better = _geometry(one, other, idx, least)
+    return idx[:0] if better is None else _along_lines(one, other, better)
+
+
+def _along_lines(one: TiltedFeatures, other: TiltedFeatures, fundamental: FloatArray) -> IntArray:
+    idx = matches_along_lines(one.points, other.points, fundamental, _TOLERANCE_PX, clear=_CLEAR)
+    return _one_of_each_place(idx, one, other)
 
 
 def _first_geometry(one: TiltedFeatures, other: TiltedFeatures, least: int) -> FloatArray | None:
@@ -200,6 +201,7 @@ class _Places:
     def __init__(self, xy_px: FloatArray) -> None:
         self._count = len(xy_px)
         self._tree = cKDTree(xy_px) if len(xy_px) else None
+        self._added_in: dict[tuple[int, int], list[int]] = {}  # by cells as wide as what is the same place
         self.keypoints: list[Array] = []
         self.rgb: list[ByteArray] = []
 
@@ -214,10 +216,12 @@ class _Places:
         return idx
 
     def _added(self, keypoint: Array, rgb: ByteArray) -> int:
-        if self.keypoints:
-            off = np.abs(np.array(self.keypoints)[:, :2] - keypoint[:2]).max(1)
-            if off.min() <= _SAME_PX:
-                return int(off.argmin())
+        column, line = (int(value // _SAME_PX) for value in keypoint[:2])
+        cells = [(column + i, line + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        for k in (k for cell in cells for k in self._added_in.get(cell, [])):
+            if np.hypot(*(self.keypoints[k][:2] - keypoint[:2])) <= _SAME_PX:
+                return k
+        self._added_in.setdefault((column, line), []).append(len(self.keypoints))
         self.keypoints.append(keypoint)
         self.rgb.append(rgb)
         return len(self.keypoints) - 1
