@@ -83,6 +83,8 @@ class OnnxFile:
         batch, channels, height, width = self.inputs[0].shape
         if batch not in (1, None) or channels not in (3, None):
             raise FormatError(f"{self.path}: expected {expected}, found {found}: export it again for batches of one")
+        if 0 in (width, height):
+            raise FormatError(f"{self.path}: expected {expected}, found {found}: an image without pixels")
         if width is not None and height is not None:
             return width, height
         if default_px is None:

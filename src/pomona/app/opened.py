@@ -17,7 +17,7 @@ def opened(folder: Path) -> SurveyFolder | None:
     """Return the survey in a folder, for reading alone; None where there is none, or none that can be read."""
     try:
         stat = (folder / "survey.json").stat()
-    except OSError:
+    except (OSError, ValueError):  # of names that no folder can have
         return None
     seen = stat.st_mtime_ns, stat.st_size
     with _lock:

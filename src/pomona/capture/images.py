@@ -25,7 +25,8 @@ Image.init()
 _FORMATS = ("JPEG", "PNG", "TIFF", "HEIF", "WEBP", "BMP")
 # All that Pillow raises for files that are damaged, cut off or too large.
 _READ_ERRORS = (
-    OSError, ValueError, SyntaxError, EOFError, RuntimeError, UnidentifiedImageError, Image.DecompressionBombError,
+    OSError, ValueError, TypeError, SyntaxError, EOFError, RuntimeError, UnidentifiedImageError,
+    Image.DecompressionBombError,
 )  # fmt: skip
 # What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
 _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}

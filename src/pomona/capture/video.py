@@ -112,7 +112,7 @@ def _whole_frames(frames_dir: Path, listed: list[dict[str, Any]]) -> tuple[KeyFr
     try:
         frames = tuple(KeyFrame(**frame) for frame in listed)
         whole = all(_digest_of_frame(frames_dir / frame.name) == frame.digest for frame in frames)
-    except (OSError, TypeError):
+    except (OSError, TypeError, ValueError):
         return ()
     return frames if whole else ()
 

@@ -59,7 +59,7 @@ def _entries(path: Path, content: Mapping[str, Any], name: str) -> tuple[Correct
     for k, entry in enumerate(entries):
         try:
             found.append(_from_json(entry))
-        except (InputError, KeyError, TypeError, ValueError) as error:
+        except (InputError, KeyError, TypeError, ValueError, OverflowError) as error:
             said = f"'{error.args[0]}' is missing" if isinstance(error, KeyError) else str(error)
             raise FormatError(f"{path}: {name}[{k}]: {said}: mend or remove this entry") from None
     return tuple(found)

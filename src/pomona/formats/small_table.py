@@ -14,6 +14,7 @@ from pomona.arrays import FloatArray
 from pomona.errors import FormatError, MissingFileError
 
 _GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
+_GREATEST = 1e15  # nothing that is measured is larger, and squares of larger numbers may have no place
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class SmallTable:
             value = float(cell)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
+        if not abs(value) <= _GREATEST:
             raise FormatError(f"{self._at(line, column)}: expected a number, found {cell!r}")
         return value
 

@@ -58,9 +58,11 @@ class OrchardFolder:
         if content is None:
             return None
         try:
-            return Outcome.from_json(json.loads(content))
-        except (ValueError, TypeError, AttributeError) as error:
+            outcome = Outcome.from_json(json.loads(content))
+            outcome.to_json()  # what is nested too deeply could not be written again
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
             raise FormatError(f"{place}: expected what became of {name}, but {error}: delete it") from None
+        return outcome
 
     def _outcome(self, kind: str, name: str) -> Place:
         return self.root / "outcomes" / kind / f"{name}.json"

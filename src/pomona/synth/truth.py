@@ -110,7 +110,7 @@ def read_cameras(path: Path) -> tuple[RowCamera, ...]:
             RowCamera(name, np.array(c["R"], float), np.array(c["t"], float), c["f"], c["width"], c["height"])
             for name, c in table.items()
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise FormatError(f"{path}: expected {{name: {{R, t, f, width, height}}}}, but {error!r}") from error
 
 

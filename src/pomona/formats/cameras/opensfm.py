@@ -92,7 +92,7 @@ def _part(part: Field, tracks: Tracks, frame: WorldFrame) -> tuple[Cameras, tupl
     names, lens_idx, poses = [], [], []
     for name, shot in part.at("shots").entries():
         camera = shot.at("camera")
-        if camera.value not in order:
+        if camera.text() not in order:
             raise camera.error("a key of 'cameras'")
         rotation = Rotation.from_rotvec(shot.at("rotation").numbers(3)).as_matrix()
         names.append(name)

@@ -45,7 +45,7 @@ def _places(steps: Array, mask: Mask, height_px: int) -> IntArray:
 
 def decode_counts(text: str) -> IntArray:
     """Return the lengths of the runs of a compressed encoding; raises `InputError` where it is none."""
-    digits = np.frombuffer(text.encode("utf-8"), np.uint8).astype(np.int64) - 48
+    digits = np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8).astype(np.int64) - 48
     if len(digits) == 0:
         return np.zeros(0, np.int64)
     if digits.min() < 0 or digits.max() > 63:
