@@ -83,8 +83,7 @@ def main() -> None:
         done = processor_s()
         largest = pieces[0].cameras
         true = np.array([cameras[photos.items[walk[int(n[:4])]].path.stem].centre_in_world for n in largest.photos])
-        poses = largest.cam_from_world
-        centers = -np.einsum("nji,nj->ni", poses[:, :, :3], poses[:, :, 3])
+        centers = largest.centers_in_world
         error_mm = 1e3 * np.linalg.norm(estimate_similarity(centers, true).apply(centers) - true, axis=1)
         placed = sum(len(piece.cameras) for piece in pieces)
         print(f"| {count} | {placed} | {len(pieces)} | {(mapped - begun) / count:.2f} | {(done - mapped) / count:.2f} "

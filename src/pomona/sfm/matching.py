@@ -52,7 +52,7 @@ def match_photos(workspace: Workspace, label: str, progress: Progress) -> None:
 
 def _wide_candidates(workspace: Workspace, pairs: Sequence[Pair]) -> list[Pair]:
     count = len(workspace.photos)
-    overlapping = {(o.first, o.second) for o in engine.read_overlaps(workspace.database)}
+    overlapping = {(views.first, views.second) for views in engine.read_two_views(workspace.database)}
     lonely = set(np.flatnonzero(partners_of(overlapping, count) < _ENOUGH_PARTNERS).tolist())
     features = engine.count_features(workspace.database, count)
     possible = [(i, j) for i, j in pairs if features[i] and features[j]]

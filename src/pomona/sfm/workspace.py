@@ -120,9 +120,10 @@ class Workspace:
 
     def add_features(self, added: Mapping[int, tuple[Array, ByteArray]]) -> None:
         """Put keypoints (n, 4) and their colours (n, 3) behind the features that photos had at first."""
+        at_first = engine.count_features(self.database, len(self.photos))
         for i, (_, rgb) in added.items():
             stored = self._stored(i)
-            first = stored["rgb"][: len(engine.read_points(self.database, i))]
+            first = stored["rgb"][: at_first[i]]
             write_npz(self._features_path(i), stored | {"rgb": np.concatenate([first, rgb])})
         engine.add_keypoints(self.database, {i: keypoints for i, (keypoints, _) in added.items()})
 
