@@ -69,7 +69,8 @@ Markers = list[dict[str, float]]  # rows of markers.csv
 class Case:
     """One set of photos. `fault` is what a warning must contain where the input is wrong (a regular expression).
 
-    `others`: a row of which five photos lie among these; `given`: the true cameras are given as such a file.
+    `others`: a row of which five photos lie among these; `given`: the true cameras are given as such a file; `plates`:
+    the table of markers says how large they are and where they face, too.
     """
 
     row: str
@@ -78,6 +79,7 @@ class Case:
     fault: str | None = None
     others: str | None = None
     given: str | None = None
+    plates: bool = False
     width_px: int = 360
 
 
@@ -266,6 +268,7 @@ CASES = {
     "walk": Case("walk"),
     "walk, 0.7 MP": Case("walk", width_px=720),
     "walk, every second photo": Case("walk", every_second),
+    "walk, every second photo, table with plates": Case("walk", every_second, plates=True),
     "walk, wind": Case("walk-wind"),
     "walk, noise": Case("walk", noisy),
     "walk, shaken": Case("walk", blurred),
@@ -332,7 +335,8 @@ def write_case(case: Case, rows: Mapping[str, Path], folder: Path, *, seed: int 
     write_cameras(out.truth("cameras.json"), cameras)
     write_visible_pixels(out, [shot.name for shot in shots])
     shutil.copyfile(row / "truth" / "fruits.csv", out.truth("fruits.csv"))
-    _write_markers(part / "markers.csv", case.markers(_read_markers(row)))
+    columns = ("id", "x", "y", "z", *(("yaw", "size") if case.plates else ()))
+    _write_markers(part / "markers.csv", case.markers(_read_markers(row)), columns)
     write_masks_as_coco(part, part / "masks.json")
     if case.given:
         _write_given(part / case.given, cameras)
@@ -353,12 +357,12 @@ def _read_markers(row: Path) -> Markers:
     path = row / "truth" / "markers.csv"
     path = path if path.is_file() else row / "markers.csv"
     with path.open(newline="") as file:
-        return [{name: float(r[name]) for name in ("id", "x", "y", "z")} for r in csv.DictReader(file)]
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
 
 
-def _write_markers(path: Path, markers: Markers) -> None:
-    lines = [f"{int(m['id'])},{m['x']},{m['y']},{m['z']}" for m in markers]
-    path.write_text("\n".join(["id,x,y,z", *lines]) + "\n", encoding="utf-8")
+def _write_markers(path: Path, markers: Markers, columns: Sequence[str]) -> None:
+    lines = [",".join(f"{m[name]:.12g}" for name in columns) for m in markers]
+    path.write_text("\n".join([",".join(columns), *lines]) + "\n", encoding="utf-8")
 
 
 def _write_given(path: Path, cameras: Sequence[RowCamera]) -> None:

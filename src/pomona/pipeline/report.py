@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,6 @@ from pomona.photos import Photos, Skipped
 from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
-from pomona.pipeline.sfm import SFM
 from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Input, RunLog, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.files import write_file
@@ -51,7 +50,6 @@ def _shown(options: StageOptions) -> _Shown:
 def _gathered(
     photos: Photos,
     skipped: tuple[Skipped, ...],
-    unregistered: Sequence[Mapping[str, str]],
     placed: Placed,
     selected: Selected,
     results: Results,
@@ -60,7 +58,6 @@ def _gathered(
     options: _Shown,
 ) -> ReportData:
     from pomona.report import ReportData, StageTime, engines_of, settings_in_words
-    from pomona.survey.facts import unregistered_from
 
     records = run_log.records
     warnings = [*run_log.warnings, *(warning for record in records.values() for warning in record.warnings)]
@@ -73,7 +70,7 @@ def _gathered(
         cloud=results.scene,
         detections=selected.counted.total,
         masks=selected.trusted,
-        lost=(*unregistered_from(unregistered), *placed.lost),
+        lost=placed.lost,
         scale=placed.report,
         trees=results.trees,
         fruit_words=options.words,
@@ -141,7 +138,6 @@ def report_stage(results: Stage[Results], corrected: Stage[Corrected] | None) ->
         inputs={
             "photos": PHOTOS,
             "skipped": SKIPPED,
-            "unregistered": Fact(SFM, "unregistered"),
             "placed": SCALE,
             "selected": SELECT,
             "results": results,

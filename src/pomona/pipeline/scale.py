@@ -52,7 +52,7 @@ def _place(
         if placed is not None:
             return placed
     if not reconstruction.pieces:  # only where there is no fruit: stage sfm raises otherwise
-        return Placed(Cameras.empty())
+        return Placed(Cameras.empty(), reconstruction.unregistered)
     return place_in_world(
         reconstruction,
         photos,
@@ -100,7 +100,9 @@ def _as_given(
                 "scale bar overrule that"
             )
             cameras = replace(cameras, frame=frame)
-    return Placed(cameras, (), ScaleReport(cameras.frame.scale_source)) if cameras.frame.metric else None
+    if not cameras.frame.metric:
+        return None
+    return Placed(cameras, reconstruction.unregistered, ScaleReport(cameras.frame.scale_source))
 
 
 def _save(placed: Placed, context: SurveyContext) -> Mapping[str, Any]:

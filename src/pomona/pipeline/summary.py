@@ -74,7 +74,7 @@ def summarise(
     records = {name: record for name, record in survey.records.items() if record.finished}
     scale = records.get("scale")
     results = records.get("results")
-    lost = [*_lost(records.get("sfm"), "unregistered"), *_lost(scale, "lost")]
+    lost = _lost(scale, "lost") if scale else _lost(records.get("sfm"), "unregistered")
     all_warnings = dict.fromkeys([*warnings, *(w for record in records.values() for w in record.warnings)])
     return Summary(
         survey=survey.folder,

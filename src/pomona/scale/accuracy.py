@@ -12,7 +12,7 @@ from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import Covariance, covariance, left_out
 from pomona.adjustment.lenses import credible_focals, frames_of
 from pomona.adjustment.weights import Landmark, weighted
-from pomona.arrays import FloatArray
+from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.photos import Photo
 from pomona.scale.placement import Adjusted, Placement
@@ -96,11 +96,16 @@ def free_center_sds(cameras: Cameras, focals: Sequence[tuple[float, float] | Non
     return covariance(seeing, weights).center_sds
 
 
+def are_vague(center_sds_m: FloatArray, fruit_diameter_m: float) -> BoolArray:
+    """Say for each photo (n,) whether its place is too uncertain to tell fruits apart."""
+    return ~(_SURE_PLACE * center_sds_m < _VAGUE_PLACE * fruit_diameter_m)
+
+
 def warn_of_vague_places(
     placement: Placement, photos: Sequence[str], center_sds_m: FloatArray, fruit_diameter_m: float
 ) -> None:
     """Name all photos (n,) whose places are uncertain, and say what to do."""
-    vague = np.flatnonzero(~(_SURE_PLACE * center_sds_m < _VAGUE_PLACE * fruit_diameter_m))
+    vague = np.flatnonzero(are_vague(center_sds_m, fruit_diameter_m))
     if not len(vague):
         return
     runs = np.split(vague, np.flatnonzero(np.diff(vague) > 1) + 1)

@@ -52,7 +52,7 @@ def adjust_on_fruits(placement: Placement, find_fruits: FindFruits, photos: Mapp
         fruits = landmarks(find_fruits(adjusted))
         if not fruits:
             return
-        adjusted, fruits = _adjusted(adjusted, list(markers.values()), fruits, photos)
+        adjusted, fruits = adjust_with_fruits(adjusted, list(markers.values()), fruits, photos)
         placement.progress.advance()
     if not markers:
         adjusted = adjusted.transformed(estimate_similarity(adjusted.centers_in_world, before.centers_in_world))
@@ -76,10 +76,10 @@ def landmarks(seen: SeenFruits) -> list[Landmark]:
     ]
 
 
-def _adjusted(
+def adjust_with_fruits(
     cameras: Cameras, markers: list[Landmark], fruits: list[Landmark], photos: Mapping[str, Photo]
 ) -> tuple[Cameras, list[Landmark]]:
-    """The cameras, and the fruits with standard deviations as photos agree on where they are."""
+    """Return the cameras adjusted on all, and the fruits with standard deviations as photos agree on where they are."""
     focals, noise_px = credible_focals(cameras, photos), feature_noise_px(cameras)
     for _ in range(_WEIGHINGS):
         cameras, places = adjust_landmarks(cameras, noise_px=noise_px, landmarks=[*markers, *fruits], focals=focals)

@@ -55,15 +55,13 @@ _PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
 def find_sightings(
     placement: Placement, photos: Photos, markers: Markers | None, options: ScaleOptions
 ) -> list[Sighting]:
-    """Return where the markers of the table and of the scale bar are seen in the photos of the pieces."""
+    """Return where the markers of the table and of the scale bar are seen, in photos that have no place, too."""
     wanted = set(map(int, markers.ids)) if markers is not None else set()
     wanted |= set(options.scale_bar[:2]) if options.scale_bar is not None else set()
     if not wanted:
         return []
-    placed = {name for piece in placement.pieces for name in piece.cameras.photos}
-    searched = [photo for photo in photos if photo.name in placed]
     sightings = find_markers(
-        searched, wanted, options.marker_dictionary, placement.progress, search_side_px=options.marker_search_side_px
+        photos, wanted, options.marker_dictionary, placement.progress, search_side_px=options.marker_search_side_px
     )
     placement.unseen_markers = tuple(sorted(wanted - {s.marker_id for s in sightings}))
     if placement.unseen_markers:
@@ -76,7 +74,7 @@ def find_sightings(
             "unobstructed, with a white margin"
         )
     many_unseen = 2 * len(placement.unseen_markers) >= len(wanted)
-    return [] if many_unseen and _are_mirrored(placement, searched, wanted, sightings, options) else sightings
+    return [] if many_unseen and _are_mirrored(placement, list(photos), wanted, sightings, options) else sightings
 
 
 def _are_mirrored(

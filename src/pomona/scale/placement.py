@@ -41,8 +41,8 @@ class Placement:
     pieces that were registered to each other by their fruits; `marker_names` what a person calls markers, by id, where
     that is not the number on a plate;
     `failures` why sources gave none; `ties` how sides agree on fruits that both see; `adjusted` what was adjusted on
-    markers, and `accuracy` what that says of itself; `contradictions` those of the `notes` that say that a check
-    contradicts it.
+    markers, and `accuracy` what that says of itself; `resected` photos of no such piece that markers and fruits placed;
+    `contradictions` those of the `notes` that say that a check contradicts it.
     """
 
     pieces: Sequence[Piece]
@@ -60,6 +60,7 @@ class Placement:
     ties: list[SideTie] = field(default_factory=list)
     accuracy: Accuracy | None = None
     adjusted: Adjusted | None = None
+    resected: Cameras | None = None
 
     def warn(self, message: str) -> None:
         """Warn the person, and keep the message for the survey."""

@@ -68,12 +68,29 @@ def plate_corners(cameras: Cameras, seen: Sequence[Sighting]) -> FloatArray | No
     idx = [index[s.photo] for s in seen]
     corners = []
     for k in range(4):
-        xy_px = [s.corners_px[k] + _INSET_PX * np.sign(s.corners_px[k] - s.center_px) for s in seen]
+        xy_px = [outer_corners_px(s)[k] for s in seen]
         found = triangulate(cameras, idx, np.array(xy_px), most_error_px=tolerance_px(cameras))
         if isinstance(found, str):
             return None
         corners.append(found.point)
     return np.array(corners)
+
+
+def outer_corners_px(seen: Sighting) -> FloatArray:
+    """Return the corners (4, 2) of a plate's black square in a photo."""
+    return np.asarray(seen.corners_px + _INSET_PX * np.sign(seen.corners_px - seen.center_px))
+
+
+def upright_corners(markers: Markers) -> dict[int, FloatArray]:
+    """Return the corners (4, 3) of plates whose size and direction are known, as they hang upright, by id."""
+    found = {}
+    for marker_id, place, size_m, yaw_rad in zip(
+        markers.ids.tolist(), markers.points_in_world, markers.sizes_m, markers.yaws_rad, strict=True
+    ):
+        if np.isfinite(size_m) and np.isfinite(yaw_rad):
+            right, up = np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0]), np.array([0.0, 0.0, 1.0])
+            found[marker_id] = place + size_m / 2 * np.array([up - right, up + right, right - up, -up - right])
+    return found
 
 
 def facing_yaw_rad(corners: FloatArray) -> float:

@@ -110,7 +110,10 @@ class ScaleReport:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """All pieces that could be placed, as one set of cameras in the metric world frame (z up), and what was lost."""
+    """All photos that could be placed, as one set of cameras in the metric world frame (z up), and those that were not.
+
+    `lost` are all photos without a place, those that structure from motion could not place, too.
+    """
 
     cameras: Cameras
     lost: tuple[Unregistered, ...] = ()

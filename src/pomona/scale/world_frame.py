@@ -24,6 +24,7 @@ from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
 from pomona.scale.plates import check_plates
 from pomona.scale.report import Placed, ScaleReport
+from pomona.scale.resection import resect
 from pomona.scale.side_alignment import FindFruits, align_sides
 from pomona.scale.upright import row_frame
 from pomona.scale.walk import check_walk
@@ -77,12 +78,18 @@ def place_in_world(
         align_sides(placement, frame, find_fruits, least_common=options.least_common_fruits)
         if options.refine:
             adjust_on_fruits(placement, find_fruits, photos.by_name())
+    loose, dropped = _not_in_world(placement, options)
+    lost = [*reconstruction.unregistered, *(photo for idx in dropped for photo in _lost(placement, idx))]
+    if control is not None and find_fruits is not None:
+        by_name = photos.by_name()
+        wanted = [by_name[photo.photo] for photo in lost]
+        resect(placement, wanted, sightings, control, find_fruits, by_name, options.fruit_diameter_m)
     if markers is not None:
         check_plates(placement, markers, sightings)
     check_walk(placement)
     assess_adjusted(placement, photos.by_name(), options.fruit_diameter_m)
     _assess_places(placement, photos, options)
-    return _assemble(placement, frame, options)
+    return _assemble(placement, frame, loose, _still_lost(placement, lost, dropped))
 
 
 def _control_points(options: ScaleOptions, photos: Photos) -> ControlPoints | None:
@@ -138,23 +145,38 @@ def _median_distance(cameras: Cameras) -> float:
     return float(np.median(np.linalg.norm(points - centers, axis=1))) if len(points) else float("nan")
 
 
-def _assemble(placement: Placement, frame: WorldFrame | None, options: ScaleOptions) -> Placed:
-    """Set loose pieces beside those in the world frame, name what is lost, and join the rest."""
-    loose, lost = [], []
-    for idx, piece in enumerate(placement.pieces):
-        if idx in placement.in_world:
-            continue
-        has_scale = idx in placement.metres_per_unit
-        if placement.is_main(idx) or (has_scale and len(piece.cameras) >= options.least_loose_photos):
-            loose.append(idx)
-        else:
-            left_out = _lost(placement, idx)
+def _not_in_world(placement: Placement, options: ScaleOptions) -> tuple[list[int], list[int]]:
+    """The pieces that are set beside those in the world frame, and those that are dropped."""
+    others = [idx for idx in range(len(placement.pieces)) if idx not in placement.in_world]
+    loose = [
+        idx
+        for idx in others
+        if placement.is_main(idx)
+        or (idx in placement.metres_per_unit and len(placement.pieces[idx].cameras) >= options.least_loose_photos)
+    ]
+    return loose, [idx for idx in others if idx not in loose]
+
+
+def _still_lost(placement: Placement, lost: Sequence[Unregistered], dropped: Sequence[int]) -> list[Unregistered]:
+    """The lost photos that have no place even so; tells of those that were in a piece."""
+    placed = set() if placement.resected is None else set(placement.resected.photos)
+    still = [photo for photo in lost if photo.photo not in placed]
+    for idx in dropped:
+        of_piece = [photo for photo in still if photo.photo in placement.pieces[idx].cameras.photos]
+        if of_piece:
             placement.warn(
-                f"{placement.name_with_photos(idx)} has no place: {left_out[0].reason}; {left_out[0].advice}"
+                f"{placement.name_with_photos(idx)} has no place: {of_piece[0].reason}; {of_piece[0].advice}"
             )
-            lost += left_out
+    return still
+
+
+def _assemble(
+    placement: Placement, frame: WorldFrame | None, loose: Sequence[int], lost: Sequence[Unregistered]
+) -> Placed:
+    """Set loose pieces beside those in the world frame, and join them."""
     metric = [_in_metres(placement.pieces[i].cameras, placement.metres_per_unit.get(i, 1.0)) for i in loose]
-    beside = dict(zip(loose, set_beside(list(placement.in_world.values()), metric), strict=True))
+    resected = [] if placement.resected is None else [placement.resected]
+    beside = dict(zip(loose, set_beside([*placement.in_world.values(), *resected], metric), strict=True))
     _warn_of_loose(placement, loose)
     if frame is not None and frame.scale_source not in ("markers", "control-points"):
         _warn_of_pieces_by_gnss(placement)
@@ -177,7 +199,7 @@ def _assemble(placement: Placement, frame: WorldFrame | None, options: ScaleOpti
         accuracy=placement.accuracy,
         contradictions=tuple(placement.contradictions),
     )
-    return Placed(concatenate(parts, frame), tuple(lost), report)
+    return Placed(concatenate([*parts, *resected], frame), tuple(lost), report)
 
 
 def set_beside(fixed: Sequence[Cameras], loose: Sequence[Cameras]) -> list[Cameras]:
@@ -222,7 +244,7 @@ def _lost(placement: Placement, idx: int) -> list[Unregistered]:
     return [Unregistered(name, piece.side, reason, advice) for name in piece.cameras.photos]
 
 
-def _warn_of_loose(placement: Placement, loose: list[int]) -> None:
+def _warn_of_loose(placement: Placement, loose: Sequence[int]) -> None:
     if len(loose) + bool(placement.in_world) < 2:
         return
     sides = list(dict.fromkeys(placement.pieces[i].side for i in [*placement.in_world, *loose]))

@@ -208,9 +208,11 @@ class SurveyReader:
         """Photos without a camera, and why."""
         from pomona.survey.facts import unregistered_from
 
-        sfm, scale = self._finished("sfm"), self._finished("scale")
-        of_sfm = self._fact(sfm, "unregistered", unregistered_from) if sfm and "unregistered" in sfm.info else ()
-        return of_sfm + (self._fact(scale, "lost", unregistered_from) if scale and "lost" in scale.info else ())
+        for name, entry in (("scale", "lost"), ("sfm", "unregistered")):
+            stage = self._finished(name)
+            if stage is not None and entry in stage.info:
+                return self._fact(stage, entry, unregistered_from)
+        return ()
 
     @property
     def score_threshold(self) -> float:
