@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import laspy
+import lazrs
 import numpy as np
 from pyproj import CRS
 from pyproj.exceptions import CRSError
@@ -29,6 +30,8 @@ _REACH_M = _STEP_M * (2**31 - 1)
 _MOST_COMPRESSED, _ALWAYS_FINE_BYTES = 500, 64_000_000
 # Where the header has the day of its making. laspy always gives one; without it, the same cloud is the same file.
 _DATE_AT = 90
+# LASzip's compressor of layers, and how many layers items of a kind have; those of extra bytes have one for each byte.
+_LAYERED, _LAYERS = 3, {10: 9, 11: 1, 12: 2, 13: 1}
 _VLR_BYTES, _EVLR_BYTES, _LEAST_CHUNK_BYTES = 54, 60, 1
 
 
@@ -68,8 +71,11 @@ def read_las(path: Path) -> FruitCloud:
         raise MissingFileError(f"{path}: no such file; expected a LAS or LAZ cloud")
     _check_header(path)
     try:
+        _check_layers(path)
         # One thread: on a damaged file, those of the parallel reader wait for each other for ever.
         las = laspy.read(str(path), laz_backend=laspy.LazBackend.Lazrs)
+    except FormatError:
+        raise
     except BaseException as error:  # laspy and its decompressors raise many kinds, all of them about this file
         if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
             raise
@@ -113,6 +119,34 @@ def _check_header(path: Path) -> None:
             f"{path}: its header says {count} points of {record_bytes} bytes and {vlrs + evlrs} records before and "
             f"after them, which a file of {size} bytes cannot hold: it is damaged or cut short"
         )
+
+
+def _check_layers(path: Path) -> None:
+    """Refuse chunks of which the layers are longer than the file: lazrs makes room for them before it reads any.
+
+    Source: LASzip's VLR and chunks of layers (LASzip 3, `laszip.hpp`, `laswritepoint.cpp`).
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        header = laspy.LasHeader.read_from(file)
+        found = header.vlrs.get("LasZipVlr")
+        record = found[0].record_data if found else b""
+        if int.from_bytes(record[:2], "little") != _LAYERED:
+            return
+        items = np.frombuffer(record[34:], "<u2", 3 * int.from_bytes(record[32:34], "little")).reshape(-1, 3)
+        layers = sum(_LAYERS.get(int(kind), int(item_bytes)) for kind, item_bytes, _ in items)
+        file.seek(header.offset_to_point_data)
+        table = lazrs.read_chunk_table(file, lazrs.LazVlr(record))
+        at = header.offset_to_point_data + 8
+        for _, chunk_bytes in table:
+            file.seek(at + int(items[:, 1].sum()) + 4)
+            in_layers = int(np.frombuffer(file.read(4 * layers), "<u4").sum(dtype=np.int64))
+            if in_layers > size:
+                raise FormatError(
+                    f"{path}: expected a LAZ file, found a chunk of {in_layers} bytes in a file of {size}: it is "
+                    "damaged or cut short"
+                )
+            at += chunk_bytes
 
 
 def _chunks(file: BinaryIO, size: int, start: int) -> int:
