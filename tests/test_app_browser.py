@@ -10,8 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import pomona
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
 from pomona.app.folders import Folders
@@ -20,7 +22,7 @@ from pomona.app.service import Homes
 from pomona.corrections import read_corrections
 from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, run
-from pomona.self_training.learnt import Learnt, taught, write_learnt
+from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.survey import SurveyFolder
 from serving import running
 from test_report_browser import PATIENCE_MS, browser  # noqa: F401 (a fixture)
@@ -259,6 +261,55 @@ def test_fruits_are_marked_by_two_clicks_and_kept(
     # Twice as near and twice as wide on the screen as what was taken back.
     scale = max(photo.width_px / box["width"], photo.height_px / box["height"])
     assert 20 * scale < fruit.circle_px[2] < 40 * scale
+
+
+@pytest.mark.timeout(1500)
+def test_a_survey_learns_from_fruits_marked_by_clicks(page: Any, server: AppServer, tmp_path: Path, row: Path) -> None:
+    pytest.importorskip("torch")
+    options = RunOptions(markers=row / "markers.csv", scene=False)
+    folder = run([row / "east", row / "west"], tmp_path / "surveys" / "row", options).survey
+    survey_id = server.service.add(str(folder))
+    page.evaluate(f"location.hash = '#/survey/{survey_id}/teach'")
+    found = pomona.open(folder).detections
+    wanted = {}
+    for idx in (3, 10):  # one of each side
+        page.click(f".photos button >> nth={idx}")
+        page.wait_for_selector("svg.marking image")
+        photo = page.inner_text("dialog h2").split(":")[0]
+        box, of_photo = page.locator("svg.marking").bounding_box(), found.by_photo[photo]
+        scale = min(box["width"] / of_photo.width_px, box["height"] / of_photo.height_px)
+        left = box["x"] + (box["width"] - scale * of_photo.width_px) / 2
+        top = box["y"] + (box["height"] - scale * of_photo.height_px) / 2
+        drawn: list[tuple[float, float, float]] = []  # circles on the screen
+        for mask in [m for m, score in zip(of_photo.masks, of_photo.scores, strict=True) if score >= 0.5]:
+            x0, y0, x1, y1 = (scale * v for v in mask.box_px)
+            x, y, radius = left + (x0 + x1) / 2, top + (y0 + y1) / 2, (x1 - x0 + y1 - y0) / 4
+            # A click on the line of another mark would choose that one.
+            for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
+                dx, dy = radius * np.cos(angle), radius * np.sin(angle)
+                if all(abs(np.hypot(x - dx - cx, y - dy - cy) - r) > 10 for cx, cy, r in drawn):
+                    page.mouse.click(x - dx, y - dy)
+                    page.mouse.click(x + dx, y + dy)
+                    drawn.append((x, y, radius))
+                    page.wait_for_selector(f"dialog h2:has-text(': {len(drawn)} mark')")
+                    break
+        wanted[photo] = len(drawn)
+        assert len(drawn) > 5
+        page.check("text=All fruits in this photo are marked.")
+        page.click("dialog .plain")
+        page.wait_for_selector("dialog", state="detached")
+    marked = read_marks(folder / "marks.json")
+    assert {name: len(photo.fruits) for name, photo in marked.items()} == wanted
+    page.click("button:text-is('Learn from these')")
+    _state(page, "running")
+    _state(page, "finished", timeout=_RUN_MS)
+    learnt = read_learnt(SurveyFolder.open(folder))
+    assert learnt is not None
+    assert learnt.marked == sum(wanted.values())
+    assert learnt.by_hand in wanted.values()  # one photo was kept aside to measure on
+    page.wait_for_selector(".learnt table" if learnt.kept else "text=so nothing was changed")
+    assert SurveyFolder.open(folder).adapted_model.is_file() == learnt.kept
+    assert 20 < SurveyFolder.open(folder).records["results"].info["fruits"] < 90
 
 
 def test_before_and_after_learning_stand_side_by_side(

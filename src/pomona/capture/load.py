@@ -15,6 +15,7 @@ from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
 from pomona.errors import InputError, MissingFileError, as_text
+from pomona.formats.files import is_there
 from pomona.photos import PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
 
@@ -74,7 +75,7 @@ def load_photos(
 def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, progress: Progress) -> list[_Found]:
     """Return the photo files of all sources; with two folders or videos, names and groups distinguish them."""
     for path in paths:
-        if not path.exists():
+        if not is_there(path):
             raise MissingFileError(f"{path} does not exist: expected a folder of photos or a video")
     if paths and all(path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES for path in paths):
         return [_Found(path.name, path) for path in sorted(set(paths), key=lambda p: natural_key(p.name))]

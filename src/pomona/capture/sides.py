@@ -55,7 +55,7 @@ def check_option(option: str) -> None:
     """Raise `InputError` where `sides` has none of the values that exist."""
     if option in ("auto", "none"):
         return
-    globs = _globs(option)
+    globs = _globs(option) if isinstance(option, str) else []  # what a damaged survey says is anything
     if len(globs) != 2 or not all(globs) or not any(c in option for c in "*?["):
         raise InputError(
             f"`sides`: expected auto, none, or two patterns such as 'east_*,west_*' (in quotes), found {option!r}"

@@ -19,7 +19,7 @@ from pomona.capture import load_photos
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.fruits import Truth
-from pomona.formats.detections.png_masks import masks_of_ids
+from pomona.formats.detections.png_masks import decoded_image, masks_of_ids
 from pomona.formats.files import read_text
 from pomona.formats.json_file import load_json
 from pomona.formats.xyz import first_lines
@@ -147,7 +147,11 @@ def _scene(transforms: Path) -> Scene:
 
 def _file(transforms: Path, folder: Path, name: str, place: str) -> Path:
     path = folder / name.replace("\\", "/")
-    if not path.resolve().is_relative_to(folder.resolve()):
+    try:
+        is_inside = path.resolve().is_relative_to(folder.resolve())
+    except ValueError:  # NUL, or half a character
+        raise FormatError(f"{transforms}: {place}: expected a file's name, found {name!r:.80}") from None
+    if not is_inside:
         raise FormatError(
             f"{transforms}: {place}: expected a file in {folder}, found '{name:.80}', which leads out of it"
         )
@@ -158,7 +162,7 @@ def _file(transforms: Path, folder: Path, name: str, place: str) -> Path:
 
 def _ids(path: Path) -> IntArray:
     """An image of ids; of one that is black and white the parts that hang together."""
-    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    stored = decoded_image(path.read_bytes(), cv2.IMREAD_UNCHANGED)
     if stored is None:
         raise FormatError(f"{path}: expected an image of masks, but it cannot be read")
     grey = np.asarray(stored if stored.ndim == 2 else stored[:, :, :3].max(axis=2))

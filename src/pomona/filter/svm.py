@@ -11,8 +11,9 @@ import numpy as np
 from scipy.special import expit
 
 from pomona.arrays import BoolArray, FloatArray, set_checked
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError
 from pomona.filter.point_features import FEATURE_NAMES
+from pomona.formats.json_file import load_json
 
 _FORMAT = "pomona linear svm 1"
 _FOLDS = 5
@@ -120,11 +121,8 @@ class LinearSvm:
 
         Raises `MissingFileError`, and `FormatError` where the file holds something else.
         """
-        path = Path(path)
-        if not path.is_file():
-            raise MissingFileError(f"{path} does not exist; expected a support vector machine saved as JSON")
+        table = load_json(Path(path), "a support vector machine saved by Pomona")
         try:
-            table = json.loads(path.read_text())
             if table.pop("format") != _FORMAT:
                 raise ValueError(f'"format" is not "{_FORMAT}"')
             diameter_m = table.pop("fruit_diameter_m")

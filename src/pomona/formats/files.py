@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -20,6 +21,16 @@ def read_text(path: Path, expected: str) -> str:
     if not text.strip():
         raise FormatError(f"{path}: expected {expected}, but the file is empty")
     return text
+
+
+def is_there(path: Path) -> bool:
+    """Say whether there is a file or folder of this name; there is none of a name longer than disks have."""
+    try:
+        return path.exists()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return False
+        raise
 
 
 def read_head(path: Path, expected: str, size: int) -> bytes:

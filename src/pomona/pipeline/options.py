@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.files import is_there
 from pomona.fruit_kinds import FRUIT_KINDS, FruitKind, fruit_kind
 from pomona.packing import packing_classes
 from pomona.survey.digest import plain
@@ -138,7 +139,7 @@ class RunOptions:
             if path is None:
                 continue
             object.__setattr__(self, name, Path(path).expanduser().resolve())
-            if not getattr(self, name).exists():
+            if not is_there(getattr(self, name)):
                 raise MissingFileError(f"`{name}`: {path} does not exist")
         _ = self.of_stages  # wrong values are said before any work is done
 
@@ -367,7 +368,10 @@ def _value(kind: Any, value: Any) -> Any:
         return value
     kinds = [kind, *get_args(kind)]
     if isinstance(value, dict):
-        return _from_plain(next(k for k in kinds if is_dataclass(k)), value)  # type: ignore[arg-type]
+        classes = [k for k in kinds if is_dataclass(k) and isinstance(k, type)]
+        if not classes:
+            raise TypeError(f"found {value!r:.80} where no object is expected")
+        return _from_plain(classes[0], value)
     if isinstance(value, list):
         return tuple(value)
     return Path(value) if Path in kinds else value

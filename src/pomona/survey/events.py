@@ -156,7 +156,7 @@ def run_status(survey: SurveyFolder) -> RunStatus | None:
         try:
             event = json.loads(line)
             status = _after(status, event)
-        except (ValueError, KeyError, TypeError):  # the end of a line that a lost run could not finish
+        except (ValueError, KeyError, TypeError, OverflowError):  # the end of a line that a lost run could not finish
             continue
     if status is None or status.state != "running":
         return status

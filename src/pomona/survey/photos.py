@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from pomona.cameras import Cameras
-from pomona.errors import MissingFileError
+from pomona.errors import MissingFileError, SurveyError
 from pomona.photo_names import photos_named
 from pomona.photos import Photo, Photos
 from pomona.survey.folder import SurveyFolder
@@ -16,14 +16,16 @@ from pomona.survey.folder import SurveyFolder
 def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = None) -> Photos:
     """Return the photos of `names` that can be found, under these names: in `folder`, or where the survey says.
 
-    Raises `MissingFileError` where a folder is no longer there, and `InputError` where it has no photo, or where names
-    fit several.
+    Raises `MissingFileError` where a folder is no longer there, `InputError` where it has no photo, or where names
+    fit several, and `SurveyError` where the survey is damaged.
     """
     from pomona.capture import KeyFrameOptions, load_photos
 
     options = survey.get("options", {})
     places = [folder] if folder else [Path(place) for place in survey.get("sources") or ()]
     chosen = options.get("key_frames") or {}
+    if not isinstance(chosen, dict):
+        raise SurveyError(f"{survey.folder}: its options say of `key_frames` {chosen!r:.80}: it is damaged")
     photos = load_photos(
         places,
         sides="none" if folder else options.get("sides", "auto"),

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.format import Format
 from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto, check_size, joined
 from pomona.formats.detections.photo_source import Sources
+from pomona.formats.detections.png_masks import decoded_image
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, number, numbers, polygon_mask
 from pomona.formats.json_file import load_json
 
@@ -117,7 +117,7 @@ def _png_mask(png: Any, points: list[tuple[float, float]], width: int, height: i
         data = base64.b64decode(png, validate=True)
     except (TypeError, binascii.Error, ValueError):
         raise InputError("mask: expected a PNG in base64") from None
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    pixels = decoded_image(data, cv2.IMREAD_GRAYSCALE)
     if pixels is None or not points:
         raise InputError("mask: expected a PNG in base64 and the corners of its place")
     x, y = (math.floor(min(axis) + 0.5) for axis in zip(*points, strict=True))

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from pomona.arrays import IntArray
+from pomona.arrays import Array, IntArray
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.format import Format, LabelFolder
@@ -103,6 +103,14 @@ def _read_one(photo: PhotoFile, mask: Path) -> LabelledPhoto:
     return LabelledPhoto.of(photo, fruits)
 
 
+def decoded_image(data: bytes, flags: int) -> Array | None:
+    """Return what OpenCV decodes; None where it is no image, or one of more pixels than OpenCV reads."""
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+    except cv2.error:
+        return None
+
+
 def read_ids(path: Path) -> IntArray:
     """Read an image of ids, int64 (h, w). Raises `FormatError` where it is none, or says fruit or not but not which."""
     try:
@@ -111,7 +119,7 @@ def read_ids(path: Path) -> IntArray:
         raise FormatError(f"{path}: expected an image of fruit ids, but it cannot be read: {error}") from None
     if data[:8] == _PNG and data[25:26] == _PALETTE:
         return _palette_ids(path)
-    stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    stored = decoded_image(data, cv2.IMREAD_UNCHANGED)
     if stored is None or stored.dtype not in (np.uint8, np.uint16):
         raise FormatError(f"{path}: expected an image of fruit ids (8 or 16 bits) that can be read")
     colours = np.atleast_3d(stored)[:, :, :3]  # without transparency
