@@ -8,15 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import pomona
 from pomona.app.contract import GivenMarks, MarkView
 from pomona.app.teaching import keep_marks, marked_view, teaching
+from pomona.detections import Detections, Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit
 from pomona.marks import MarkedPhoto, read_marks, write_marks
+from pomona.photos import Photo
+from pomona.self_training.colours import FruitColours
 from pomona.self_training.labels import FoundFruits, label_photos
 from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
+from pomona.self_training.marked import detections_of_marks, labels_of_marks
 from pomona.self_training.options import AdaptOptions
 from pomona.self_training.rerun import found_fruits
 from pomona.survey import SurveyFolder
@@ -188,3 +193,50 @@ def test_the_page_keeps_marks_photo_by_photo(tmp_path: Path) -> None:
         keep_marks(survey, 10_000, GivenMarks(complete=False, marks=[]))
     assert len(marked_view(survey, 0).marks) == 2
     assert np.allclose(np.array(first.found), np.array(marked_view(survey, 0).found))
+
+
+def square(x: int, y: int, width: int, height: int) -> Mask:
+    return Mask.from_pixels(np.ones((height, width), bool), x, y)
+
+
+def circle(x: float, y: float, radius: float) -> LabelledFruit:
+    return LabelledFruit((x - radius, y - radius, x + radius, y + radius), None, circle_px=(x, y, radius))
+
+
+def test_a_circle_is_of_the_detection_that_shows_a_part_of_its_fruit() -> None:
+    """Boxes alone would not say so: what leaves let see is a third of the fruit."""
+    half_hidden, beside = square(40, 40, 10, 16), square(75, 40, 30, 30)
+    marks = [circle(48, 48, 12), circle(90, 55, 16), circle(200, 200, 10)]
+    assert detections_of_marks(marks, [half_hidden, beside]).tolist() == [0, 1, -1]
+    # One detection is of one mark, that whose disc it fills more; one that reaches over two fruits is of neither.
+    assert detections_of_marks([circle(48, 48, 12), circle(48, 50, 20)], [half_hidden]).tolist() == [0, -1]
+    assert detections_of_marks([circle(30, 50, 10), circle(50, 50, 10)], [square(20, 42, 40, 16)]).tolist() == [-1, -1]
+    boxes = [LabelledFruit((74.0, 39.0, 106.0, 71.0), None), LabelledFruit((0.0, 0.0, 60.0, 60.0), None)]
+    assert detections_of_marks(boxes, [half_hidden, beside]).tolist() == [1, -1]
+    assert detections_of_marks([], [beside]).tolist() == []
+
+
+def test_a_missed_fruit_is_learnt_as_far_as_its_colours_show(tmp_path: Path) -> None:
+    pixels = np.full((120, 160, 3), (40, 90, 30), np.uint8)
+    pixels[40:80, 60:80] = (200, 30, 20)  # the right half of the fruit is behind a leaf
+    pixels[40:80, 20:50] = (200, 30, 20)  # another fruit, which was found
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    photo = Photo("a.png", tmp_path / "a.png", 160, 120)
+    neighbour = square(20, 40, 30, 40)
+    fruit = np.zeros(pixels.shape[:2], bool)
+    fruit[40:80, 20:50] = True
+    colours = FruitColours.counted([(pixels, fruit, pixels[:, :, 0] < 100)])
+    marks = MarkedPhoto("a.png", 160, 120, (circle(35, 60, 22), circle(80, 60, 20), circle(140, 100, 12)), True)
+    found = Detections("a.png", 160, 120, (neighbour,), np.ones(1), np.array([3]))
+
+    first, missed, unseen = labels_of_marks(found, photo, marks, colours, AdaptOptions())
+
+    assert first.mask is neighbour
+    assert missed.circle_px == (80, 60, 20)
+    assert missed.mask is not None
+    x0, _, x1, _ = missed.box_px
+    assert 59 <= x0 <= 62
+    assert 79 <= x1 <= 82
+    assert 0.3 < missed.mask.area_px / (np.pi * 20**2) < 0.6
+    # Nothing there has fruit's colours: the person's circle is all that is known.
+    assert (unseen.mask, unseen.box_px) == (None, (128, 88, 152, 112))

@@ -101,9 +101,11 @@ def _check_header(path: Path) -> None:
     with path.open("rb") as file:
         head = file.read(375)
         chunks = _chunks(file, size, int.from_bytes(head[96:100], "little"))
-    least = 375 if head[24:25] == b"\x01" and head[25:26] >= b"\x04" else 227
+    least = 375 if head[25:26] >= b"\x04" else 227
     if len(head) < least or not head.startswith(b"LASF"):
         raise FormatError(f"{path}: expected a LAS or LAZ file, which begins with 'LASF' and a header")
+    if head[24] != 1:
+        raise FormatError(f"{path}: expected LAS 1.0 to 1.4, found version {head[24]}.{head[25]}")
     start = int.from_bytes(head[96:100], "little")
     vlrs, count = (int.from_bytes(head[at : at + 4], "little") for at in (100, 107))
     compressed, record_bytes = bool(head[104] & 0xC0), int.from_bytes(head[105:107], "little")

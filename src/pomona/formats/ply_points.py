@@ -13,6 +13,7 @@ import numpy as np
 
 from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.errors import FormatError, MissingFileError
+from pomona.formats.files import is_there
 
 _KINDS = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -29,7 +30,7 @@ def read_ply_points(path: Path) -> tuple[FloatArray, ByteArray]:
 
     Raises `MissingFileError`, and `FormatError` where it is no PLY, does not begin with its points, or is cut short.
     """
-    if not path.is_file():
+    if not (is_there(path) and path.is_file()):
         raise MissingFileError(f"{path}: expected a PLY of points, but there is no such file")
     content = path.read_bytes()
     end = content.find(b"end_header", 0, _LONGEST_HEADER)

@@ -23,6 +23,7 @@ from pomona.scale.upright import estimate_upright_similarity, up_direction
 _MOST_PAIRS = 1000
 _FAR_OFF = 6.0  # times the scatter of the others: no noise, a wrong position
 _LEAST_SCATTER_M = 0.05
+_MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG = 90.0, 360.0
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,11 @@ def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArra
         raise InputError(
             f"{where}: expected a coordinate system, such as EPSG:32631, and places in it, found {crs}: {error}"
         ) from None
+    if max(map(abs, latitudes)) > _MOST_LATITUDE_DEG or max(map(abs, longitudes)) > _MOST_LONGITUDE_DEG:
+        raise InputError(
+            f"{where}: expected places on Earth in {crs}, found {points[0, 0]:g} and {points[0, 1]:g}, which are no "
+            "degrees: are they metres, of another coordinate system?"
+        )
     frame = _frame_amid(latitudes, longitudes, points[:, 2].tolist())
     to_local = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
     east, north = to_local.transform(longitudes, latitudes)

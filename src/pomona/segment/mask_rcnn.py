@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -152,6 +153,12 @@ def _torch() -> Any:
     return torch
 
 
+# What PyTorch's own unpickler raises of a damaged file.
+_UNPICKLING = (
+    pickle.UnpicklingError, EOFError, ValueError, LookupError, TypeError, AttributeError, struct.error,
+)  # fmt: skip
+
+
 def read_checkpoint(path: Path, expected: str) -> Mapping[str, Any]:
     """Return the content of a file of PyTorch, on the CPU; nothing but data is unpacked.
 
@@ -161,7 +168,7 @@ def read_checkpoint(path: Path, expected: str) -> Mapping[str, Any]:
         raise MissingFileError(f"Checkpoint {path}: no such file")
     try:
         checkpoint = _torch().load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, LookupError, TypeError, OSError) as error:
+    except (RuntimeError, OSError, *_UNPICKLING) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise FormatError(f"{path}: expected {expected}, but PyTorch cannot load it: {reason}") from None
     if not isinstance(checkpoint, Mapping):

@@ -6,17 +6,16 @@ place, the second look and the colours of the survey's other fruits agree that i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, ByteArray, IntArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
-from pomona.detections import Mask, SurveyDetections
-from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
+from pomona.detections import SurveyDetections
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.marks import MarkedPhoto
@@ -24,13 +23,10 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions
 from pomona.second_look.evidence import find_sights, look
-from pomona.segment.box_overlap import overlapping_pairs, pair_iou
-from pomona.self_training.colours import FruitColours
+from pomona.self_training.colours import COLOURS_PX, FruitColours, disc_of, pixels_in_copy, visible_part
+from pomona.self_training.marked import SAME_FRUIT, boxes_of, labels_of_marks, overlaps
 from pomona.self_training.options import AdaptOptions
 from pomona.spheres import Spheres
-
-_SAME_FRUIT = 0.5  # overlap (IoU of boxes) from which a detection and a mark are of one fruit
-_COLOURS_PX = 1600  # the longer side of photos in which colours are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +103,10 @@ def label_photos(
     for photo in photos:
         here = shown.get(photo.name, {})
         by_hand = marked.get(photo.name)
+        detections = found.detections.get(photo.name)
+        marks = None if by_hand is None else labels_of_marks(detections, photo, by_hand, colours, options)
         if by_hand is not None and by_hand.complete:
-            labelled.append(_labelled(found, photo, _of_marks(found, photo, by_hand)))
+            labelled.append(_labelled(found, photo, marks or []))
             progress.advance()
             continue
         fruits = _of_detections(found, mine, photo)
@@ -118,8 +116,8 @@ def label_photos(
         fruits = [replace(f, circle_px=here[f.id].circle_px) if f.id in here else f for f in fruits]
         detected, missed = detected + len(seen), missed + sum(not fruit.ignored for fruit in added)
         everything = [*fruits, *added]
-        if by_hand is not None:
-            everything = _with_marks(everything, _of_marks(found, photo, by_hand), photo)
+        if marks is not None:
+            everything = _with_marks(everything, marks, photo)
         labelled.append(_labelled(found, photo, everything))
         progress.advance()
     there = {photo.name for photo in photos} & marked.keys()
@@ -138,42 +136,14 @@ def _labelled(found: FoundFruits, photo: Photo, fruits: Sequence[LabelledFruit])
     return LabelledPhoto(photo.path, f"{found.name}/{photo.name}", photo.width_px, photo.height_px, tuple(fruits))
 
 
-def _of_marks(found: FoundFruits, photo: Photo, marked: MarkedPhoto) -> list[LabelledFruit]:
-    """Return the marked fruits of a photo, each with the mask of the detection of the same fruit, if there is one."""
-    check_size((marked.width_px, marked.height_px), photo)
-    detections = found.detections.get(photo.name)
-    if detections is None or not len(detections.ids) or not marked.fruits:
-        return list(marked.fruits)
-    found_fruits = [LabelledFruit.from_mask(mask) for mask in detections.masks]
-    overlap = _overlaps(_boxes(marked.fruits), _boxes(found_fruits))
-    labels = []
-    for fruit, overlaps in zip(marked.fruits, overlap, strict=True):
-        best = int(overlaps.argmax())
-        seen = found_fruits[best] if fruit.mask is None and overlaps[best] >= _SAME_FRUIT else fruit
-        labels.append(replace(fruit, box_px=seen.box_px, mask=seen.mask))
-    return labels
-
-
 def _with_marks(fruits: Sequence[LabelledFruit], marks: Sequence[LabelledFruit], photo: Photo) -> list[LabelledFruit]:
     """Return the labels of a photo in which some fruits are marked: those of other fruits, too, and doubt elsewhere."""
     whole = LabelledFruit((0.0, 0.0, float(photo.width_px), float(photo.height_px)), None, ignored=True)
     sure = [fruit for fruit in fruits if not fruit.ignored]
     if sure and marks:
-        free = _overlaps(_boxes(sure), _boxes(marks)).max(1) < _SAME_FRUIT
+        free = overlaps(boxes_of(sure), boxes_of(marks)).max(1) < SAME_FRUIT
         sure = [fruit for fruit, is_free in zip(sure, free.tolist(), strict=True) if is_free]
     return [whole, *sure, *marks]
-
-
-def _boxes(fruits: Sequence[LabelledFruit]) -> FloatArray:
-    return np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4)
-
-
-def _overlaps(boxes: FloatArray, others: FloatArray) -> FloatArray:
-    """Return the overlaps (n, m; IoU) of boxes (n, 4) with others (m, 4)."""
-    k, j = overlapping_pairs(boxes, others)
-    overlaps = np.zeros((len(boxes), len(others)))
-    overlaps[k, j] = pair_iou(boxes[k], others[j])
-    return overlaps
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,23 +213,15 @@ def _coloured(
 ) -> Iterator[tuple[ByteArray, BoolArray, BoolArray]]:
     """Yield of each photo, made smaller, its pixels, those on confirmed fruits, and those where nothing was found."""
     for photo in photos:
-        pixels = read_pixels(photo, max_side_px=_COLOURS_PX)
+        pixels = read_pixels(photo, max_side_px=COLOURS_PX)
         fruit, anything = np.zeros(pixels.shape[:2], bool), np.zeros(pixels.shape[:2], bool)
         detections = found.detections.get(photo.name)
         for detection_id, mask in zip(detections.ids.tolist(), detections.masks, strict=True) if detections else ():
-            rows, columns = _scaled_pixels(mask, photo, pixels.shape[:2])
+            rows, columns = pixels_in_copy(mask, photo, pixels.shape[:2])
             anything[rows, columns] = True
             if (photo.name, detection_id) in mine.fruit_of:
                 fruit[rows, columns] = True
         yield pixels, fruit, ~anything
-
-
-def _scaled_pixels(mask: Mask, photo: Photo, shape: tuple[int, ...]) -> tuple[IntArray, IntArray]:
-    """Return the rows and columns of a mask's pixels in a smaller copy of its photo."""
-    rows, columns = np.nonzero(mask.pixels)
-    rows = ((rows + mask.y_px + 0.5) * shape[0] / photo.height_px).astype(np.int64)
-    columns = ((columns + mask.x_px + 0.5) * shape[1] / photo.width_px).astype(np.int64)
-    return np.minimum(rows, shape[0] - 1), np.minimum(columns, shape[1] - 1)
 
 
 def _of_detections(found: FoundFruits, mine: _Confirmed, photo: Photo) -> list[LabelledFruit]:
@@ -281,30 +243,14 @@ def _of_unseen(
 
     The disc of each is doubtful; where it is plainly there, what has its colours is a fruit.
     """
-    pixels = read_pixels(photo, max_side_px=_COLOURS_PX)
-    likely = colours.of(pixels) > options.colour_nats
+    likely = colours.likely_in(photo, options.colour_nats)
     labels = []
     for sight in sights:
-        disc = _disc(sight.circle_px, photo)
+        disc = disc_of(sight.circle_px, photo)
         if disc is None:
             continue
         labels.append(replace(LabelledFruit.from_mask(disc), ignored=True))
-        if sight.shown < options.least_shown:
-            continue
-        rows, columns = _scaled_pixels(disc, photo, likely.shape)
-        there = np.zeros((disc.height_px, disc.width_px), bool)
-        there[disc.pixels] = likely[rows, columns]
-        if there.sum() >= options.least_share * disc.area_px:
-            visible = Mask.from_pixels(there, disc.x_px, disc.y_px)
+        visible = None if sight.shown < options.least_shown else visible_part(disc, photo, likely, options.least_share)
+        if visible is not None:
             labels.append(replace(LabelledFruit.from_mask(visible), circle_px=sight.circle_px))
     return labels
-
-
-def _disc(circle_px: tuple[float, float, float], photo: Photo) -> Mask | None:
-    """Return the pixels of a disc inside the photo; None where there are none."""
-    x, y, radius = circle_px
-    x0, y0 = max(0, math.floor(x - radius)), max(0, math.floor(y - radius))
-    x1, y1 = min(photo.width_px, math.ceil(x + radius)), min(photo.height_px, math.ceil(y + radius))
-    columns, rows = np.arange(x0, x1) + 0.5 - x, np.arange(y0, y1) + 0.5 - y
-    inside = columns**2 + rows[:, None] ** 2 <= radius**2
-    return Mask.from_pixels(inside, x0, y0) if inside.any() else None
