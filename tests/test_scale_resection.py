@@ -100,7 +100,8 @@ def test_a_photo_of_one_plate_or_of_plates_elsewhere_keeps_no_place(
     placed = placed_without(monkeypatch, tmp_path, [*(s for s in seen if s.photo not in LOST), first, *bent], progress)
     assert [photo.photo for photo in placed.lost] == list(LOST)
     assert len(placed.cameras) == len(BOTH) - 2
-    assert progress.warnings == []
+    (told,) = progress.warnings
+    assert told == f"Photos {one}, {other} have no place: it matches no other photo. Come closer."
 
 
 def test_poses_of_points_are_exact_and_refused_where_points_contradict_each_other() -> None:

@@ -16,6 +16,7 @@ from pomona.errors import InputError, ReconstructionError
 from pomona.geometry import estimate_similarity
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.scale import place_in_world
 from pomona.sfm import Reconstruction, SfmOptions, reconstruct
 from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.options import Mapper
@@ -149,8 +150,12 @@ def test_photos_that_have_no_place_are_named_with_a_reason(row, tmp_path: Path) 
     assert "cannot be decoded" in reasons["broken.png"]
     if "blurred.png" in reasons:
         assert "blurred" in reasons["blurred.png"]
-    assert all(any(name in warning for warning in progress.warnings) for name in reasons)
     assert all(photo.advice for photo in result.unregistered)
+    # It is said where it is known that nothing else places them.
+    assert not any("no place" in warning for warning in progress.warnings)
+    placed = place_in_world(result, everything, progress=progress)
+    assert {photo.photo for photo in placed.lost} == set(reasons)
+    assert all(any(name in warning for warning in progress.warnings) for name in reasons)
 
 
 def test_a_broken_row_gives_all_its_pieces(row, tmp_path: Path) -> None:

@@ -30,6 +30,8 @@ from pomona.scale.upright import row_frame
 from pomona.scale.walk import check_walk
 from pomona.sfm.pieces import Reconstruction, Unregistered
 
+# More photos without a place for one reason are not named in a warning.
+_MOST_NAMES = 12
 # The gap between pieces set beside each other, as a share of the longer one: to be seen, and not to look far.
 _GAP = 0.1
 # Scene points beyond these quantiles are strays, which do not count for a piece's extent.
@@ -158,9 +160,17 @@ def _not_in_world(placement: Placement, options: ScaleOptions) -> tuple[list[int
 
 
 def _still_lost(placement: Placement, lost: Sequence[Unregistered], dropped: Sequence[int]) -> list[Unregistered]:
-    """The lost photos that have no place even so; tells of those that were in a piece."""
+    """The lost photos that have no place even so, of which it tells."""
     placed = set() if placement.resected is None else set(placement.resected.photos)
     still = [photo for photo in lost if photo.photo not in placed]
+    of_pieces = {name for piece in placement.pieces for name in piece.cameras.photos}
+    why: dict[tuple[str, str], list[str]] = {}
+    for photo in still:
+        if photo.photo not in of_pieces:
+            why.setdefault((photo.reason, photo.advice), []).append(photo.photo)
+    for (reason, advice), names in why.items():
+        those = f"Photo {names[0]} has" if len(names) == 1 else f"Photos {_some(names)} have"
+        placement.warn(f"{those} no place: {reason}. {advice}")
     for idx in dropped:
         of_piece = [photo for photo in still if photo.photo in placement.pieces[idx].cameras.photos]
         if of_piece:
@@ -168,6 +178,12 @@ def _still_lost(placement: Placement, lost: Sequence[Unregistered], dropped: Seq
                 f"{placement.name_with_photos(idx)} has no place: {of_piece[0].reason}; {of_piece[0].advice}"
             )
     return still
+
+
+def _some(names: Sequence[str]) -> str:
+    """Names in a sentence, the first of them where they are many: the report has all."""
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
 
 
 def _assemble(

@@ -100,10 +100,7 @@ def _reconstruct_side(
     match_photos(workspace, label, progress)
     models, evidence = _map(workspace, unreadable, label, progress)
     pieces = [Piece(side, model.cameras, mean_error_px(model.cameras)) for model in models]
-    lost = explain_unregistered(evidence)
-    for photo in lost:
-        progress.warn(f"Photo {photo.photo} has no place: {photo.reason}. {photo.advice}")
-    return pieces, lost
+    return pieces, explain_unregistered(evidence)
 
 
 def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progress: Progress) -> dict[int, str]:
