@@ -263,6 +263,26 @@ def test_fruits_are_marked_by_two_clicks_and_kept(
     assert 20 * scale < fruit.circle_px[2] < 40 * scale
 
 
+def test_a_browser_without_webgl_shows_the_row_and_the_table(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
+    page.context.add_init_script(
+        "const all = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+        " return kind.startsWith('webgl') ? null : all.call(this, kind, ...more); }"
+    )
+    survey_id = server.service.add(str(row))
+    page.goto(f"{page.url.split('#')[0]}#/survey/{survey_id}/scene")
+    page.reload()
+    page.wait_for_selector("canvas.scene")
+    page.click("#tab-result")
+    view = page.frame_locator("iframe.view")
+    view.locator("text=This browser gives no WebGL").wait_for()
+    assert view.locator("#fruits tbody tr").count() > 0
+
+
 @pytest.mark.timeout(1500)
 def test_a_survey_learns_from_fruits_marked_by_clicks(page: Any, server: AppServer, tmp_path: Path, row: Path) -> None:
     pytest.importorskip("torch")
