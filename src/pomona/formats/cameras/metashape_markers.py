@@ -21,6 +21,8 @@ def check_markers(chunk: Element, cameras: Cameras, idx_of_camera: Mapping[int, 
     if not wanted or expected is None or not np.isfinite(expected).all():
         return ""
     found = np.array([_triangulated(cameras, seen[marker]) for marker in wanted])
+    if not np.isfinite(found).all():
+        return "its markers are seen at pixels that no camera has, so that they are no check"
     off_mm = 1000 * np.linalg.norm(found - expected, axis=1)
     return (
         f"{len(wanted)} markers of Metashape are {np.median(off_mm):.1f} mm (median; {off_mm.max():.1f} mm at most) "
@@ -55,11 +57,13 @@ def _seen(chunk: Element, idx_of_camera: Mapping[int, int]) -> Mapping[int, list
 
 
 def _triangulated(cameras: Cameras, seen: list[tuple[int, FloatArray]]) -> FloatArray:
-    """The point (3,) nearest to the rays."""
+    """The point (3,) nearest to the rays; NaN where these are none."""
     normal, target = np.zeros((3, 3)), np.zeros(3)
     for camera, xy_px in seen:
         ray = cameras.rays_in_world(camera, xy_px[None])[0]
         across = np.eye(3) - np.outer(ray, ray)
         normal += across
         target += across @ cameras.centers_in_world[camera]
+    if not np.isfinite([*normal.ravel(), *target]).all():
+        return np.full(3, np.nan)
     return np.asarray(np.linalg.lstsq(normal, target, rcond=None)[0])
