@@ -69,10 +69,7 @@ def resect(
         if good.all():
             _take_over(placement, found, len(poses))
             listed = ", ".join(f"{pose.photo} (± {1000 * sd:.0f} mm)" for pose, sd in zip(poses, sds_m, strict=True))
-            placement.warn(
-                f"{len(poses)} photos that no matches join to the others were placed by the markers and fruits that "
-                f"they see: {listed}"
-            )
+            placement.warn(f"Placed by the markers and fruits that they see, as no matches join them: {listed}")
             return
         poses = [pose for pose, is_good in zip(poses, good, strict=True) if is_good]
 
