@@ -1,6 +1,6 @@
 """What fruits that a person marks in a few photos are worth: for docs/lab/self-training.md.
 
-python benchmarks/marks_gain.py ROW OUT [--photos 3] [--model FILE]
+python benchmarks/marks_gain.py ROW OUT [--photos 3]
 
 A rendered row is run, learns from itself, and learns from itself and from marks: all fruits of which at least a fifth
 is seen in some photos, evenly spread, as circles that are off by a pixel or two, as a person's are. Surveys in OUT that

@@ -162,7 +162,10 @@ def _file(transforms: Path, folder: Path, name: str, place: str) -> Path:
 
 def _ids(path: Path) -> IntArray:
     """An image of ids; of one that is black and white the parts that hang together."""
-    stored = decoded_image(path.read_bytes(), cv2.IMREAD_UNCHANGED)
+    try:
+        stored = decoded_image(path.read_bytes(), cv2.IMREAD_UNCHANGED)
+    except OSError:
+        stored = None
     if stored is None:
         raise FormatError(f"{path}: expected an image of masks, but it cannot be read")
     grey = np.asarray(stored if stored.ndim == 2 else stored[:, :, :3].max(axis=2))

@@ -20,6 +20,7 @@ from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.fruit_discs import SeenFruits
 from pomona.geometry import estimate_similarity
 from pomona.photos import Photo
+from pomona.progress import Progress
 from pomona.scale.placement import Adjusted, Placement
 from pomona.scale.side_alignment import FindFruits
 
@@ -47,13 +48,10 @@ def adjust_on_fruits(placement: Placement, find_fruits: FindFruits, photos: Mapp
     before = concatenate(list(tied.values()), WorldFrame(placement.scales[min(tied)].source))
     adjusted = share_lenses(before, photos)
     markers = placement.adjusted.markers_in(before) if placement.adjusted is not None else {}
-    fruits: list[Landmark] = []
-    for _ in range(_ROUNDS):
-        fruits = landmarks(find_fruits(adjusted))
-        if not fruits:
-            return
-        adjusted, fruits = adjust_with_fruits(adjusted, list(markers.values()), fruits, photos)
-        placement.progress.advance()
+    found = adjust_with_fruits(adjusted, list(markers.values()), find_fruits, photos, placement.progress)
+    if found is None:
+        return
+    adjusted, fruits = found
     if not markers:
         adjusted = adjusted.transformed(estimate_similarity(adjusted.centers_in_world, before.centers_in_world))
     if not is_no_worse(adjusted, before):
@@ -77,9 +75,30 @@ def landmarks(seen: SeenFruits) -> list[Landmark]:
 
 
 def adjust_with_fruits(
+    cameras: Cameras,
+    markers: list[Landmark],
+    find_fruits: FindFruits,
+    photos: Mapping[str, Photo],
+    progress: Progress,
+) -> tuple[Cameras, list[Landmark]] | None:
+    """Return cameras adjusted on markers and the fruits that they see, and these fruits; None where there are none.
+
+    `progress` advances by each round in which fruits are found anew.
+    """
+    fruits: list[Landmark] = []
+    for _ in range(_ROUNDS):
+        fruits = landmarks(find_fruits(cameras))
+        if not fruits:
+            return None
+        cameras, fruits = _adjusted(cameras, markers, fruits, photos)
+        progress.advance()
+    return cameras, fruits
+
+
+def _adjusted(
     cameras: Cameras, markers: list[Landmark], fruits: list[Landmark], photos: Mapping[str, Photo]
 ) -> tuple[Cameras, list[Landmark]]:
-    """Return the cameras adjusted on all, and the fruits with standard deviations as photos agree on where they are."""
+    """The cameras, and the fruits with standard deviations as photos agree on where they are."""
     focals, noise_px = credible_focals(cameras, photos), feature_noise_px(cameras)
     for _ in range(_WEIGHINGS):
         cameras, places = adjust_landmarks(cameras, noise_px=noise_px, landmarks=[*markers, *fruits], focals=focals)

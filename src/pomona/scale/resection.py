@@ -15,10 +15,11 @@ from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras, split
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
+from pomona.progress import Silent
 from pomona.scale.accuracy import are_vague, assess
 from pomona.scale.aruco import Sighting, by_marker
 from pomona.scale.control_points import ControlPoints
-from pomona.scale.fruit_landmarks import adjust_with_fruits, landmarks
+from pomona.scale.fruit_landmarks import adjust_with_fruits
 from pomona.scale.marker_table import Markers
 from pomona.scale.placement import Adjusted, Placement
 from pomona.scale.plates import outer_corners_px, plate_corners, upright_corners
@@ -27,8 +28,6 @@ from pomona.scale.triangulation import tolerance_px
 
 # One plate alone is seen as well turned the other way; and three points have up to four poses.
 _LEAST_PLATES, _LEAST_POINTS = 2, 4
-# Fruits are found anew with better places of the photos.
-_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +159,7 @@ def _with_photos(
     find_fruits: FindFruits,
     photos: Mapping[str, Photo],
 ) -> Adjusted | None:
-    """All photos adjusted with those of the poses behind them; None where that would see the scene worse."""
+    """All photos adjusted, those of the poses behind them; None without fruits, or where the scene is seen worse."""
     before = adjusted.cameras
     cameras = replace(
         before,
@@ -169,13 +168,10 @@ def _with_photos(
         cam_from_world=np.concatenate([before.cam_from_world, [pose.cam_from_world for pose in poses]]),
     )
     known = _seen_by(adjusted, len(before), [trusted[pose.photo] for pose in poses], places)
-    fruits: list[Landmark] = []
-    for _ in range(_ROUNDS):
-        fruits = landmarks(find_fruits(cameras))
-        if not fruits:
-            return None
-        cameras, fruits = adjust_with_fruits(cameras, list(known.values()), fruits, photos)
-    return Adjusted(cameras, known, fruits) if is_no_worse(cameras, before) else None
+    found = adjust_with_fruits(cameras, list(known.values()), find_fruits, photos, Silent())
+    if found is None or not is_no_worse(found[0], before):
+        return None
+    return Adjusted(found[0], known, found[1])
 
 
 def _seen_by(

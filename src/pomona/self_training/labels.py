@@ -103,12 +103,13 @@ def label_photos(
     for photo in photos:
         here = shown.get(photo.name, {})
         by_hand = marked.get(photo.name)
-        detections = found.detections.get(photo.name)
-        marks = None if by_hand is None else labels_of_marks(detections, photo, by_hand, colours, options)
-        if by_hand is not None and by_hand.complete:
-            labelled.append(_labelled(found, photo, marks or []))
-            progress.advance()
-            continue
+        marks = None
+        if by_hand is not None:
+            marks = labels_of_marks(found.detections.get(photo.name), photo, by_hand, colours, options)
+            if by_hand.complete:
+                labelled.append(_labelled(found, photo, marks))
+                progress.advance()
+                continue
         fruits = _of_detections(found, mine, photo)
         seen = {fruit.id for fruit in fruits if not fruit.ignored}
         unseen = [sight for fruit_id, sight in here.items() if fruit_id not in seen]
