@@ -11,7 +11,6 @@ import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.cameras import Cameras
-from pomona.colmap_gpu import what_is_missing
 from pomona.dense import DenseOptions, SphereCloudOptions, fruit_cloud, patchmatch
 from pomona.dense.atlas import pack
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
@@ -20,6 +19,7 @@ from pomona.dense.scene import Scene
 from pomona.dense.views import make_view
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
+from pomona.gpu import what_colmap_lacks
 from pomona.label_image import paint_labels
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
@@ -138,7 +138,7 @@ def test_colmaps_depth_maps_are_read_row_by_row(tmp_path: Path) -> None:
 
 
 def test_patchmatch_without_a_gpu_falls_back_and_says_so(tmp_path: Path) -> None:
-    if not what_is_missing():
+    if not what_colmap_lacks():
         pytest.skip("PatchMatch can run here")
     photos, detections, cameras = small_survey(tmp_path)
     progress = Silent()

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pomona import onnx_file
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.onnx_file import OnnxFile, chosen_providers
@@ -225,3 +226,26 @@ def test_a_gpu_that_cannot_be_used_is_said_and_the_cpu_does_the_same(
     assert "CPU" in said
     assert "\n" not in said
     assert ("no CUDA-capable device" in said) == (how == "raises")
+
+
+def test_a_library_that_cuda_lacks_is_named_and_nothing_is_printed(
+    model: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As the package `onnxruntime-gpu` says it where CUDA is not installed."""
+    import onnxruntime
+
+    real, lacks = onnxruntime.InferenceSession, "Failed to load libcublasLt.so.13: cannot open shared object file"
+    monkeypatch.setattr(
+        onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    )
+    monkeypatch.setattr(onnxruntime, "preload_dlls", lambda: print(f"{lacks}\nPlease follow a page.\n"))
+    monkeypatch.setattr(
+        onnxruntime, "InferenceSession", lambda path, providers, **named: real(path, providers=providers[-1:], **named)
+    )
+    onnx_file._libraries_missing.cache_clear()
+    note = OnnxFile(model).note
+    onnx_file._libraries_missing.cache_clear()
+    assert note is not None
+    assert f"({lacks})" in note
+    assert "onnxruntime-gpu[cuda,cudnn]" in note
+    assert capfd.readouterr() == ("", "")

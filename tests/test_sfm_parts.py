@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from pomona.cameras import Cameras
-from pomona.colmap_gpu import reason_against
+from pomona.gpu import reason_against
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.sfm import SfmOptions, engine

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import ast
+import contextlib
+import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from pomona.arrays import Array, Float32Array
 from pomona.errors import FormatError, MissingFileError
+from pomona.gpu import what_is_missing
 from pomona.threads import cores
 
 # A photo on each of some cores takes a fifth less of them than one photo after another on all; each takes memory of its
@@ -20,6 +25,7 @@ from pomona.threads import cores
 _MOST_AT_ONCE = 4
 # What runs a network, the best first; CUDA's is there where the package `onnxruntime-gpu` is installed.
 _PROVIDERS = ("CUDAExecutionProvider", "CPUExecutionProvider")
+_WARNING, _FATAL = 2, 4  # levels of ONNX Runtime's log, of which the first is what it has by itself
 _FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 
@@ -163,11 +169,12 @@ def _open(path: Path) -> tuple[Any, str | None]:
     # Memory laid out for images of one size is of no use where sizes vary, and is asked for anew each time.
     options.enable_mem_pattern = False
     best, *_ = providers = chosen_providers(ort.get_available_providers())
-    reason = "it was not loaded"
+    reason = _libraries_missing() or what_is_missing() or "it was not loaded" if best == _PROVIDERS[0] else ""
     while True:
         try:
             # Without ONNX Runtime's own fallback, which prints to where results go.
-            session = ort.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
+            with _silent(ort):
+                session = ort.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
         except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
             reason = _first_line(error)
             if len(providers) < 2:
@@ -179,11 +186,32 @@ def _open(path: Path) -> tuple[Any, str | None]:
         return session, None if session.get_providers()[0] == best else _without_gpu(reason)
 
 
+@cache
+def _libraries_missing() -> str:
+    """Load the libraries of CUDA and cuDNN where pip installs them; say which could not be loaded, "" for none."""
+    import onnxruntime as ort
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        ort.preload_dlls()
+    return said.getvalue().strip().partition("\n")[0]
+
+
+@contextlib.contextmanager
+def _silent(ort: ModuleType) -> Iterator[None]:
+    """Keep ONNX Runtime from printing what it cannot load: that is said in a warning."""
+    ort.set_default_logger_severity(_FATAL)
+    try:
+        yield
+    finally:
+        ort.set_default_logger_severity(_WARNING)
+
+
 def _without_gpu(reason: str) -> str:
     return (
         "This ONNX Runtime is made for NVIDIA GPUs, but could not use one, so that networks run on the CPU, which "
         f"gives the same results and takes longer ({reason}). It needs a GPU with its driver, and the versions of CUDA "
-        "and cuDNN that it was built for"
+        'and cuDNN that it was built for, which `pip install "onnxruntime-gpu[cuda,cudnn]"` brings'
     )
 
 

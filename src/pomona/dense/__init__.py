@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from pomona.cameras import Cameras
-from pomona.colmap_gpu import what_is_missing
 from pomona.dense import patchmatch
 from pomona.dense.options import DenseOptions, SphereCloudOptions
 from pomona.dense.plane_sweep import plane_sweep_map
@@ -15,6 +14,7 @@ from pomona.dense.scene import Scene, cloud_of_maps
 from pomona.dense.sphere_points import sphere_cloud
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
+from pomona.gpu import what_colmap_lacks
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 
@@ -35,7 +35,7 @@ def fruit_cloud(
     """
     options, progress = options or DenseOptions(), progress or Silent()
     scene = Scene(photos, detections, cameras, options)
-    missing = what_is_missing() if options.engine != "opencv" else "not asked for"
+    missing = what_colmap_lacks() if options.engine != "opencv" else "not asked for"
     if options.engine == "patchmatch" and missing:
         progress.warn(f"COLMAP's PatchMatch cannot run: {missing}. The cloud is made on the CPU instead.")
     if missing:

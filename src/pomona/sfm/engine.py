@@ -17,7 +17,7 @@ import numpy as np
 import pycolmap
 
 from pomona.arrays import Array, ByteArray, FloatArray, IntArray
-from pomona.colmap_gpu import what_is_missing
+from pomona.gpu import what_colmap_lacks
 from pomona.sfm.epipolar import DescribedPoints
 from pomona.sfm.options import SfmOptions
 
@@ -204,7 +204,7 @@ def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> 
     """
     listing = path.with_suffix(".pairs.txt")
     listing.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
-    on_gpu = not what_is_missing()
+    on_gpu = not what_colmap_lacks()
     matching = pycolmap.FeatureMatchingOptions(use_gpu=on_gpu, num_threads=options.threads or -1)
     device = pycolmap.Device.cuda if on_gpu else pycolmap.Device.cpu
     pairing = pycolmap.ImportedPairingOptions(match_list_path=listing)
