@@ -76,6 +76,17 @@ def test_a_cut_gives_a_key_frame() -> None:
     assert chosen[0] < 6 <= chosen[1]
 
 
+def test_frames_of_another_size_give_a_key_frame_of_their_own() -> None:
+    frames = frames_at([0.0] * 12)
+    for i, frame in enumerate(frames[6:], 6):
+        grey = cv2.resize(frame.grey, (WIDTH // 2, HEIGHT // 2))
+        frames[i] = Frame(i, i / 30, np.repeat(grey[:, :, None], 3, 2), grey, sharpness(grey))
+    assert np.isnan(picture_move(frames[0].grey, frames[6].grey, corners(frames[0].grey))[0])
+    chosen = [frame.frame_idx for frame in choose(frames, KeyFrameOptions())]
+    assert len(chosen) == 2
+    assert chosen[0] < 6 <= chosen[1]
+
+
 def write_video(path: Path, positions: list[float]) -> Path:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30, (WIDTH, HEIGHT))
     for frame in frames_at(positions):
