@@ -5,7 +5,7 @@ python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--crops FOLDE
 A SURVEY is a folder of `pomona run` over all photos; with TRUTH, a rendered row's folder, each half is scored too.
 Its cameras (so both halves are in one frame of reference) and detections are split by photo, sorted by name; each half
 is fused, filtered and measured alone. A fruit of one half is found by the other where that has one in its fruits.csv
-at most half a median diameter away, one to one. Confident fruits are those whose score reaches a level: 0.5, which is
+at most half a median diameter away, one to one. Confident fruits are those whose score reaches a level: 0.3, which is
 all of fruits.csv, and 0.8. `--crops` writes, for each fruit that only one half has, what its best photos show.
 """
 
@@ -29,7 +29,7 @@ from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.self_training.halves import part_of, same_places
 
-LEVELS = (0.5, 0.8)
+LEVELS = (0.3, 0.8)
 HEAD = (
     "| survey | score from | even | odd | counts differ | even found by odd | odd found by even | both ways | "
     "apart, mm (share of diameter) | F1 even, odd |"

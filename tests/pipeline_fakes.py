@@ -124,7 +124,7 @@ class Fakes:
         fruits = Fruits([1], [[0, 0, 2]], [0.07], [np.nan], [len(sightings)], sides=("row",), reasons=("not tried",))
         return Fused(fruits, observations, FruitCloud(cloud.points_in_world, cloud.rgb, np.ones(len(cloud), np.int64)))
 
-    def _look_again(self, fused, detections, photos, cameras, *, options, progress):
+    def _look_again(self, fused, detections, photos, cameras, *, options, association, progress):
         self.count("second_look")
         return fused
 

@@ -14,8 +14,8 @@ import pomona
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.fruit_colours import FruitColours
 from pomona.pipeline import RunOptions
-from pomona.self_training.colours import FruitColours
 from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits, label_photos
 from pomona.self_training.options import AdaptOptions

@@ -16,9 +16,9 @@ from pomona.app.teaching import keep_marks, marked_view, teaching
 from pomona.detections import Detections, Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit
+from pomona.fruit_colours import FruitColours
 from pomona.marks import MarkedPhoto, read_marks, write_marks
 from pomona.photos import Photo
-from pomona.self_training.colours import FruitColours
 from pomona.self_training.labels import FoundFruits, label_photos
 from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.self_training.marked import detections_of_marks, labels_of_marks

@@ -8,22 +8,30 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of, seen_pixels
 from pomona.arrays import ByteArray, Float32Array, FloatArray
 from pomona.cameras import Cameras
+from pomona.capture import read_pixels
 from pomona.capture.images import write_jpeg
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.fruit_colours import ColourCounts
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
-from pomona.fuse.object import fuse
+from pomona.fuse.object import ObjectOptions, fuse
+from pomona.mask_rays import mask_rays
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
+from pomona.second_look.competition import compete
 from pomona.second_look.crops import CropPlaces, cut
-from pomona.second_look.evidence import find_sights
+from pomona.second_look.evidence import find_sights, well_spread
+from pomona.second_look.likeness import SeenFruits, with_likeness
+from pomona.second_look.looked import Looked
+from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter
 from pomona.spheres import Spheres
 
@@ -162,9 +170,11 @@ def test_fruits_half_hidden_go_where_photos_show_them(scene: tuple[Cameras, Surv
 
 def test_where_nothing_is_seen_fruits_stay(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
     cameras, detections, photos = scene
-    fused = misplaced(detections, cameras)
+    fused = fuse(detections, cameras)
     looked = look_again(fused, detections, photos, cameras, network=Blind())
     np.testing.assert_allclose(looked.fruits.centers_in_world, fused.fruits.centers_in_world, atol=1e-12)
+    np.testing.assert_array_equal(looked.fruits.ids, fused.fruits.ids)
+    assert len(looked.observations.fruit_id) >= len(fused.observations.fruit_id)
 
 
 def test_the_order_of_photos_does_not_matter(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
@@ -204,6 +214,39 @@ def test_two_fruits_that_are_one_become_one(scene: tuple[Cameras, SurveyDetectio
     assert set(looked.observations.fruit_id.tolist()) == set(looked.fruits.ids.tolist())
 
 
+def test_a_fruit_that_the_association_missed_is_found_beside_another(tmp_path: Path) -> None:
+    cameras, sizes = cameras_in_a_row(8, step_m=0.1), np.full(2, DIAMETER_M)
+    centers = np.array([[-0.1, 0.0, 0.0], [-0.1 + DIAMETER_M, 0.01, 0.01]])
+    detections, photos = detections_of(cameras, centers, sizes), photos_of(cameras, tmp_path, centers, sizes)
+    both = fuse(detections, cameras)
+    one = both.fruits[both.fruits.centers_in_world[:, 0] < -0.06]
+    mine = both.observations[both.observations.fruit_id == one.ids[0]]
+    looked = look_again(replace(both, fruits=one, observations=mine), detections, photos, cameras, network=Discs())
+    assert looked.fruits.ids.tolist() == [one.ids[0], one.ids[0] + 1]
+    np.testing.assert_allclose(looked.fruits.centers_in_world, centers, atol=0.25 * DIAMETER_M)
+    assert looked.fruits.views.tolist() == [8, 8]
+    assert set(looked.observations.detection_id.tolist()) == set(both.observations.detection_id.tolist())
+    np.testing.assert_allclose(looked.fruits.diameters_m, DIAMETER_M, rtol=0.1)
+    unasked = look_again(
+        replace(both, fruits=one, observations=mine), detections, photos, cameras, network=Discs(),
+        options=SecondLookOptions(new_nats=1e3),
+    )  # fmt: skip
+    assert unasked.fruits.ids.tolist() == one.ids.tolist()
+
+
+def test_masks_go_to_the_fruit_that_photos_speak_for(tmp_path: Path) -> None:
+    """Of two spheres that one fruit's masks fit as well, the one that photos show has them all."""
+    cameras, sizes = cameras_in_a_row(8, step_m=0.1), np.full(1, DIAMETER_M)
+    detections = detections_of(cameras, CENTERS[:1], sizes)
+    masks = mask_rays(detections, cameras, rays_per_mask=16)
+    spheres = Spheres.alike(np.array([CENTERS[0], CENTERS[0] + [0, 0, 0.01]]), DIAMETER_M / 2)
+    for likely in ([5.0, -2.0], [-2.0, 5.0]):
+        looked = Looked(spheres, np.full(2, 0.5), np.array(likely))
+        stays, matches = compete(looked, masks, DIAMETER_M / 2, SecondLookOptions(), ObjectOptions())
+        assert stays.tolist() == [nats > 0 for nats in likely]
+        assert len(matches) == len(masks) == 8
+
+
 def test_no_fruits_need_no_look(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
     cameras, detections, photos = scene
     nothing = Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
@@ -237,22 +280,73 @@ def test_a_photo_that_cannot_be_decoded_is_left_out_with_a_warning(
     assert "not looked at again" in warning
 
 
-def test_the_shipped_network_sees_a_plain_round_fruit_at_its_centre() -> None:
+def test_likeness_says_which_colours_are_the_surveys_fruits() -> None:
+    """Green fruit among red leaves, and the other way round, in one photo each."""
+    pixels = np.zeros((40, 60, 3), np.uint8)
+    pixels[:, :30], pixels[:, 30:] = (60, 160, 40), (170, 50, 40)
+    left, labelled = np.arange(60) < 30, np.zeros((40, 60), bool)
+    labelled[10:30] = True
+    green = ColourCounts.of(pixels, labelled & left, labelled & ~left)
+    red = ColourCounts.of(pixels, labelled & ~left, labelled & left)
+    for counts, like in ((green, left), (red, ~left)):
+        liked = with_likeness(pixels, counts, ColourCounts.none())
+        assert liked.shape == (40, 60, 4)
+        np.testing.assert_array_equal(liked[:, :, :3], pixels)
+        inner = np.r_[2:28, 32:58]
+        assert ((liked[:, inner, 3] > 190) == like[inner]).all()
+        assert ((liked[:, inner, 3] < 66) == ~like[inner]).all()
+
+
+def test_colours_of_the_survey_serve_a_photo_in_which_nothing_was_found() -> None:
+    pixels = np.zeros((40, 60, 3), np.uint8)
+    pixels[:, :30], pixels[:, 30:] = (60, 160, 40), (170, 50, 40)
+    nothing = np.zeros((40, 60), bool)
+    unsaid = with_likeness(pixels, ColourCounts.none(), ColourCounts.none())
+    np.testing.assert_array_equal(unsaid[:, :, 3], 128)
+    of_survey = ColourCounts.of(pixels, nothing | (np.arange(60) >= 30), nothing | (np.arange(60) < 30))
+    liked = with_likeness(pixels, ColourCounts.of(pixels, nothing, ~nothing), of_survey)
+    assert liked[:, 32:, 3].min() > liked[:, :28, 3].max() + 60
+
+
+def test_masks_of_fruits_alone_tell_their_colours(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
+    """Detections that are no fruit's count neither way."""
+    cameras, _, photos = scene
+    sizes = np.full(len(CENTERS), DIAMETER_M)
+    detections = detections_of(cameras, CENTERS, sizes)
+    photo = next(iter(photos))
+    found, pixels = detections[photo.name], read_pixels(photo)
+    covered = [mask.area_px for mask in found.masks]
+    counts = SeenFruits(detections, found.ids[:1]).colours_in(photo.name, pixels)
+    assert counts.on_fruit.sum() == covered[0]
+    assert counts.elsewhere.sum() == pixels[:, :, 0].size - sum(covered)
+    none = SeenFruits(detections, found.ids).colours_in("unknown.jpg", pixels)
+    assert (none.on_fruit.sum(), none.elsewhere.sum()) == (0, pixels[:, :, 0].size)
+
+
+@pytest.mark.parametrize("colour", [(210, 40, 40), (120, 160, 50)], ids=["red", "green"])
+def test_the_shipped_network_sees_a_plain_round_fruit_at_its_centre(colour: tuple[int, int, int]) -> None:
     network = CentersNetwork()
-    pixels = np.random.default_rng(1).integers(20, 70, (56, 56, 3), np.uint8)
+    side, radius_px = network.side_px, network.radius_px
+    pixels = np.random.default_rng(1).integers(20, 70, (side, side, 3), np.uint8)
     pixels[:, :, 1] += 20
-    columns, rows = np.arange(56) + 0.5, np.arange(56)[:, None] + 0.5
-    away = np.hypot(columns - 31, rows - 25)
-    lit = np.sqrt(np.clip(1 - (away / 8) ** 2, 0, 1))[:, :, None]
-    pixels = np.where(away[:, :, None] < 8, np.array([210, 40, 40]) * (0.35 + 0.65 * lit), pixels).astype(np.uint8)
-    bare = np.random.default_rng(2).integers(20, 70, (56, 56, 3), np.uint8)
+    columns, rows = np.arange(side) + 0.5, np.arange(side)[:, None] + 0.5
+    at = side / 2 + np.array([0.4, -0.35]) * radius_px
+    away = np.hypot(columns - at[0], rows - at[1]) / radius_px
+    lit = np.sqrt(np.clip(1 - away**2, 0, 1))[:, :, None]
+    pixels = np.where(away[:, :, None] < 1, np.array(colour) * (0.35 + 0.65 * lit), pixels).astype(np.uint8)
+    bare = np.random.default_rng(2).integers(20, 70, (side, side, 3), np.uint8)
+    counts = ColourCounts.of(pixels, away < 1, away > 1)
+    crops = [
+        with_likeness(np.asarray(cv2.GaussianBlur(p, (3, 3), 0), np.uint8), counts, counts) for p in (pixels, bare)
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        maps = network.centers(np.stack([cv2.GaussianBlur(pixels, (3, 3), 0), cv2.GaussianBlur(bare, (3, 3), 0)]))
-    assert maps.shape == (2, 28, 28)
-    row, column = np.unravel_index(maps[0].argmax(), (28, 28))
+        maps = network.centers(np.stack(crops))
+    cells = side // network.stride
+    assert maps.shape == (2, cells, cells)
+    row, column = np.unravel_index(maps[0].argmax(), (cells, cells))
     assert maps[0].max() > 0.3
-    assert np.hypot(2 * column + 1 - 31, 2 * row + 1 - 25) < 2.5
+    assert np.hypot(*(network.stride * (np.array([column, row]) + 0.5) - at)) < 0.3 * radius_px
     assert maps[1].mean() < 0.02
 
 
@@ -264,14 +358,39 @@ def test_another_network_is_refused() -> None:
         CentersNetwork(Path("none.onnx"))
 
 
+def test_a_network_for_other_crops_is_refused(tmp_path: Path) -> None:
+    model = onnx.load(str(SHIPPED))
+    next(entry for entry in model.metadata_props if entry.key == "pomona.channels").value = "3"
+    onnx.save(model, str(tmp_path / "colours_alone.onnx"))
+    with pytest.raises(FormatError, match=r"pomona\.channels = 4, found 3"):
+        CentersNetwork(tmp_path / "colours_alone.onnx")
+
+
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [
         ({"near_deg": 0}, "near_deg"), ({"farther": 0}, "farther"), ({"missing": 1}, "missing"),
-        ({"peaks": 0}, "peaks"), ({"rays_per_mask": 3}, "rays_per_mask"), ({"held": (8.0,)}, "held"),
-        ({"steps": ()}, "steps"), ({"reach": ((0.1, 2.0), (1.5, 3.0))}, "reach"),
+        ({"peaks": 0}, "peaks"), ({"most_photos": 0}, "most_photos"), ({"held": (8.0,)}, "held"),
+        ({"steps": ()}, "`steps`"),
+        ({"reach": ((0.1, 2.0), (1.5, 3.0))}, "`reach`"), ({"new_steps": (0.3, 0)}, "`new_steps`"),
+        ({"new_reach": (2.2, 1.0)}, "`new_reach`"), ({"new_nats": 0}, "new_nats"), ({"nat_weight": 0}, "nat_weight"),
     ],
 )  # fmt: skip
 def test_wrong_options_are_named(wrong: dict[str, object], named: str) -> None:
     with pytest.raises(InputError, match=named):
         SecondLookOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_of_many_photos_those_far_apart_look() -> None:
+    cameras = cameras_in_a_row(30, step_m=0.04)
+    spheres = Spheres.alike(CENTERS, DIAMETER_M / 2)
+    idx = np.repeat(np.arange(3), 30)
+    all_of_them = find_sights(spheres, idx, np.tile(np.arange(30), 3), cameras, SecondLookOptions(near_deg=60))
+    some = well_spread(all_of_them, spheres, cameras, 6)
+    assert np.bincount(some.sphere_idx).tolist() == [6, 6, 6]
+    for i in range(3):
+        before, after = (np.sort(s.photo_idx[s.sphere_idx == i]) for s in (all_of_them, some))
+        assert (after[0], after[-1]) == (before[0], before[-1])
+        assert np.diff(after).max() <= np.ceil(np.ptp(before) / 5) + 1
+    same = well_spread(all_of_them, spheres, cameras, 30)
+    np.testing.assert_array_equal(same.photo_idx, all_of_them.photo_idx)

@@ -117,6 +117,17 @@ class Cameras:
         centers: FloatArray = -np.einsum("nji,nj->ni", rotation, translation)
         return centers
 
+    def sorted_by_center(self) -> Cameras:
+        """Return the cameras, without points, in an order that depends on nothing but where they are."""
+        order = np.lexsort(self.centers_in_world.T)
+        return Cameras(
+            photos=tuple(self.photos[i] for i in order),
+            intrinsics=self.intrinsics,
+            intrinsics_idx=self.intrinsics_idx[order],
+            cam_from_world=self.cam_from_world[order],
+            frame=self.frame,
+        )
+
     def intrinsics_of(self, photo_idx: int) -> Intrinsics:
         """Return the intrinsics of one photo."""
         return self.intrinsics[int(self.intrinsics_idx[photo_idx])]

@@ -113,8 +113,8 @@ def picture_move(grey_from: ByteArray, grey_to: ByteArray, points: Array) -> tup
 
     The move is the upper quartile, as a share of the width or height: walking around a tree, the half of the picture
     at the tree's middle hardly moves while everything is seen from elsewhere. Points are tracked there and back
-    (pyramidal Lucas-Kanade), and those that do not come back are left out; the move is NaN where fewer than 8 do, and from
-    a frame to one of another size, as videos of broken cameras and editors have them.
+    (pyramidal Lucas-Kanade), and those that do not come back are left out; the move is NaN where fewer than 8 do, and
+    from a frame to one of another size, as videos of broken cameras and editors have them.
     """
     if len(points) < _LEAST_POINTS or grey_from.shape != grey_to.shape:
         return np.nan, 0.0

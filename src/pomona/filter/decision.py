@@ -16,6 +16,10 @@ from pomona.filter.view_features import place_probability, view_features
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
+# The probabilities below which fruits are dropped: the paper's machine parts at a half. By views F1 is greatest from
+# about F1 / 2 down, and fruits that few photos show are found there oftener than these say.
+_BY_POINTS, _BY_VIEWS = 0.5, 0.3
+
 
 def apply(fused: Fused, svm: LinearSvm | None = None, *, options: FilterOptions | None = None) -> Fused:
     """Return the fruits of the paper's method whose probability is high enough, with that as their score.
@@ -28,7 +32,8 @@ def apply(fused: Fused, svm: LinearSvm | None = None, *, options: FilterOptions 
     found = features(fused.cloud, svm.names)
     probability = svm.probability(resized(found.values, _size_factor(fused, svm), svm.names))
     judged = dict(zip(found.ids.tolist(), probability.tolist(), strict=True))
-    return _kept(fused, np.array([judged.get(i, np.nan) for i in fused.fruits.ids.tolist()]), options)
+    probability = np.array([judged.get(i, np.nan) for i in fused.fruits.ids.tolist()])
+    return _kept(fused, probability, _BY_POINTS if options.threshold is None else options.threshold)
 
 
 def apply_to_views(
@@ -46,7 +51,8 @@ def apply_to_views(
     fruits of `fuse.object`. Those kept keep their ids.
     """
     svm, options = svm or LinearSvm.load(shipped("object")), options or FilterOptions()
-    return _kept(fused, view_probability(view_features(fused, detections, cameras, options), svm), options)
+    probability = view_probability(view_features(fused, detections, cameras, options), svm)
+    return _kept(fused, probability, _BY_VIEWS if options.threshold is None else options.threshold)
 
 
 def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
@@ -54,13 +60,13 @@ def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
     return svm.probability(values) * place_probability(values)
 
 
-def _kept(fused: Fused, probability: FloatArray, options: FilterOptions) -> Fused:
+def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:
     """Keep the fruits whose probability (n,) is high enough, or NaN, which is not known.
 
     They keep their ids; of the others the observations go, and their points belong to none (0).
     """
     scores = np.where(np.isnan(probability), fused.fruits.scores, probability)
-    fruits = replace(fused.fruits, scores=scores)[np.isnan(probability) | (probability >= options.threshold)]
+    fruits = replace(fused.fruits, scores=scores)[np.isnan(probability) | (probability >= threshold)]
     fruit_id = np.where(np.isin(fused.cloud.fruit_id, fruits.ids), fused.cloud.fruit_id, 0)
     return Fused(
         fruits,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pomona.fuse.fused import Fused
@@ -13,13 +14,22 @@ from pomona.pipeline.stage import PHOTOS, Stage
 from pomona.progress import Progress
 
 if TYPE_CHECKING:
+    from pomona.fuse.object.options import ObjectOptions
     from pomona.pipeline.options import StageOptions
     from pomona.scale.report import Placed
     from pomona.second_look.options import SecondLookOptions
 
 
-def _choice(options: StageOptions) -> SecondLookOptions | None:
-    return options.looking if options.run.second_look else None
+@dataclass(frozen=True)
+class LookingChoice:
+    """How fruits are looked at again: the options of this, and those of the association that found them."""
+
+    looking: SecondLookOptions
+    association: ObjectOptions
+
+
+def _choice(options: StageOptions) -> LookingChoice | None:
+    return LookingChoice(options.looking, options.object) if options.run.second_look else None
 
 
 def _look(
@@ -28,14 +38,17 @@ def _look(
     placed: Placed,
     photos: Photos,
     *,
-    options: SecondLookOptions | None,
+    options: LookingChoice | None,
     progress: Progress,
 ) -> Fused:
     if options is None or len(fused.fruits) == 0:
         return fused
     from pomona import second_look
 
-    return second_look.look_again(fused, selected.trusted, photos, placed.cameras, options=options, progress=progress)
+    return second_look.look_again(
+        fused, selected.trusted, photos, placed.cameras,
+        options=options.looking, association=options.association, progress=progress,
+    )  # fmt: skip
 
 
 def second_look_stage(fused: Stage[Fused]) -> Stage[Fused]:

@@ -35,15 +35,18 @@ class CropPlaces:
 
 
 def cut(pixels: ByteArray, places: CropPlaces, side_px: int, photo_width_px: int) -> ByteArray:
-    """Return the crops (n, side, side, 3) of a photo; black where they reach beyond it.
+    """Return the crops (n, side, side, channels) of a photo; black where they reach beyond it.
 
-    `pixels` (h, w, 3) is the photo at any scale, `photo_width_px` its full width, in whose pixels `places` are.
+    `pixels` (h, w, channels) is the photo at any scale, `photo_width_px` its full width, in whose pixels `places` are.
     """
     levels = [pixels]
-    crops = np.zeros((len(places), side_px, side_px, 3), np.uint8)
+    crops = np.zeros((len(places), side_px, side_px, pixels.shape[2]), np.uint8)
     for k in range(len(places)):
         level = 0
-        while places.scales[k] * photo_width_px / levels[level].shape[1] < 1 / _COARSE and min(levels[level].shape) > 1:
+        while (
+            places.scales[k] * photo_width_px / levels[level].shape[1] < 1 / _COARSE
+            and min(levels[level].shape[:2]) > 1
+        ):
             level += 1
             if level == len(levels):
                 half = max(1, levels[-1].shape[1] // 2), max(1, levels[-1].shape[0] // 2)

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import BoolArray, Float32Array, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, groups, set_checked
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.errors import InputError
+from pomona.fruit_colours import ColourCounts
 from pomona.photos import Photos
 from pomona.progress import Progress
 from pomona.second_look.crops import CropPlaces, cut
+from pomona.second_look.likeness import SeenFruits, with_likeness
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
 from pomona.spheres import Spheres
 
 _LEAST_RADIUS_PX = 3.0  # of a fruit in a photo: in fewer pixels nothing is to be seen
+_COLOURED = 16  # photos of a survey that tell the colours of its fruits
 _FINER = 1.25  # photos are decoded with pixels so many times finer than most of their crops'
 
 
@@ -62,24 +66,68 @@ class Evidence:
         set_checked(self, "scales", (k,), np.float64)
         set_checked(self, "maps", (k, None, None), np.float32)
 
-    def at(self, idx: IntArray, points_in_world: FloatArray, cameras: Cameras) -> FloatArray:
-        """Return what sights `idx` (m,) show at the images of points (n, 3): probabilities (m, n); 0 outside."""
-        result = np.zeros((len(idx), len(points_in_world)), np.float32)
+    def about(self, idx: IntArray, center_in_world: FloatArray, cameras: Cameras) -> MapsAbout:
+        """Return what sights `idx` (m,) show about a point (3,) in front of their photos."""
+        sights, scales = self.sights, self.scales[idx] / self.cell_px
+        poses = cameras.cam_from_world[sights.photo_idx[idx]]
+        center_in_cam = poses[:, :, :3] @ center_in_world + poses[:, :, 3]
+        xy_px, slopes = np.zeros((len(idx), 2)), np.zeros((len(idx), 2, 2))
+        for lens, mine in groups(cameras.intrinsics_idx[sights.photo_idx[idx]]):
+            xy_px[mine] = cameras.intrinsics[lens].px_from_cam(center_in_cam[mine])
+            slopes[mine] = cameras.intrinsics[lens].px_slopes(center_in_cam[mine])[0][:, :, :2]
+        slopes *= (scales * center_in_cam[:, 2])[:, None, None]
         half = np.array(self.maps.shape[:0:-1]) / 2
-        for row, k in enumerate(idx.tolist()):
-            xy_px, _ = cameras.project(int(self.sights.photo_idx[k]), points_in_world)
-            cells = (xy_px - self.sights.centers_px[k]) * (self.scales[k] / self.cell_px) + half - 0.5
-            x, y = np.nan_to_num(cells, nan=-9.0).astype(np.float32).T
-            result[row] = cv2.remap(self.maps[k], x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[0]
+        cells = (xy_px - sights.centers_px[idx]) * scales[:, None] + half - 0.5
+        return MapsAbout(center_in_world, poses[:, :, :3], center_in_cam, slopes, cells, self.maps[idx])
+
+
+@dataclass(frozen=True, eq=False)
+class MapsAbout:
+    """The maps (m, h, w) of m sights about a point, and how points near it are seen in them.
+
+    `rotations` (m, 3, 3) and `center_in_cam` (m, 3) of the photos; `slopes` (m, 2, 2), by how many cells an image moves
+    for its place in the plane at z = 1; `cells` (m, 2), the point's own images. Over a crop, lenses' distortion is
+    taken to be linear.
+    """
+
+    center_in_world: FloatArray
+    rotations: FloatArray
+    center_in_cam: FloatArray
+    slopes: FloatArray
+    cells: FloatArray
+    maps: Float32Array
+
+    def at(self, points_in_world: FloatArray) -> FloatArray:
+        """Return the probabilities (m, n) at the images of points (n, 3); 0 outside of the crops."""
+        x, y, z = np.moveaxis(self.rotations @ (points_in_world - self.center_in_world).T, 1, 0)
+        x, y, z = (a + self.center_in_cam[:, k, None] for k, a in enumerate((x, y, z)))
+        z = np.where(z > 0, z, np.nan)
+        x = x / z - (self.center_in_cam[:, 0] / self.center_in_cam[:, 2])[:, None]
+        y = y / z - (self.center_in_cam[:, 1] / self.center_in_cam[:, 2])[:, None]
+        columns, rows = (
+            (self.slopes[:, k, 0, None] * x + self.slopes[:, k, 1, None] * y + self.cells[:, k, None]) for k in range(2)
+        )
+        columns, rows = (np.nan_to_num(a.astype(np.float32), copy=False, nan=-9.0) for a in (columns, rows))
+        result = np.empty(columns.shape, np.float32)
+        for k, map_ in enumerate(self.maps):
+            at = columns[k : k + 1], rows[k : k + 1]
+            result[k] = cv2.remap(map_, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[0]
         return np.asarray(result, np.float64)
 
 
 def unexplained(
-    evidence: Evidence, spheres: Spheres, seen: FloatArray, cameras: Cameras, options: SecondLookOptions
+    evidence: Evidence,
+    spheres: Spheres,
+    seen: FloatArray,
+    cameras: Cameras,
+    options: SecondLookOptions,
+    *,
+    own: bool = False,
 ) -> Evidence:
     """Return the evidence less what other fruits explain: each sight's map without the peaks of its neighbours.
 
     Around the images of the spheres that are `seen` (n,), as probabilities, maps lose as much as is seen of these.
+    With `own`, what sights show of their own spheres is explained, too: `spheres` may then be others.
     """
     sights, maps = evidence.sights, evidence.maps.copy()
     rows, columns = (np.arange(side) + 0.5 - side / 2 for side in maps.shape[1:])
@@ -93,7 +141,9 @@ def unexplained(
         for k in np.flatnonzero(sights.photo_idx == photo).tolist():
             cells = (xy_px - sights.centers_px[k]) * (evidence.scales[k] / evidence.cell_px)
             widths = options.peak_width * radii_px * evidence.scales[k] / evidence.cell_px
-            near = (np.abs(cells) < maps.shape[1]).all(1) & (others != sights.sphere_idx[k])
+            near = (np.abs(cells) < maps.shape[1]).all(1)
+            if not own:
+                near &= others != sights.sphere_idx[k]
             for (x, y), width, share in zip(cells[near], widths[near], strength[others[near]], strict=True):
                 across, down = (
                     np.exp(-((columns - x) ** 2) / (2 * width**2)),
@@ -127,6 +177,25 @@ def find_sights(
     return _in_pictures(spheres, np.concatenate(spheres_of), np.concatenate(photos_of), cameras)
 
 
+def well_spread(sights: Sights, spheres: Spheres, cameras: Cameras, most: int) -> Sights:
+    """Return the sights, of each sphere at most so many, which look at it from directions as far apart as all do.
+
+    Photos from nearly one place show the same leaves, and tell no more together than one.
+    """
+    eyes, kept = cameras.centers_in_world, np.ones(len(sights.sphere_idx), dtype=bool)
+    for i, mine in groups(sights.sphere_idx):
+        if len(mine) <= most:
+            continue
+        directions = spheres.centers_in_world[i] - eyes[sights.photo_idx[mine]]
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        directions -= directions.mean(0)
+        along = directions @ np.linalg.svd(directions, full_matrices=False)[2][0]
+        order = mine[np.argsort(along, kind="stable")]
+        kept[mine] = False
+        kept[order[np.linspace(0, len(order) - 1, most).round().astype(int)]] = True
+    return sights[kept]
+
+
 def _in_pictures(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras) -> Sights:
     order = np.lexsort((sphere_idx, photo_idx))
     sphere_idx, photo_idx = sphere_idx[order], photo_idx[order]
@@ -143,28 +212,47 @@ def _in_pictures(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, ca
     return Sights(sphere_idx[shown], photo_idx[shown], centers[shown], radii[shown])
 
 
-def look(sights: Sights, photos: Photos, cameras: Cameras, network: CentersNetwork, progress: Progress) -> Evidence:
+def look(
+    sights: Sights, seen: SeenFruits, photos: Photos, cameras: Cameras, network: CentersNetwork, progress: Progress
+) -> Evidence:
     """Return what photos show at the sights; without those of photos that cannot be decoded, of which it warns.
 
-    Raises `MissingFileError` naming a photo that is gone.
+    `seen` tells the colours of this survey's fruits. Raises `MissingFileError` naming a photo that is gone.
     """
     scales = network.radius_px / np.maximum(sights.radii_px, 1e-9)
     cells = network.side_px // network.stride
     maps = np.zeros((len(scales), cells, cells), np.float32)
     looked = np.zeros(len(scales), dtype=bool)
-    by_name, photo_indices = photos.by_name(), np.unique(sights.photo_idx).tolist()
+    by_name, photo_indices = photos.by_name(), np.unique(sights.photo_idx)
+
+    def smaller_copy(photo_idx: int) -> ByteArray:
+        photo = by_name[cameras.photos[photo_idx]]
+        scale = min(1.0, _FINER * float(np.median(scales[sights.photo_idx == photo_idx])))
+        return read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+
     progress.start("looking again", len(photo_indices))
-    for photo_idx in photo_indices:
+    of_survey = ColourCounts.none()
+    for photo_idx in _spread(photo_indices, cameras):
+        with contextlib.suppress(InputError):
+            of_survey += seen.colours_in(cameras.photos[photo_idx], smaller_copy(photo_idx))
+    for photo_idx in photo_indices.tolist():
         mine = np.flatnonzero(sights.photo_idx == photo_idx)
         photo = by_name[cameras.photos[photo_idx]]
-        scale = min(1.0, _FINER * float(np.median(scales[mine])))
         try:
-            pixels = read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+            pixels = smaller_copy(photo_idx)
         except InputError as error:
             progress.warn(f"{photo.name} is not looked at again: {error}")
         else:
+            liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
             places = CropPlaces(sights.centers_px[mine], scales[mine])
-            maps[mine] = network.centers(cut(pixels, places, network.side_px, photo.width_px))
+            maps[mine] = network.centers(cut(liked, places, network.side_px, photo.width_px))
             looked[mine] = True
         progress.advance()
     return Evidence(sights[looked], scales[looked], maps[looked], float(network.stride))
+
+
+def _spread(photo_indices: IntArray, cameras: Cameras) -> list[int]:
+    """Return some photos, from one end of the survey to the other, the same ones in whatever order cameras are."""
+    ordered = sorted(photo_indices.tolist(), key=lambda photo_idx: cameras.photos[photo_idx])
+    picked = np.linspace(0, len(ordered) - 1, min(_COLOURED, len(ordered))).round().astype(int)
+    return [ordered[k] for k in picked]

@@ -1,9 +1,10 @@
 """The network of the second look, in an ONNX file: crops around places in, where fruits' centres are out.
 
-A file's contract: input `crops`, float32 (n, 3, side, side), RGB 0 to 255, in which fruits have a radius of
-`radius_px`; output `centers` (n, 1, side / stride, side / stride), the probability that the centre of a fruit of about
-that size, hidden parts and all, is at that cell (a Gaussian about it); metadata `pomona.kind` = `second-look`,
-`pomona.radius_px`, `pomona.side_px`, `pomona.stride`.
+A file's contract: input `crops`, float32 (n, 4, side, side), RGB and how like the colours are to those of the survey's
+fruits (`likeness.py`), 0 to 255, in which fruits have a radius of `radius_px`; output `centers` (n, 1, side / stride,
+side / stride), the probability that the centre of a fruit of about that size, hidden parts and all, is at that cell (a
+Gaussian about it); metadata `pomona.kind` = `second-look`, `pomona.channels` = 4, `pomona.radius_px`, `pomona.side_px`,
+`pomona.stride`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile
 
 KIND = "second-look"
+CHANNELS = 4
 SHIPPED = Path(__file__).parent / "weights" / "second_look.onnx"
 _BATCH = 64  # crops at once: bounds memory
 
@@ -32,6 +34,9 @@ class CentersNetwork:
         found = self._file.metadata.get("pomona.kind")
         if found != KIND:
             raise FormatError(f"{path}: expected an ONNX model with metadata pomona.kind = '{KIND}', found {found!r}")
+        (channels,) = self._file.numbers("pomona.channels", 1)
+        if channels != CHANNELS:
+            raise FormatError(f"{path}: expected crops of pomona.channels = {CHANNELS}, found {channels:g}")
         (self.radius_px,) = self._file.numbers("pomona.radius_px", 1)
         side, stride = (self._file.numbers(key, 1)[0] for key in ("pomona.side_px", "pomona.stride"))
         if side != int(side) or stride != int(stride) or side % stride:
@@ -39,7 +44,7 @@ class CentersNetwork:
         self.side_px, self.stride = int(side), int(stride)
 
     def centers(self, crops: ByteArray) -> Float32Array:
-        """Return for crops (n, side, side, 3) the probabilities (n, h, w) of fruits' centres at cells of `stride`."""
+        """Return for crops (n, side, side, 4) the probabilities (n, h, w) of centres at cells of `stride`."""
         cells = self.side_px // self.stride
         found = [np.zeros((0, cells, cells), np.float32)]
         for first in range(0, len(crops), _BATCH):

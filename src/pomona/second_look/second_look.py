@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pomona.cameras import Cameras
@@ -12,14 +10,19 @@ from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 from pomona.fuse.object import ObjectOptions
 from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.observations import fused_of
 from pomona.fuse.object.refinement import place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.mask_rays import mask_rays
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-from pomona.second_look.evidence import find_sights, look, unexplained
+from pomona.second_look.competition import compete
+from pomona.second_look.evidence import find_sights, look, unexplained, well_spread
+from pomona.second_look.likeness import SeenFruits
+from pomona.second_look.looked import Looked
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
+from pomona.second_look.proposals import proposed
 from pomona.second_look.refinement import Prior, refined
 from pomona.spheres import Spheres
 
@@ -32,32 +35,42 @@ def look_again(
     *,
     network: CentersNetwork | None = None,
     options: SecondLookOptions | None = None,
+    association: ObjectOptions | None = None,
     progress: Progress | None = None,
 ) -> Fused:
-    """Return the fruits moved to where the evidence of all photos and their own outlines put them.
+    """Return the fruits moved to where all photos and their own outlines put them, and others that photos show there.
 
     Crops of every photo that should show a fruit, with fruits of one width in all, go through a small network that says
-    where fruits' centres are, hidden parts and all. `detections` and `cameras` are those that `fused` was made of.
-    Fruits that end in one place are one, the one that is seen more plainly; the others keep their ids.
+    where fruits' centres are, hidden parts and all. What it shows beside the fruits is proposed as further ones, and
+    masks are assigned anew, to those first that photos speak for. `detections` and `cameras` are those that `fused` was
+    made of, `association` its options. Fruits keep their ids; further ones have greater ids.
     """
     options, progress = options or SecondLookOptions(), progress or Silent()
     fruits = fused.fruits
     if len(fruits) == 0:
         return fused
-    network = network or CentersNetwork()
-    size = size_of_fruits(fruits.diameters_m, FruitSize())
+    network, association = network or CentersNetwork(), association or ObjectOptions()
+    size, cameras = size_of_fruits(fruits.diameters_m, FruitSize()), cameras.sorted_by_center()
     spheres = Spheres.of_fruits(fruits.centers_in_world, fruits.diameters_m, size.radius_m)
-    masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_mask, only=fused.observations)
+    masks = mask_rays(detections, cameras, rays_per_mask=association.rays_per_mask)
+    if len(masks) == 0:
+        return fused
     sphere_idx, mask_idx = masks.seen(fused.observations, fruits.ids)
     matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
-    covariances = place_covariances(spheres, matches, masks, size.radius_m, ObjectOptions())
-    prior = Prior(spheres, covariances, size.radius_m)
+    covariances = place_covariances(spheres, matches, masks, size.radius_m, association)
+    prior = Prior(spheres, covariances, matches.counts(len(spheres)), size.radius_m)
     sights = find_sights(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options)
-    evidence = look(sights, photos, cameras, network, progress)
-    moved, seen = refined(prior, evidence, cameras, options)
+    sights = well_spread(sights, spheres, cameras, options.most_photos)
+    seen_fruits = SeenFruits(detections, fused.observations.detection_id)
+    evidence = look(sights, seen_fruits, photos, cameras, network, progress)
+    moved = refined(prior, evidence, cameras, options)
     for round_idx in range(1, len(options.reach)):
-        left = unexplained(evidence, moved, seen, cameras, options)
-        moved, seen = refined(prior, left, cameras, options, round_idx)
-    stays = suppress_overlapping(moved, np.nan_to_num(seen), options.overlap_radii * size.radius_m)
-    kept = replace(fruits, centers_in_world=moved.centers_in_world)[stays]
-    return Fused(kept, fused.observations[np.isin(fused.observations.fruit_id, kept.ids)], fused.cloud)
+        left = unexplained(evidence, moved.spheres, moved.seen, cameras, options)
+        moved = refined(prior, left, cameras, options, round_idx)
+    stays = suppress_overlapping(moved.spheres, np.nan_to_num(moved.seen), options.overlap_radii * size.radius_m)
+    found = moved[stays]
+    new = proposed(moved.spheres, found, evidence, cameras, options, size.radius_m)
+    ids = np.concatenate([fruits.ids[stays], fruits.ids.max() + 1 + np.arange(len(new.spheres))])
+    found = Looked.joined([found, new])
+    stays, matches = compete(found, masks, size.radius_m, options, association)
+    return fused_of(found.spheres[stays], ids[stays], matches, masks)

@@ -74,6 +74,8 @@ def _found_by(
     mine = SurveyDetections({name: found for name, found in detections.items() if name in names})
     fused = object.fuse(mine, cameras, options=stages.object)
     if options.second_look:
-        fused = look_again(fused, mine, photos, cameras, options=stages.looking, progress=progress)
+        fused = look_again(
+            fused, mine, photos, cameras, options=stages.looking, association=stages.object, progress=progress
+        )
     kept = filters.apply_to_views(fused, mine, cameras, options=stages.filter)
     return measure(kept, mine, cameras, options=stages.measure)

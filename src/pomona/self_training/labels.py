@@ -16,6 +16,7 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.detections import SurveyDetections
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.fruit_colours import FruitColours
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.marks import MarkedPhoto
@@ -23,7 +24,8 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions
 from pomona.second_look.evidence import find_sights, look
-from pomona.self_training.colours import COLOURS_PX, FruitColours, disc_of, pixels_in_copy, visible_part
+from pomona.second_look.likeness import SeenFruits
+from pomona.self_training.colours import COLOURS_PX, disc_of, likely_in, pixels_in_copy, visible_part
 from pomona.self_training.marked import SAME_FRUIT, boxes_of, labels_of_marks, overlaps
 from pomona.self_training.options import AdaptOptions
 from pomona.spheres import Spheres
@@ -197,7 +199,9 @@ def _shown(
     sphere_idx, photo_idx = np.array(seen, np.int64).reshape(-1, 2).T
     sights = find_sights(mine.spheres, sphere_idx, photo_idx, cameras, options)
     sights = sights[np.isin(sights.photo_idx, [idx_of[photo.name] for photo in photos])]
-    evidence = look(sights, Photos(tuple(photos)), cameras, network or CentersNetwork(), progress)
+    detection_ids = np.array(sorted({detection_id for _, detection_id in mine.fruit_of}), np.int64)
+    of_fruits = SeenFruits(found.detections, detection_ids)
+    evidence = look(sights, of_fruits, Photos(tuple(photos)), cameras, network or CentersNetwork(), progress)
     middle = np.array(evidence.maps.shape[1:]) // 2
     plain = evidence.maps[:, middle[0] - 1 : middle[0] + 1, middle[1] - 1 : middle[1] + 1].max((1, 2), initial=0)
     result: dict[str, dict[int, _Sight]] = {}
@@ -244,7 +248,7 @@ def _of_unseen(
 
     The disc of each is doubtful; where it is plainly there, what has its colours is a fruit.
     """
-    likely = colours.likely_in(photo, options.colour_nats)
+    likely = likely_in(photo, colours, options.colour_nats)
     labels = []
     for sight in sights:
         disc = disc_of(sight.circle_px, photo)

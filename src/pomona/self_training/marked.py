@@ -10,10 +10,11 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray
 from pomona.detections import Detections, Mask
 from pomona.formats.detections.labelled import LabelledFruit, check_size, edges_of
+from pomona.fruit_colours import FruitColours
 from pomona.marks import MarkedPhoto
 from pomona.photos import Photo
 from pomona.segment.box_overlap import overlapping_pairs, pair_iou
-from pomona.self_training.colours import FruitColours, disc_of, pixels_in_copy, visible_part
+from pomona.self_training.colours import disc_of, likely_in, pixels_in_copy, visible_part
 from pomona.self_training.options import AdaptOptions
 
 SAME_FRUIT = 0.5
@@ -42,7 +43,7 @@ def labels_of_marks(
     unseen = [i for i, fruit in enumerate(labels) if fruit.mask is None and fruit.circle_px is not None]
     if not unseen:
         return labels
-    likely = colours.likely_in(photo, options.colour_nats)
+    likely = likely_in(photo, colours, options.colour_nats)
     for idx in found[found >= 0].tolist():
         likely[pixels_in_copy(masks[idx], photo, likely.shape)] = False
     for i in unseen:

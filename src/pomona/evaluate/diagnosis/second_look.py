@@ -20,15 +20,17 @@ _MOVED = 0.1  # usual diameters: what moves by less has stayed
 class SecondLookEffect:
     """What became of fruits, before the filter.
 
-    `moved` went farther than a tenth of a diameter: `nearer` to the nearest true fruit, or `farther` from it. Of the
-    `removed`, `rightly` so are those that were no true fruit, or one that another is at the place of. `gained` and
-    `lost` are ids of true fruits at whose place there is a fruit after, but was none before, or the other way round.
+    `moved` went farther than a tenth of a diameter: `nearer` to the nearest true fruit, or `farther` from it. `added`
+    were none before. Of the `removed`, `rightly` so are those that were no true fruit, or one that another is at the
+    place of. `gained` and `lost` are ids of true fruits at whose place there is a fruit after, but was none before, or
+    the other way round.
     """
 
     fruits: int
     moved: int
     nearer: int
     farther: int
+    added: int
     removed: int
     rightly: int
     gained: tuple[int, ...]
@@ -39,8 +41,9 @@ class SecondLookEffect:
         """A sentence for a page or a terminal."""
         return (
             f"The second look moved {self.moved} of {self.fruits} fruits: {self.nearer} nearer to a true fruit, "
-            f"{self.farther} farther away. It removed {self.removed}, {self.rightly} of them rightly. At the place of "
-            f"{len(self.gained)} true fruits there is one only since; of {len(self.lost)} there is none any more."
+            f"{self.farther} farther away. It added {self.added} and removed {self.removed}, {self.rightly} of these "
+            f"rightly. At the place of {len(self.gained)} true fruits there is one only since; of {len(self.lost)} "
+            "there is none any more."
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -51,7 +54,7 @@ class SecondLookEffect:
 def second_look_effect(
     before: Fruits, after: Fruits, truth: Truth, options: EvaluateOptions | None = None
 ) -> SecondLookEffect:
-    """Compare the fruits `before` and `after` the second look, which have the same ids, with the truth."""
+    """Compare the fruits `before` and `after` the second look, in which fruits keep their ids, with the truth."""
     matched, matched_after = match(before, truth, options=options), match(after, truth, options=options)
     had, has = set(matched[matched >= 0].tolist()), set(matched_after[matched_after >= 0].tolist())
     stays = np.isin(before.ids, after.ids)
@@ -67,6 +70,7 @@ def second_look_effect(
         int(moved.sum()),
         int(nearer.sum()),
         int((~nearer).sum()),
+        int((~np.isin(after.ids, before.ids)).sum()),
         len(gone),
         int(sum(true_idx < 0 or true_idx in has for true_idx in gone.tolist())),
         tuple(sorted(truth.ids[list(has - had)].tolist())),

@@ -12,13 +12,13 @@ from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.fruit_ranges import fruit_ranges
 from pomona.fruit_size import FruitSize, size_of_fruits
-from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.fused import Fused
 from pomona.fuse.object.assignment import assign
 from pomona.fuse.object.crossings import Crossings, find_crossings
 from pomona.fuse.object.gating import Gate
 from pomona.fuse.object.hypotheses import sphere_hypotheses
 from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.observations import fused_of
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.object.refinement import fit_spheres
 from pomona.fuse.object.split_fruits import merge_split_fruits
@@ -89,14 +89,14 @@ def fuse(
             "scale: give `markers`, `scale_bar` or `fruit_diameter_m`"
         )
     size = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m)).size
-    ordered = _in_order(cameras)
-    masks = mask_rays(detections, ordered, rays_per_mask=options.rays_per_mask)
-    if len(masks) == 0:
-        return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
-    found = _find(masks, size, options, progress)
+    masks = mask_rays(detections, cameras.sorted_by_center(), rays_per_mask=options.rays_per_mask)
+    found = _find(masks, size, options, progress) if len(masks) else _NOTHING_FOUND
     found = _Found(*merge_split_fruits(found.spheres, found.matches, masks, options))
     shown = found.matches.largest_shares(len(found.spheres)) >= options.min_share
-    return _fused(found.kept(shown), masks)
+    found = found.kept(shown)
+    ids = np.empty(len(found.spheres), np.int64)
+    ids[np.lexsort(found.spheres.centers_in_world.T[::-1])] = np.arange(1, len(ids) + 1)
+    return fused_of(found.spheres, ids, found.matches, masks)
 
 
 def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Progress) -> _Found:
@@ -158,43 +158,3 @@ def _assign_and_refine(spheres: Spheres, support: FloatArray, search: _Search) -
     found = found.kept(matches.counts(len(spheres)) >= options.min_views)
     found = _Found(fit_spheres(found.spheres, found.matches, masks, radius_m, options), found.matches)
     return found.kept(suppress_overlapping(found.spheres, found.support, options.overlap_radii * radius_m))
-
-
-def _in_order(cameras: Cameras) -> Cameras:
-    """Return the cameras, without points, sorted by where the photos were taken from."""
-    order = np.lexsort(cameras.centers_in_world.T)
-    return Cameras(
-        photos=tuple(cameras.photos[i] for i in order),
-        intrinsics=cameras.intrinsics,
-        intrinsics_idx=cameras.intrinsics_idx[order],
-        cam_from_world=cameras.cam_from_world[order],
-        frame=cameras.frame,
-    )
-
-
-def _fused(found: _Found, masks: MaskRays) -> Fused:
-    """Return the values that a fusion gives, fruits numbered from 1 by where they are."""
-    order = np.lexsort(found.spheres.centers_in_world.T[::-1])
-    number = np.empty(len(order), np.int64)
-    number[order] = np.arange(1, len(order) + 1)
-    spheres, n = found.spheres[order], len(order)
-    if n == 0:
-        return Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
-    fruit_id, mask_idx = number[found.matches.sphere_idx], found.matches.mask_idx
-    sorting = np.lexsort((masks.photo_idx[mask_idx], fruit_id))
-    fruit_id, mask_idx = fruit_id[sorting], mask_idx[sorting]
-    views = np.bincount(fruit_id, minlength=n + 1)[1:]
-    fruits = Fruits(
-        np.arange(1, n + 1),
-        spheres.centers_in_world,
-        2 * spheres.radii_m,
-        np.bincount(fruit_id, masks.scores[mask_idx], n + 1)[1:] / views,
-        views,
-    )
-    observations = Observations(
-        fruit_id,
-        tuple(masks.photos[i] for i in masks.photo_idx[mask_idx]),
-        masks.ids[mask_idx],
-        masks.centers_px[mask_idx],
-    )
-    return Fused(fruits, observations, FruitCloud.empty())
