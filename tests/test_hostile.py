@@ -67,6 +67,18 @@ def test_labels_show_no_photos_from_elsewhere(tmp_path: Path, name: str) -> None
         PhotoFinder(labels, lambda path: (1, 1)).find("../../secret.jpg", "here")
 
 
+def test_photos_may_lie_in_a_linked_folder_but_names_lead_out_of_it_no_more_than_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "disk" / "photos").mkdir(parents=True)
+    (tmp_path / "disk" / "photos" / "a.jpg").touch()
+    (tmp_path / "disk" / "secret.jpg").touch()
+    (tmp_path / "set" / "first").mkdir(parents=True)
+    (tmp_path / "set" / "first" / "images").symlink_to(tmp_path / "disk" / "photos")
+    finder = PhotoFinder(tmp_path / "set" / "first" / "labels.json", lambda path: (1, 1))
+    assert finder.find("a.jpg", "here").path.name == "a.jpg"
+    with pytest.raises(MissingFileError, match="is not there"):
+        finder.find("../secret.jpg", "there")
+
+
 def test_transforms_name_no_files_outside_of_their_folder(tmp_path: Path) -> None:
     (tmp_path / "tree").mkdir()
     (tmp_path / "secret.png").touch()

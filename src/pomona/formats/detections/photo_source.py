@@ -73,10 +73,15 @@ class PhotoFinder:
             path, named_within(path, images if path.is_relative_to(images) else self._beside), *self._size_of(path)
         )
 
-    def _is_there(self, path: Path) -> bool:
-        """Whether there is a file, below the folder above the labels: what leads elsewhere is a trick."""
+    def _is_there(self, folder: Path, name: str) -> bool:
+        """Whether there is a file of this name below the folder, or below that above the labels.
+
+        A name that leads elsewhere is a trick; a folder of photos may itself be a link, which a person made.
+        """
         try:
-            return path.resolve().is_relative_to(self._beside.parent.resolve()) and path.is_file()
+            path = (folder / name).resolve()
+            within = any(path.is_relative_to(root.resolve()) for root in (folder, self._beside.parent))
+            return within and path.is_file()
         except (OSError, ValueError):  # no name that a file can have
             return False
 
@@ -84,7 +89,7 @@ class PhotoFinder:
         base = PurePosixPath(name).name
         for tried in dict.fromkeys((name, base)):
             for folder in self._folders:
-                if tried and self._is_there(folder / tried):
+                if tried and self._is_there(folder, tried):
                     return folder / tried
         if self._by_name is None:
             self._by_name = {}
