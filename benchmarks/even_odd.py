@@ -1,12 +1,13 @@
 """Whether even and odd photos of a survey give the same fruits, for docs/lab/object-method.md.
 
-python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--crops FOLDER --photos FOLDER]
+python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--no-second-look] [--crops FOLDER --photos FOLDER]
 
 A SURVEY is a folder of `pomona run` over all photos; with TRUTH, a rendered row's folder, each half is scored too.
 Its cameras (so both halves are in one frame of reference) and detections are split by photo, sorted by name; each half
-is fused, filtered and measured alone. A fruit of one half is found by the other where that has one in its fruits.csv
-at most half a median diameter away, one to one. Confident fruits are those whose score reaches a level: 0.3, which is
-all of fruits.csv, and 0.8. `--crops` writes, for each fruit that only one half has, what its best photos show.
+is fused, looked at again, filtered and measured alone. A fruit of one half is found by the other where that has one in
+its fruits.csv at most half a median diameter away, one to one. Confident fruits are those whose score reaches a level:
+0.4, which is all of fruits.csv, and 0.8. `--crops` writes, for each fruit that only one half has, what its best photos
+show.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+import pomona
 from pomona import filter as filters
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
@@ -26,10 +28,12 @@ from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.fuse import Fused, object
 from pomona.measure import measure
+from pomona.photos import Photos
 from pomona.pipeline import RunOptions
+from pomona.second_look import look_again
 from pomona.self_training.halves import part_of, same_places
 
-LEVELS = (0.3, 0.8)
+LEVELS = (0.4, 0.8)
 HEAD = (
     "| survey | score from | even | odd | counts differ | even found by odd | odd found by even | both ways | "
     "apart, mm (share of diameter) | F1 even, odd |"
@@ -53,19 +57,24 @@ def detections_of(survey: Path) -> SurveyDetections:
     return SurveyDetections(found).at_least(info["least_score"])
 
 
-def surveyed(detections: SurveyDetections, cameras: Cameras) -> Fused:
-    svm = filters.load(filters.shipped("object"))
-    fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
+def surveyed(detections: SurveyDetections, photos: Photos | None, cameras: Cameras) -> Fused:
+    fused = object.fuse(detections, cameras)
+    if photos is not None:
+        fused = look_again(fused, detections, photos, cameras)
+    fused = filters.apply_to_views(fused, detections, cameras)
     fruits = measure(fused, detections, cameras, options=RunOptions().of_stages.measure)
     return Fused(fruits, fused.observations, fused.cloud)
 
 
-def halves_of(survey: Path) -> Halves:
+def halves_of(survey: Path, second_look: bool) -> Halves:
     cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
+    photos = pomona.open(survey).photos if second_look else None
     names = sorted(cameras.photos)
     even, odd = (
         surveyed(
-            SurveyDetections({n: detections[n] for n in part if n in detections}), part_of(cameras, frozenset(part))
+            SurveyDetections({n: detections[n] for n in part if n in detections}),
+            photos,
+            part_of(cameras, frozenset(part)),
         )
         for part in (names[::2], names[1::2])
     )
@@ -141,13 +150,14 @@ def crop(photos: Path, cameras: Cameras, name: str, mine: Fused, other: Fused, i
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("surveys", nargs="+")
+    parser.add_argument("--no-second-look", action="store_true")
     parser.add_argument("--crops", type=Path)
     parser.add_argument("--photos", type=Path)
     arguments = parser.parse_args()
     print(HEAD, "|---" * 10 + "|", sep="\n")
     for each in arguments.surveys:
         folder, _, truth = each.partition("=")
-        halves = halves_of(Path(folder))
+        halves = halves_of(Path(folder), not arguments.no_second_look)
         print("\n".join(rows(Path(folder).name, halves, read_truth(Path(truth)) if truth else None)), flush=True)
         if arguments.crops and arguments.photos:
             write_crops(Path(folder), arguments.photos, halves, arguments.crops / Path(folder).name)

@@ -1,11 +1,11 @@
 """Is the `score` of fruits.csv a probability? Fruits of rows with truth, by score: a table and a plot for the docs.
 
-python benchmarks/reliability.py SURVEY=TRUTH[=FILTER.json] [...] [--plot docs/images/reliability.png]
+python benchmarks/reliability.py ROW[=FILTER.json] [...] [--no-second-look] [--plot docs/images/reliability.png]
 
-A SURVEY is a folder of `pomona run --method object` over a rendered row that the filter was not trained on, TRUTH the
-row's folder; a row that it was trained on needs a FILTER trained on the others (`train_filter.py --left-out`). All
-photos, the even and the odd, and each third of them are surveys of their own. Of all fruits before the cut at 0.5, the
-share is told that are true: at most half a diameter from a true fruit's centre, visible or not, one to one.
+A ROW is a rendered row's folder with its truth, with the true cameras and the shipped segmenter's detections; a row
+that the filter was trained on needs a FILTER trained on the others (`train_filter.py --left-out`). All photos, the even
+and the odd, and each third of them are surveys of their own. Of all fruits before the cut, the share is told that are
+true: at most half a diameter from a true fruit's centre, visible or not, one to one.
 """
 
 import argparse
@@ -17,32 +17,42 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from even_odd import detections_of
 from pomona import filter as filters
+from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
-from pomona.evaluate.fruits import EvaluateOptions, Truth, read_truth
+from pomona.evaluate.fruits import EvaluateOptions, read_truth
 from pomona.evaluate.fruits.matching import assign, candidates_by_center
-from pomona.formats.cameras.colmap import read_colmap
 from pomona.fuse import object
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
+from pomona.second_look import look_again
+from pomona.segment import load_segmenter, segment_photos
 from pomona.self_training.halves import part_of
+from pomona.synth.truth import RowFolder
+from train_filter import cameras_of
 
 EDGES = np.linspace(0, 1, 11)
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
 _KEEP_ALL = filters.FilterOptions(threshold=0.0)
 
 
-def judged(survey: Path, truth: Truth, svm: filters.LinearSvm) -> tuple[np.ndarray, np.ndarray]:
+def judged(row: RowFolder, svm: filters.LinearSvm | None, second_look: bool) -> tuple[np.ndarray, np.ndarray]:
     """Scores (n,), and whether each is true (n,), of all fruits that the photos and their parts give."""
-    cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
+    photos, truth, options = load_photos([row.root / "images"]), read_truth(row.root), RunOptions().of_stages
+    cameras, segmenter = cameras_of(row, photos), load_segmenter(None)
+    least = options.select.trusted_share * segmenter.traits.score_threshold
+    detections = segment_photos(photos, segmenter).at_least(least)
     scores, true = [], []
     for step, first in THINNED:
         names = sorted(cameras.photos)[first::step]
         some = SurveyDetections({name: detections[name] for name in names if name in detections})
         seen_by = part_of(cameras, frozenset(names))
-        fused = filters.apply_to_views(object.fuse(some, seen_by), some, seen_by, svm, options=_KEEP_ALL)
-        fruits = measure(fused, some, seen_by, options=RunOptions().of_stages.measure)
+        fused = object.fuse(some, seen_by)
+        if second_look:
+            fused = look_again(fused, some, photos, seen_by)
+        fruits = measure(
+            filters.apply_to_views(fused, some, seen_by, svm, options=_KEEP_ALL), some, seen_by, options=options.measure
+        )
         pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
         scores.append(fruits.scores)
         true.append(np.isin(np.arange(len(fruits)), pairs[:, 0]))
@@ -86,6 +96,7 @@ def plot(path: Path, scores: np.ndarray, true: np.ndarray) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("rows", nargs="+")
+    parser.add_argument("--no-second-look", action="store_true")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     scores, true = [], []
@@ -95,12 +106,12 @@ def main() -> None:
         sep="\n",
     )
     for each in arguments.rows:
-        survey, truth, *machine = each.split("=")
-        svm = filters.load(Path(machine[0]) if machine else filters.shipped("object"))
-        found = judged(Path(survey), read_truth(Path(truth)), svm)
+        folder, _, machine = each.partition("=")
+        svm = filters.load(Path(machine)) if machine else None
+        found = judged(RowFolder(Path(folder)), svm, not arguments.no_second_look)
         scores.append(found[0])
         true.append(found[1])
-        print(f"| {Path(survey).name} | {summary(*found)} |", flush=True)
+        print(f"| {Path(folder).name} | {summary(*found)} |", flush=True)
     together = np.concatenate(scores), np.concatenate(true)
     print(
         f"| together | {summary(*together)} |\n\n| score | fruits | mean score | share that are true |",

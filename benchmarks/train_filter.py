@@ -1,15 +1,15 @@
 """Train the support vector machine that tells fruits from false positives.
 
 python benchmarks/train_filter.py OUT.json ROW [ROW ...] [--method object|paper] [--variant published-code]
-                                  [--repeats N] [--left-out FOLDER]
+                                  [--second-look] [--repeats N] [--left-out FOLDER]
 
 A ROW is a rendered row's folder with its truth (`benchmarks/render_rows.py`, or orchard-dev), with the true cameras.
-Detections are those of the shipped segmenter, for `object` from several
-scores up, and true masks of which some were dropped and false ones added, with scores that say nothing, so that what is
-learnt is not one segmenter's habits; each of these from all photos, from every second and from every third, so that it
-is not one density of photos either. For `paper` true masks made worse and joined by false ones, `--repeats` times;
-with `--variant published-code` on that program's six features, of detections of any score, through the true lens.
-Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
+Detections are those of the shipped segmenter, for `object` from several scores up, and true masks of which some were
+dropped and false ones added, with scores that say nothing, so that what is learnt is not one segmenter's habits; each
+of these from all photos, from every second and from every third, so that it is not one density of photos either. With
+`--second-look`, of fruits that were looked at again, and fewer of each. For `paper` true masks made worse and joined by
+false ones, `--repeats` times; with `--variant published-code` on that program's six features, of detections of any
+score, through the true lens. Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
 """
 
 import argparse
@@ -28,7 +28,14 @@ from pomona.dense import fruit_cloud
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.evaluate.fruits.matching import EvaluateOptions, candidates_by_center
-from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm, resized, view_features, view_probability
+from pomona.filter import (
+    LOOKED_FEATURE_NAMES,
+    VIEW_FEATURE_NAMES,
+    LinearSvm,
+    resized,
+    view_features,
+    view_probability,
+)
 from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.filter.training import training_table
 from pomona.formats.detections.read import read_detections
@@ -38,6 +45,7 @@ from pomona.intrinsics import Intrinsics
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
+from pomona.second_look import look_again
 from pomona.segment import load_segmenter, segment_photos
 from pomona.self_training.halves import part_of
 from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
@@ -47,9 +55,11 @@ REFERENCE_M = 0.075
 SMALLEST_SHARE = 0.08
 # The scores from which detections are used, as shares of the segmenter's own threshold.
 SHARES = (1.0, 0.8, 0.6, 0.4)
-LEAST_CHANCE_SCORE = 0.4
+LEAST_CHANCE_SCORES = (0.4, 1.0)
 # Which photos: every n-th, from which on.
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 1))
+# Looking again takes longer.
+SHARES_LOOKED, LEAST_CHANCE_SCORES_LOOKED, THINNED_LOOKED = (0.8, 0.5), (0.4,), ((1, 0), (2, 0), (3, 1))
 
 
 def cameras_of(row: RowFolder, photos: Photos) -> Cameras:
@@ -119,6 +129,28 @@ def worse_detections(row: RowFolder, cameras: Cameras, truth: Truth, rng: np.ran
 
 
 @dataclass(frozen=True)
+class Learnt:
+    """What a machine is for."""
+
+    method: str
+    variant: str | None
+    second_look: bool
+    repeats: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        if self.method == "object":
+            return LOOKED_FEATURE_NAMES if self.second_look else VIEW_FEATURE_NAMES
+        return CODE_FEATURE_NAMES if self.variant == "published-code" else FEATURE_NAMES
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        if self.method == "paper":
+            return (1.0,)
+        return SHARES_LOOKED if self.second_look else SHARES
+
+
+@dataclass(frozen=True)
 class Example:
     """What one survey teaches: features (n, k), whether each is a fruit (n,), and the fruits as they are measured."""
 
@@ -130,19 +162,19 @@ class Example:
 
 
 def kinds_of_detections(
-    method: str, row: RowFolder, photos: Photos, cameras: Cameras, truth: Truth, repeats: int
+    learnt: Learnt, row: RowFolder, photos: Photos, cameras: Cameras, truth: Truth
 ) -> Iterator[tuple[str, SurveyDetections]]:
     segmenter = load_segmenter(None)
     found = segment_photos(photos, segmenter)
-    for share in SHARES if method == "object" else (1.0,):
+    for share in learnt.shares:
         score = share * segmenter.traits.score_threshold
         yield f"the shipped segmenter's masks from a score of {score:g} up", found.at_least(score)
-    if method == "paper":
-        for r in range(repeats):
+    if learnt.method == "paper":
+        for r in range(learnt.repeats):
             yield f"true masks made worse {r}", worse_detections(row, cameras, truth, np.random.default_rng(r))
         return
     rng = np.random.default_rng(0)
-    for least in (LEAST_CHANCE_SCORE, 1.0):
+    for least in LEAST_CHANCE_SCORES_LOOKED if learnt.second_look else LEAST_CHANCE_SCORES:
         worse = {name: with_chance_scores(with_false(dropped(found, rng), rng), least, rng) for name, found in
                  true_detections(row, photos).items()}  # fmt: skip
         yield f"true masks dropped and joined by false ones, scores {least:g} to 1", SurveyDetections(worse)
@@ -159,19 +191,20 @@ def with_chance_scores(found: Detections, least: float, rng: np.random.Generator
     return replace(found, scores=rng.uniform(least, 1, len(found)))
 
 
-def examples(folder: Path, method: str, variant: str | None, repeats: int) -> Iterator[Example]:
+def examples(folder: Path, learnt: Learnt) -> Iterator[Example]:
     row, truth = RowFolder(folder), read_truth(folder)
     photos = load_photos([folder / "images"])
     cameras = cameras_of(row, photos)
-    for kind, detections in kinds_of_detections(method, row, photos, cameras, truth, repeats):
-        if method == "paper":
-            yield paper_example(f"{folder.name}, {kind}", photos, detections, cameras, truth, variant)
+    for kind, detections in kinds_of_detections(learnt, row, photos, cameras, truth):
+        if learnt.method == "paper":
+            yield paper_example(f"{folder.name}, {kind}", photos, detections, cameras, truth, learnt.variant)
             continue
-        for step, first in THINNED:
+        for step, first in THINNED_LOOKED if learnt.second_look else THINNED:
             names = sorted(cameras.photos)[first::step]
             some = SurveyDetections({name: detections[name] for name in names})
             label = f"{folder.name}, {kind}, every photo {step} from {first}"
-            yield object_example(label, some, part_of(cameras, frozenset(names)), truth)
+            seen_by = part_of(cameras, frozenset(names))
+            yield object_example(label, photos if learnt.second_look else None, some, seen_by, truth)
 
 
 def paper_example(
@@ -182,41 +215,40 @@ def paper_example(
     fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=chosen)
     # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
     measured = measure(fused, detections, cameras, options=options.measure)
-    names = names_of("paper", variant)
+    names = CODE_FEATURE_NAMES if variant == "published-code" else FEATURE_NAMES
     values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth, names=names)
     values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)), names)
     return Example(label, values, is_fruit, measured[np.isin(measured.ids, fused.cloud.fruit_id)], truth)
 
 
-def object_example(label: str, detections: SurveyDetections, cameras: Cameras, truth: Truth) -> Example:
+def object_example(
+    label: str, photos: Photos | None, detections: SurveyDetections, cameras: Cameras, truth: Truth
+) -> Example:
+    """An example of fruits as they are associated, or looked at again in `photos`."""
     fused = object.fuse(detections, cameras)
+    if photos is not None:
+        fused = look_again(fused, detections, photos, cameras)
     measured = measure(fused, detections, cameras, options=RunOptions().of_stages.measure)
     near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
-    return Example(
-        label, view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near), measured, truth
-    )
+    values, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
+    judged = np.isfinite(values).all(1)  # others no photo shows well enough to be looked at
+    return Example(label, values[judged], is_fruit[judged], measured[judged], truth)
 
 
-def names_of(method: str, variant: str | None) -> tuple[str, ...]:
-    if method == "object":
-        return VIEW_FEATURE_NAMES
-    return CODE_FEATURE_NAMES if variant == "published-code" else FEATURE_NAMES
-
-
-def trained(done: list[Example], method: str, variant: str | None, repeats: int) -> LinearSvm:
+def trained(done: list[Example], learnt: Learnt) -> LinearSvm:
     values, is_fruit = np.concatenate([e.values for e in done]), np.concatenate([e.is_fruit for e in done])
     rows = ", ".join(dict.fromkeys(e.label.partition(",")[0] for e in done))
     worse = {
-        "paper": f"true masks made worse and joined by false ones, {repeats} times a row",
+        "paper": f"true masks made worse and joined by false ones, {learnt.repeats} times a row",
         "object": "true masks of which 30 % were dropped and 20 % false ones added, with scores that say nothing; "
         "of all photos, of every second and of every third",
-    }[method]
+    }[learnt.method]
+    after = ", after the second look" if learnt.second_look else ""
     trained_on = (
         f"{is_fruit.sum()} fruits and {(~is_fruit).sum()} false positives of the rendered rows {rows}, with true "
-        f"cameras; detections: those of the shipped segmenter, and {worse}. No real orchard."
+        f"cameras{after}; detections: those of the shipped segmenter, and {worse}. No real orchard."
     )
-    names = names_of(method, variant)
-    return LinearSvm.train(values, is_fruit, names=names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
+    return LinearSvm.train(values, is_fruit, names=learnt.names, fruit_diameter_m=REFERENCE_M, trained_on=trained_on)
 
 
 def main() -> None:
@@ -225,12 +257,14 @@ def main() -> None:
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--method", choices=("object", "paper"), default="object")
     parser.add_argument("--variant", choices=("published-code",), help="of --method paper")
+    parser.add_argument("--second-look", action="store_true", help="of --method object: fruits looked at again")
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--left-out", type=Path, help="also write FOLDER/ROW.json, trained on the other rows")
     arguments = parser.parse_args()
+    learnt = Learnt(arguments.method, arguments.variant, arguments.second_look, arguments.repeats)
     done: list[Example] = []
     for folder in arguments.rows:
-        for example in examples(folder, arguments.method, arguments.variant, arguments.repeats):
+        for example in examples(folder, learnt):
             done.append(example)
             fruits = example.is_fruit.sum()
             print(f"{example.label}: {fruits} fruits, {len(example.is_fruit) - fruits} false positives", flush=True)
@@ -238,10 +272,8 @@ def main() -> None:
         arguments.left_out.mkdir(parents=True, exist_ok=True)
         for folder in arguments.rows:
             others = [e for e in done if not e.label.startswith(f"{folder.name},")]
-            trained(others, arguments.method, arguments.variant, arguments.repeats).save(
-                arguments.left_out / f"{folder.name}.json"
-            )
-    svm = trained(done, arguments.method, arguments.variant, arguments.repeats)
+            trained(others, learnt).save(arguments.left_out / f"{folder.name}.json")
+    svm = trained(done, learnt)
     svm.save(arguments.out)
     print(svm.trained_on, dict(zip(svm.names, svm.weights.round(2).tolist(), strict=True)))
     probability = svm.probability if arguments.method == "paper" else lambda values: view_probability(values, svm)

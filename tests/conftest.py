@@ -11,6 +11,9 @@ from hypothesis import HealthCheck, settings
 # Threads of OpenMP (PyTorch, scikit-learn, COLMAP) that wait for each other by spinning hold the very cores that the
 # others need when something else runs too. It is read when these libraries are loaded, here and in child processes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# Tests run in a process for each core. Two threads of PyTorch beside another test wait for each other: a step of
+# training then takes five times as long as on one thread.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # The same examples in each run, however long one takes: what passes once passes on a busy machine too.
 settings.register_profile("pomona", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fuse_scenes import cameras_in_a_row, detections_of
+from pomona.cameras import Cameras
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.fruits import Truth
 from pomona.filter import (
     FEATURE_NAMES,
+    LOOKED_FEATURE_NAMES,
     VIEW_FEATURE_NAMES,
     FilterOptions,
     LinearSvm,
@@ -30,7 +33,7 @@ from pomona.filter.point_features import hull_volume_m3, psi
 from pomona.filter.training import training_table
 from pomona.filter.view_features import place_probability
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
+from pomona.fuse import Fused, Shown
 from pomona.fuse.object import fuse
 from pomona.pipeline import RunOptions
 
@@ -242,6 +245,11 @@ def test_a_machine_of_the_other_method_is_refused_before_any_work() -> None:
         RunOptions(filter_model=shipped("paper")).check_files()
     RunOptions(method="paper", filter_model=shipped("paper")).check_files()
     RunOptions(filter_model=shipped("object")).check_files()
+    RunOptions(filter_model=shipped("object", "second-look")).check_files()
+    with pytest.raises(
+        InputError, match=r"expects a machine trained on log_views, .*log_place_sd; found one of .*nats"
+    ):
+        RunOptions(filter_model=shipped("object", "second-look"), second_look=False).check_files()
 
 
 def test_views_tell_how_often_a_fruit_was_seen_where_it_should_be() -> None:
@@ -271,6 +279,50 @@ def test_views_tell_how_often_a_fruit_was_seen_where_it_should_be() -> None:
         fused, worse, cameras, LinearSvm.load(shipped("object")), options=FilterOptions(threshold=1.0)
     )
     assert (len(none.fruits), len(none.observations)) == (0, 0)
+
+
+def looked_at(fused: Fused, seen: list[float], nats: list[float]) -> Fused:
+    return replace(fused, shown=Shown(np.array(seen), np.array(nats)))
+
+
+def three_alike() -> tuple[Fused, SurveyDetections, Cameras]:
+    """Three fruits, each seen by all of eight photos."""
+    cameras = cameras_in_a_row(8, step_m=0.1)
+    centers = np.array([[-0.2, 0.0, 0.0], [0.0, 0.05, 0.1], [0.2, 0.0, 0.05]])
+    detections = detections_of(cameras, centers, np.full(3, 0.08))
+    return fuse(detections, cameras), detections, cameras
+
+
+def test_what_the_second_look_saw_counts_for_a_fruit_and_against_it() -> None:
+    fused, detections, cameras = three_alike()
+    fused = looked_at(fused, [0.8, 0.3, 0.02], [8.0, 2.0, -1.0])
+    values = view_features(fused, detections, cameras)
+    np.testing.assert_allclose(values[:, -2:], [[0.8, 8.0], [0.3, 2.0], [0.02, -1.0]])
+    machine = LinearSvm.load(shipped("object", "second-look"))
+    assert machine.names == LOOKED_FEATURE_NAMES
+    kept = apply_to_views(fused, detections, cameras, options=FilterOptions(threshold=0.0))
+    assert (np.diff(kept.fruits.scores) < 0).all()
+    assert kept.fruits.scores[0] > 0.95
+
+
+def test_fruits_that_no_photo_was_looked_at_for_are_judged_by_their_views() -> None:
+    fused, detections, cameras = three_alike()
+    every = FilterOptions(threshold=0.0)
+    plain = apply_to_views(fused, detections, cameras, options=every).fruits.scores
+    some = apply_to_views(
+        looked_at(fused, [0.8, np.nan, 0.8], [8.0, 0.0, 8.0]), detections, cameras, options=every
+    ).fruits.scores
+    assert some[1] == plain[1]
+    assert (some[[0, 2]] != plain[[0, 2]]).all()
+    by_views = LinearSvm.load(shipped("object"))
+    given = apply_to_views(looked_at(fused, [0.1] * 3, [0.0] * 3), detections, cameras, by_views, options=every)
+    np.testing.assert_array_equal(given.fruits.scores, plain)
+
+
+def test_what_was_shown_is_of_the_fruits() -> None:
+    fused, _, _ = three_alike()
+    with pytest.raises(InputError, match="expected it of 3 fruits, found 2"):
+        looked_at(fused, [0.5, 0.5], [1.0, 1.0])
 
 
 @pytest.mark.parametrize(("step_m", "least", "most"), [(0.15, 0.0, 0.1), (0.003, 0.5, 5.0)])

@@ -20,7 +20,7 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.fruit_colours import ColourCounts
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
+from pomona.fuse import Fused, Shown
 from pomona.fuse.object import ObjectOptions, fuse
 from pomona.mask_rays import mask_rays
 from pomona.photos import Photo, Photos
@@ -241,7 +241,7 @@ def test_masks_go_to_the_fruit_that_photos_speak_for(tmp_path: Path) -> None:
     masks = mask_rays(detections, cameras, rays_per_mask=16)
     spheres = Spheres.alike(np.array([CENTERS[0], CENTERS[0] + [0, 0, 0.01]]), DIAMETER_M / 2)
     for likely in ([5.0, -2.0], [-2.0, 5.0]):
-        looked = Looked(spheres, np.full(2, 0.5), np.array(likely))
+        looked = Looked(spheres, Shown(np.full(2, 0.5), np.array(likely)))
         stays, matches = compete(looked, masks, DIAMETER_M / 2, SecondLookOptions(), ObjectOptions())
         assert stays.tolist() == [nats > 0 for nats in likely]
         assert len(matches) == len(masks) == 8

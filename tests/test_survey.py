@@ -15,9 +15,11 @@ from pipeline_fakes import make_photos
 from pomona.capture import load_photos
 from pomona.errors import FormatError, MissingFileError, SurveyError
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Fused, Shown
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import disk_errors, write_file
+from pomona.survey.fused import fused_path, read_fused, write_fused
 from pomona.survey.photos import photo_of
 from pomona.survey.record import Meter
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
@@ -139,6 +141,24 @@ def test_values_come_back_as_they_were(tmp_path: Path) -> None:
             np.testing.assert_array_equal(again[name], array)
     for empty in (Fruits.empty(), Observations.empty()):
         assert len(columns_from(type(empty), arrays_of(empty))) == 0
+
+
+@pytest.mark.parametrize("shown", [None, Shown([0.5, np.nan], [2.0, 0.0])])
+def test_fruits_between_stages_come_back_with_what_was_shown_of_them(tmp_path: Path, shown: Shown | None) -> None:
+    survey = SurveyFolder.create(tmp_path / "survey")
+    fruits = Fruits([3, 1], [[0, 1, 2], [3, 4, 5]], [0.07, np.nan], [0.5, 1], [2, 0])
+    write_fused(survey, "look", Fused(fruits, Observations.empty(), FruitCloud.empty(), shown))
+    again = read_fused(survey, "look").shown
+    if shown is None:
+        assert again is None
+        return
+    assert again is not None
+    np.testing.assert_array_equal(again.seen, shown.seen)
+    np.testing.assert_array_equal(again.likelihoods_nats, shown.likelihoods_nats)
+    path = fused_path(survey, "look")
+    write_arrays(path, read_arrays(path) | {"shown/seen": np.ones(3), "shown/likelihoods_nats": np.ones(3)})
+    with pytest.raises(FormatError, match=r"look\.npz: Fused\.shown: expected it of 2 fruits, found 3"):
+        read_fused(survey, "look")
 
 
 def test_damaged_arrays_are_told_of(tmp_path: Path) -> None:

@@ -426,13 +426,13 @@ def _read_survey(folder: Path) -> object:
 
 
 def _arrays(folder: Path) -> None:
-    from pomona.fuse import Fused
+    from pomona.fuse import Fused, Shown
     from pomona.survey import SurveyFolder
     from pomona.survey.fused import write_fused
     from report_scenes import observe
 
-    fruits = row_fruits(6)
-    write_fused(SurveyFolder.create(folder), "fuse", Fused(fruits, observe(fruits, row_cameras(2)), _cloud(10)))
+    fruits, shown = row_fruits(6), Shown(np.full(6, 0.5), np.ones(6))
+    write_fused(SurveyFolder.create(folder), "fuse", Fused(fruits, observe(fruits, row_cameras(2)), _cloud(10), shown))
 
 
 def _read_arrays(folder: Path) -> object:

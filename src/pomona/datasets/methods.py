@@ -71,8 +71,7 @@ def _by_object(given: Given, fruit_diameter_m: float, progress: Progress) -> Fru
     fused = object.fuse(detections, given.cameras, options=options.object, progress=progress)
     if len(fused.fruits) == 0:
         return fused.fruits
-    svm = filters.load(filters.shipped("object"))
-    fused = filters.apply_to_views(fused, detections, given.cameras, svm)
+    fused = filters.apply_to_views(fused, detections, given.cameras)
     return measure(fused, detections, given.cameras, options=options.measure, progress=progress)
 
 

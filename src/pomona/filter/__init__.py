@@ -6,12 +6,12 @@ from pomona.filter.decision import apply, apply_to_views, view_probability
 from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES, FruitFeatures, features, resized
 from pomona.filter.svm import LinearSvm, shipped
-from pomona.filter.view_features import VIEW_FEATURE_NAMES, view_features
+from pomona.filter.view_features import LOOKED_FEATURE_NAMES, VIEW_FEATURE_NAMES, view_features
 
 load = LinearSvm.load
 
 __all__ = [
-    "CODE_FEATURE_NAMES", "FEATURE_NAMES", "VIEW_FEATURE_NAMES", "FilterOptions", "FruitFeatures", "LinearSvm",
-    "apply", "apply_to_views", "features", "load", "resized", "shipped", "view_features",
+    "CODE_FEATURE_NAMES", "FEATURE_NAMES", "LOOKED_FEATURE_NAMES", "VIEW_FEATURE_NAMES", "FilterOptions",
+    "FruitFeatures", "LinearSvm", "apply", "apply_to_views", "features", "load", "resized", "shipped", "view_features",
     "view_probability",
 ]  # fmt: skip

@@ -12,13 +12,13 @@ from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import features, resized
 from pomona.filter.svm import LinearSvm, shipped
-from pomona.filter.view_features import place_probability, view_features
+from pomona.filter.view_features import LOOKED_FEATURE_NAMES, place_probability, view_features
 from pomona.fruit_size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
-# The probabilities below which fruits are dropped: the paper's machine parts at a half. By views F1 is greatest from
-# about F1 / 2 down, and fruits that few photos show are found there oftener than these say.
-_BY_POINTS, _BY_VIEWS = 0.5, 0.3
+# The probabilities below which fruits are dropped: the paper's machine parts at a half; by views, the F1 of what is
+# left is greatest at about F1 / 2.
+_BY_POINTS, _BY_VIEWS = 0.5, 0.4
 
 
 def apply(fused: Fused, svm: LinearSvm | None = None, *, options: FilterOptions | None = None) -> Fused:
@@ -47,17 +47,31 @@ def apply_to_views(
     """Return the fruits that the photos speak for (`view_features`), with a probability as their score.
 
     That is, that there is a fruit within half a diameter of that place: that it is fruit, times that the place is
-    right. `detections` and `cameras` are those that `fused` was made of; `svm` None: the machine that Pomona ships for
-    fruits of `fuse.object`. Those kept keep their ids.
+    right. `detections` and `cameras` are those that `fused` was made of; `svm` None: the machines that Pomona ships for
+    fruits of `fuse.object`, and for those that were looked at again. Those kept keep their ids.
     """
-    svm, options = svm or LinearSvm.load(shipped("object")), options or FilterOptions()
-    probability = view_probability(view_features(fused, detections, cameras, options), svm)
+    options = options or FilterOptions()
+    values = view_features(fused, detections, cameras, options)
+    probability = _by_shipped(values) if svm is None else view_probability(values, svm)
     return _kept(fused, probability, _BY_VIEWS if options.threshold is None else options.threshold)
 
 
 def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
-    """Return for features (n, 5) the probability (n,) that a fruit is within half a diameter of where it is said."""
+    """Return for features (n, 5 or 7) the probability (n,) that a fruit is within half a diameter of where it is said.
+
+    A machine of `VIEW_FEATURE_NAMES` judges fruits that were looked at again by these alone.
+    """
+    values = values[:, : len(svm.names)]
     return svm.probability(values) * place_probability(values)
+
+
+def _by_shipped(values: FloatArray) -> FloatArray:
+    probability = view_probability(values, LinearSvm.load(shipped("object")))
+    looked_at = np.isfinite(values).all(1) & (values.shape[1] == len(LOOKED_FEATURE_NAMES))
+    if looked_at.any():
+        machine = LinearSvm.load(shipped("object", "second-look"))
+        probability[looked_at] = view_probability(values[looked_at], machine)
+    return probability
 
 
 def _kept(fused: Fused, probability: FloatArray, threshold: float) -> Fused:

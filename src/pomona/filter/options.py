@@ -11,8 +11,8 @@ from pomona.errors import InputError
 class FilterOptions:
     """Options of `apply` and `apply_to_views`; all but the first are of the latter alone.
 
-    Fruits of a probability below `threshold` are dropped; None: 0.5 by points of a cloud, as in the paper, and 0.3 by
-    what photos show, as the second look has confirmed these. `rays_per_mask`: points along each outline. A photo should
+    Fruits of a probability below `threshold` are dropped; None: 0.5 by points of a cloud, as in the paper, and 0.4 by
+    what photos show. `rays_per_mask`: points along each outline. A photo should
     see a fruit if another sees it from a direction that differs by less than `near_deg`, unless it is more than
     `farther` times as far away as any of those that do. `least_place_sd`, in diameters: no place is known better.
     """

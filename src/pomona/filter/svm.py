@@ -23,9 +23,10 @@ _WEIGHTS = Path(__file__).parent / "weights"
 def shipped(method: str, variant: str | None = None) -> Path:
     """Return the machine that is shipped for fruits found by `method`, "paper" or "object".
 
-    Of the paper's method the variant "published-code" has one of its own, on that program's six features.
+    The variant "published-code" of the paper's method has one of its own, on that program's six features, and so have
+    fruits of the other that were looked at again, the variant "second-look".
     """
-    name = "published_code" if variant == "published-code" else method
+    name = {"published-code": "published_code", "second-look": "second_look"}.get(variant or "", method)
     return _WEIGHTS / f"{name}_svm.json"
 
 

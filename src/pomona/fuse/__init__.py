@@ -5,6 +5,6 @@
 
 from __future__ import annotations
 
-from pomona.fuse.fused import Fused
+from pomona.fuse.fused import Fused, Shown
 
-__all__ = ["Fused"]
+__all__ = ["Fused", "Shown"]

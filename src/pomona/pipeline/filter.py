@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class FilterChoice:
-    """Which machine decides (None: none does), on features of points in the cloud or of what photos show."""
+    """Whether a machine decides, which (None: those shipped), on features of points or of what photos show."""
 
+    decides: bool
     model: Path | None
     on_points: bool
     options: FilterOptions
@@ -31,18 +32,18 @@ class FilterChoice:
 def _choice(options: StageOptions) -> FilterChoice:
     from pomona.filter.svm import shipped
 
-    run = options.run
-    model = (run.filter_model or shipped(run.method, run.variant)) if run.filter_false_positives else None
-    return FilterChoice(model=model, on_points=run.method == "paper", options=options.filter)
+    run, on_points = options.run, options.run.method == "paper"
+    model = run.filter_model or (shipped(run.method, run.variant) if on_points else None)
+    return FilterChoice(decides=run.filter_false_positives, model=model, on_points=on_points, options=options.filter)
 
 
 def _filter(fused: Fused, selected: Selected, placed: Placed, *, options: FilterChoice, progress: Progress) -> Fused:
-    if options.model is None or len(fused.fruits) == 0:
+    if not options.decides or len(fused.fruits) == 0:
         return fused
     from pomona import filter as filters
 
     progress.start("filtering false positives")
-    svm = filters.load(options.model)
+    svm = None if options.model is None else filters.load(options.model)
     if options.on_points:
         return filters.apply(fused, svm, options=options.options)
     return filters.apply_to_views(fused, selected.trusted, placed.cameras, svm, options=options.options)

@@ -262,15 +262,22 @@ class RunOptions:
 
             read_hand_counts(self.hand_counts)
         if self.filter_model is not None:
-            from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, VIEW_FEATURE_NAMES, LinearSvm
+            from pomona.filter import (
+                CODE_FEATURE_NAMES,
+                FEATURE_NAMES,
+                LOOKED_FEATURE_NAMES,
+                VIEW_FEATURE_NAMES,
+                LinearSvm,
+            )
 
             of_points = CODE_FEATURE_NAMES if self.variant == "published-code" else FEATURE_NAMES
-            expected = of_points if self.method == "paper" else VIEW_FEATURE_NAMES
+            of_views = (LOOKED_FEATURE_NAMES, VIEW_FEATURE_NAMES) if self.second_look else (VIEW_FEATURE_NAMES,)
+            expected = (of_points,) if self.method == "paper" else of_views
             found = LinearSvm.load(self.filter_model).names
-            if found != expected:
+            if found not in expected:
                 raise InputError(
                     f"`filter_model` {self.filter_model}: `method` {self.method} expects a machine trained on "
-                    f"{', '.join(expected)}; found one of {', '.join(found)}"
+                    f"{', '.join(expected[0])}; found one of {', '.join(found)}"
                 )
 
     def to_json(self) -> dict[str, Any]:

@@ -27,10 +27,10 @@ def compete(
     Masks are assigned as in the association, but that spheres have as much support as photos speak for them. Of two
     that overlap the likelier one stays.
     """
-    n, support = len(looked.spheres), np.exp(np.minimum(looked.likelihoods_nats, _MOST_NATS))
+    n, support = len(looked.spheres), np.exp(np.minimum(looked.shown.likelihoods_nats, _MOST_NATS))
     by_nats = replace(association, support_weight=options.nat_weight)
     matches = assign(Gate(masks, radius_m, association).matches(looked.spheres), masks, support, by_nats)
     stays = (matches.counts(n) >= association.min_views) & (matches.largest_shares(n) >= association.min_share)
     idx, overlap_m = np.flatnonzero(stays), options.overlap_radii * radius_m
-    stays[idx] = suppress_overlapping(looked.spheres[idx], looked.likelihoods_nats[idx], overlap_m)
+    stays[idx] = suppress_overlapping(looked.spheres[idx], looked.shown.likelihoods_nats[idx], overlap_m)
     return stays, matches.of_spheres(stays)

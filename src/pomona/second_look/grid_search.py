@@ -8,6 +8,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
+from pomona.fuse import Shown
 from pomona.geometry import frame_along
 from pomona.second_look.evidence import Evidence
 from pomona.second_look.looked import Looked
@@ -60,7 +61,7 @@ class GridSearch:
                 centers[i], likelihoods[i] = tried[best], likely[best]
             shown = np.sort(maps.at(centers[i][None])[:, 0])
             seen[i] = shown[-self._options.peaks :].mean()
-        return Looked(Spheres(centers, spheres.radii_m), seen, likelihoods)
+        return Looked(Spheres(centers, spheres.radii_m), Shown(seen, likelihoods))
 
     def _likelihoods_nats(self, shown: FloatArray) -> FloatArray:
         """Return what photos show (m, n) of n places together: the log of how much likelier each is than nothing."""

@@ -7,35 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, IntArray
+from pomona.errors import InputError
+from pomona.fuse import Shown
 from pomona.spheres import Spheres
 
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """n spheres, and what photos show at their places.
-
-    `seen` (n,): the mean probability of a centre there in the photos that show it best, NaN where none looked.
-    `likelihoods_nats` (n,): how much likelier it is to see what all photos show if there is a fruit than if there is
-    none; 0 where none looked.
-    """
+    """n spheres, and what photos show at their places."""
 
     spheres: Spheres
-    seen: FloatArray
-    likelihoods_nats: FloatArray
+    shown: Shown
 
     def __post_init__(self) -> None:
-        set_checked(self, "seen", (len(self.spheres),), np.float64)
-        set_checked(self, "likelihoods_nats", (len(self.spheres),), np.float64)
+        if len(self.shown) != len(self.spheres):
+            raise InputError(f"Looked.shown: expected it of {len(self.spheres)} spheres, found {len(self.shown)}")
 
     @classmethod
     def joined(cls, parts: Sequence[Looked]) -> Looked:
         """Return the spheres of all parts, one part after the other."""
-        return cls(
-            Spheres.joined([part.spheres for part in parts]),
-            np.concatenate([part.seen for part in parts]),
-            np.concatenate([part.likelihoods_nats for part in parts]),
+        seen, likelihoods_nats = (
+            np.concatenate([getattr(part.shown, name) for part in parts]) for name in ("seen", "likelihoods_nats")
         )
+        return cls(Spheres.joined([part.spheres for part in parts]), Shown(seen, likelihoods_nats))
 
     def __getitem__(self, selection: BoolArray | IntArray) -> Looked:
-        return Looked(self.spheres[selection], self.seen[selection], self.likelihoods_nats[selection])
+        return Looked(self.spheres[selection], self.shown[selection])

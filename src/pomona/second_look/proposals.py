@@ -19,9 +19,9 @@ def proposed(
     What the fruits `found` explain is left out. They may be as near as `new_radii` to one of these, as that one may be
     in the wrong place: which of the two it is, masks decide (`competition`).
     """
-    left = unexplained(evidence, found.spheres, found.seen, cameras, options, own=True)
+    left = unexplained(evidence, found.spheres, found.shown.seen, cameras, options, own=True)
     search = GridSearch(left, cameras, options, options.new_reach, options.new_steps, radius_m)
     new = search.best(Spheres.alike(starts.centers_in_world, radius_m))
-    new = new[new.likelihoods_nats > options.new_nats]
+    new = new[new.shown.likelihoods_nats > options.new_nats]
     new = new[away_from(found.spheres, new.spheres, options.new_radii * radius_m)]
-    return new[suppress_overlapping(new.spheres, new.likelihoods_nats, options.overlap_radii * radius_m)]
+    return new[suppress_overlapping(new.spheres, new.shown.likelihoods_nats, options.overlap_radii * radius_m)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pomona.cameras import Cameras
@@ -43,7 +45,8 @@ def look_again(
     Crops of every photo that should show a fruit, with fruits of one width in all, go through a small network that says
     where fruits' centres are, hidden parts and all. What it shows beside the fruits is proposed as further ones, and
     masks are assigned anew, to those first that photos speak for. `detections` and `cameras` are those that `fused` was
-    made of, `association` its options. Fruits keep their ids; further ones have greater ids.
+    made of, `association` its options. Fruits keep their ids; further ones have greater ids. `shown` says what photos
+    show of each.
     """
     options, progress = options or SecondLookOptions(), progress or Silent()
     fruits = fused.fruits
@@ -65,12 +68,13 @@ def look_again(
     evidence = look(sights, seen_fruits, photos, cameras, network, progress)
     moved = refined(prior, evidence, cameras, options)
     for round_idx in range(1, len(options.reach)):
-        left = unexplained(evidence, moved.spheres, moved.seen, cameras, options)
+        left = unexplained(evidence, moved.spheres, moved.shown.seen, cameras, options)
         moved = refined(prior, left, cameras, options, round_idx)
-    stays = suppress_overlapping(moved.spheres, np.nan_to_num(moved.seen), options.overlap_radii * size.radius_m)
+    stays = suppress_overlapping(moved.spheres, np.nan_to_num(moved.shown.seen), options.overlap_radii * size.radius_m)
     found = moved[stays]
     new = proposed(moved.spheres, found, evidence, cameras, options, size.radius_m)
     ids = np.concatenate([fruits.ids[stays], fruits.ids.max() + 1 + np.arange(len(new.spheres))])
     found = Looked.joined([found, new])
     stays, matches = compete(found, masks, size.radius_m, options, association)
-    return fused_of(found.spheres[stays], ids[stays], matches, masks)
+    looked = fused_of(found.spheres[stays], ids[stays], matches, masks)
+    return replace(looked, shown=found.shown[stays][np.argsort(ids[stays])])

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pomona.errors import FormatError, InputError
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse.fused import Fused
+from pomona.fuse import Fused, Shown
 from pomona.survey.folder import SurveyFolder
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
+
+_SHOWN = "shown/"  # of fruits that were looked at again
 
 
 def fused_path(survey: SurveyFolder, stage: str) -> Path:
@@ -21,6 +24,7 @@ def write_fused(survey: SurveyFolder, stage: str, fused: Fused) -> None:
         **arrays_of(fused.fruits, "fruits/"),
         **arrays_of(fused.observations, "observations/"),
         **arrays_of(fused.cloud, "cloud/"),
+        **({} if fused.shown is None else arrays_of(fused.shown, _SHOWN)),
     }
     write_arrays(fused_path(survey, stage), arrays)
 
@@ -31,8 +35,13 @@ def read_fused(survey: SurveyFolder, stage: str) -> Fused:
     Raises `MissingFileError`, and `FormatError` when the file is damaged or another version wrote it.
     """
     arrays = read_arrays(fused_path(survey, stage))
-    return Fused(
+    shown = columns_from(Shown, arrays, _SHOWN) if any(name.startswith(_SHOWN) for name in arrays) else None
+    columns = (
         columns_from(Fruits, arrays, "fruits/"),
         columns_from(Observations, arrays, "observations/"),
         columns_from(FruitCloud, arrays, "cloud/"),
     )
+    try:
+        return Fused(*columns, shown)
+    except InputError as error:
+        raise FormatError(f"{fused_path(survey, stage)}: {error}: run again") from None

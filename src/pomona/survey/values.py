@@ -13,9 +13,10 @@ from pomona.arrays import Array
 from pomona.errors import FormatError
 from pomona.formats.npz import read_npz, write_npz
 from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Shown
 from pomona.survey.files import write_file
 
-_Columns = TypeVar("_Columns", Fruits, Observations, FruitCloud)
+_Columns = TypeVar("_Columns", Fruits, Observations, FruitCloud, Shown)
 Arrays = Mapping[str, Array]
 
 
@@ -29,13 +30,13 @@ def read_arrays(path: Path) -> dict[str, Array]:
     return read_npz(path, "arrays that Pomona wrote (where they are damaged, delete the file and run again)")
 
 
-def arrays_of(value: Fruits | Observations | FruitCloud, prefix: str = "") -> dict[str, Array]:
-    """Return the columns of fruits, observations or a cloud as arrays, text as unicode arrays."""
+def arrays_of(value: Fruits | Observations | FruitCloud | Shown, prefix: str = "") -> dict[str, Array]:
+    """Return the columns of a value as arrays, text as unicode arrays."""
     return {prefix + field.name: np.asarray(getattr(value, field.name)) for field in fields(value)}
 
 
 def columns_from(kind: type[_Columns], arrays: Arrays, prefix: str = "") -> _Columns:
-    """Return the fruits, observations or cloud of which `arrays_of` gave the columns; raises `FormatError`."""
+    """Return the value of which `arrays_of` gave the columns; raises `FormatError`."""
     texts = {"sides", "reasons", "photo"}
     # A column that an older version did not write is as where it is not known.
     wanted = [f.name for f in fields(kind) if prefix + f.name in arrays or f.default_factory is MISSING]
