@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.fuse import Shown
 from pomona.geometry import frame_along
@@ -19,6 +19,8 @@ from pomona.spheres import Spheres
 _NOTHING = 0.02
 # Places about the best of a coarse grid are tried again so many of its steps away, across and along the sight.
 _FINER_REACH = (1.2, 2.4)
+# What a photo says counts less, by this power, the more a crop enlarges it: blurred fruits look round where leaves are.
+_ENLARGED = 6
 
 
 class GridSearch:
@@ -53,20 +55,26 @@ class GridSearch:
                 continue
             directions = start - eyes[sights.photo_idx[mine]]
             axes = frame_along((directions / np.linalg.norm(directions, axis=1, keepdims=True)).mean(0))
-            maps = self._evidence.about(mine, start, self._cameras)
+            maps, weights = self._evidence.about(mine, start, self._cameras), self._weights(mine)
             for offsets_m in self._offsets_m:
                 tried = centers[i] + offsets_m @ axes
-                likely = self._likelihoods_nats(maps.at(tried))
+                likely = self._likelihoods_nats(maps.at(tried), weights)
                 best = np.argmax(likely if log_prior is None else likely + log_prior(i, tried))
                 centers[i], likelihoods[i] = tried[best], likely[best]
             shown = np.sort(maps.at(centers[i][None])[:, 0])
             seen[i] = shown[-self._options.peaks :].mean()
         return Looked(Spheres(centers, spheres.radii_m), Shown(seen, likelihoods))
 
-    def _likelihoods_nats(self, shown: FloatArray) -> FloatArray:
+    def _weights(self, idx: IntArray) -> FloatArray:
+        """Return what sights (m,) are worth: less where a crop had to be made larger than its photo shows the fruit."""
+        enlarged = np.maximum(self._evidence.scales[idx], 1)
+        result: FloatArray = self._options.photo_weight / enlarged**_ENLARGED
+        return result
+
+    def _likelihoods_nats(self, shown: FloatArray, weights: FloatArray) -> FloatArray:
         """Return what photos show (m, n) of n places together: the log of how much likelier each is than nothing."""
         ratios = (self._options.missing + shown) / (self._options.missing + _NOTHING)
-        result: FloatArray = self._options.photo_weight * np.log(ratios).sum(0)
+        result: FloatArray = weights @ np.log(ratios)
         return result
 
 
