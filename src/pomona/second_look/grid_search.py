@@ -74,7 +74,7 @@ class GridSearch:
     def _likelihoods_nats(self, shown: FloatArray, weights: FloatArray) -> FloatArray:
         """Return what photos show (m, n) of n places together: the log of how much likelier each is than nothing."""
         ratios = (self._options.missing + shown) / (self._options.missing + _NOTHING)
-        result: FloatArray = weights @ np.log(ratios)
+        result: FloatArray = (weights[:, None] * np.log(ratios)).sum(0)
         return result
 
 
