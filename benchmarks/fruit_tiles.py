@@ -89,15 +89,21 @@ def masks_of_boxes(annotations: list[dict], images: list[dict], found: SurveyDet
         overlap[pairs] = pair_iou(labelled[pairs[0]], detections.boxes_px[pairs[1]])
         for i, j in zip(*linear_sum_assignment(-overlap), strict=True):
             if overlap[i, j] >= SAME_BOX:
-                shapes[i] = packed_mask(detections, j)
+                shapes[i] = packed_mask(detections, j, labelled[i])
         result += [a | shapes.get(i, {}) for i, a in enumerate(mine)]
     return result
 
 
-def packed_mask(found: Detections, k: int) -> dict:
+def packed_mask(found: Detections, k: int, box: np.ndarray | None = None) -> dict:
+    """The mask of a detection as COCO has it, without what lies outside a labelled box."""
     full = np.zeros((found.height_px, found.width_px), np.uint8)
     left, top, right, bottom = found.masks[k].box_px
     full[top:bottom, left:right] = found.masks[k].pixels
+    if box is not None:
+        x0, y0, x1, y1 = (int(v) for v in (*np.floor(box[:2]), *np.ceil(box[2:])))
+        inside = np.zeros_like(full)
+        inside[max(y0, 0) : y1, max(x0, 0) : x1] = 1
+        full *= inside
     packed = coco_mask.encode(np.asfortranarray(full))
     segmentation = {"size": packed["size"], "counts": packed["counts"].decode()}
     return {"area": float(full.sum()), "segmentation": segmentation}

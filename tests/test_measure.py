@@ -15,6 +15,7 @@ from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
 from pomona.mask_rays import mask_rays
 from pomona.measure import MeasureOptions, measure
+from pomona.measure.neighbours import edges_of_others
 from pomona.measure.spheroid_fit import Evidence, Prior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
 from pomona.outlines import depths_in_hull, outline_px
@@ -261,6 +262,7 @@ def test_exact_spheroids_are_found_at_any_size_shape_and_place(radius: float, ra
         np.ones((9, 24)),
         np.full(9, 0.01 * radius),
         np.ones(9),
+        np.zeros((9, 24)),
     )
     prior = Prior(radius_m=1.2 * radius, radius_sd=1.0, ratio=1.0, ratio_sd=0.5, tilt_sd=0.5, place_radii=2.0)
     found = fit_spheroids(start, evidence, prior)
@@ -314,3 +316,48 @@ def test_hidden_fruits_say_so_and_masks_behind_leaves_keep_their_width() -> None
     assert np.isnan([hidden.diameters_m[0], hidden.diameter_sds_m[0], hidden.heights_m[0]]).all()
     assert hidden.visibilities[0] < 0.2
     assert hidden.reasons[1:] == ("",) * 13
+
+
+@pytest.mark.parametrize("beside", [(0.06, 0, 0), (0.045, 0.03, 0.03), (0.05, 0.04, 0)])
+def test_masks_that_hold_a_neighbour_too_leave_their_fruit_its_width(beside: tuple[float, float, float]) -> None:
+    places = [PLACE + np.array([0.09 * (i % 5) - 0.2, 0, 0.1 * (i // 5) - 0.1]) for i in range(14)]
+    places[1] = places[0] + beside
+    fused, detections = survey([(place, 0.037) for place in places], (0, 1, 2, 3), points=0)
+    merged = {}
+    for name, found in detections.items():
+        both = Mask.from_pixels(placed(found.masks[0]) | placed(found.masks[1]))
+        merged[name] = replace(found, masks=(both, *found.masks[1:]))
+    fruits = measure(fused, SurveyDetections(merged), CAMERAS)
+    assert abs(fruits.diameters_m[0] - 0.074) < 0.0012
+    assert np.linalg.norm(fruits.centers_in_world[0] - places[0]) < 0.003
+
+
+def placed(mask: Mask) -> np.ndarray:
+    pixels = np.zeros((SIZE_PX, SIZE_PX), dtype=bool)
+    x0, y0, x1, y1 = mask.box_px
+    pixels[y0:y1, x0:x1] = mask.pixels
+    return pixels
+
+
+def test_edges_of_others_are_where_neighbours_end_and_anywhere_inside_them() -> None:
+    eye, noise_m = np.array([0, -2.0, 0]), 0.001
+    centers = np.array([[0, 0, 0], [0.06, 0, 0], [3, 0, 0.0]])  # the last is far from both
+    bodies = Spheroids(centers, np.full(3, 0.03), np.ones(3), np.zeros((3, 2)), np.eye(3))
+
+    def ray(x_m: float) -> np.ndarray:
+        sight = np.array([x_m, 0, 0]) - eye
+        return np.asarray(sight / np.linalg.norm(sight))
+
+    rays = np.array([[ray(-0.03), ray(0.05), ray(0.09), ray(0.11)], [ray(3), ray(3), ray(3), ray(0)]])
+    evidence = Evidence(
+        np.array([0, 2]), np.broadcast_to(eye, (2, 4, 3)), rays, np.ones((2, 4)), np.full(2, noise_m), np.ones(2),
+        np.zeros((2, 4)),
+    )  # fmt: skip
+    found = edges_of_others(bodies, evidence)
+    assert found[0, 0] == pytest.approx(0, abs=1e-6)
+    assert found[0, 1] == pytest.approx(1 / 0.03)
+    assert 0.8 / (noise_m * np.sqrt(2 * np.pi)) < found[0, 2] <= 1 / (noise_m * np.sqrt(2 * np.pi))
+    assert found[0, 3] == pytest.approx(0, abs=1e-6)
+    assert (found[1] == 0).all()
+    alone = replace(evidence, of=np.zeros(2, int))
+    assert (edges_of_others(bodies[np.array([0])], alone) == 0).all()

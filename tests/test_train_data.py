@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ pytest.importorskip("torch", reason="needs the train extra")
 from PIL import Image
 
 from pomona.capture.images import size_of
+from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.shapes import ellipse_mask
@@ -118,6 +120,35 @@ def test_labels_of_masks_boxes_crowds_and_what_is_hardly_seen(tmp_path: Path) ->
     assert (labels[70:95, 50:80] == IGNORED).all()
     assert labels[60, 10] == 0
     assert (labels == 3).sum() == pytest.approx(np.pi * 144, rel=0.1)
+
+
+def test_a_box_drawn_beside_a_mask_is_learnt_as_drawn(tmp_path: Path) -> None:
+    size = (64, 64)
+    write_photo(tmp_path / "a.png", *size, [(32, 32, 16)])
+    half = disc(32, 32, 16, size).mask
+    assert half is not None
+    seen = Mask.from_pixels(half.pixels[:, :16], *half.box_px[:2])  # leaves hide the right half of the fruit
+
+    def drawn(*box: float) -> LabelledFruit:
+        return LabelledFruit(box, seen).as_drawn()
+
+    whole, rounded = drawn(16, 16, 48, 48), drawn(15.4, 16, 32.6, 48)
+    cutting, elsewhere = drawn(20, 16, 48, 48), drawn(0, 0, 64, 64)
+    assert whole.box_px == (16, 16, 48, 48)
+    assert not whole.exact
+    for fruit in (rounded, cutting, elsewhere):
+        assert fruit.box_px == pytest.approx((16, 16, 32, 48), abs=1)
+        assert fruit.exact
+    photo = LabelledPhoto(tmp_path / "a.png", "a.png", *size, (whole,))
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s")
+    assert sample.weak
+    plain = AugmentOptions(crop_px=64, fruit_px=None, mosaics=0, recolours=False, stretch=0)
+    crop = draw_crop([sample], np.random.default_rng(0), plain)
+    assert crop.boxes_px == pytest.approx(np.array([[16, 16, 48, 48]]), abs=1)
+    assert (crop.labels == 1).sum() == seen.area_px
+    ignored = replace(whole, ignored=True)
+    labels = paint(replace(photo, fruits=(ignored,)), [])
+    assert (labels == IGNORED).sum() == seen.area_px
 
 
 @pytest.mark.parametrize("radius", [30, 160])

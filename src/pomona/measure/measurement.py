@@ -16,6 +16,7 @@ from pomona.fuse import Fused
 from pomona.geometry import frame_along
 from pomona.mask_rays import MaskRays, mask_rays
 from pomona.measure.allometry import weigh
+from pomona.measure.neighbours import edges_of_others
 from pomona.measure.options import MeasureOptions
 from pomona.measure.spheroid_fit import Evidence, Fitted, Prior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
@@ -164,6 +165,7 @@ def _fit(
     progress.advance()
     if n >= options.fewest_clear:  # of fewer, noise is not told from what is wrong with a fruit
         evidence = _as_noisy_as_it_is(alone, evidence)
+        evidence = replace(evidence, others=edges_of_others(alone.spheroids, evidence))
         alone = fit_spheroids(start, evidence, prior)
         alone = fit_spheroids(start, evidence, _prior_of_all(alone, prior, options))
     progress.advance()
@@ -196,6 +198,7 @@ def _evidence(
             np.repeat(says[:, None], rays.shape[1], axis=1),
             np.hypot(options.pixel_noise * pixels_m, options.shape_noise * typical_m),
             np.ones(len(of)),
+            np.zeros(rays.shape[:2]),
         )
     ]
     for i, points in seen.points.items():
@@ -220,6 +223,7 @@ def _point_groups(number: int, points: FloatArray, typical_m: float, options: Me
         weights.reshape(groups, k),
         np.full(groups, _POINT_NOISE * typical_m),
         np.ones(groups),
+        np.zeros((groups, k)),
     )
 
 

@@ -1,7 +1,8 @@
 """Spheroids fitted to the outlines of masks and to points on the fruits, where much is hidden or wrong.
 
-Each fruit is fitted by itself, all of them at once. A ray along an outline either touches the fruit, or is the edge of
-something before it and passes anywhere inside: expectation–maximisation over both, with Gauss–Newton steps in between.
+Each fruit is fitted by itself, all of them at once. A ray along an outline touches the fruit, or is the edge of
+something before it and passes anywhere inside, or the edge of another fruit that the mask holds, too, or ends at:
+expectation–maximisation over all three, with Gauss–Newton steps in between.
 What is known beforehand (size, height to width, how stalks lean) has its place in the equations.
 """
 
@@ -28,7 +29,8 @@ class Evidence:
 
     `of` (g,) says of which fruit each group is, `eyes` and `rays` (g, k, 3) what is seen (a ray of zeros: a point, at
     `eyes`), `weights` (g, k) how much each says, in independent measurements, `noises_m` (g,) how exact they are;
-    `trust` (g,) multiplies the weights where errors are told.
+    `trust` (g,) multiplies the weights where errors are told; `others` (g, k) is how likely rays are edges of other
+    fruits, per metre.
     """
 
     of: IntArray
@@ -37,6 +39,7 @@ class Evidence:
     weights: FloatArray
     noises_m: FloatArray
     trust: FloatArray
+    others: FloatArray
 
     def __post_init__(self) -> None:
         g, k = self.rays.shape[:2]
@@ -46,6 +49,7 @@ class Evidence:
         set_checked(self, "weights", (g, k), np.float64)
         set_checked(self, "noises_m", (g,), np.float64)
         set_checked(self, "trust", (g,), np.float64)
+        set_checked(self, "others", (g, k), np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +143,9 @@ def _equations(
         evidence.eyes.reshape(-1, 3), evidence.rays.reshape(-1, 3), np.repeat(evidence.of, k)
     )
     distances, slopes = distances.reshape(groups, k), slopes.reshape(groups, k, 7)
-    touching = _touching(distances, noises_m[:, None], shares[:, None], start.radii[evidence.of][:, None])
+    touching = _touching(
+        distances, noises_m[:, None], shares[:, None], start.radii[evidence.of][:, None], evidence.others
+    )
     weights = trust[:, None] * evidence.weights * touching / noises_m[:, None] ** 2
     weighted = slopes * weights[:, :, None]
     normal = np.add.reduceat(np.swapaxes(weighted, 1, 2) @ slopes, firsts, axis=0)
@@ -149,9 +155,11 @@ def _equations(
     return normal, gradient + pulls, distances, touching
 
 
-def _touching(distances: FloatArray, noises_m: FloatArray, shares: FloatArray, radii: FloatArray) -> FloatArray:
-    """Return how likely rays touch: those that do are as noise has it, the others anywhere within a radius."""
+def _touching(
+    distances: FloatArray, noises_m: FloatArray, shares: FloatArray, radii: FloatArray, others: FloatArray
+) -> FloatArray:
+    """Return how likely rays touch: those that do are as noise has it, `others` as said, the rest within a radius."""
     bell = np.exp(-0.5 * (distances / noises_m) ** 2) / (noises_m * np.sqrt(2 * np.pi))
     anywhere = np.where(distances < 0, _INSIDE, 1 - _INSIDE) / radii
     likely = shares * bell
-    return np.asarray(likely / (likely + (1 - shares) * anywhere))
+    return np.asarray(likely / (likely + (1 - shares) * anywhere + others))

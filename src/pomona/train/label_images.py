@@ -72,7 +72,7 @@ def samples_of(
     fruits = [fruit for fruit in photo.fruits if _is_learnt(fruit)]
     boxes = np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4) * plan.scale
     ignored = np.array([f.box_px for f in photo.fruits if not _is_learnt(f)], float).reshape(-1, 4) * plan.scale
-    weak = any(fruit.mask is None for fruit in fruits)
+    weak = not all(fruit.exact for fruit in fruits)
     samples, kept_of = [], []
     circles = _circles_of(photo, fruits)
     for k, place in enumerate(plan.parts):
@@ -215,8 +215,9 @@ def paint(
 
 
 def _paint_doubt(labels: Labels, fruit: LabelledFruit) -> None:
-    x0, y0 = (math.floor(v) for v in fruit.box_px[:2])
-    x1, y1 = (math.ceil(v) for v in fruit.box_px[2:])
+    box = fruit.box_px if fruit.mask is None else fruit.mask.box_px
+    x0, y0 = (math.floor(v) for v in box[:2])
+    x1, y1 = (math.ceil(v) for v in box[2:])
     labels[y0:y1, x0:x1][fruit.mask.pixels if fruit.mask is not None else ...] = IGNORED
 
 

@@ -52,7 +52,8 @@ class Sample:
 
     `boxes_px` (n, 4) x0, y0, x1, y1; `labels` is a PNG of int16 stored as uint16 with −1 as 65535. `group` names the
     photo that it was cut from, so that splits respect it; `photo` the labelled photo in its set, where `image` is a
-    part of it. `weak`: masks were made from boxes. `part` is "training", "validation" or "test" where the set says so.
+    part of it. `weak`: boxes say more than masks, which were made from them or do not fill them. `part` is "training",
+    "validation" or "test" where the set says so.
     `circles_px` (n, 3) are the whole fruits' centres and radii, hidden parts and all; None or NaN where unknown.
     `ignored_px` (m, 4) are boxes of what is doubtful: what is found there is neither right nor wrong.
     """

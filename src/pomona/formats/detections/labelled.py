@@ -17,6 +17,9 @@ Box = tuple[float, float, float, float]
 """x0, y0, x1, y1: edges in pixels of the upright photo."""
 
 _SMALLEST_BOX_PX = 8  # fruits are round: a larger mask that fills its box is a box
+# A box drawn beside a mask holds it, but for rounding; its edges are the mask's where they are no farther off than so
+# much, and it is a box of something else where the mask's own box is a smaller share of it.
+_ROUNDED_PX, _SAME_EDGE_PX, _LEAST_OF_BOX = 1.0, 2.0, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +39,38 @@ class LabelledFruit:
     id: int | None = None
     circle_px: tuple[float, float, float] | None = None
 
+    @property
+    def exact(self) -> bool:
+        """Whether there is a mask, and the box is that of the mask."""
+        return self.mask is not None and bool(
+            np.abs(np.subtract(self.box_px, edges_of(self.mask))).max() <= _SAME_EDGE_PX
+        )
+
     @classmethod
     def from_mask(cls, mask: Mask, category: str | None = None, score: float | None = None) -> LabelledFruit:
         """Return the fruit of a mask; its box is the mask's."""
         return cls(edges_of(mask), mask, category, score=score)
 
     def as_drawn(self) -> LabelledFruit:
-        """Return the fruit as a label: of a rectangle, which programs write for a box, it keeps the box alone."""
+        """Return the fruit as a label: of a rectangle, which programs write for a box, it keeps the box alone.
+
+        The box is the mask's, unless one was drawn that reaches beyond the mask: leaves may hide part of a fruit.
+        """
         if self.mask is None:
             return self
         width, height = self.mask.width_px, self.mask.height_px
         is_box = self.mask.area_px == width * height and min(width, height) >= _SMALLEST_BOX_PX and not self.ignored
-        return replace(self, box_px=edges_of(self.mask), mask=None if is_box else self.mask)
+        box = self.box_px if self._box_is_drawn() and not is_box else edges_of(self.mask)
+        return replace(self, box_px=box, mask=None if is_box else self.mask)
+
+    def _box_is_drawn(self) -> bool:
+        """Whether the box holds the mask and is larger, but not so large that it is no box of this mask."""
+        assert self.mask is not None
+        low, high = np.array(self.box_px).reshape(2, 2)
+        mask_low, mask_high = np.array(edges_of(self.mask)).reshape(2, 2)
+        beyond = np.concatenate([mask_low - low, high - mask_high])
+        share = (mask_high - mask_low).prod() / max((high - low).prod(), 1e-9)
+        return bool(beyond.min() >= -_ROUNDED_PX and beyond.max() > _SAME_EDGE_PX and share >= _LEAST_OF_BOX)
 
 
 @dataclass(frozen=True, eq=False)

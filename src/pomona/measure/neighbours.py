@@ -1,0 +1,65 @@
+"""What outlines of masks may show instead of the fruit that they are said to be of: the fruits beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pomona.arrays import FloatArray, IntArray
+from pomona.measure.spheroid_fit import Evidence
+from pomona.measure.spheroids import Spheroids
+
+_NEAR = 20.0  # radii: fruits farther apart are not told from each other, however they lie in a photo
+_BESIDE = 1.6, 1.3  # radii of the fruit and of the other: as far apart in a photo as masks may still hold both
+
+
+def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
+    """Return how likely each ray (g, k) is along an edge of other fruits, per metre at the fruit's own distance.
+
+    A mask may hold two fruits, and of one that another hides it ends where that begins. An edge of another fruit is as
+    noise has it; inside it there may be any, a leaf's in front of both, say. Points have none.
+    """
+    result = np.zeros(evidence.weights.shape)
+    groups, others = _beside_each_other(spheroids, evidence)
+    if len(groups) == 0:
+        return result
+    own = evidence.of[groups]
+    eyes = evidence.eyes[groups, 0]
+    own_m = np.linalg.norm(spheroids.centers[own] - eyes, axis=1)
+    nearer = own_m / np.linalg.norm(spheroids.centers[others] - eyes, axis=1)
+    k = result.shape[1]
+    distances, _ = spheroids.distances(
+        evidence.eyes[groups].reshape(-1, 3), evidence.rays[groups].reshape(-1, 3), np.repeat(others, k)
+    )
+    off = distances.reshape(-1, k) * nearer[:, None] / evidence.noises_m[groups, None]
+    bell = np.exp(-0.5 * off**2) / (evidence.noises_m[groups, None] * np.sqrt(2 * np.pi))
+    inside = np.where(off < 0, 1 / spheroids.radii[own, None], 0.0)
+    np.add.at(result, groups, np.maximum(bell, inside))
+    return result
+
+
+def _beside_each_other(spheroids: Spheroids, evidence: Evidence) -> tuple[IntArray, IntArray]:
+    """Return groups (m,) of rays, and fruits (m,) that lie beside their own, or before or behind it, in the photo."""
+    centers, radii = spheroids.centers, spheroids.radii
+    pairs = cKDTree(centers).query_pairs(_NEAR * float(np.median(radii)), output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = pairs[np.lexsort(pairs.T[::-1])]
+    groups = np.flatnonzero(np.abs(evidence.rays).sum(axis=(1, 2)) > 0)
+    bounds = np.searchsorted(pairs[:, 0], np.arange(len(spheroids) + 1))
+    firsts, counts = bounds[evidence.of[groups]], np.diff(bounds)[evidence.of[groups]]
+    # All neighbours of each group's fruit: `firsts`, `firsts` + 1, …
+    steps = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    others = pairs[np.repeat(firsts, counts) + steps, 1]
+    groups = np.repeat(groups, counts)
+    own = evidence.of[groups]
+    eyes = evidence.eyes[groups, 0]
+    sights, others_m = _unit(centers[others] - eyes)
+    own_sights, own_m = _unit(centers[own] - eyes)
+    apart = np.arccos(np.clip((sights * own_sights).sum(axis=1), -1, 1))
+    beside = apart < _BESIDE[0] * radii[own] / own_m + _BESIDE[1] * radii[others] / others_m
+    return groups[beside], others[beside]
+
+
+def _unit(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    lengths = np.maximum(np.linalg.norm(vectors, axis=1), 1e-12)
+    return vectors / lengths[:, None], lengths
