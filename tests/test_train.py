@@ -25,7 +25,7 @@ from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.protocol import TileDetections  # noqa: E402
 from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import CenterLearner, segment  # noqa: E402
+from pomona.train.center import LARGER, CenterLearner, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
 from pomona.train.label_images import samples_of  # noqa: E402
@@ -106,7 +106,7 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: li
         assert torch.equal(mine, theirs)
 
     model = tmp_path / "fruit.onnx"
-    export_onnx(network, model, fruit_px=(12, 120), typical_fruit_px=40, threshold=0.3)
+    export_onnx(network, model, fruit_px=(12, 120), typical_fruit_px=40, threshold=0.3, larger=LARGER)
     segmenter = CenterOffsetSegmenter(model)
     assert segmenter.traits.score_threshold == pytest.approx(0.5)
     pixels = samples[5].pixels()

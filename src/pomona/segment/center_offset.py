@@ -4,7 +4,8 @@ A model file's contract: input `image`, float32 (1, 3, H, W), RGB 0 to 255, H an
 outputs `heatmap` (1, 1, h, w), `box` (1, 4, h, w), `foreground` (1, 1, h, w) and `offset` (1, 2, h, w) with
 h = H / stride, and perhaps `circle` (1, 5, h, w), as `decode.Maps` describes them; metadata `pomona.kind` =
 `center-offset`, `pomona.stride`, `pomona.fruit_px` (smallest, largest), `pomona.typical_fruit_px`, and where known
-`pomona.score_threshold`.
+`pomona.score_threshold`. With `pomona.larger`, over 1, photos are read so many times larger than that these widths
+hold, and the network sees each tile as it is, mirrored, and again so many times smaller.
 """
 
 from __future__ import annotations
@@ -21,20 +22,22 @@ from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile, positive_numbers
 from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
+from pomona.segment.two_sizes import padded, seen_at_two_sizes
 
 KIND = "center-offset"
 _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
 _OPTIONAL = {"circle": 5}
 _MULTIPLE = 32
-_PADDING = 114.0
+_MOST_LARGER = 4.0
 
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """What a model file says of itself."""
+    """What a model file says of itself; `larger` is 1 where it sees each tile once, as it is."""
 
     stride: int
     traits: SegmenterTraits
+    larger: float = 1.0
 
     @classmethod
     def parse(cls, path: Path, entries: Mapping[str, str]) -> ModelMetadata:
@@ -51,6 +54,9 @@ class ModelMetadata:
         threshold = 0.4
         if "pomona.score_threshold" in entries:
             (threshold,) = positive_numbers(path, entries, "pomona.score_threshold", 1)
+        larger = 1.0
+        if "pomona.larger" in entries:
+            (larger,) = positive_numbers(path, entries, "pomona.larger", 1)
         if stride != int(stride) or not 1 <= stride <= _MULTIPLE or _MULTIPLE % int(stride):
             raise FormatError(f"{path}: metadata pomona.stride: expected a divisor of {_MULTIPLE}, found {stride:g}")
         if not smallest < typical < largest:
@@ -58,18 +64,20 @@ class ModelMetadata:
                 f"{path}: metadata pomona.fruit_px = {smallest:g},{largest:g}: expected a range around "
                 f"pomona.typical_fruit_px = {typical:g}"
             )
+        if not 1 <= larger <= _MOST_LARGER:
+            raise FormatError(f"{path}: metadata pomona.larger: expected 1 to {_MOST_LARGER:g}, found {larger:g}")
         if threshold > 1:
             raise FormatError(f"{path}: metadata pomona.score_threshold: expected 0 to 1, found {threshold:g}")
         traits = SegmenterTraits(
             score_threshold=threshold,
-            typical_fruit_px=typical,
-            fruit_px=(smallest, largest),
+            typical_fruit_px=larger * typical,
+            fruit_px=(larger * smallest, larger * largest),
             tile_px=1280,
             # A fruit of twice the typical width is seen whole by one tile of two; larger ones are joined.
-            min_overlap_px=_MULTIPLE * math.ceil(2 * typical / _MULTIPLE),
+            min_overlap_px=_MULTIPLE * math.ceil(2 * larger * typical / _MULTIPLE),
             fits_tiles=True,
         )
-        return cls(int(stride), traits)
+        return cls(int(stride), traits, larger)
 
 
 class CenterOffsetSegmenter(TileByTile):
@@ -95,11 +103,15 @@ class CenterOffsetSegmenter(TileByTile):
         return decode(self.maps(tile), tile.shape[1], tile.shape[0], self._decoding)
 
     def maps(self, tile: ByteArray) -> Maps:
-        """Run the network on one tile, padded to a multiple of 32, and return its outputs unread."""
-        height, width = tile.shape[:2]
-        padded_size = tuple(_MULTIPLE * math.ceil(side / _MULTIPLE) for side in (height, width))
-        image = np.full((1, 3, *padded_size), _PADDING, np.float32)
-        image[0, :, :height, :width] = tile.transpose(2, 0, 1)
+        """Return what the network says of one tile (h, w, 3), padded to a multiple of 32."""
+        if self._metadata.larger > 1:
+            return seen_at_two_sizes(self._look, tile, self._metadata.larger, _MULTIPLE)
+        return self._look(padded(tile, _MULTIPLE))
+
+    def _look(self, tile: ByteArray) -> Maps:
+        """Run the network on a tile (h, w, 3) whose sides are multiples of 32, and return its outputs unread."""
+        padded_size = tile.shape[:2]
+        image = np.ascontiguousarray(tile.transpose(2, 0, 1)[None], np.float32)
         outputs = dict(zip(self._channels, self._file.run(image, list(self._channels)), strict=True))
         cells = tuple(side // self._metadata.stride for side in padded_size)
         for name, channels in self._channels.items():

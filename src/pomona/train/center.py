@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,12 @@ from pomona.progress import Progress
 from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
+from pomona.segment.two_sizes import seen_at_two_sizes
 from pomona.train.crop import Crop
 from pomona.train.encoder import VARIANTS
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
-from pomona.train.network import STRIDE, FruitNet, Outputs, seen_twice
+from pomona.train.network import STRIDE, FruitNet, Outputs
 from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.targets import Targets, targets_of
 
@@ -28,7 +29,9 @@ CENTER_LITE0 = "center-lite0"
 CENTER_NETWORKS = tuple(f"center-{variant}" for variant in VARIANTS)
 FRUIT_PX = (12.0, 120.0)
 TYPICAL_FRUIT_PX = 40.0
-"""Fruit widths that the crops show, and the width at which photos are read by this network."""
+"""Fruit widths that the crops show, and the width that this network knows best."""
+LARGER = 1.5
+"""Photos are read so many times larger, and seen at that size and at the usual one (`segment.two_sizes`)."""
 
 # Masks made from boxes reach a pixel or two over the fruit. On rendered photos, whose masks are exact, areas are 1.18
 # of the true ones at 0.5 and 1.10 at 0.9, where they overlap the true masks best (docs/lab/segmenter.md).
@@ -97,23 +100,25 @@ class CenterLearner:
             typical_fruit_px=TYPICAL_FRUIT_PX,
             threshold=threshold,
             foreground_threshold=_FOREGROUND_OF_WEAK_MASKS if weak else 0.5,
+            larger=LARGER,
         )
 
 
-@torch.no_grad()
 def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> TileDetections:
     """Run the network on a photo (h, w, 3) as `CenterOffsetSegmenter` does."""
     height, width = pixels.shape[:2]
-    padded = [_MULTIPLE * math.ceil(side / _MULTIPLE) for side in (height, width)]
-    image = torch.full((1, 3, *padded), 114.0)
-    image[0, :, :height, :width] = torch.from_numpy(pixels).permute(2, 0, 1)
-    device = next(network.parameters()).device
-    seen = seen_twice(network, image.to(device).contiguous(memory_format=torch.channels_last))
-    out = [x[0].float().cpu() for x in seen]
+    maps = seen_at_two_sizes(partial(maps_of, network), pixels, LARGER, _MULTIPLE)
+    return decode(maps, width, height, options)
+
+
+@torch.no_grad()
+def maps_of(network: FruitNet, tile: ByteArray) -> Maps:
+    """Return what the network says of a tile (h, w, 3) whose sides are multiples of 32."""
+    image = torch.from_numpy(tile).permute(2, 0, 1)[None].float().to(next(network.parameters()).device)
+    out = [maps[0].float().cpu() for maps in network(image.contiguous(memory_format=torch.channels_last))]
     heatmap, box, foreground, offset = out[0].sigmoid()[0], out[1], out[2].sigmoid()[0], out[3]
     circle = torch.cat([out[4][:3], out[4][3:] * out[4][2:3]])
-    maps = Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE, circle.numpy())
-    return decode(maps, width, height, options)
+    return Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE, circle.numpy())
 
 
 def _fill(network: FruitNet, path: Path, arch: str) -> None:

@@ -10,11 +10,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pomona.train.network import STRIDE, FruitNet, seen_twice
+from pomona.train.network import STRIDE, FruitNet
 
 
 class _Probabilities(nn.Module):
-    """The network, looking twice, with its maps moved so that the thresholds given come to lie at one half."""
+    """The network, with its maps moved so that the thresholds given come to lie at one half."""
 
     def __init__(self, network: FruitNet, threshold: float, foreground_threshold: float) -> None:
         super().__init__()
@@ -22,7 +22,7 @@ class _Probabilities(nn.Module):
         self.centre_odds, self.foreground_odds = _log_odds(threshold), _log_odds(foreground_threshold)
 
     def forward(self, image: Tensor) -> tuple[Tensor, ...]:
-        out = seen_twice(self.network, image)
+        out = self.network(image)
         return (
             torch.sigmoid(out.heatmap - self.centre_odds),
             out.box,
@@ -55,11 +55,13 @@ def export_onnx(
     typical_fruit_px: float,
     threshold: float,
     foreground_threshold: float = 0.5,
+    larger: float = 1.0,
 ) -> None:
     """Write the network with its metadata, as the contract in `segment.center_offset` says.
 
     `threshold` is the score that parts fruit from the rest best; and `foreground_threshold` the
-    probability at which a pixel is fruit; in the file both become 0.5.
+    probability at which a pixel is fruit; in the file both become 0.5. With `larger`, over 1, it sees tiles at two
+    sizes.
     """
     import onnx
 
@@ -87,6 +89,7 @@ def export_onnx(
         "pomona.fruit_px": f"{fruit_px[0]:g},{fruit_px[1]:g}",
         "pomona.typical_fruit_px": f"{typical_fruit_px:g}",
         "pomona.score_threshold": "0.5",
+        "pomona.larger": f"{larger:g}",
     }
     for key, value in entries.items():
         entry = file.metadata_props.add()

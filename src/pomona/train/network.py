@@ -100,25 +100,3 @@ def _circle(raw: Tensor) -> Tensor:
     centre, radius = raw[:, :2] * _REACH_PX, torch.exp(raw[:, 2:3].clamp(-6.0, 4.0)) * _REACH_PX
     spread = torch.exp((raw[:, 3:] - 1.0).clamp(-5.0, 1.0))  # at first a third of the radius
     return torch.cat([centre, radius, spread], 1)
-
-
-def seen_twice(network: FruitNet, image: Tensor) -> Outputs:
-    """Return the mean of what the network says of photos (n, 3, h, w) and of their mirror images.
-
-    On photos that it was not trained on that is worth 0.01 of F1 and AP50 (docs/lab/segmenter.md), for twice the time.
-    """
-    one, other = network(image), _mirrored(network(torch.flip(image, [3])))
-    return Outputs(*((a + b) / 2 for a, b in zip(one, other, strict=True)))
-
-
-def _mirrored(out: Outputs) -> Outputs:
-    left, top, right, bottom = torch.flip(out.box, [3]).unbind(1)
-    dx, dy = torch.flip(out.offset, [3]).unbind(1)
-    to_x, *others = torch.flip(out.circle, [3]).unbind(1)
-    return Outputs(
-        torch.flip(out.heatmap, [3]),
-        torch.stack([right, top, left, bottom], 1),
-        torch.flip(out.foreground, [3]),
-        torch.stack([-dx, dy], 1),
-        torch.stack([-to_x, *others], 1),
-    )

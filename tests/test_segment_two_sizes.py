@@ -1,0 +1,99 @@
+"""A tile seen at two sizes: what a perfect network says of each comes together where the fruits are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pomona.detections import Mask
+from pomona.errors import FormatError
+from pomona.segment.center_offset import ModelMetadata
+from pomona.segment.decode import DecodeOptions, Maps, decode
+from pomona.segment.two_sizes import padded, seen_at_two_sizes
+from segment_scenes import disc
+from test_segment_onnx import METADATA, red_image
+
+STRIDE = 4
+DISCS = [(40.0, 44.0), (120.0, 50.0), (203.0, 140.0), (68.0, 130.0)]
+
+
+def perfect_look(tile: np.ndarray) -> Maps:
+    """What a perfect network says of red discs, whatever their size."""
+    h, w = tile.shape[0] // STRIDE, tile.shape[1] // STRIDE
+    red = (tile[:, :, 0] > 150).astype(np.uint8)
+    count, _, stats, _ = cv2.connectedComponentsWithStats(red)
+    rows, columns = np.mgrid[:h, :w]
+    x, y = (columns + 0.5) * STRIDE, (rows + 0.5) * STRIDE
+    heat, best = np.zeros((h, w)), np.full((h, w), np.inf)
+    box, offset, circle = np.ones((4, h, w)), np.zeros((2, h, w)), np.zeros((5, h, w))
+    for k in range(1, count):
+        x0, y0, wide, high, _ = stats[k]
+        cx, cy, radius = x0 + wide / 2, y0 + high / 2, (wide + high) / 4
+        far = np.hypot(x - cx, y - cy) / radius
+        near = far < best
+        best[near] = far[near]
+        heat = np.maximum(heat, 0.9 * np.exp(-2 * far**2))
+        box[:, near] = np.array([x - x0, y - y0, x0 + wide - x, y0 + high - y])[:, near]
+        offset[:, near] = np.array([cx - x, cy - y])[:, near]
+        full = np.full((h, w), radius)
+        circle[:, near] = np.array([cx - x, cy - y, full, 0.1 * full, 0.2 * full])[:, near]
+    foreground = cv2.resize(red.astype(np.float32), (w, h), interpolation=cv2.INTER_AREA)
+    as_floats = (np.asarray(maps, np.float32) for maps in (heat, box, foreground, offset))
+    return Maps(*as_floats, STRIDE, np.asarray(circle, np.float32))
+
+
+@pytest.mark.parametrize("larger", [1.25, 1.5, 2.0])
+def test_discs_stay_where_they_are(larger: float) -> None:
+    image = red_image(250, 190, DISCS)  # no multiples of 32
+    maps = seen_at_two_sizes(perfect_look, image, larger, 32)
+    assert maps.heatmap.shape == (192 // STRIDE, 256 // STRIDE)
+    found = decode(maps, 250, 190, DecodeOptions(score_threshold=0.4))
+    assert len(found) == len(DISCS)
+    assert found.circles_px is not None
+    for box, circle, mask in zip(found.boxes_px, found.circles_px, found.masks, strict=True):
+        at = DISCS[int(np.argmin([np.hypot(*(mask.center_px - centre)) for centre in DISCS]))]
+        assert mask.iou(Mask.from_pixels(disc(250, 190, *at, 20))) > 0.9
+        assert box == pytest.approx([at[0] - 20, at[1] - 20, at[0] + 20, at[1] + 20], abs=1.5)
+        assert circle == pytest.approx([*at, 20, 2, 4], abs=1.5)
+
+
+def test_the_other_size_sees_the_tile_mirrored_and_odds_are_averaged() -> None:
+    image = red_image(96, 64, [(30.0, 30.0)])
+    seen: list[np.ndarray] = []
+
+    def look(tile: np.ndarray) -> Maps:
+        seen.append(tile)
+        says = 0.9 if len(seen) == 1 else 0.5
+        maps = perfect_look(tile)
+        return replace(maps, heatmap=np.full_like(maps.heatmap, says), circle=None)
+
+    maps = seen_at_two_sizes(look, image, 1.5, 32)
+    assert (seen[0] == image[:, ::-1]).all()
+    assert seen[1].shape == (64, 64, 3)
+    assert (seen[1][43:] == 114).all()
+    assert maps.circle is None
+    assert maps.heatmap == pytest.approx(np.full((16, 24), 0.75))  # odds of 9 and 1: 3
+
+
+def test_padding_is_grey_and_at_the_right_and_below() -> None:
+    tile = np.full((33, 64, 3), 7, np.uint8)
+    whole = padded(tile, 32)
+    assert whole.shape == (64, 64, 3)
+    assert (whole[:33] == 7).all()
+    assert (whole[33:] == 114).all()
+
+
+def test_a_model_file_says_how_much_larger_photos_are_read() -> None:
+    read = ModelMetadata.parse(Path("m.onnx"), METADATA | {"pomona.larger": "1.5"})
+    assert read.larger == 1.5
+    assert read.traits.typical_fruit_px == 60
+    assert read.traits.fruit_px == (18, 180)
+    assert read.traits.min_overlap_px >= 120
+    assert ModelMetadata.parse(Path("m.onnx"), METADATA).larger == 1
+    for wrong in ("0.5", "nan", "large", "9"):
+        with pytest.raises(FormatError, match=r"pomona\.larger"):
+            ModelMetadata.parse(Path("m.onnx"), METADATA | {"pomona.larger": wrong})
