@@ -8,13 +8,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
+from pomona.capture import load_photos
 from pomona.detections import Mask
 from pomona.errors import FormatError
-from pomona.segment.center_offset import ModelMetadata
+from pomona.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.segment.center_offset import CenterOffsetSegmenter, ModelMetadata
 from pomona.segment.decode import DecodeOptions, Maps, decode
-from pomona.segment.two_sizes import padded, seen_at_two_sizes
-from segment_scenes import disc
+from pomona.segment.two_sizes import padded, seen_at_two_sizes, seen_with_mirror_image
+from segment_scenes import disc, write_disc_model
 from test_segment_onnx import METADATA, red_image
 
 STRIDE = 4
@@ -87,13 +90,50 @@ def test_padding_is_grey_and_at_the_right_and_below() -> None:
     assert (whole[33:] == 114).all()
 
 
+def test_a_mirror_image_changes_nothing_for_a_perfect_network() -> None:
+    image = red_image(250, 190, DISCS)
+    once, twice = perfect_look(padded(image, 32)), seen_with_mirror_image(perfect_look, image, 32)
+    assert twice.heatmap == pytest.approx(once.heatmap, abs=1e-3)
+    seen = once.heatmap > 0.2
+    assert twice.box[:, seen] == pytest.approx(once.box[:, seen], abs=1e-3)
+    assert twice.offset[:, seen] == pytest.approx(once.offset[:, seen], abs=1e-3)
+    assert twice.circle is not None
+    assert once.circle is not None
+    assert twice.circle[:, seen] == pytest.approx(once.circle[:, seen], abs=1e-3)
+
+
 def test_a_model_file_says_how_much_larger_photos_are_read() -> None:
     read = ModelMetadata.parse(Path("m.onnx"), METADATA | {"pomona.larger": "1.5"})
     assert read.larger == 1.5
-    assert read.traits.typical_fruit_px == 60
-    assert read.traits.fruit_px == (18, 180)
-    assert read.traits.min_overlap_px >= 120
+    assert read.traits.typical_fruit_px == 40
+    assert read.closer().typical_fruit_px == 60
+    assert read.closer().fruit_px == (18, 180)
+    assert read.closer().min_overlap_px >= 120
     assert ModelMetadata.parse(Path("m.onnx"), METADATA).larger == 1
     for wrong in ("0.5", "nan", "large", "9"):
         with pytest.raises(FormatError, match=r"pomona\.larger"):
             ModelMetadata.parse(Path("m.onnx"), METADATA | {"pomona.larger": wrong})
+
+
+@pytest.mark.parametrize(("scale", "read_px"), [(0.5, 150), (0.78, 234), (0.85, 170), (1.2, 240)])
+def test_photos_are_read_larger_where_they_are_hardly_enlarged_for_it(
+    scale: float, read_px: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("onnx", reason="the model of this test is made with onnx (extra train)")
+    model = write_disc_model(tmp_path / "discs.onnx", metadata=METADATA | {"pomona.larger": "1.5"})
+    side = 200
+    Image.fromarray(red_image(side, side, [(100.0, 100.0)])).save(tmp_path / "a.png")
+    photos = load_photos([tmp_path / "a.png"], min_photos=1)
+    widths: list[int] = []
+    of_file = CenterOffsetSegmenter._look
+
+    def look(self: CenterOffsetSegmenter, tile: np.ndarray) -> Maps:
+        widths.append(tile.shape[1])
+        return of_file(self, tile)
+
+    monkeypatch.setattr(CenterOffsetSegmenter, "_look", look)
+    found = segment_photos(photos, load_segmenter(model), options=SegmentOptions(scale=scale))
+    assert found["a.png"].width_px == side
+    usual = round(side * scale)
+    expected = [read_px, usual] if read_px > usual else [usual, usual]
+    assert widths == [32 * -(-width // 32) for width in expected]

@@ -15,10 +15,10 @@ import pomona.segment  # noqa: E402
 from pomona.errors import FormatError, MissingExtraError, MissingFileError  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
-from pomona.segment.two_sizes import seen_at_two_sizes  # noqa: E402
+from pomona.segment.two_sizes import seen_with_mirror_image  # noqa: E402
 from pomona.train import FitOptions  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import LARGER, CenterLearner, maps_of  # noqa: E402
+from pomona.train.center import CenterLearner, maps_of  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
@@ -35,7 +35,7 @@ def shipped() -> FruitNet:
 def test_what_is_read_back_says_what_the_file_says() -> None:
     pixels, _ = discs(3, size=224)
     maps = CenterOffsetSegmenter(SHIPPED).maps(pixels)
-    mine = seen_at_two_sizes(partial(maps_of, shipped().eval()), pixels, LARGER, 32)
+    mine = seen_with_mirror_image(partial(maps_of, shipped().eval()), pixels, 32)
     np.testing.assert_allclose(mine.heatmap, maps.heatmap, atol=1e-4)
     np.testing.assert_allclose(mine.foreground, maps.foreground, atol=1e-4)
     np.testing.assert_allclose(mine.box, maps.box, rtol=1e-3, atol=1e-2)

@@ -4,8 +4,8 @@ A model file's contract: input `image`, float32 (1, 3, H, W), RGB 0 to 255, H an
 outputs `heatmap` (1, 1, h, w), `box` (1, 4, h, w), `foreground` (1, 1, h, w) and `offset` (1, 2, h, w) with
 h = H / stride, and perhaps `circle` (1, 5, h, w), as `decode.Maps` describes them; metadata `pomona.kind` =
 `center-offset`, `pomona.stride`, `pomona.fruit_px` (smallest, largest), `pomona.typical_fruit_px`, and where known
-`pomona.score_threshold`. With `pomona.larger`, over 1, photos are read so many times larger than that these widths
-hold, and the network sees each tile as it is, mirrored, and again so many times smaller.
+`pomona.score_threshold`. With `pomona.larger`, over 1, the network sees each tile and its mirror image; and of photos
+that have the pixels to be read so many times larger, tiles at that size and at the usual one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile, positive_numbers
 from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
-from pomona.segment.two_sizes import padded, seen_at_two_sizes
+from pomona.segment.two_sizes import padded, seen_at_two_sizes, seen_with_mirror_image
 
 KIND = "center-offset"
 _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
@@ -33,7 +33,7 @@ _MOST_LARGER = 4.0
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """What a model file says of itself; `larger` is 1 where it sees each tile once, as it is."""
+    """What a model file says of itself; `larger` is 1 where the network sees each tile once, as it is."""
 
     stride: int
     traits: SegmenterTraits
@@ -70,42 +70,65 @@ class ModelMetadata:
             raise FormatError(f"{path}: metadata pomona.score_threshold: expected 0 to 1, found {threshold:g}")
         traits = SegmenterTraits(
             score_threshold=threshold,
-            typical_fruit_px=larger * typical,
-            fruit_px=(larger * smallest, larger * largest),
+            typical_fruit_px=typical,
+            fruit_px=(smallest, largest),
             tile_px=1280,
-            # A fruit of twice the typical width is seen whole by one tile of two; larger ones are joined.
-            min_overlap_px=_MULTIPLE * math.ceil(2 * larger * typical / _MULTIPLE),
+            min_overlap_px=_overlap_px(typical),
             fits_tiles=True,
         )
         return cls(int(stride), traits, larger)
+
+    def closer(self) -> SegmenterTraits:
+        """Return the traits of reading photos larger."""
+        assert self.traits.typical_fruit_px is not None
+        assert self.traits.fruit_px is not None
+        smallest, largest = self.traits.fruit_px
+        typical = self.larger * self.traits.typical_fruit_px
+        fruit_px = self.larger * smallest, self.larger * largest
+        return replace(self.traits, typical_fruit_px=typical, fruit_px=fruit_px, min_overlap_px=_overlap_px(typical))
+
+
+def _overlap_px(typical_fruit_px: float) -> int:
+    """A fruit of twice the typical width is seen whole by one tile of two; larger ones are joined."""
+    return _MULTIPLE * math.ceil(2 * typical_fruit_px / _MULTIPLE)
 
 
 class CenterOffsetSegmenter(TileByTile):
     """A `Segmenter` that runs a model file of this contract, given by its path or already open.
 
-    `score_floor` is the least score of a detection that is worth making a mask of.
+    `score_floor` is the least score of a detection that is worth making a mask of. `closer` is what reads photos
+    larger, where the file says that the network sees more then.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when it is not a model of this contract.
     """
 
-    def __init__(self, source: Path | OnnxFile, *, score_floor: float | None = None) -> None:
+    def __init__(
+        self, source: Path | OnnxFile, *, score_floor: float | None = None, reads_larger: bool = False
+    ) -> None:
         self._file = source if isinstance(source, OnnxFile) else OnnxFile(source)
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
         there = {node.name for node in self._file.outputs}
         self._channels = _CHANNELS | {name: count for name, count in _OPTIONAL.items() if name in there}
-        traits = replace(self._metadata.traits, at_once=self._file.at_once)
+        traits = self._metadata.closer() if reads_larger else self._metadata.traits
+        traits = replace(traits, at_once=self._file.at_once)
         super().__init__(f"onnx:{name_of_file(self._path)}", traits, score_floor, self._file.note)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
+        self._reads_larger = reads_larger
+        self.closer: CenterOffsetSegmenter | None = None
+        if self._metadata.larger > 1 and not reads_larger:
+            self.closer = CenterOffsetSegmenter(self._file, score_floor=score_floor, reads_larger=True)
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
         return decode(self.maps(tile), tile.shape[1], tile.shape[0], self._decoding)
 
     def maps(self, tile: ByteArray) -> Maps:
         """Return what the network says of one tile (h, w, 3), padded to a multiple of 32."""
-        if self._metadata.larger > 1:
+        if self._reads_larger:
             return seen_at_two_sizes(self._look, tile, self._metadata.larger, _MULTIPLE)
+        if self._metadata.larger > 1:
+            return seen_with_mirror_image(self._look, tile, _MULTIPLE)
         return self._look(padded(tile, _MULTIPLE))
 
     def _look(self, tile: ByteArray) -> Maps:

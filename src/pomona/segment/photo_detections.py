@@ -15,11 +15,14 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
+from pomona.segment.center_offset import CenterOffsetSegmenter
 from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
 from pomona.segment.reading_scale import MAX_ENLARGEMENT, ReadingScales, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
 from pomona.segment.tiled_image import segment_tiled
 from pomona.threads import in_order
+
+_HARDLY_ENLARGED = 1.2  # the scale up to which photos are read larger
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +176,7 @@ def _look(
     photo: Photo, scale: float, segmenter: Segmenter, options: SegmentOptions, turns: BoundedSemaphore
 ) -> Detections | str:
     """Return what is found in a photo read at a scale, once it is its turn; or why it cannot be read."""
+    segmenter, scale = _closer_look(segmenter, scale)
     try:
         pixels = _pixels_at(photo, scale)
     except (InputError, MissingFileError) as error:
@@ -180,6 +184,20 @@ def _look(
     with turns:
         size_px = photo.width_px, photo.height_px
         return segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
+
+
+def _closer_look(segmenter: Segmenter, scale: float) -> tuple[Segmenter, float]:
+    """Return the segmenter's way to read photos larger, and the scale for it, where they are hardly enlarged for that.
+
+    Enlarging shows nothing new: masks are a little better, but two halves of a compressed video agree less on where
+    fruits are (docs/lab/segmenter.md).
+    """
+    closer = segmenter.closer if isinstance(segmenter, CenterOffsetSegmenter) else None
+    usual_px = segmenter.traits.typical_fruit_px
+    if closer is None or usual_px is None or closer.traits.typical_fruit_px is None:
+        return segmenter, scale
+    larger = scale * closer.traits.typical_fruit_px / usual_px
+    return (closer, larger) if larger <= _HARDLY_ENLARGED else (segmenter, scale)
 
 
 def _pixels_at(photo: Photo, scale: float) -> ByteArray:

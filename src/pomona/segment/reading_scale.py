@@ -23,9 +23,10 @@ from pomona.segment.resize import resized_pixels
 from pomona.segment.tiled_image import segment_tiled
 from pomona.threads import in_order
 
-MAX_ENLARGEMENT = 3.0
-# The longer sides of photos as passes read them, in fruits of the width that the segmenter knows best.
-_PASS_SIDES, _FINE_SIDES, _CLOSE_UP_SIDE = (12.8, 25.6), (51.2, 102.4), 6.4
+MAX_ENLARGEMENT = 2.0
+_PASS_SIDES_PX = (512, 1024)
+_FINE_SIDES_PX = (2048, 4096)
+_CLOSE_UP_SIDE_PX = 256
 _ENOUGH = 3
 # A median of fewer fruits than this hangs on which photos were looked at: more are, up to so many times as many.
 _FEW, _MOST_TIMES = 60, 4
@@ -83,9 +84,8 @@ def reading_scales(
 
     Photos of one side, camera and size share a scale: that at which the median width of the fruits found in
     `sample_photos` of them (up to four times as many where these show few fruits) is the segmenter's typical one, to
-    the nearest sixth of an octave; never over `MAX_ENLARGEMENT`. Where no fruit is found, they are read at some fifty
-    typical fruits at most. A segmenter that knows no typical width reads all photos at full size. With `look` the stage
-    reads photos.
+    the nearest sixth of an octave; never over `MAX_ENLARGEMENT`. Where no fruit is found, they are read at 2048 pixels
+    at most. A segmenter that knows no typical width reads all photos at full size. With `look` the stage reads photos.
     """
     typical_px = segmenter.traits.typical_fruit_px
     if typical_px is None:
@@ -118,19 +118,17 @@ def _scale_of(
     count = min(sample_photos, len(group))
     while True:
         photos = [group[int((k + 0.5) * len(group) / count)] for k in range(count)]
-        sample = _Sample(photos, segmenter, look, score_threshold, max(_PASS_SIDES) * typical_px)
-        passes = (sample.widths(min(side * typical_px, longer_px)) for side in _PASS_SIDES)
-        best = max(passes, key=lambda seen: seen.evidence)
+        sample = _Sample(photos, segmenter, look, score_threshold)
+        best = max((sample.widths(min(side, longer_px)) for side in _PASS_SIDES_PX), key=lambda seen: seen.evidence)
         if best.evidence >= _FEW or count == most:
             break
         count = min(2 * count, most)
-    for side in (side * typical_px for side in _FINE_SIDES):
+    for side in _FINE_SIDES_PX:
         if best.evidence < _ENOUGH * len(sample.images) and side / 2 < longer_px:
             best = max(best, sample.widths(min(side, longer_px)), key=lambda seen: seen.evidence)
     if best.evidence == 0:
-        best = sample.widths(min(_CLOSE_UP_SIDE * typical_px, longer_px))
-    blind = min(1.0, _FINE_SIDES[0] * typical_px / longer_px)
-    scale = _stepped(typical_px / best.median_px) if best.evidence else blind
+        best = sample.widths(min(_CLOSE_UP_SIDE_PX, longer_px))
+    scale = _stepped(typical_px / best.median_px) if best.evidence else min(1.0, _FINE_SIDES_PX[0] / longer_px)
     for _ in range(_REFINEMENTS if best.evidence else 0):
         seen = sample.widths(scale * longer_px)
         if seen.evidence == 0:
@@ -142,15 +140,13 @@ def _scale_of(
 
 
 class _Sample:
-    """Photos of one size as copies of `copy_px`, and the widths of the fruits found in these at any scale.
+    """Photos of one size as small copies, and the widths of the fruits found in these at any scale.
 
     Where the copies are too small for a scale, two photos are read again; `read_at` keeps what was found in them.
     """
 
-    def __init__(
-        self, photos: Sequence[Photo], segmenter: Segmenter, look: Look, score_threshold: float, copy_px: float
-    ) -> None:
-        self.images = [pixels for photo in photos if (pixels := _readable(photo, round(copy_px))) is not None]
+    def __init__(self, photos: Sequence[Photo], segmenter: Segmenter, look: Look, score_threshold: float) -> None:
+        self.images = [pixels for photo in photos if (pixels := _readable(photo, max(_PASS_SIDES_PX))) is not None]
         self.read_at: dict[float, list[Detections]] = {}
         self._photos, self._segmenter, self._look, self._score_threshold = photos, segmenter, look, score_threshold
 

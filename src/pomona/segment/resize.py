@@ -11,11 +11,11 @@ from pomona.segment.protocol import TileDetections
 
 
 def resized_pixels(pixels: ByteArray, width_px: int, height_px: int) -> ByteArray:
-    """Return the image (H, W, 3) at another size: area averages when smaller, cubic, which stays sharp, when larger."""
+    """Return the image (H, W, 3) at another size: area averages when smaller, bilinear when larger."""
     if pixels.shape[:2] == (height_px, width_px):
         return pixels
     smaller = width_px < pixels.shape[1]
-    method = cv2.INTER_AREA if smaller else cv2.INTER_CUBIC
+    method = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(pixels, (width_px, height_px), interpolation=method), np.uint8)
 
 

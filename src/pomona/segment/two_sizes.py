@@ -1,7 +1,8 @@
 """A tile seen twice by a centre-offset network: as it is, but mirrored, and made smaller; the maps of both made one.
 
 Fruits are found best at the width that the network knows best, their edges where they are wider. What the network says
-of both is worth more than either, and more than of one size and its mirror image (docs/lab/segmenter.md).
+of both is worth more than either, and more than of one size and its mirror image, where photos have the pixels for it
+(docs/lab/segmenter.md).
 """
 
 from __future__ import annotations
@@ -36,10 +37,19 @@ def seen_at_two_sizes(look: Look, tile: ByteArray, larger: float, multiple: int)
     """
     height, width = tile.shape[:2]
     smaller = resized_pixels(tile, max(1, round(width / larger)), max(1, round(height / larger)))
-    own = _with_log_odds(_mirrored(look(np.ascontiguousarray(padded(tile, multiple)[:, ::-1]))))
-    other = _with_log_odds(look(padded(smaller, multiple)))
+    own, other = _seen_mirrored(look, padded(tile, multiple)), _with_log_odds(look(padded(smaller, multiple)))
     ratios = width / smaller.shape[1], height / smaller.shape[0]
     return _with_probabilities(_mean(own, _enlarged(other, own.heatmap.shape, *ratios)))
+
+
+def seen_with_mirror_image(look: Look, tile: ByteArray, multiple: int) -> Maps:
+    """Return what the network says of a tile (h, w, 3) and of its mirror image, as `seen_at_two_sizes` does."""
+    whole = padded(tile, multiple)
+    return _with_probabilities(_mean(_with_log_odds(look(whole)), _seen_mirrored(look, whole)))
+
+
+def _seen_mirrored(look: Look, tile: ByteArray) -> Maps:
+    return _with_log_odds(_mirrored(look(np.ascontiguousarray(tile[:, ::-1]))))
 
 
 def _mirrored(maps: Maps) -> Maps:
