@@ -165,7 +165,8 @@ def _fit(
     progress.advance()
     if n >= options.fewest_clear:  # of fewer, noise is not told from what is wrong with a fruit
         evidence = _as_noisy_as_it_is(alone, evidence)
-        evidence = replace(evidence, others=edges_of_others(alone.spheroids, evidence))
+        if not seen.points:  # a cloud's clusters may be parts of one fruit, whose outline is then none of another's
+            evidence = replace(evidence, others=edges_of_others(alone.spheroids, evidence))
         alone = fit_spheroids(start, evidence, prior)
         alone = fit_spheroids(start, evidence, _prior_of_all(alone, prior, options))
     progress.advance()
