@@ -10,7 +10,7 @@ from pomona.measure.allometry import STORY_APPLES, Allometry
 
 TIE_OF_POINTS = 5.0
 """In radii: points of a cloud say themselves where a fruit is."""
-TIE_OF_OUTLINES = 0.5
+TIE_OF_OUTLINES = 0.3
 """In radii: fruits that were found by their outlines are near where they were found."""
 
 
@@ -27,7 +27,7 @@ class MeasureOptions:
     diameter comes out with a standard deviation of at most `clear_sd`, as a share, or is among the `clear_share`
     that are known best, say what is usual in this survey, if there are `fewest_clear`. Centres are tied to where
     the fusion has them as by a standard deviation of `place_radii`; None: 5 where fruits have points of a cloud,
-    else 0.5. A diameter outside `smallest` to `largest` median diameters of the survey is no measurement, nor is
+    else 0.3. A diameter outside `smallest` to `largest` median diameters of the survey is no measurement, nor is
     one that what is seen of the fruit itself tells with a standard deviation above `largest_sd` as a share.
     `relative_sd` is what a spheroid leaves unsaid of a fruit, as a share. `allometry` gives weights.
     """
