@@ -20,26 +20,25 @@ def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
     noise has it; inside it there may be any, a leaf's in front of both, say. Points have none.
     """
     result = np.zeros(evidence.weights.shape)
-    groups, others = _beside_each_other(spheroids, evidence)
+    groups, others, nearer = _beside_each_other(spheroids, evidence)
     if len(groups) == 0:
         return result
-    own = evidence.of[groups]
-    eyes = evidence.eyes[groups, 0]
-    own_m = np.linalg.norm(spheroids.centers[own] - eyes, axis=1)
-    nearer = own_m / np.linalg.norm(spheroids.centers[others] - eyes, axis=1)
     k = result.shape[1]
     distances, _ = spheroids.distances(
         evidence.eyes[groups].reshape(-1, 3), evidence.rays[groups].reshape(-1, 3), np.repeat(others, k)
     )
     off = distances.reshape(-1, k) * nearer[:, None] / evidence.noises_m[groups, None]
     bell = np.exp(-0.5 * off**2) / (evidence.noises_m[groups, None] * np.sqrt(2 * np.pi))
-    inside = np.where(off < 0, 1 / spheroids.radii[own, None], 0.0)
+    inside = np.where(off < 0, 1 / spheroids.radii[evidence.of[groups], None], 0.0)
     np.add.at(result, groups, np.maximum(bell, inside))
     return result
 
 
-def _beside_each_other(spheroids: Spheroids, evidence: Evidence) -> tuple[IntArray, IntArray]:
-    """Return groups (m,) of rays, and fruits (m,) that lie beside their own, or before or behind it, in the photo."""
+def _beside_each_other(spheroids: Spheroids, evidence: Evidence) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return groups (m,) of rays, and fruits (m,) that lie beside their own, or before or behind it, in the photo.
+
+    And how many times as far away as these their own is (m,).
+    """
     centers, radii = spheroids.centers, spheroids.radii
     pairs = cKDTree(centers).query_pairs(_NEAR * float(np.median(radii)), output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
@@ -57,7 +56,7 @@ def _beside_each_other(spheroids: Spheroids, evidence: Evidence) -> tuple[IntArr
     own_sights, own_m = _unit(centers[own] - eyes)
     apart = np.arccos(np.clip((sights * own_sights).sum(axis=1), -1, 1))
     beside = apart < _BESIDE[0] * radii[own] / own_m + _BESIDE[1] * radii[others] / others_m
-    return groups[beside], others[beside]
+    return groups[beside], others[beside], (own_m / others_m)[beside]
 
 
 def _unit(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:

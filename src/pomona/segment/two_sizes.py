@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from scipy.special import expit, logit
 
 from pomona.arrays import ByteArray, Float32Array
 from pomona.segment.decode import Maps
@@ -113,13 +114,8 @@ def _with_log_odds(maps: Maps) -> Maps:
 
 
 def _log_odds(probabilities: Float32Array) -> Float32Array:
-    kept = np.clip(probabilities, _CERTAIN, 1 - _CERTAIN)
-    return np.asarray(np.log(kept / (1 - kept)), np.float32)
+    return np.asarray(logit(np.clip(probabilities, _CERTAIN, 1 - _CERTAIN)), np.float32)
 
 
 def _with_probabilities(maps: Maps) -> Maps:
-    return replace(maps, heatmap=_probabilities(maps.heatmap), foreground=_probabilities(maps.foreground))
-
-
-def _probabilities(log_odds: Float32Array) -> Float32Array:
-    return np.asarray(1 / (1 + np.exp(-log_odds)), np.float32)
+    return replace(maps, heatmap=expit(maps.heatmap), foreground=expit(maps.foreground))
