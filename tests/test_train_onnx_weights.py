@@ -15,7 +15,7 @@ import pomona.segment  # noqa: E402
 from pomona.errors import FormatError, MissingExtraError, MissingFileError  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
-from pomona.segment.two_sizes import seen_with_mirror_image  # noqa: E402
+from pomona.segment.two_looks import seen_with_mirror_image  # noqa: E402
 from pomona.train import FitOptions  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import CenterLearner, maps_of  # noqa: E402

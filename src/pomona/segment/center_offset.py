@@ -22,7 +22,7 @@ from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile, positive_numbers
 from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
-from pomona.segment.two_sizes import padded, seen_at_two_sizes, seen_with_mirror_image
+from pomona.segment.two_looks import padded, seen_at_two_sizes, seen_with_mirror_image
 
 KIND = "center-offset"
 _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
@@ -96,8 +96,8 @@ def _overlap_px(typical_fruit_px: float) -> int:
 class CenterOffsetSegmenter(TileByTile):
     """A `Segmenter` that runs a model file of this contract, given by its path or already open.
 
-    `score_floor` is the least score of a detection that is worth making a mask of. `closer` is what reads photos
-    larger, where the file says that the network sees more then.
+    `score_floor` is the least score of a detection that is worth making a mask of. It has a `closer` one where the
+    file says that the network sees more in photos that are read larger.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when it is not a model of this contract.
     """
@@ -116,7 +116,6 @@ class CenterOffsetSegmenter(TileByTile):
         super().__init__(f"onnx:{name_of_file(self._path)}", traits, score_floor, self._file.note)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
         self._reads_larger = reads_larger
-        self.closer: CenterOffsetSegmenter | None = None
         if self._metadata.larger > 1 and not reads_larger:
             self.closer = CenterOffsetSegmenter(self._file, score_floor=score_floor, reads_larger=True)
 

@@ -15,7 +15,6 @@ from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
-from pomona.segment.center_offset import CenterOffsetSegmenter
 from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
 from pomona.segment.reading_scale import MAX_ENLARGEMENT, ReadingScales, reading_scales
 from pomona.segment.resize import resized_detections, resized_pixels
@@ -192,7 +191,7 @@ def _closer_look(segmenter: Segmenter, scale: float) -> tuple[Segmenter, float]:
     Enlarging shows nothing new: masks are a little better, but two halves of a compressed video agree less on where
     fruits are (docs/lab/segmenter.md).
     """
-    closer = segmenter.closer if isinstance(segmenter, CenterOffsetSegmenter) else None
+    closer = segmenter.closer if isinstance(segmenter, TileByTile) else None
     usual_px = segmenter.traits.typical_fruit_px
     if closer is None or usual_px is None or closer.traits.typical_fruit_px is None:
         return segmenter, scale

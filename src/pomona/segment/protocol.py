@@ -103,8 +103,11 @@ class TileByTile(ABC):
     """What Pomona's own segmenters have in common: a name, traits, and one tile after the other.
 
     `score_floor` is the least score that is reported; None: `KEPT_SHARE` of the score threshold. `note`: what a person
-    should know of how the network runs here.
+    should know of how the network runs here. `closer`: what had better read photos that have the pixels to be read as
+    much larger as its typical width of fruit is; None: nothing had.
     """
+
+    closer: Segmenter | None = None
 
     def __init__(
         self, name: str, traits: SegmenterTraits, score_floor: float | None = None, note: str | None = None

@@ -16,7 +16,7 @@ from pomona.progress import Progress
 from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
-from pomona.segment.two_sizes import seen_with_mirror_image
+from pomona.segment.two_looks import seen_with_mirror_image
 from pomona.train.crop import Crop
 from pomona.train.encoder import VARIANTS
 from pomona.train.export import export_onnx
@@ -31,7 +31,7 @@ FRUIT_PX = (12.0, 120.0)
 TYPICAL_FRUIT_PX = 40.0
 """Fruit widths that the crops show, and the width that this network knows best."""
 LARGER = 1.5
-"""Photos that have the pixels are read so many times larger, and seen at both sizes (`segment.two_sizes`)."""
+"""Photos that have the pixels are read so many times larger, and seen at both sizes (`segment.two_looks`)."""
 
 # Masks made from boxes reach a pixel or two over the fruit. On rendered photos, whose masks are exact, areas are 1.18
 # of the true ones at 0.5 and 1.10 at 0.9, where they overlap the true masks best (docs/lab/segmenter.md).

@@ -16,7 +16,7 @@ from pomona.errors import FormatError
 from pomona.segment import SegmentOptions, load_segmenter, segment_photos
 from pomona.segment.center_offset import CenterOffsetSegmenter, ModelMetadata
 from pomona.segment.decode import DecodeOptions, Maps, decode
-from pomona.segment.two_sizes import padded, seen_at_two_sizes, seen_with_mirror_image
+from pomona.segment.two_looks import padded, seen_at_two_sizes, seen_with_mirror_image
 from segment_scenes import disc, write_disc_model
 from test_segment_onnx import METADATA, red_image
 
