@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from pomona.arrays import places_within
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError, PomonaError
@@ -199,3 +200,8 @@ def test_photo_names_are_unique_and_sides_ordered() -> None:
     assert Photos((west, east)).of_side("east").names == ("e/1.jpg",)
     with pytest.raises(InputError, match="unique"):
         Photos((east, east))
+
+
+@given(st.lists(st.integers(0, 5)))
+def test_places_within_groups_count_from_zero_in_each(counts: list[int]) -> None:
+    assert places_within(np.array(counts, np.int64)).tolist() == [k for count in counts for k in range(count)]

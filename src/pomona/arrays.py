@@ -1,4 +1,4 @@
-"""Shape checks for the values that flow between stages."""
+"""Shape checks for the values that flow between stages, and arrays of groups."""
 
 from __future__ import annotations
 
@@ -22,6 +22,11 @@ def groups(labels: IntArray) -> list[tuple[int, IntArray]]:
     order = np.argsort(labels, kind="stable")
     found, starts = np.unique(labels[order], return_index=True)
     return list(zip(found.tolist(), np.split(order, starts[1:]) if len(found) else [], strict=True))
+
+
+def places_within(counts: IntArray) -> IntArray:
+    """Return 0, 1, … `counts[0]` − 1, 0, 1, … `counts[1]` − 1, and so on: each one's place within its group."""
+    return np.asarray(np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts), np.int64)
 
 
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: Any) -> Array:

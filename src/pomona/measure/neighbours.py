@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, places_within
 from pomona.measure.spheroid_fit import Evidence
 from pomona.measure.spheroids import Spheroids
 
@@ -47,8 +47,7 @@ def _beside_each_other(spheroids: Spheroids, evidence: Evidence) -> tuple[IntArr
     bounds = np.searchsorted(pairs[:, 0], np.arange(len(spheroids) + 1))
     firsts, counts = bounds[evidence.of[groups]], np.diff(bounds)[evidence.of[groups]]
     # All neighbours of each group's fruit: `firsts`, `firsts` + 1, …
-    steps = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    others = pairs[np.repeat(firsts, counts) + steps, 1]
+    others = pairs[np.repeat(firsts, counts) + places_within(counts), 1]
     groups = np.repeat(groups, counts)
     own = evidence.of[groups]
     eyes = evidence.eyes[groups, 0]

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 import cv2
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, places_within
 from pomona.detections import Mask
 from pomona.report.axes import sightings_idx
 from pomona.report.contract import F32, U8, U32, DetectionColumns, Sightings, packed
@@ -29,9 +29,8 @@ def sightings(data: ReportData, *, crops: Mapping[int, bytes], most: int) -> Sig
     order = np.lexsort((photos, -boxes[:, 2], fruits))
     rows, fruits, photos, boxes = rows[order], fruits[order], photos[order], boxes[order]
     counts = np.bincount(fruits, minlength=len(data.fruits))
-    rank = np.arange(len(fruits)) - np.repeat(np.cumsum(counts) - counts, counts)
     each = kept_of_each(counts, most)
-    kept = rank < each
+    kept = places_within(counts) < each
     return _columns(data, rows[kept], np.minimum(counts, each), photos[kept], boxes[kept], crops)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, FloatArray, IntArray, places_within
 
 
 def overlapping_pairs(boxes_a: FloatArray, boxes_b: FloatArray) -> tuple[IntArray, IntArray]:
@@ -25,7 +25,7 @@ def overlapping_pairs(boxes_a: FloatArray, boxes_b: FloatArray) -> tuple[IntArra
     stop = np.searchsorted(starts, boxes_a[:, axis + 2], "left")
     counts = np.maximum(stop - first, 0)
     i = np.repeat(np.arange(len(boxes_a)), counts)
-    j = order[np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)]
+    j = order[np.repeat(first, counts) + places_within(counts)]
     a, b = boxes_a[i], boxes_b[j]
     meets = (np.minimum(a[:, 2:], b[:, 2:]) > np.maximum(a[:, :2], b[:, :2])).all(1)
     return i[meets], j[meets]

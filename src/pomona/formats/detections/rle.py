@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from pycocotools import mask as coco_mask
 
-from pomona.arrays import Array, IntArray
+from pomona.arrays import Array, IntArray, places_within
 from pomona.detections import Mask
 from pomona.errors import InputError
 
@@ -57,7 +57,7 @@ def decode_counts(text: str) -> IntArray:
     starts = np.concatenate([[0], stops[:-1]])
     if (stops - starts).max() > 12:
         raise InputError("a number in the compressed counts is too long")
-    place = np.arange(len(digits)) - np.repeat(starts, stops - starts)
+    place = places_within(stops - starts)
     counts = np.add.reduceat((digits & 0x1F) << (5 * place), starts)
     counts -= np.where(digits[stops - 1] & 0x10, np.int64(1) << (5 * (stops - starts)), 0)
     counts[1::2] = np.cumsum(counts[1::2])
