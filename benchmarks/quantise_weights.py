@@ -1,4 +1,4 @@
-"""A model file of the shipped kind with whole numbers of eight bits in place of floats, as it is shipped.
+"""A model file of the shipped kind with whole numbers of eight bits in place of floats, to compare: it is not shipped.
 
 python benchmarks/quantise_weights.py MODEL.onnx OUT.onnx --tiles TILES [--rows FOLDER] [--crops 96] [--seed 0]
 

@@ -103,8 +103,8 @@ class TileByTile(ABC):
     """What Pomona's own segmenters have in common: a name, traits, and one tile after the other.
 
     `score_floor` is the least score that is reported; None: `KEPT_SHARE` of the score threshold. `note`: what a person
-    should know of how the network runs here. `closer`: what had better read photos that have the pixels to be read as
-    much larger as its typical width of fruit is; None: nothing had.
+    should know of how the network runs here. `closer`: what reads photos at a larger scale, that of its own
+    typical width of fruit, where they have the pixels for it; None: nothing does.
     """
 
     closer: Segmenter | None = None

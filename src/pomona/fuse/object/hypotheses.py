@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pomona.arrays import BoolArray
+from pomona.arrays import BoolArray, places_within
 from pomona.fuse.object.crossings import Crossings
 from pomona.fuse.object.gating import Gate
 from pomona.fuse.object.matches import Matches
@@ -42,8 +42,7 @@ def _evenly_spread(matches: Matches, masks: MaskRays, most: int) -> Matches:
     order = np.lexsort((masks.photo_idx[matches.mask_idx], matches.sphere_idx))
     idx = matches.sphere_idx[order]
     counts = np.bincount(idx)
-    firsts = np.cumsum(counts) - counts
-    place, total = np.arange(len(idx)) - firsts[idx], counts[idx]
+    place, total = places_within(counts), counts[idx]
     # Kept is who steps into the next of `most` equal parts.
     kept = (place * most) // total != ((place - 1) * most) // total
     return matches[order[kept | (total <= most)]]
