@@ -19,9 +19,9 @@ import numpy as np
 from pomona.capture.images import size_of
 from pomona.detections import Mask
 from pomona.formats.detections.label_sets import find_label_sets, read_label_set
-from pomona.formats.detections.labelled import LabelledPhoto
+from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledPhoto
 from pomona.formats.detections.shapes import ellipse_mask
-from pomona.train.samples import FEWEST_PIXELS, Sample
+from pomona.train.samples import Sample
 from pomona.train.weak_masks import label_image_from_boxes
 
 WIDTHS_PX = (0, 15, 30, 60, 10_000)

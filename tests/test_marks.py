@@ -15,7 +15,7 @@ from pomona.app.contract import GivenMarks, MarkView
 from pomona.app.teaching import keep_marks, marked_view, teaching
 from pomona.detections import Detections, Mask
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.detections.labelled import LabelledFruit
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_colours import FruitColours
 from pomona.marks import MarkedPhoto, read_marks, write_marks
 from pomona.photos import Photo
@@ -240,3 +240,19 @@ def test_a_missed_fruit_is_learnt_as_far_as_its_colours_show(tmp_path: Path) -> 
     assert 0.3 < missed.mask.area_px / (np.pi * 20**2) < 0.6
     # Nothing there has fruit's colours: the person's circle is all that is known.
     assert (unseen.mask, unseen.box_px) == (None, (128, 88, 152, 112))
+
+
+def test_a_marked_fruit_of_few_pixels_is_learnt_all_the_same(tmp_path: Path) -> None:
+    """Of a rendered fruit so little would be doubtful; a person has seen this one."""
+    Image.fromarray(np.full((60, 80, 3), (40, 90, 30), np.uint8)).save(tmp_path / "a.png")
+    photo, tiny = Photo("a.png", tmp_path / "a.png", 80, 60), square(40, 20, 5, 5)
+    marks = MarkedPhoto("a.png", 80, 60, (circle(42.5, 22.5, 3),), True)
+    found = Detections("a.png", 80, 60, (tiny,), np.ones(1), np.array([0]))
+    colours = FruitColours.counted([])
+
+    (label,) = labels_of_marks(found, photo, marks, colours, AdaptOptions())
+
+    assert (label.mask, label.box_px) == (None, (40, 20, 45, 25))
+    samples_of = pytest.importorskip("pomona.train.label_images").samples_of
+    (sample,) = samples_of(LabelledPhoto(photo.path, "a.png", 80, 60, (label,)), tmp_path / "cache", source="marked")
+    assert sample.boxes_px.tolist() == [[40, 20, 45, 25]]

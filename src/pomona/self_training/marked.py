@@ -9,7 +9,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.detections import Detections, Mask
-from pomona.formats.detections.labelled import LabelledFruit, check_size, edges_of
+from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledFruit, check_size, edges_of
 from pomona.fruit_colours import FruitColours
 from pomona.marks import MarkedPhoto
 from pomona.photos import Photo
@@ -40,7 +40,8 @@ def labels_of_marks(
         fruit if idx < 0 else _seen_as(fruit, masks[idx])
         for fruit, idx in zip(marked.fruits, found.tolist(), strict=True)
     ]
-    unseen = [i for i, fruit in enumerate(labels) if fruit.mask is None and fruit.circle_px is not None]
+    circled = [fruit.mask is None and fruit.circle_px is not None for fruit in marked.fruits]
+    unseen = np.flatnonzero((found < 0) & circled).tolist()
     if not unseen:
         return labels
     likely = likely_in(photo, colours, options.colour_nats)
@@ -56,7 +57,8 @@ def labels_of_marks(
 
 
 def _seen_as(fruit: LabelledFruit, mask: Mask) -> LabelledFruit:
-    return replace(fruit, box_px=edges_of(mask), mask=mask)
+    # Fruits of so few pixels are doubtful in training, but not one that a person marked: its box alone is the label.
+    return replace(fruit, box_px=edges_of(mask), mask=mask if mask.area_px >= FEWEST_PIXELS else None)
 
 
 def detections_of_marks(fruits: Sequence[LabelledFruit], masks: Sequence[Mask]) -> IntArray:

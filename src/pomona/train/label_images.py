@@ -19,9 +19,9 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.capture.images import read_header, read_pixels, write_jpeg
 from pomona.detections import Mask
-from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledFruit, LabelledPhoto
 from pomona.photos import Photo
-from pomona.train.samples import FEWEST_PIXELS, IGNORED, Labels, Sample, group_of
+from pomona.train.samples import IGNORED, Labels, Sample, group_of
 from pomona.train.weak_masks import label_image_from_boxes
 
 _VERSION = "2"  # of what is made from the same labels

@@ -20,7 +20,6 @@ Labels = npt.NDArray[np.int16]
 """A label image (h, w): 0 is not fruit, k ≥ 1 is the k-th fruit, −1 is doubtful and teaches nothing."""
 
 IGNORED = -1
-FEWEST_PIXELS = 30  # a fruit of which less is seen is doubtful
 RENDERED = "rendered"
 """The source of rendered rows: their masks are exact."""
 

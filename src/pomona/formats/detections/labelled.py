@@ -16,6 +16,9 @@ from pomona.photos import Photo
 Box = tuple[float, float, float, float]
 """x0, y0, x1, y1: edges in pixels of the upright photo."""
 
+FEWEST_PIXELS = 30
+"""A fruit of whose mask less is seen is doubtful: nothing is learnt there."""
+
 _SMALLEST_BOX_PX = 8  # fruits are round: a larger mask that fills its box is a box
 # A box drawn beside a mask holds it, but for rounding; its edges are the mask's where they are no farther off than so
 # much, and it is a box of something else where the mask's own box is a smaller share of it.
