@@ -1,10 +1,12 @@
 """The weights between a shipped model file and a training that went on from it, as a model file.
 
-python benchmarks/blend_weights.py BEGAN.onnx CHECKPOINT.pt OUT.onnx --share 0.5 --threshold 0.42 [--seed 0]
+python benchmarks/blend_weights.py BEGAN.onnx OUT.onnx CHECKPOINT.pt [CHECKPOINT.pt ...] --share 0.5 --threshold 0.42
+    [--seed 0]
 
-OUT has `--share` of the checkpoint's weights (best.pt, or last.pt: its running mean) and the rest of BEGAN's
-(Wortsman 2022, robust fine-tuning). `--threshold` is the score of the blend that is to be 0.5 in the file; `--seed` is
-that of the training that first read BEGAN, on which hangs what a convolution and its norm have of a weight.
+OUT has `--share` of the checkpoint's weights (best.pt, or last.pt: its running mean; of several, their mean) and the
+rest of BEGAN's (Wortsman 2022, robust fine-tuning and model soups). `--threshold` is the score of the blend that is to
+be 0.5 in the file; `--seed` is that of the training that first read BEGAN, on which hangs what a convolution and its
+norm have of a weight.
 """
 
 import argparse
@@ -18,11 +20,19 @@ from pomona.train.blend import blended
 from pomona.train.center import CenterLearner
 
 
+def mean_of(checkpoints: list[Path]) -> dict[str, torch.Tensor]:
+    states = [torch.load(path, map_location="cpu", weights_only=True)["average"] for path in checkpoints]
+    return {
+        name: torch.stack([state[name] for state in states]).mean(0) if value.is_floating_point() else value
+        for name, value in states[0].items()
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("began", type=Path)
-    parser.add_argument("checkpoint", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("checkpoints", type=Path, nargs="+")
     parser.add_argument("--share", type=float, default=0.5)
     parser.add_argument("--threshold", type=float, default=0.5)
     parser.add_argument("--seed", type=int, default=0)
@@ -31,7 +41,7 @@ def main() -> None:
     learner = CenterLearner(weights=str(arguments.began))
     began = learner.build(start=True, progress=Silent()).eval()
     learnt = copy.deepcopy(began)
-    learnt.load_state_dict(torch.load(arguments.checkpoint, map_location="cpu", weights_only=True)["average"])
+    learnt.load_state_dict(mean_of(arguments.checkpoints))
     network = blended(began, learnt, arguments.share)
     # The head of circles was not in the file that it began from; its first weights mean nothing.
     network.heads[4].load_state_dict(learnt.heads[4].state_dict())

@@ -1,13 +1,15 @@
 """Whether even and odd photos of a survey give the same fruits, for docs/lab/object-method.md.
 
-python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--no-second-look] [--crops FOLDER --photos FOLDER]
+python benchmarks/even_odd.py SURVEY[=TRUTH] [SURVEY[=TRUTH] ...] [--no-second-look] [--splits 1 to 3]
+    [--crops FOLDER --photos FOLDER]
 
 A SURVEY is a folder of `pomona run` over all photos; with TRUTH, a rendered row's folder, each half is scored too.
 Its cameras (so both halves are in one frame of reference) and detections are split by photo, sorted by name; each half
 is fused, looked at again, filtered and measured alone. A fruit of one half is found by the other where that has one in
 its fruits.csv at most half a median diameter away, one to one. Confident fruits are those whose score reaches a level:
-0.4, which is all of fruits.csv, and 0.8. `--crops` writes, for each fruit that only one half has, what its best photos
-show.
+0.4, which is all of fruits.csv, and 0.8. Of some dozens of fruits the share hangs on chance: `--splits 3` parts the
+photos in two further ways, by pairs, and by the first and fourth of every four. `--crops` writes, for each fruit that
+only one half has, what its best photos show.
 """
 
 import argparse
@@ -34,6 +36,7 @@ from pomona.second_look import look_again
 from pomona.self_training.halves import part_of, same_places
 
 LEVELS = (0.4, 0.8)
+SPLITS = {"even, odd": (0, 1, 0, 1), "pairs": (0, 0, 1, 1), "first and fourth": (0, 1, 1, 0)}  # of every four photos
 HEAD = (
     "| survey | score from | even | odd | counts differ | even found by odd | odd found by even | both ways | "
     "apart, mm (share of diameter) | F1 even, odd |"
@@ -66,17 +69,18 @@ def surveyed(detections: SurveyDetections, photos: Photos | None, cameras: Camer
     return Fused(fruits, fused.observations, fused.cloud)
 
 
-def halves_of(survey: Path, second_look: bool) -> Halves:
+def halves_of(survey: Path, second_look: bool, half_of: tuple[int, ...]) -> Halves:
     cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
     photos = pomona.open(survey).photos if second_look else None
     names = sorted(cameras.photos)
+    parts = [[name for i, name in enumerate(names) if half_of[i % len(half_of)] == half] for half in (0, 1)]
     even, odd = (
         surveyed(
             SurveyDetections({n: detections[n] for n in part if n in detections}),
             photos,
             part_of(cameras, frozenset(part)),
         )
-        for part in (names[::2], names[1::2])
+        for part in parts
     )
     diameter_m = float(np.nanmedian(np.concatenate([even.fruits.diameters_m, odd.fruits.diameters_m])))
     return Halves(even, odd, same_places(even.fruits, odd.fruits, diameter_m), diameter_m)
@@ -151,16 +155,19 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("surveys", nargs="+")
     parser.add_argument("--no-second-look", action="store_true")
+    parser.add_argument("--splits", type=int, default=1, choices=range(1, len(SPLITS) + 1))
     parser.add_argument("--crops", type=Path)
     parser.add_argument("--photos", type=Path)
     arguments = parser.parse_args()
     print(HEAD, "|---" * 10 + "|", sep="\n")
     for each in arguments.surveys:
         folder, _, truth = each.partition("=")
-        halves = halves_of(Path(folder), not arguments.no_second_look)
-        print("\n".join(rows(Path(folder).name, halves, read_truth(Path(truth)) if truth else None)), flush=True)
-        if arguments.crops and arguments.photos:
-            write_crops(Path(folder), arguments.photos, halves, arguments.crops / Path(folder).name)
+        for split, half_of in list(SPLITS.items())[: arguments.splits]:
+            halves = halves_of(Path(folder), not arguments.no_second_look, half_of)
+            name = f"{Path(folder).name}, {split}" if arguments.splits > 1 else Path(folder).name
+            print("\n".join(rows(name, halves, read_truth(Path(truth)) if truth else None)), flush=True)
+            if arguments.crops and arguments.photos:
+                write_crops(Path(folder), arguments.photos, halves, arguments.crops / Path(folder).name / split)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Train the shipped weights: real tiles with boxes, and rendered scenes with masks where there are some.
 
-python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weights best.pt | fruit.onnx] [--steps N]
-        [--learning-rate RATE] [--leafy SHARE] [--shaded SHARE]
+python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weights CHECKPOINT.pt | fruit.onnx]
+        [--steps N] [--learning-rate RATE] [--leafy SHARE] [--shaded SHARE]
 
 TILES is what `benchmarks/fruit_tiles.py` wrote.
 """
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=FitOptions().workers)
     parser.add_argument("--tiles", type=Path, required=True)
     parser.add_argument("--rows", type=Path)
-    parser.add_argument("--weights", help="best.pt or .onnx of an earlier training to go on from")
+    parser.add_argument("--weights", help="best.pt, last.pt or .onnx of an earlier training to go on from")
     parser.add_argument("--learning-rate", type=float, default=FitOptions().learning_rate)
     parser.add_argument("--check-every", type=int, default=FitOptions().check_every)
     parser.add_argument("--steps", type=int, default=FitOptions().steps)

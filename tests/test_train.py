@@ -167,6 +167,8 @@ def test_a_network_begins_where_an_earlier_one_ended(samples: list[Sample], tmp_
     best = tmp_path / "best.pt"
     second = CenterLearner(weights=str(best)).build(start=True, progress=Silent())
     assert torch.equal(first.state_dict()["heads.0.bias"], second.state_dict()["heads.0.bias"])
+    last = CenterLearner(weights=str(tmp_path / "last.pt")).build(start=True, progress=Silent())
+    assert torch.equal(first.state_dict()["heads.0.bias"], last.state_dict()["heads.0.bias"])
     torch.save({"arch": "maskrcnn-r18", "average": {}}, best)
     with pytest.raises(FormatError, match="found one of maskrcnn-r18"):
         CenterLearner(weights=str(best)).build(start=True, progress=Silent())

@@ -45,8 +45,9 @@ _ENCODER_RATE = 0.4  # of the learning rate
 class CenterLearner:
     """A `Learner` of `FruitNet`.
 
-    `weights`: `imagenet` (they come as a Python package, nothing is downloaded), `none`, a checkpoint `best.pt` of an
-    earlier training or its model file (`.onnx`). Raises `InputError` for other names.
+    `weights`: `imagenet` (they come as a Python package, nothing is downloaded), `none`, a checkpoint of an earlier
+    training (`best.pt`, or the running mean of `last.pt`) or its model file (`.onnx`). Raises `InputError` for other
+    names.
     """
 
     losses = LOSSES
@@ -56,7 +57,7 @@ class CenterLearner:
         self.arch = arch
         if weights == "coco":
             raise InputError(
-                f"`weights` coco: {arch} has no such weights; expected imagenet, none, a best.pt or an .onnx"
+                f"`weights` coco: {arch} has no such weights; expected imagenet, none, a best.pt, a last.pt or an .onnx"
             )
         self.weights = weights
 
@@ -77,11 +78,11 @@ class CenterLearner:
         return torch.from_numpy(pixels), targets_of(list(crops))
 
     def loss(self, network: FruitNet, batch: tuple[Tensor, Targets]) -> tuple[Tensor, dict[str, float]]:
-        """Return the weighted sum of the four losses; the network runs in bfloat16."""
+        """Return the weighted sum of the four losses; the network runs in bfloat16 where the device computes in it."""
         pixels, targets = batch
         device = next(network.parameters()).device
         image = pixels.to(device).float().contiguous(memory_format=torch.channels_last)
-        with torch.autocast(device.type, dtype=torch.bfloat16):
+        with torch.autocast(device.type, dtype=torch.bfloat16, enabled=_is_quick_in_bfloat16(device)):
             outputs = network(image)
         moved = Targets(**{name: value.to(device) for name, value in vars(targets).items()})
         return total_loss(Outputs(*(maps.float() for maps in outputs)), moved)
@@ -121,11 +122,20 @@ def maps_of(network: FruitNet, tile: ByteArray) -> Maps:
     return Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE, circle.numpy())
 
 
+def _is_quick_in_bfloat16(device: torch.device) -> bool:
+    # Processors without instructions for it, as most laptops have, take five times as long as in float32.
+    if device.type != "cpu":
+        return True
+    capabilities = getattr(torch.cpu, "get_capabilities", None)  # older PyTorch does not say
+    known = capabilities() if capabilities is not None else {}
+    return bool(known.get("avx512_bf16") or known.get("amx_bf16"))
+
+
 def _fill(network: FruitNet, path: Path, arch: str) -> None:
     if path.suffix.lower() == ".onnx":
         fill_from_onnx(network, path)
         return
-    expected = f"a checkpoint of {arch} (best.pt of an earlier training)"
+    expected = f"a checkpoint of {arch} (best.pt or last.pt of an earlier training)"
     checkpoint = read_checkpoint(path, expected)
     if checkpoint.get("arch") != arch or "average" not in checkpoint:
         raise FormatError(f"{path}: expected {expected}, found one of {checkpoint.get('arch', 'another program')}")

@@ -93,7 +93,8 @@ class TrainingState:
 
     def save(self) -> None:
         """Write all that is needed to go on from this step as if there had been no stop."""
-        state = {"settings": self._settings, "step": self.step, "best": self._best, "log": self._log}
+        state = {"arch": self._learner.arch, "settings": self._settings, "step": self.step}
+        state |= {"best": self._best, "log": self._log}
         state |= {"checks_since_best": self._checks_since_best, "losses": self._losses}
         state |= {"network": self._network.state_dict(), "average": self.average.state_dict()}
         _save(self._folder / "last.pt", state | {"optimiser": self._optimiser.state_dict()})
