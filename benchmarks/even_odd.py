@@ -69,9 +69,9 @@ def surveyed(detections: SurveyDetections, photos: Photos | None, cameras: Camer
     return Fused(fruits, fused.observations, fused.cloud)
 
 
-def halves_of(survey: Path, second_look: bool, half_of: tuple[int, ...]) -> Halves:
-    cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
-    photos = pomona.open(survey).photos if second_look else None
+def halves_of(
+    detections: SurveyDetections, photos: Photos | None, cameras: Cameras, half_of: tuple[int, ...]
+) -> Halves:
     names = sorted(cameras.photos)
     parts = [[name for i, name in enumerate(names) if half_of[i % len(half_of)] == half] for half in (0, 1)]
     even, odd = (
@@ -162,12 +162,15 @@ def main() -> None:
     print(HEAD, "|---" * 10 + "|", sep="\n")
     for each in arguments.surveys:
         folder, _, truth = each.partition("=")
+        survey, known = Path(folder), read_truth(Path(truth)) if truth else None
+        photos = None if arguments.no_second_look else pomona.open(survey).photos
+        cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
         for split, half_of in list(SPLITS.items())[: arguments.splits]:
-            halves = halves_of(Path(folder), not arguments.no_second_look, half_of)
-            name = f"{Path(folder).name}, {split}" if arguments.splits > 1 else Path(folder).name
-            print("\n".join(rows(name, halves, read_truth(Path(truth)) if truth else None)), flush=True)
+            halves = halves_of(detections, photos, cameras, half_of)
+            name = f"{survey.name}, {split}" if arguments.splits > 1 else survey.name
+            print("\n".join(rows(name, halves, known)), flush=True)
             if arguments.crops and arguments.photos:
-                write_crops(Path(folder), arguments.photos, halves, arguments.crops / Path(folder).name / split)
+                write_crops(survey, arguments.photos, halves, arguments.crops / name)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from pathlib import Path
 from pomona.progress import Silent
 from pomona.synth.quick import PictureOptions, render_pictures
 
-SHARES = {"apple": 0.2, "pear": 0.12, "citrus": 0.25, "peach": 0.1, "plum": 0.07, "cherry": 0.12, "mango": 0.03,
-          "kiwi": 0.03, "tomato": 0.08}  # fmt: skip
+SHARES = {"apple": 0.45, "pear": 0.1, "citrus": 0.14, "peach": 0.07, "plum": 0.05, "cherry": 0.06, "mango": 0.03,
+          "kiwi": 0.03, "tomato": 0.07}  # fmt: skip
 EVERY_NTH_TILE = 10  # is enough to look at
 
 
