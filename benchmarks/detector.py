@@ -1,7 +1,7 @@
 """Segmenters on photos that they were not trained on: AP50, F1, masks and time, as a table for docs/lab/segmenter.md.
 
 python benchmarks/detector.py [--model FILE ...] [--data FOLDER] [--row FOLDER ...] [--only NAME ...] [--min-visible PX]
-        [--scale S] [--without-shipped] [--json FILE]
+        [--scale S] [--tile PX] [--without-shipped] [--json FILE]
 
 Measures the shipped segmenter, and each --model, on `orchard-dev` and on the tiles that training holds out (whole
 photos, 15 %, `benchmarks/fruit_tiles.py`). Photos are segmented as `pomona segment` does it, at the scale that is found
@@ -76,7 +76,7 @@ def held_out_tiles(data: Path) -> dict[str, tuple[DetectionTruth, list[Path]]]:
 
 
 def segmented(
-    photos: Photos, segmenter: Segmenter, scale: float | None
+    photos: Photos, segmenter: Segmenter, scale: float | None, tile_px: int | None
 ) -> tuple[dict[str, Detections], dict[str, float], float]:
     """The detections of each photo, down to the least score; scales; seconds a photo, scale and reading included."""
     start = time.perf_counter()
@@ -85,7 +85,7 @@ def segmented(
     found: dict[str, Detections] = {}
     for value in sorted(set(scales.values())):
         group = Photos(tuple(photo for photo in photos if scales[photo.name] == value))
-        options = SegmentOptions(score_threshold=LEAST_SCORE, kept_share=1, scale=value)
+        options = SegmentOptions(score_threshold=LEAST_SCORE, kept_share=1, scale=value, tile_px=tile_px)
         found |= segment_photos(group, segmenter, options=options)
     return found, scales, (time.perf_counter() - start) / len(photos)
 
@@ -94,7 +94,7 @@ def measure(
     name: str, model: str, truth: DetectionTruth, files: Sequence[Path], segmenter: Segmenter, how: argparse.Namespace
 ) -> list[Measured]:
     photos = load_photos(list(files), min_photos=1)
-    found, scales, seconds = segmented(photos, segmenter, how.scale)
+    found, scales, seconds = segmented(photos, segmenter, how.scale, how.tile)
     mine = truth.of_photos(photos.names)
     scale = float(np.median(list(scales.values())))
     lines = []
@@ -137,6 +137,7 @@ def main() -> None:
     parser.add_argument("--without-shipped", action="store_true")
     parser.add_argument("--min-visible", type=int, default=120, help="pixels of a rendered fruit that is to be found")
     parser.add_argument("--scale", type=float, help="at which photos are read; default: found in them")
+    parser.add_argument("--tile", type=int, help="side of tiles in pixels, of which the network sees one at a time")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n", flush=True)

@@ -23,7 +23,7 @@ from pomona.adjustment.weights import Weights, weighted
 from pomona.cameras import Cameras, concatenate, split
 from pomona.detections import SurveyDetections
 from pomona.filter.view_features import view_features
-from pomona.fruit_discs import seen_fruits
+from pomona.fruit_geometry.discs import seen_fruits
 from pomona.fuse import object as association
 from pomona.geometry import Similarity, row_axis
 

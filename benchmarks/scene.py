@@ -23,7 +23,7 @@ from pomona.dense.atlas import pack
 from pomona.dense.correlation import MatchOptions, best_inverse_depth, sweep
 from pomona.dense.views import View
 from pomona.evaluate.fruits import read_truth
-from pomona.fruit_points import fruit_of_points
+from pomona.fruit_geometry.cloud_points import fruit_of_points
 from pomona.scene import DenseSceneOptions, dense_scene
 from pomona.scene.maps import SceneMap
 from pomona.survey import SurveyFolder

@@ -19,7 +19,7 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.fruit_discs import SeenFruits, seen_fruits
+from pomona.fruit_geometry.discs import SeenFruits, seen_fruits
 from pomona.fuse import object
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.measure import measure

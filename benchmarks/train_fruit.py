@@ -1,7 +1,7 @@
 """Train the shipped weights: real tiles with boxes, and rendered scenes with masks where there are some.
 
 python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weights CHECKPOINT.pt | fruit.onnx]
-        [--steps N] [--learning-rate RATE] [--leafy SHARE] [--shaded SHARE]
+        [--steps N] [--learning-rate RATE] [--leafy SHARE] [--shaded SHARE] [--phones SHARE]
 
 TILES is what `benchmarks/fruit_tiles.py` wrote.
 """
@@ -49,10 +49,11 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--leafy", type=float, default=0.0, help="share of rendered crops with leaves before fruits")
     parser.add_argument("--shaded", type=float, default=0.0, help="share of crops with shade")
+    parser.add_argument("--phones", type=float, default=0.0, help="share of crops like frames of a phone's video")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     rows = sorted(arguments.rows.glob("[sq][0-9][0-9][0-9]")) if arguments.rows else []
-    augment = AugmentOptions(leafy=arguments.leafy, shaded=arguments.shaded)
+    augment = AugmentOptions(leafy=arguments.leafy, shaded=arguments.shaded, phones=arguments.phones)
     fit = replace(
         FitOptions(),
         steps=arguments.steps,

@@ -28,7 +28,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pomona.capture import load_photos, read_pixels
-from pomona.fruit_colours import ColourCounts
+from pomona.fruit_traits.colours import ColourCounts
 from pomona.second_look.crops import CropPlaces, cut
 from pomona.second_look.likeness import with_likeness
 from pomona.second_look.network import CHANNELS, KIND

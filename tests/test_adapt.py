@@ -14,7 +14,7 @@ import pomona
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
-from pomona.fruit_colours import FruitColours
+from pomona.fruit_traits.colours import FruitColours
 from pomona.pipeline import RunOptions
 from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits, label_photos

@@ -3,7 +3,7 @@
 import pytest
 
 from pomona.errors import InputError
-from pomona.fruit_kinds import FRUIT_KINDS, fruit_kind
+from pomona.fruit_traits.kinds import FRUIT_KINDS, fruit_kind
 
 
 @pytest.mark.parametrize("name", ["orange", "Oranges", " ORANGE "])

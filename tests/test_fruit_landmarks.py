@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruit_discs import SeenFruits, seen_fruits
+from pomona.fruit_geometry.discs import SeenFruits, seen_fruits
+from pomona.fruit_geometry.sphere_outlines import sphere_outlines_px
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.progress import Silent
 from pomona.scale.fruit_landmarks import adjust_on_fruits, landmarks
 from pomona.scale.placement import Placement
-from pomona.sphere_outlines import sphere_outlines_px
 from scale_scenes import HEIGHT, WIDTH, as_piece, photographed, photos_of
 
 DIAMETER_M = 0.07

@@ -7,8 +7,8 @@ import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.errors import InputError
-from pomona.fruit_ranges import fruit_ranges, fruit_width_px
-from pomona.fruit_size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
+from pomona.fruit_traits.ranges import fruit_ranges, fruit_width_px
+from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
 
 
 def test_nothing_measured_leaves_what_was_assumed() -> None:

@@ -15,12 +15,12 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
+from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import Fruits
 from pomona.fuse.object import ObjectOptions, fuse
 from pomona.fuse.object.gating import Gate, _within
 from pomona.fuse.object.refinement import fit_spheres
-from pomona.mask_rays import mask_rays
-from pomona.spheres import Spheres
 
 DIAMETER_M = 0.075
 

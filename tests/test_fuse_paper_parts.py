@@ -8,7 +8,7 @@ from sklearn.cluster import DBSCAN
 
 from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
-from pomona.fruit_size import FruitSize
+from pomona.fruit_traits.size import FruitSize
 from pomona.fuse.paper.clustering import connected_groups, nearest_group, nearest_reach
 from pomona.fuse.paper.projection import CellGrid, dlt_camera
 from pomona.fuse.paper.sphere_fit import first_estimates

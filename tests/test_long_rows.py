@@ -24,6 +24,7 @@ from pomona.dense.options import DenseOptions
 from pomona.errors import FormatError
 from pomona.filter.options import FilterOptions
 from pomona.filter.view_features import seen_shares
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import Fruits
 from pomona.geometry import estimate_similarity
 from pomona.measure.allometry import STORY_APPLES
@@ -32,7 +33,6 @@ from pomona.planting.trunk_table import read_trunks
 from pomona.sfm.models import Model
 from pomona.sfm.seams import worst_seam
 from pomona.sfm.selection import FULL_WEIGHT, take
-from pomona.spheres import Spheres
 from pomona.trees import Trunks
 from scale_scenes import bent, photographed
 

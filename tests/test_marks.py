@@ -16,7 +16,7 @@ from pomona.app.teaching import keep_marks, marked_view, teaching
 from pomona.detections import Detections, Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
-from pomona.fruit_colours import FruitColours
+from pomona.fruit_traits.colours import FruitColours
 from pomona.marks import MarkedPhoto, read_marks, write_marks
 from pomona.photos import Photo
 from pomona.self_training.labels import FoundFruits, label_photos

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
+from pomona.fruit_geometry.mask_outlines import depths_in_hull, outline_px
+from pomona.fruit_geometry.mask_rays import mask_rays
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
-from pomona.mask_rays import mask_rays
 from pomona.measure import MeasureOptions, measure
 from pomona.measure.neighbours import edges_of_others
 from pomona.measure.spheroid_fit import Evidence, Prior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
-from pomona.outlines import depths_in_hull, outline_px
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 

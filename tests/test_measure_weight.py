@@ -10,7 +10,7 @@ import pytest
 
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruit_kinds import FRUIT_KINDS
+from pomona.fruit_traits.kinds import FRUIT_KINDS
 from pomona.fruits import Fruits
 from pomona.measure.allometry import (
     STORY_APPLES,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pomona.errors import InputError
-from pomona.packing import PACKING_PRESETS, packing_classes
+from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.pipeline import RunOptions
 
 

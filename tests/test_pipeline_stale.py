@@ -307,12 +307,8 @@ ROOMS: dict[str, frozenset[str]] = {
         {"segment", "sfm", "scale", "fuse", "second_look", "filter", "measure", "planting", "dense", "scene"}
     )
     | HANDED,
-    "fruit_discs": frozenset({"scale", "report"}),
-    "fruit_kinds": frozenset({"measure"}) | HANDED,
-    "fruit_points": frozenset({"results"}),
-    "fruit_colours": frozenset({"second_look"}),
-    "fruit_ranges": frozenset({"scale", "fuse", "second_look", "filter", "dense", "scene"}),
-    "fruit_size": SPACE | {"scene"} | HANDED,
+    "fruit_geometry": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit_traits": SPACE | {"scene"} | HANDED,
     "fruits": SPACE | {"planting", "scene"} | HANDED,
     "fuse": SPACE | {"planting"} | HANDED,
     "geometry": ALL - {"segment", "select"},
@@ -320,11 +316,8 @@ ROOMS: dict[str, frozenset[str]] = {
     "intervals": HANDED,
     "gpu": frozenset({"segment", "sfm", "scale", "second_look", "dense", "scene", "report"}),
     "label_image": frozenset({"fuse", "second_look", "dense", "scene"}),
-    "mask_rays": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
     "measure": frozenset({"measure"}) | HANDED,
     "onnx_file": frozenset({"segment", "second_look"}),
-    "outlines": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
-    "packing": frozenset({"report"}),
     "photo_names": frozenset({"segment", "sfm", "scale", "report"}),
     "photos": frozenset({"segment", "sfm", "scale", "second_look", "dense", "measure", "scene"}) | HANDED,
     "planting": frozenset({"planting"}) | HANDED,
@@ -335,15 +328,25 @@ ROOMS: dict[str, frozenset[str]] = {
     "second_look": frozenset({"second_look"}),
     "segment": frozenset({"segment"}),
     "sfm": frozenset({"sfm", "scale", "report"}),
-    "sphere_outlines": HANDED,
-    "spheres": frozenset({"scale", "fuse", "second_look", "filter", "report"}),
     "threads": frozenset({"segment", "second_look", "sfm", "scale", "dense", "scene", "report"}),
     "trees": frozenset({"planting"}) | HANDED,
     "survey": ALL - {"select", "planting"},
     "yields": frozenset({"results"}),
 }
-# The pipeline's modules are those of the stages; each redoes its own, what they share redoes all.
-PIPELINE = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
+# Rooms whose modules have different users. The pipeline's are those of the stages; each redoes its own, what they share
+# redoes all.
+FILES = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
+    "fruit_geometry/cloud_points.py": frozenset({"results"}),
+    "fruit_geometry/discs.py": frozenset({"scale", "report"}),
+    "fruit_geometry/mask_outlines.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit_geometry/mask_rays.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit_geometry/sphere_outlines.py": HANDED,
+    "fruit_geometry/spheres.py": frozenset({"scale", "fuse", "second_look", "filter", "report"}),
+    "fruit_traits/colours.py": frozenset({"second_look"}),
+    "fruit_traits/kinds.py": frozenset({"measure"}) | HANDED,
+    "fruit_traits/packing.py": frozenset({"report"}),
+    "fruit_traits/ranges.py": frozenset({"scale", "fuse", "second_look", "filter", "dense", "scene"}),
+    "fruit_traits/size.py": SPACE | {"scene"} | HANDED,
     "pipeline/correct.py": HANDED,
     "pipeline/planting.py": frozenset({"planting"}) | HANDED,
     "pipeline/fused_store.py": frozenset({"fuse", "second_look", "filter", "measure", "dense"}),
@@ -414,6 +417,6 @@ def test_a_byte_in_a_room_redoes_the_stages_that_run_it(package: Copy, room: str
     assert package.redone_by(*files) == ROOMS.get(room, frozenset())
 
 
-@pytest.mark.parametrize("name", sorted(PIPELINE))
+@pytest.mark.parametrize("name", sorted(FILES))
 def test_a_byte_in_a_file_redoes_the_stages_that_use_it(package: Copy, name: str) -> None:
-    assert package.redone_by(package.package / name) == PIPELINE[name]
+    assert package.redone_by(package.package / name) == FILES[name]

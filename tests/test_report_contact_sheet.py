@@ -12,13 +12,13 @@ import pytest
 from pomona.cameras import Cameras
 from pomona.drawing import OTHER, SEEN
 from pomona.errors import InputError
+from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
 from pomona.fruits import Fruits, Observations
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.report import ContactSheetOptions, write_contact_sheet
 from pomona.report.choose import choose_photos
-from pomona.sphere_outlines import centers_px, sphere_outlines_px
 from report_scenes import LENS, looking, observe, row_cameras, row_fruits, row_photos
 
 _AHEAD = looking(np.array([0.0, -2.0, 0.0]), np.zeros(3))

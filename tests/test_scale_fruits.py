@@ -11,7 +11,7 @@ import pytest
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.fruit_discs import SeenFruits
+from pomona.fruit_geometry.discs import SeenFruits
 from pomona.geometry import Similarity
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world

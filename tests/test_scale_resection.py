@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
-from pomona.fruit_discs import SeenFruits
+from pomona.fruit_geometry.discs import SeenFruits
 from pomona.progress import Silent
 from pomona.scale import Placed, ScaleOptions, place_in_world
 from pomona.scale.aruco import Sighting

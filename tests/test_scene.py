@@ -12,7 +12,7 @@ from fuse_scenes import cameras_in_a_row, sphere_points
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_points import fruit_of_points
+from pomona.fruit_geometry.cloud_points import fruit_of_points
 from pomona.fruits import Fruits
 from pomona.photos import Photos
 from pomona.progress import Silent

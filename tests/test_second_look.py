@@ -18,11 +18,12 @@ from pomona.capture import read_pixels
 from pomona.capture.images import write_jpeg
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruit_colours import ColourCounts
+from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.colours import ColourCounts
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused, Shown
 from pomona.fuse.object import ObjectOptions, fuse
-from pomona.mask_rays import mask_rays
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
@@ -33,7 +34,6 @@ from pomona.second_look.likeness import SeenFruits, with_likeness
 from pomona.second_look.looked import Looked
 from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter
-from pomona.spheres import Spheres
 
 DIAMETER_M = 0.075
 CENTERS = np.array([[-0.25, 0.0, 0.1], [0.0, 0.05, -0.15], [0.22, -0.05, 0.05]])

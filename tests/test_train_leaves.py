@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pomona.errors import InputError
-from pomona.train.augment import AugmentOptions, recolour
+from pomona.train.augment import AugmentOptions, as_phones_show, recolour
 from pomona.train.occlusion import behind_leaves
 
 SIZE = 160
@@ -74,6 +74,27 @@ def test_shade_darkens_a_part_and_brightens_nothing() -> None:
     assert all(np.ptp(pixels.mean(2)) < 110 for pixels in plain)
 
 
+def test_a_phone_evens_the_light_and_keeps_fruits_where_they_are() -> None:
+    rows, columns = np.mgrid[:SIZE, :SIZE]
+    disc = (rows - SIZE / 2) ** 2 + (columns - SIZE / 3) ** 2 < (SIZE / 10) ** 2
+    scene = np.full((SIZE, SIZE, 3), (30, 60, 25), np.uint8)
+    scene[:, SIZE // 2 :] = (120, 200, 100)  # the half in the sun
+    scene[disc] = (220, 110, 30)
+    for seed in range(20):
+        seen = as_phones_show(scene, np.random.default_rng(seed))
+        assert seen.shape == scene.shape
+        assert seen.dtype == np.uint8
+        red = seen[:, :, 0].astype(float) - seen[:, :, 1]
+        found = red > np.median(red[disc]) / 2
+        assert (found & disc).sum() > 0.7 * (found | disc).sum()  # edges are soft by two pixels of 16
+        light = seen.mean(2)
+        ratio = light[:, 3 * SIZE // 4 :].mean() / light[:, : SIZE // 8].mean()
+        assert 1.2 < ratio < 3.9  # 3.65 in the scene
+        assert np.array_equal(seen, as_phones_show(scene, np.random.default_rng(seed)))
+
+
 def test_a_share_is_asked_for() -> None:
+    with pytest.raises(InputError, match="`phones`: expected a share"):
+        AugmentOptions(phones=-0.1)
     with pytest.raises(InputError, match="`leafy`: expected a share"):
         AugmentOptions(leafy=1.5)

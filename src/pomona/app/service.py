@@ -39,7 +39,7 @@ from pomona.app.teaching import teaching
 from pomona.app.wire import as_json
 from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.export import EXPORT_FORMATS, export_format
-from pomona.fruit_kinds import FRUIT_KINDS
+from pomona.fruit_traits.kinds import FRUIT_KINDS
 from pomona.survey import SurveyFolder
 from pomona.survey.events import RunStatus, run_status
 from pomona.survey.photos import photo_of

@@ -8,7 +8,7 @@ import typer
 
 from pomona.cli.progress import LABELS
 from pomona.cli.wording import all_with_options, with_options
-from pomona.fruit_kinds import fruit_kind
+from pomona.fruit_traits.kinds import fruit_kind
 from pomona.pipeline import Summary
 
 _MOST_LISTED = 5  # of photos lost: `survey.json` and the report have all of them

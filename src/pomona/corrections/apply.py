@@ -15,9 +15,9 @@ from pomona.corrections.log import Added, Correction, Deleted, Merged, Moved, Pl
 from pomona.corrections.masks import divided, joined, radius_px
 from pomona.detections import Mask, SurveyDetections
 from pomona.errors import InputError
+from pomona.fruit_geometry.sphere_outlines import centers_px
 from pomona.fruits import Fruits, Observations
 from pomona.measure.allometry import weigh
-from pomona.sphere_outlines import centers_px
 
 _NOTHING_THERE = "there is no fruit"
 

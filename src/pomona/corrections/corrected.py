@@ -12,7 +12,7 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.corrections.log import Correction, in_words
 from pomona.detections import SurveyDetections
-from pomona.fruit_size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
+from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.measure import MeasureOptions
 

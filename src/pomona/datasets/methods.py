@@ -16,7 +16,7 @@ from pomona.errors import InputError
 from pomona.evaluate.fruits import EvaluateOptions
 from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm
 from pomona.filter.training import training_table
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits
 from pomona.fuse import Fused, object, paper
 from pomona.fuse.paper.projection import MIN_DLT_POINTS

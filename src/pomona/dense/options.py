@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pomona.errors import InputError
-from pomona.fruit_size import DEFAULT_DIAMETER_M
+from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
 
 Engine = Literal["auto", "opencv", "patchmatch"]
 

@@ -14,7 +14,7 @@ from pomona.dense.depth_maps import DepthMap, empty_map
 from pomona.dense.options import DenseOptions
 from pomona.dense.scene import Scene
 from pomona.dense.views import View
-from pomona.fruit_ranges import FruitRanges
+from pomona.fruit_traits.ranges import FruitRanges
 
 # Steps in pixels of the median neighbour's parallax, at the pass's own scale.
 _COARSE_STEP_PX, _FINE_STEP_PX = 1.0, 0.7

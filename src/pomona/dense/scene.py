@@ -15,8 +15,8 @@ from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.options import DenseOptions
 from pomona.dense.views import View, ViewCache, make_view
 from pomona.detections import Detections, SurveyDetections
-from pomona.fruit_ranges import fruit_ranges
-from pomona.fruit_size import FruitSize
+from pomona.fruit_traits.ranges import fruit_ranges
+from pomona.fruit_traits.size import FruitSize
 from pomona.photos import Photos
 from pomona.progress import Progress, track
 

@@ -11,7 +11,7 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.dense.options import SphereCloudOptions
 from pomona.detections import Mask, SurveyDetections
-from pomona.fruit_ranges import fruit_width_px
+from pomona.fruit_traits.ranges import fruit_width_px
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent, track

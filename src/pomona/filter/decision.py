@@ -13,7 +13,7 @@ from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import features, resized
 from pomona.filter.svm import LinearSvm, shipped
 from pomona.filter.view_features import LOOKED_FEATURE_NAMES, place_probability, view_features
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
 # The probabilities below which fruits are dropped: the paper's machine parts at a half; by views, the F1 of what is

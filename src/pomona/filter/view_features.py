@@ -10,13 +10,13 @@ from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 from pomona.fuse.object import ObjectOptions
 from pomona.fuse.object.matches import Matches, shares_of
 from pomona.fuse.object.refinement import place_sds_m
-from pomona.mask_rays import MaskRays, mask_rays
-from pomona.spheres import Spheres
 
 VIEW_FEATURE_NAMES = ("log_views", "seen_share", "mean_score", "largest_share", "log_place_sd")
 LOOKED_FEATURE_NAMES = (*VIEW_FEATURE_NAMES, "shown", "likelihood_nats")

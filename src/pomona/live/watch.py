@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pomona.capture.quality import quality_of
 from pomona.errors import InputError, PomonaError
-from pomona.fruit_kinds import many_of
+from pomona.fruit_traits.kinds import many_of
 from pomona.live.arrivals import Arrivals, Stamp
 from pomona.live.checks import Checks, Hint
 from pomona.live.options import WatchOptions

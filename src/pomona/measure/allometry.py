@@ -13,7 +13,7 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.errors import InputError
-from pomona.fruit_kinds import FruitKind
+from pomona.fruit_traits.kinds import FruitKind
 from pomona.fruits import Fruits, TotalWeight
 
 FEWEST_PAIRS = 5

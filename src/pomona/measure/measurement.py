@@ -10,11 +10,11 @@ import numpy as np
 from pomona.arrays import Array, BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits
 from pomona.fuse import Fused
 from pomona.geometry import frame_along
-from pomona.mask_rays import MaskRays, mask_rays
 from pomona.measure.allometry import weigh
 from pomona.measure.neighbours import edges_of_others
 from pomona.measure.options import MeasureOptions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pomona.errors import InputError
-from pomona.fruit_kinds import FRUIT_KINDS, FruitKind
+from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind
 from pomona.measure.allometry import STORY_APPLES, Allometry
 
 TIE_OF_POINTS = 5.0

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hint
 
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import is_there
-from pomona.fruit_kinds import FRUIT_KINDS, FruitKind, fruit_kind
-from pomona.packing import packing_classes
+from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind, fruit_kind
+from pomona.fruit_traits.packing import packing_classes
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from pomona import __version__
-from pomona.fruit_kinds import many_of
+from pomona.fruit_traits.kinds import many_of
 from pomona.photos import Photos, Skipped
 from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE

@@ -11,7 +11,7 @@ import numpy as np
 from pomona.arrays import IntArray
 from pomona.cameras import WorldFrame
 from pomona.crop import Crop, RowSegments
-from pomona.fruit_points import fruit_of_points
+from pomona.fruit_geometry.cloud_points import fruit_of_points
 from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.scene import SCENE

@@ -67,7 +67,7 @@ def _find_fruits(detections: SurveyDetections, association: ObjectOptions | None
     """Return what finds the fruits that cameras see: once is enough for those that many photos see clearly."""
     if association is None:
         return None
-    from pomona.fruit_discs import SeenFruits, seen_fruits
+    from pomona.fruit_geometry.discs import SeenFruits, seen_fruits
     from pomona.fuse import object
 
     once = replace(association, rounds=1, repeats=1)

@@ -24,12 +24,12 @@ from pomona.drawing import (
     write,
 )
 from pomona.errors import InputError, MissingFileError
+from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
 from pomona.fruits import Fruits, Observations
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track
 from pomona.report.choose import choose_photos
 from pomona.report.options import ContactSheetOptions
-from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 _GAP_PX = 12
 _CAPTION_PX = 34  # one line of text

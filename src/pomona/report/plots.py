@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.packing import PACKING_PRESETS, packing_classes
+from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.report.axes import row_axes
 from pomona.report.data import ReportData
 from pomona.report.svg import Axis, Bar, Dot, column_chart, dot_chart, nice_step, number, row_chart

@@ -17,7 +17,7 @@ from pomona.adjustment.lenses import credible_focals, share_lenses
 from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray, groups
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
-from pomona.fruit_discs import SeenFruits
+from pomona.fruit_geometry.discs import SeenFruits
 from pomona.geometry import estimate_similarity
 from pomona.photos import Photo
 from pomona.progress import Progress

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pomona.errors import InputError
-from pomona.fruit_size import DEFAULT_DIAMETER_M
+from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
 
 
 @dataclass(frozen=True, kw_only=True)

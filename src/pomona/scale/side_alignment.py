@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.fruit_discs import SeenFruits
+from pomona.fruit_geometry.discs import SeenFruits
 from pomona.geometry import Similarity
 from pomona.scale.placement import Placement
 from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register

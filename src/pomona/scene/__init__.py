@@ -12,8 +12,8 @@ from pomona.capture import read_pixels
 from pomona.dense.views import View, make_view
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError, few
-from pomona.fruit_ranges import fruit_ranges
-from pomona.fruit_size import FruitSize
+from pomona.fruit_traits.ranges import fruit_ranges
+from pomona.fruit_traits.size import FruitSize
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent, track

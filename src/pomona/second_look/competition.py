@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from pomona.arrays import BoolArray
+from pomona.fruit_geometry.mask_rays import MaskRays
 from pomona.fuse.object import ObjectOptions
 from pomona.fuse.object.assignment import assign
 from pomona.fuse.object.gating import Gate
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.suppression import suppress_overlapping
-from pomona.mask_rays import MaskRays
 from pomona.second_look.looked import Looked
 from pomona.second_look.options import SecondLookOptions
 

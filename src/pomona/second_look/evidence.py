@@ -13,14 +13,14 @@ from pomona.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArr
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.errors import InputError
-from pomona.fruit_colours import ColourCounts
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.colours import ColourCounts
 from pomona.photos import Photos
 from pomona.progress import Progress
 from pomona.second_look.crops import CropPlaces, cut
 from pomona.second_look.likeness import SeenFruits, with_likeness
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
-from pomona.spheres import Spheres
 
 _LEAST_RADIUS_PX = 3.0  # of a fruit in a photo: in fewer pixels nothing is to be seen
 _COLOURED = 16  # photos of a survey that tell the colours of its fruits

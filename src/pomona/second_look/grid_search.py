@@ -8,12 +8,12 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse import Shown
 from pomona.geometry import frame_along
 from pomona.second_look.evidence import Evidence
 from pomona.second_look.looked import Looked
 from pomona.second_look.options import SecondLookOptions
-from pomona.spheres import Spheres
 
 # What maps show where there is nothing, on average: evidence of this much says neither yes nor no.
 _NOTHING = 0.02

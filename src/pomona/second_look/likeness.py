@@ -8,7 +8,7 @@ import numpy as np
 
 from pomona.arrays import ByteArray, IntArray, set_checked
 from pomona.detections import SurveyDetections
-from pomona.fruit_colours import ColourCounts, FruitColours
+from pomona.fruit_traits.colours import ColourCounts, FruitColours
 from pomona.label_image import paint_labels
 
 # What is known of the survey's colours counts as so many pixels beside those of the photo itself, whose light may

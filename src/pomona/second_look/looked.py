@@ -9,8 +9,8 @@ import numpy as np
 
 from pomona.arrays import BoolArray, IntArray
 from pomona.errors import InputError
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse import Shown
-from pomona.spheres import Spheres
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,11 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.second_look.evidence import Evidence
 from pomona.second_look.grid_search import GridSearch
 from pomona.second_look.looked import Looked
 from pomona.second_look.options import SecondLookOptions
-from pomona.spheres import Spheres
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,15 @@ import numpy as np
 
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 from pomona.fuse.object import ObjectOptions
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.observations import fused_of
 from pomona.fuse.object.refinement import place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
-from pomona.mask_rays import mask_rays
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look.competition import compete
@@ -26,7 +27,6 @@ from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
 from pomona.second_look.proposals import proposed
 from pomona.second_look.refinement import Prior, refined
-from pomona.spheres import Spheres
 
 
 def look_again(

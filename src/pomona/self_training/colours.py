@@ -9,7 +9,7 @@ import numpy as np
 from pomona.arrays import BoolArray, IntArray
 from pomona.capture import read_pixels
 from pomona.detections import Mask
-from pomona.fruit_colours import FruitColours
+from pomona.fruit_traits.colours import FruitColours
 from pomona.photos import Photo
 
 COLOURS_PX = 1600

@@ -16,8 +16,9 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.detections import SurveyDetections
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
-from pomona.fruit_colours import FruitColours
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.colours import FruitColours
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.marks import MarkedPhoto
 from pomona.photos import Photo, Photos
@@ -28,7 +29,6 @@ from pomona.second_look.likeness import SeenFruits
 from pomona.self_training.colours import COLOURS_PX, disc_of, likely_in, pixels_in_copy, visible_part
 from pomona.self_training.marked import SAME_FRUIT, boxes_of, labels_of_marks, overlaps
 from pomona.self_training.options import AdaptOptions
-from pomona.spheres import Spheres
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray
 from pomona.detections import Detections, Mask
 from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledFruit, check_size, edges_of
-from pomona.fruit_colours import FruitColours
+from pomona.fruit_traits.colours import FruitColours
 from pomona.marks import MarkedPhoto
 from pomona.photos import Photo
 from pomona.segment.box_overlap import overlapping_pairs, pair_iou

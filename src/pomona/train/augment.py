@@ -24,8 +24,8 @@ class AugmentOptions:
     size. Width over height changes by up to a factor exp(±2 `stretch`). A share `mosaics` of crops is four quarters of
     different photos, shown smaller, `mosaic_fruit_px`. Into a share `copy_paste` of crops, `pasted` fruits of another
     photo are pasted. In a share `leafy` of crops with exact masks, leaves hide parts of fruits; in a share `shaded` of
-    those that change colour, leaves throw shade. `recolours`: light, colour, blur, noise, compression change too. All
-    are mirrored at random.
+    those that change colour, leaves throw shade; a share `phones` of them look like frames of a phone's video.
+    `recolours`: light, colour, blur, noise, compression change too. All are mirrored at random.
     """
 
     crop_px: int = 320
@@ -39,12 +39,13 @@ class AugmentOptions:
     pasted: tuple[int, int] = (1, 6)
     leafy: float = 0.0
     shaded: float = 0.0
+    phones: float = 0.0
     recolours: bool = True
 
     def __post_init__(self) -> None:
         if self.crop_px < 32 or self.crop_px % 32:
             raise InputError(f"`crop_px`: expected a multiple of 32, found {self.crop_px}")
-        for name in ("mosaics", "at_a_fruit", "copy_paste", "leafy", "shaded"):
+        for name in ("mosaics", "at_a_fruit", "copy_paste", "leafy", "shaded", "phones"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"`{name}`: expected a share of 0 to 1, found {getattr(self, name)}")
 
@@ -63,7 +64,12 @@ def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentO
         donor = _cut(samples[rng.integers(len(samples))], size, options.fruit_px, rng, options)
         low, high = options.pasted
         crop = paste_fruits(crop, donor, int(rng.integers(low, high + 1)), rng)
-    return replace(crop, pixels=recolour(crop.pixels, rng, options.shaded)) if options.recolours else crop
+    if not options.recolours:
+        return crop
+    crop = replace(crop, pixels=recolour(crop.pixels, rng, options.shaded))
+    if options.phones > 0 and rng.random() < options.phones:
+        crop = replace(crop, pixels=as_phones_show(crop.pixels, rng))
+    return crop
 
 
 def _cut(
@@ -179,4 +185,27 @@ def recolour(pixels: ByteArray, rng: np.random.Generator, shaded: float = 0.0) -
     if rng.random() < 0.3:
         _, packed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 90))])
         result = cv2.imdecode(packed, cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(result)
+
+
+def as_phones_show(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:
+    """Return the crop as frames of a phone's video look: little contrast between light and shade, which lifts what is
+    dark, colours without texture, edges drawn sharp, much compression, enlarged.
+    """
+    image = pixels.astype(np.float32) / 255
+    light = np.log(image.mean(2) + 0.02)
+    spread_px = rng.uniform(0.03, 0.15) * len(pixels)
+    around = cv2.GaussianBlur(light, (0, 0), spread_px)
+    # A phone lights every part of the picture alike; fruits, smaller than such a part, keep some of their shading.
+    evened = (rng.uniform(0.3, 0.9) - 1) * (around - around.mean()) + (rng.uniform(0.6, 1.0) - 1) * (light - around)
+    image = image * np.exp(evened + rng.uniform(-0.1, 0.45))[:, :, None]
+    image = 1 - (1 - np.clip(image, 0, 1)) ** np.float32(rng.uniform(1.0, 1.3))
+    result = (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    result = cv2.bilateralFilter(result, 5, rng.uniform(10, 45), rng.uniform(1.0, 2.5))
+    small = round(len(pixels) * rng.uniform(0.4, 1.0))
+    result = cv2.resize(result, (small, small), interpolation=cv2.INTER_AREA)
+    _, packed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(20, 75))])
+    result = cv2.resize(cv2.imdecode(packed, cv2.IMREAD_COLOR), pixels.shape[1::-1], interpolation=cv2.INTER_CUBIC)
+    sharp = rng.uniform(0.0, 1.0)
+    result = cv2.addWeighted(result, 1 + sharp, cv2.GaussianBlur(result, (0, 0), 1.2), -sharp, 0)
     return np.ascontiguousarray(result)

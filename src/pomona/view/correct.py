@@ -17,7 +17,7 @@ from pomona.corrections import Applier, Corrected, Correction, Corrections, read
 from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
 from pomona.corrections.log import Added, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.errors import InputError, SurveyError
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.pipeline.reopen import LastFound, last_found
 from pomona.report import ReportData
 from pomona.report.contract import (

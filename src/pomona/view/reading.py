@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pomona import __version__
-from pomona.fruit_kinds import many_of
+from pomona.fruit_traits.kinds import many_of
 from pomona.fruits import FruitCloud, TotalWeight
 from pomona.measure.allometry import STORY_APPLES
 from pomona.planting.summary import trees_of

@@ -8,7 +8,7 @@ import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import row_axis
 from pomona.yields.options import YieldOptions

@@ -15,9 +15,9 @@ from pomona.evaluate.diagnosis.mistakes import SurveyResult
 from pomona.evaluate.diagnosis.overlaps import Overlaps, by_discs, by_ids
 from pomona.evaluate.fruits.matching import EvaluateOptions
 from pomona.evaluate.fruits.truth import Truth
+from pomona.fruit_geometry.sphere_outlines import centers_px
 from pomona.photo_names import pair_names
 from pomona.progress import Progress, track
-from pomona.sphere_outlines import centers_px
 
 # A neighbour's detection covers a fruit of which it has more than half: less is how neighbours touch.
 _COVERING = 0.5

@@ -19,9 +19,9 @@ from pomona.errors import InputError, MissingFileError, few
 from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, MistakeView, SurveyResult
 from pomona.evaluate.diagnosis.spheres import Circle, Spheres
 from pomona.formats.detections.png_masks import read_ids
+from pomona.fruit_geometry.sphere_outlines import centers_px
 from pomona.photos import Photo
 from pomona.progress import Progress, track
-from pomona.sphere_outlines import centers_px
 
 # In radii: so near is what a crop shows whole of the fruits that this one was mistaken for; and so far beside the photo
 # that shows it a fruit may project.

@@ -14,9 +14,9 @@ from pomona.evaluate.diagnosis.associations import seen_px_by_photo
 from pomona.evaluate.diagnosis.mistakes import SurveyResult
 from pomona.evaluate.fruits.scores import Tally
 from pomona.evaluate.fruits.truth import Truth
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits
-from pomona.sphere_outlines import centers_px, sphere_outlines_px
 
 _FOUND_COLOURS: dict[str, Rgb] = {
     "matched": RIGHT,

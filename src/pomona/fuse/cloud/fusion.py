@@ -8,7 +8,8 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.errors import InputError
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.cloud.hypotheses import sphere_hypotheses
 from pomona.fuse.cloud.neighbours import Near
@@ -19,7 +20,6 @@ from pomona.fuse.cloud.surface import Surface, surface_of, thinned
 from pomona.fuse.cloud.unexplained import spheres_of_patches
 from pomona.fuse.fused import Fused
 from pomona.progress import Progress, Silent
-from pomona.spheres import Spheres
 
 _SEARCHES = 3  # the search begins anew, so often at most, where the size was off
 _REFITS = 2

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.cloud.cells import in_cells
 from pomona.fuse.cloud.neighbours import neighbours
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.refinement import fit_spheres
 from pomona.fuse.cloud.surface import Surface
-from pomona.spheres import Spheres
 
 # In radii: centres may lie so far behind the surface and before it, and counted in cubes of this side.
 _DEPTHS, _VOTE_CELL, _CLUMP_CELL = (-1.15, -1.0, -0.85, 0.85, 1.0, 1.15), 0.25, 0.8

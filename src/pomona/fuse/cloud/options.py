@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
-from pomona.fruit_size import DEFAULT_DIAMETER_M
+from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import FloatArray
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.cloud.neighbours import Near
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface
-from pomona.spheres import Spheres
 
 # Errors of neighbouring points are not independent: those of a whole surface count as so many.
 _INDEPENDENT = 40.0

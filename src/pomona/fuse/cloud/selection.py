@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.cloud.neighbours import Near, neighbours
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.surface import Surface
-from pomona.spheres import Spheres
 
 # Of two fruits the centres are never nearer than this share of their radii together.
 _NEVER, _FORBIDDEN = 0.4, 1e3

@@ -7,12 +7,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.cloud.neighbours import Near
 from pomona.fuse.cloud.options import CloudOptions
 from pomona.fuse.cloud.refinement import fit_spheres
 from pomona.fuse.cloud.selection import explained, fruit_of_points
 from pomona.fuse.cloud.surface import Surface
-from pomona.spheres import Spheres
 
 _LINK = 0.3  # radii: points nearer than this hang together
 _WIDEST = 2.6  # radii: what is wider than a fruit is none

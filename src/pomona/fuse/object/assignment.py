@@ -6,9 +6,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from pomona.arrays import FloatArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.options import ObjectOptions
-from pomona.mask_rays import MaskRays
 
 # What a mask costs that does not fit: as many masks as can be are assigned.
 _NEVER = 1e3

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
 from pomona.fuse.object.options import ObjectOptions
 from pomona.geometry import offsets_from_rays
-from pomona.mask_rays import MaskRays
 
 # A mask is at most this wide and at least this large, in diameters and discs of the fruit, at the crossing's depth.
 _WIDEST, _SMALLEST_AREA = 1.5, 0.006

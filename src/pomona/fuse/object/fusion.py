@@ -10,8 +10,10 @@ from pomona.arrays import BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_ranges import fruit_ranges
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruit_traits.ranges import fruit_ranges
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse.fused import Fused
 from pomona.fuse.object.assignment import assign
 from pomona.fuse.object.crossings import Crossings, find_crossings
@@ -24,9 +26,7 @@ from pomona.fuse.object.refinement import fit_spheres
 from pomona.fuse.object.split_fruits import merge_split_fruits
 from pomona.fuse.object.suppression import away_from, suppress_overlapping
 from pomona.fuse.object.voting import vote
-from pomona.mask_rays import MaskRays, mask_rays
 from pomona.progress import Progress, Silent
-from pomona.spheres import Spheres
 
 _ANY_SIZE = 1.0  # the spread of radii, as a share, of a fit that is to say what the size is
 

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.matches import Matches, outside_radii, shares_of
 from pomona.fuse.object.options import ObjectOptions
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 _REACH_RADII = 1.3  # a mask's centre of mass lies in the sphere's image, or hardly beside it
 _MOST = 4.0  # the misfit of an outline's point that lies outside by twice what is no fit, or by more

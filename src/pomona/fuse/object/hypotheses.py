@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import BoolArray, places_within
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.crossings import Crossings
 from pomona.fuse.object.gating import Gate
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.object.refinement import fit_spheres
 from pomona.fuse.object.suppression import suppress_hypotheses
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 # Hypotheses are fitted roughly: so often, in so many steps, with radii that hardly differ.
 _FITS, _FIT_ROUNDS, _FIT_SPREAD = 2, 4, 0.02

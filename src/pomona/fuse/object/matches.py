@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 
 # A mask that fills less than this share of the image fits nearly anywhere, and so speaks less for a place.
 _LARGE_SHARE = 0.08

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.fused import Fused
 from pomona.fuse.object.matches import Matches
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 
 def fused_of(spheres: Spheres, ids: IntArray, matches: Matches, masks: MaskRays) -> Fused:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from pomona.arrays import FloatArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.object.visible_parts import visible_parts
 from pomona.geometry import offsets_from_rays
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 # Neighbouring rays of an outline err together: all of one mask count as so many.
 _INDEPENDENT = 3.0

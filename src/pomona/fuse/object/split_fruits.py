@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.gating import best_in_photo, possible_matches
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.object.refinement import fit_spheres
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 # Photos that see one part mostly see the other: this share of those of the part that fewer see.
 _SEEN_TOGETHER, _FEWEST_TOGETHER = 0.6, 2

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.matches import Matches
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 _LEAST_SUPPORT = 0.8  # a hypothesis with less is not looked at any more: not even one mask that fits well
 # Directions spread by so much (radians, RMS) tell how far away a hypothesis is as well as we ask; by less, hypotheses

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.crossings import crossings_along_sights
 from pomona.fuse.object.matches import Matches
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 # Photos whose rays differ by less tell no distance; by more, they see other parts of the fruit.
 _LEAST_ANGLE_DEG, _MOST_ANGLE_DEG = 0.2, 30.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pomona.arrays import BoolArray, IntArray
+from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.gating import Gate, best_in_photo
 from pomona.fuse.object.options import ObjectOptions
-from pomona.mask_rays import MaskRays
-from pomona.spheres import Spheres
 
 
 def vote(spheres: Spheres, gate: Gate, masks: MaskRays, free: BoolArray, options: ObjectOptions) -> IntArray:

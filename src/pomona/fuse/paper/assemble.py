@@ -9,7 +9,7 @@ import numpy as np
 from pomona.arrays import IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.fruit_size import FruitSize, size_of_fruits
+from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse.fused import Fused
 from pomona.fuse.paper.options import PaperOptions

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.fruit_size import FruitSize
+from pomona.fruit_traits.size import FruitSize
 from pomona.fuse.paper.options import PaperOptions
 
 _ROUNDS = 25  # far more than nearly all fits need

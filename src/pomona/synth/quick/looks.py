@@ -53,12 +53,15 @@ def _pears() -> tuple[FruitLook, ...]:
 def _citrus() -> tuple[FruitLook, ...]:
     dark = (0.55, 0.75, 0.6)
     orange = _skin((0.80, 0.27, 0.012), (0.78, 0.36, 0.03), 0.3, cleft=0.03)
+    ripe = _skin((0.88, 0.22, 0.025), (0.90, 0.29, 0.03), 0.4, cleft=0.03)
     turning = _skin((0.74, 0.33, 0.02), (0.36, 0.42, 0.05), 0.3, cleft=0.03)
     lemon = _skin((0.82, 0.66, 0.06), (0.62, 0.62, 0.10), 0.2)
     green = _skin((0.16, 0.28, 0.04), (0.30, 0.34, 0.05), 0.2, cleft=0.03)
     leaf = (1.15, 0.8)
     return (
         FruitLook(shape="orange", skin=orange, diameter_m=(0.06, 0.085), leaf=leaf, leaf_colour=dark),
+        FruitLook(shape="orange", skin=ripe, diameter_m=(0.055, 0.085), per_tree=(12, 60), leaf=leaf),
+        FruitLook(shape="mandarin", skin=ripe, diameter_m=(0.045, 0.07), per_tree=(20, 80), leaf=(0.9, 0.75)),
         FruitLook(shape="orange", skin=turning, diameter_m=(0.05, 0.085), leaf=leaf, leaf_colour=dark),
         FruitLook(shape="mandarin", skin=orange, diameter_m=(0.045, 0.07), leaf=(0.9, 0.75), leaf_colour=dark),
         FruitLook(shape="lemon", skin=lemon, diameter_m=(0.05, 0.065), leaf=leaf, leaf_colour=(0.8, 0.9, 0.7)),

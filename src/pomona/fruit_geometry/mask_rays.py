@@ -9,8 +9,8 @@ import numpy as np
 from pomona.arrays import Array, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.fruit_geometry.mask_outlines import depths_in_hull, outline_px
 from pomona.fruits import Observations
-from pomona.outlines import depths_in_hull, outline_px
 
 
 @dataclass(frozen=True, eq=False)

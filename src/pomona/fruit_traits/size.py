@@ -3,7 +3,7 @@
 It is refined along a run, each time from what a stage knows better than the one before:
 
 1. assumed, by default or by a person, where nothing says more;
-2. from masks and the scene's points, before any fruit is known (`fruit_ranges`): `fuse` begins with it;
+2. from masks and the scene's points, before any fruit is known (`ranges`): `fuse` begins with it;
 3. from fruits that are well seen, fitted without a prior on their size, after the first round of `fuse`, which begins
    anew where this differs by more than `ObjectOptions.same_size`;
 4. from all fruits as fused: `filter` takes features relative to it;

@@ -9,7 +9,7 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
-from pomona.fruit_size import FruitSize
+from pomona.fruit_traits.size import FruitSize
 
 _MIN_SPARSE_POINTS = 20
 # Masks are cut by leaves and borders: the widest fifth stands for whole fruit, robustly.

@@ -13,10 +13,10 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import offsets_from_rays
-from pomona.mask_rays import mask_rays
-from pomona.spheres import Spheres
 
 _RAYS = 16
 # Cauchy scales, in radii, of outlines inside of a disc, where leaves cut it, and outside; as many of an outline's

@@ -1,0 +1,56 @@
+"""What the surroundings of fruits do to their scores: the same fruits in windows of several sizes.
+
+python benchmarks/surroundings.py PHOTO X,Y [X,Y ...] [--scale S] [--model FILE] [--windows PX [PX ...]]
+
+X,Y are fruits' centres in the photo's pixels. For each window about them, in the photo's pixels (0: the whole photo),
+the table has the best score near each centre and the highest probability there that a pixel is fruit.
+"""
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray
+from pomona.segment.center_offset import CenterOffsetSegmenter
+from pomona.segment.load import SHIPPED_WEIGHTS
+
+NEAR_CELLS = 2
+
+
+def scores_at(
+    segmenter: CenterOffsetSegmenter, pixels: ByteArray, at_px: FloatArray, scale: float
+) -> tuple[float, float]:
+    """The best score and fruit probability near a place of an image that is read at a scale."""
+    maps = segmenter.maps(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC))
+    column, row = (at_px * scale / maps.stride).astype(int)
+    near = np.s_[max(row - NEAR_CELLS, 0) : row + NEAR_CELLS + 1, max(column - NEAR_CELLS, 0) : column + NEAR_CELLS + 1]
+    return float(maps.heatmap[near].max()), float(maps.foreground[near].max())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("photo", type=Path)
+    parser.add_argument("fruits", nargs="+", metavar="X,Y")
+    parser.add_argument("--scale", type=float, default=1.0)
+    parser.add_argument("--model", type=Path)
+    parser.add_argument("--windows", type=int, nargs="+", default=[0, 400, 320, 256, 192, 128, 96])
+    arguments = parser.parse_args()
+    segmenter = CenterOffsetSegmenter(arguments.model or SHIPPED_WEIGHTS)
+    pixels = cv2.cvtColor(cv2.imread(str(arguments.photo)), cv2.COLOR_BGR2RGB)
+    fruits = np.array([fruit.split(",") for fruit in arguments.fruits], float)
+    print("| window, px |" + "".join(f" {fruit} |" for fruit in arguments.fruits))
+    print("|---" * (len(fruits) + 1) + "|")
+    for window in arguments.windows:
+        cells = []
+        for fruit in fruits:
+            x0, y0 = np.maximum((fruit - window / 2).astype(int), 0) if window else (0, 0)
+            part = pixels[y0 : y0 + window, x0 : x0 + window] if window else pixels
+            score, probability = scores_at(segmenter, part, fruit - [x0, y0], arguments.scale)
+            cells.append(f"{score:.2f} / {probability:.2f}")
+        print(f"| {window or 'all'} | " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
