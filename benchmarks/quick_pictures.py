@@ -1,6 +1,7 @@
 """Draw rough pictures of fruits of every kind, with exact masks and whole-fruit circles, to train segmenters on.
 
 python benchmarks/quick_pictures.py OUT FIRST LAST [--tiles TILES] [--seed N] [--per-scene N]
+        [--leaves FROM TO]
 
 OUT/images, OUT/truth/masks and OUT/truth/circles of the scenes FIRST to LAST; a run that was stopped goes on, and
 the same numbers give the same pictures. TILES is what `benchmarks/fruit_tiles.py` wrote: parts of its photos to train
@@ -36,6 +37,7 @@ def main() -> None:
     parser.add_argument("--tiles", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--per-scene", type=int, default=PictureOptions().per_scene)
+    parser.add_argument("--leaves", type=float, nargs=2, default=(1.0, 1.0), help="times as large as the kind's")
     arguments = parser.parse_args()
     foliage: list[Path] = []
     for labels in sorted(arguments.tiles.glob("train/*/*.json")) if arguments.tiles else []:
@@ -44,6 +46,7 @@ def main() -> None:
         kinds=tuple(SHARES),
         shares=tuple(SHARES.values()),
         per_scene=arguments.per_scene,
+        leaf_growth=(arguments.leaves[0], arguments.leaves[1]),
         foliage=tuple(foliage),
         seed=arguments.seed,
     )

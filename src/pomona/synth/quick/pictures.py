@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from pomona.progress import Progress, Silent
 from pomona.synth.meshes import unit
 from pomona.synth.quick.develop import develop
 from pomona.synth.quick.lights import BACKDROP_PX, backdrop, draw_lighting
-from pomona.synth.quick.looks import KINDS
+from pomona.synth.quick.looks import KINDS, FruitLook
 from pomona.synth.quick.scene import FALLEN, Scene, build_scene
 from pomona.synth.truth import Ids, RowFolder, write_mask
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pomona.synth.quick.gl import Painter, View
 
 _FINER = 1.5  # pictures are drawn so many times as wide and high, then made smaller: edges are soft
+_LEAVES = 1_000_003  # a stream of random numbers of its own
 _LEAST_PX, _LEAST_SHARE = 30, 0.1  # a fruit of which less is seen is to be ignored
 
 
@@ -34,8 +35,8 @@ _LEAST_PX, _LEAST_SHARE = 30, 0.1  # a fruit of which less is seen is to be igno
 class PictureOptions:
     """`kinds` are drawn in proportion to `shares`; `per_scene` pictures are taken of each scene.
 
-    `fruit_px` is the range of the fruits' width in pictures of `size_px`, drawn log-uniformly; `foliage` are photos of
-    which blurred parts are seen far behind.
+    `fruit_px` is the range of the fruits' width in pictures of `size_px`, drawn log-uniformly; so is by how much leaves
+    are larger than the kind's, within `leaf_growth`. `foliage` are photos of which blurred parts are seen far behind.
     """
 
     kinds: tuple[str, ...] = tuple(KINDS)
@@ -43,6 +44,7 @@ class PictureOptions:
     per_scene: int = 8
     size_px: int = 640
     fruit_px: tuple[float, float] = (18.0, 95.0)
+    leaf_growth: tuple[float, float] = (1.0, 1.0)
     foliage: tuple[Path, ...] = ()
     seed: int = 0
 
@@ -51,6 +53,8 @@ class PictureOptions:
             raise InputError(f"kinds: expected some of {', '.join(KINDS)}, found {', '.join(unknown)}")
         if self.shares is not None and len(self.shares) != len(self.kinds):
             raise InputError(f"shares: expected {len(self.kinds)}, one a kind, found {len(self.shares)}")
+        if not 0.2 <= self.leaf_growth[0] <= self.leaf_growth[1] <= 5:
+            raise InputError(f"leaf_growth: expected a range within 0.2 to 5, found {self.leaf_growth}")
 
 
 def render_pictures(
@@ -82,11 +86,18 @@ def _one_scene(folder: RowFolder, number: int, painter: Painter, options: Pictur
     names = [f"{kind}-{options.seed}-{number:05d}-{k}" for k in range(options.per_scene)]
     if all(folder.truth(f"circles/{name}.json").exists() for name in names):
         return
-    look = KINDS[kind][rng.integers(len(KINDS[kind]))]
+    look = with_grown_leaves(KINDS[kind][rng.integers(len(KINDS[kind]))], number, options)
     scene = build_scene(look, rng)
     painter.take(scene)
     for k, name in enumerate(names):
         _one_picture(folder, name, scene, painter, options, np.random.default_rng([options.seed, number, k]))
+
+
+def with_grown_leaves(look: FruitLook, number: int, options: PictureOptions) -> FruitLook:
+    """Return a look with leaves as large as in the scene of this number: fruits may be small beside them."""
+    # Drawn apart from all else: where leaves do not grow, scenes are what they would be without this.
+    growth = float(np.exp(np.random.default_rng([options.seed, number, _LEAVES]).uniform(*np.log(options.leaf_growth))))
+    return replace(look, leaf=(look.leaf[0] * growth, look.leaf[1] * growth))
 
 
 def _one_picture(
