@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pomona.errors import InputError
-from pomona.train.augment import AugmentOptions, as_phones_show, recolour
+from pomona.train.augment import AugmentOptions
+from pomona.train.looks import as_phones_show, recolour
 from pomona.train.occlusion import behind_leaves
 
 SIZE = 160

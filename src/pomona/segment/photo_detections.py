@@ -188,8 +188,8 @@ def _look(
 def _closer_look(segmenter: Segmenter, scale: float) -> tuple[Segmenter, float]:
     """Return the segmenter's way to read photos larger, and the scale for it, where they are hardly enlarged for that.
 
-    Enlarging shows nothing new: masks are a little better, but no more fruits are found, for 1.6 times the network's time
-    (docs/lab/segmenter.md).
+    Enlarging shows nothing new: masks are a little better, but no more fruits are found, for 1.6 times the network's
+    time (docs/lab/segmenter.md).
     """
     closer = segmenter.closer if isinstance(segmenter, TileByTile) else None
     usual_px = segmenter.traits.typical_fruit_px
