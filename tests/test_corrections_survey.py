@@ -323,7 +323,6 @@ def test_the_server_corrects_for_its_own_page(server: ViewServer) -> None:
         (415, {"Content_Type": "application/x-www-form-urlencoded"}),
         (413, {"Content_Length": "70000"}),
         (411, {"Content_Length": None, "Transfer_Encoding": "chunked"}),
-        (400, {"Content_Length": "-1"}),
         (404, {"path": "/elsewhere"}),
     ],
 )
@@ -331,6 +330,14 @@ def test_requests_of_other_pages_are_refused(server: ViewServer, status: int, he
     assert server.corrector is not None
     found, _ = post(server, request(server.corrector.state, "delete", fruits=[1]), **headers)
     assert found == status
+    assert server.corrector.state.done == []
+
+
+def test_a_request_of_impossible_length_is_refused(server: ViewServer) -> None:
+    # Without a body: the server does not read it, and closing the connection on it may reset that before the answer.
+    assert server.corrector is not None
+    found, _ = post(server, b"", Content_Length="-1")
+    assert found == 400
     assert server.corrector.state.done == []
 
 
