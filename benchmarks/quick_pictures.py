@@ -46,7 +46,7 @@ def main() -> None:
         kinds=tuple(SHARES),
         shares=tuple(SHARES.values()),
         per_scene=arguments.per_scene,
-        leaf_growth=(arguments.leaves[0], arguments.leaves[1]),
+        leaf_growth=tuple(arguments.leaves),
         foliage=tuple(foliage),
         seed=arguments.seed,
     )

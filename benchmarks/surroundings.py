@@ -9,12 +9,13 @@ the table has the best score near each centre and the highest probability there 
 import argparse
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
+from pomona.capture import load_photos, read_pixels
 from pomona.segment.center_offset import CenterOffsetSegmenter
 from pomona.segment.load import SHIPPED_WEIGHTS
+from pomona.segment.resize import resized_pixels
 
 NEAR_CELLS = 2
 
@@ -23,7 +24,8 @@ def scores_at(
     segmenter: CenterOffsetSegmenter, pixels: ByteArray, at_px: FloatArray, scale: float
 ) -> tuple[float, float]:
     """The best score and fruit probability near a place of an image that is read at a scale."""
-    maps = segmenter.maps(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC))
+    height, width = (round(side * scale) for side in pixels.shape[:2])
+    maps = segmenter.maps(resized_pixels(pixels, width, height))
     column, row = (at_px * scale / maps.stride).astype(int)
     near = np.s_[max(row - NEAR_CELLS, 0) : row + NEAR_CELLS + 1, max(column - NEAR_CELLS, 0) : column + NEAR_CELLS + 1]
     return float(maps.heatmap[near].max()), float(maps.foreground[near].max())
@@ -38,7 +40,8 @@ def main() -> None:
     parser.add_argument("--windows", type=int, nargs="+", default=[0, 400, 320, 256, 192, 128, 96])
     arguments = parser.parse_args()
     segmenter = CenterOffsetSegmenter(arguments.model or SHIPPED_WEIGHTS)
-    pixels = cv2.cvtColor(cv2.imread(str(arguments.photo)), cv2.COLOR_BGR2RGB)
+    (photo,) = load_photos([arguments.photo], min_photos=1)
+    pixels = read_pixels(photo)
     fruits = np.array([fruit.split(",") for fruit in arguments.fruits], float)
     print("| window, px |" + "".join(f" {fruit} |" for fruit in arguments.fruits))
     print("|---" * (len(fruits) + 1) + "|")

@@ -7,8 +7,8 @@ import pytest
 
 from pomona.errors import InputError
 from pomona.train.augment import AugmentOptions
-from pomona.train.looks import as_phones_show, recolour
 from pomona.train.occlusion import behind_leaves
+from pomona.train.recolour import as_phones_show, recolour
 
 SIZE = 160
 

@@ -10,8 +10,8 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray
 from pomona.errors import InputError
 from pomona.train.crop import FEWEST_SEEN, Crop, too_small, with_doubts
-from pomona.train.looks import as_phones_show, recolour
 from pomona.train.occlusion import behind_leaves, paste_fruits
+from pomona.train.recolour import as_phones_show, recolour
 from pomona.train.samples import Labels, Sample, boxes_of
 
 _PADDING = 114

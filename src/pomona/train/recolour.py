@@ -42,8 +42,7 @@ def recolour(pixels: ByteArray, rng: np.random.Generator, shaded: float = 0.0) -
         image += spread.astype(np.float32) * rng.standard_normal(image.shape, np.float32)
     result = (np.clip(image, 0, 1) * 255).astype(np.uint8)
     if rng.random() < 0.3:
-        _, packed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 90))])
-        result = cv2.imdecode(packed, cv2.IMREAD_COLOR)
+        result = _compressed(result, int(rng.integers(35, 90)))
     return np.ascontiguousarray(result)
 
 
@@ -63,8 +62,14 @@ def as_phones_show(pixels: ByteArray, rng: np.random.Generator) -> ByteArray:
     result = cv2.bilateralFilter(result, 5, rng.uniform(10, 45), rng.uniform(1.0, 2.5))
     small = round(len(pixels) * rng.uniform(0.4, 1.0))
     result = cv2.resize(result, (small, small), interpolation=cv2.INTER_AREA)
-    _, packed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(20, 75))])
-    result = cv2.resize(cv2.imdecode(packed, cv2.IMREAD_COLOR), pixels.shape[1::-1], interpolation=cv2.INTER_CUBIC)
+    result = _compressed(result, int(rng.integers(20, 75)))
+    result = cv2.resize(result, pixels.shape[1::-1], interpolation=cv2.INTER_CUBIC)
     sharp = rng.uniform(0.0, 1.0)
     result = cv2.addWeighted(result, 1 + sharp, cv2.GaussianBlur(result, (0, 0), 1.2), -sharp, 0)
     return np.ascontiguousarray(result)
+
+
+def _compressed(pixels: ByteArray, quality: int) -> ByteArray:
+    """Return the pixels as JPEG of a quality of 0 to 100 keeps them."""
+    _, packed = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)
