@@ -21,19 +21,17 @@ import cv2
 import numpy as np
 
 import pomona
-from pomona import filter as filters
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
-from pomona.fuse import Fused, object
-from pomona.measure import measure
+from pomona.fuse import Fused
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
-from pomona.second_look import look_again
-from pomona.self_training.halves import part_of, same_places
+from pomona.progress import Silent
+from pomona.self_training.halves import found_by, same_places
 
 LEVELS = (0.4, 0.8)
 SPLITS = {"even, odd": (0, 1, 0, 1), "pairs": (0, 0, 1, 1), "first and fourth": (0, 1, 1, 0)}  # of every four photos
@@ -60,28 +58,12 @@ def detections_of(survey: Path) -> SurveyDetections:
     return SurveyDetections(found).at_least(info["least_score"])
 
 
-def surveyed(detections: SurveyDetections, photos: Photos | None, cameras: Cameras) -> Fused:
-    fused = object.fuse(detections, cameras)
-    if photos is not None:
-        fused = look_again(fused, detections, photos, cameras)
-    fused = filters.apply_to_views(fused, detections, cameras)
-    fruits = measure(fused, detections, cameras, options=RunOptions().of_stages.measure)
-    return Fused(fruits, fused.observations, fused.cloud)
-
-
 def halves_of(
-    detections: SurveyDetections, photos: Photos | None, cameras: Cameras, half_of: tuple[int, ...]
+    photos: Photos, detections: SurveyDetections, cameras: Cameras, half_of: tuple[int, ...], options: RunOptions
 ) -> Halves:
     names = sorted(cameras.photos)
     parts = [[name for i, name in enumerate(names) if half_of[i % len(half_of)] == half] for half in (0, 1)]
-    even, odd = (
-        surveyed(
-            SurveyDetections({n: detections[n] for n in part if n in detections}),
-            photos,
-            part_of(cameras, frozenset(part)),
-        )
-        for part in parts
-    )
+    even, odd = (found_by(photos, detections, cameras.of_photos(part), options, Silent()) for part in parts)
     diameter_m = float(np.nanmedian(np.concatenate([even.fruits.diameters_m, odd.fruits.diameters_m])))
     return Halves(even, odd, same_places(even.fruits, odd.fruits, diameter_m), diameter_m)
 
@@ -163,10 +145,11 @@ def main() -> None:
     for each in arguments.surveys:
         folder, _, truth = each.partition("=")
         survey, known = Path(folder), read_truth(Path(truth)) if truth else None
-        photos = None if arguments.no_second_look else pomona.open(survey).photos
+        options = RunOptions(second_look=not arguments.no_second_look)
+        photos = pomona.open(survey).photos
         cameras, detections = read_colmap(survey / "cameras"), detections_of(survey)
         for split, half_of in list(SPLITS.items())[: arguments.splits]:
-            halves = halves_of(detections, photos, cameras, half_of)
+            halves = halves_of(photos, detections, cameras, half_of, options)
             name = f"{survey.name}, {split}" if arguments.splits > 1 else survey.name
             print("\n".join(rows(name, halves, known)), flush=True)
             if arguments.crops and arguments.photos:

@@ -19,7 +19,6 @@ import numpy as np
 
 from pomona import filter as filters
 from pomona.capture import load_photos
-from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import EvaluateOptions, read_truth
 from pomona.evaluate.fruits.matching import assign, candidates_by_center
 from pomona.fuse import object
@@ -27,7 +26,6 @@ from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.second_look import look_again
 from pomona.segment import load_segmenter, segment_photos
-from pomona.self_training.halves import part_of
 from pomona.synth.truth import RowFolder
 from train_filter import cameras_of
 
@@ -45,8 +43,7 @@ def judged(row: RowFolder, svm: filters.LinearSvm | None, second_look: bool) -> 
     scores, true = [], []
     for step, first in THINNED:
         names = sorted(cameras.photos)[first::step]
-        some = SurveyDetections({name: detections[name] for name in names if name in detections})
-        seen_by = part_of(cameras, frozenset(names))
+        some, seen_by = detections.of_photos(names), cameras.of_photos(names)
         fused = object.fuse(some, seen_by)
         if second_look:
             fused = look_again(fused, some, photos, seen_by)

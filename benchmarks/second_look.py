@@ -17,7 +17,6 @@ import numpy as np
 
 from pomona import filter as filters
 from pomona.capture import load_photos
-from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.fuse import object
@@ -27,7 +26,6 @@ from pomona.pipeline import RunOptions
 from pomona.second_look import CentersNetwork, look_again
 from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter, segment_photos
-from pomona.self_training.halves import part_of
 from pomona.synth.truth import RowFolder
 from train_filter import cameras_of, true_detections
 
@@ -55,8 +53,8 @@ def main() -> None:
         of_side = {photo.name for photo in photos if arguments.side in (None, photo.side)}
         names = [name for name in sorted(cameras.photos) if name in of_side][:: arguments.every]
         truth = scaled(truth if arguments.side is None else seen_in(truth, names), arguments.scale)
-        detections = SurveyDetections({n: found[n] for n in names if n in found}).at_least(least)
-        cameras = part_of(cameras, frozenset(names)).transformed(Similarity(arguments.scale, np.eye(3), np.zeros(3)))
+        detections = found.of_photos(names).at_least(least)
+        cameras = cameras.of_photos(names).transformed(Similarity(arguments.scale, np.eye(3), np.zeros(3)))
         fused = object.fuse(detections, cameras)
         began = time.process_time()
         looked = look_again(fused, detections, photos, cameras, network=network)

@@ -47,7 +47,6 @@ from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.second_look import look_again
 from pomona.segment import load_segmenter, segment_photos
-from pomona.self_training.halves import part_of
 from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
 
 REFERENCE_M = 0.075
@@ -201,9 +200,8 @@ def examples(folder: Path, learnt: Learnt) -> Iterator[Example]:
             continue
         for step, first in THINNED_LOOKED if learnt.second_look else THINNED:
             names = sorted(cameras.photos)[first::step]
-            some = SurveyDetections({name: detections[name] for name in names})
             label = f"{folder.name}, {kind}, every photo {step} from {first}"
-            seen_by = part_of(cameras, frozenset(names))
+            some, seen_by = detections.of_photos(names), cameras.of_photos(names)
             yield object_example(label, photos if learnt.second_look else None, some, seen_by, truth)
 
 

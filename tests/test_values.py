@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -133,6 +135,19 @@ def test_joined_cameras_keep_their_tracks() -> None:
     joined = concatenate([one, two], WorldFrame("markers", approximate=False))
     assert len(joined) == 8
     np.testing.assert_array_equal(joined.project(6, two.points_in_world)[0], two.project(2, two.points_in_world)[0])
+
+
+def test_cameras_of_some_photos_see_their_points_as_before() -> None:
+    rng = np.random.default_rng(6)
+    seen = {"track_point_idx": [0, 1, 2, 2], "track_photo_idx": [3, 0, 1, 3], "track_xy_px": rng.normal(size=(4, 2))}
+    whole = replace(random_cameras(rng), **seen)  # type: ignore[arg-type]
+    part = whole.of_photos(["3.jpg", "1.jpg", "no such photo"])
+    assert part.photos == ("1.jpg", "3.jpg")
+    np.testing.assert_array_equal(part.cam_from_world, whole.cam_from_world[[1, 3]])
+    np.testing.assert_array_equal(part.points_in_world, whole.points_in_world)
+    np.testing.assert_array_equal(part.track_point_idx, [0, 2, 2])
+    np.testing.assert_array_equal(part.track_photo_idx, [1, 0, 1])
+    np.testing.assert_array_equal(part.track_xy_px, whole.track_xy_px[[0, 2, 3]])
 
 
 def test_unknown_camera_model_is_named() -> None:

@@ -5,7 +5,7 @@ Camera axes are OpenCV's (x right, y down, z forward); pixels are COLMAP's (`pom
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -126,6 +126,21 @@ class Cameras:
             intrinsics_idx=self.intrinsics_idx[order],
             cam_from_world=self.cam_from_world[order],
             frame=self.frame,
+        )
+
+    def of_photos(self, names: Iterable[str]) -> Cameras:
+        """Return the cameras of these photos, in their order, with all points and those photos' part of the tracks."""
+        chosen = frozenset(names)
+        kept = np.array([name in chosen for name in self.photos], bool)
+        tracks = kept[self.track_photo_idx]
+        return replace(
+            self,
+            photos=tuple(name for name in self.photos if name in chosen),
+            intrinsics_idx=self.intrinsics_idx[kept],
+            cam_from_world=self.cam_from_world[kept],
+            track_point_idx=self.track_point_idx[tracks],
+            track_photo_idx=(np.cumsum(kept) - 1)[self.track_photo_idx[tracks]],
+            track_xy_px=self.track_xy_px[tracks],
         )
 
     def intrinsics_of(self, photo_idx: int) -> Intrinsics:

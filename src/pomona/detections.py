@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -190,3 +190,8 @@ class SurveyDetections(Mapping[str, Detections]):
     def at_least(self, score: float) -> SurveyDetections:
         """Return the detections whose score is at least `score`."""
         return SurveyDetections({photo: found[found.scores >= score] for photo, found in self.by_photo.items()})
+
+    def of_photos(self, names: Iterable[str]) -> SurveyDetections:
+        """Return the detections of these photos; a photo that nobody looked at has none."""
+        chosen = frozenset(names)
+        return SurveyDetections({photo: found for photo, found in self.by_photo.items() if photo in chosen})

@@ -13,7 +13,7 @@ from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import EvaluateOptions, Truth
 from pomona.evaluate.fruits.matching import assign, candidates_by_center
 from pomona.fruits import Fruits
-from pomona.fuse import object
+from pomona.fuse import Fused, object
 from pomona.measure import measure
 from pomona.photos import Photos
 from pomona.pipeline import RunOptions
@@ -36,7 +36,7 @@ def agreement_of_halves(
     """
     chosen, names = options or RunOptions(), sorted(cameras.photos)
     even, odd = (
-        _found_by(detections, photos, part_of(cameras, frozenset(half)), chosen, progress or Silent())
+        found_by(photos, detections, cameras.of_photos(half), chosen, progress or Silent()).fruits
         for half in (names[::2], names[1::2])
     )
     if len(even) + len(odd) == 0:
@@ -46,36 +46,24 @@ def agreement_of_halves(
     return 2 * len(same_places(even, odd, diameter_m)) / (len(even) + len(odd))
 
 
-def part_of(cameras: Cameras, photos: frozenset[str]) -> Cameras:
-    """Return the cameras of some photos, with all points and those photos' part of the tracks."""
-    kept = np.array([name in photos for name in cameras.photos], bool)
-    tracks = kept[cameras.track_photo_idx]
-    return replace(
-        cameras,
-        photos=tuple(name for name in cameras.photos if name in photos),
-        intrinsics_idx=cameras.intrinsics_idx[kept],
-        cam_from_world=cameras.cam_from_world[kept],
-        track_point_idx=cameras.track_point_idx[tracks],
-        track_photo_idx=(np.cumsum(kept) - 1)[cameras.track_photo_idx[tracks]],
-        track_xy_px=cameras.track_xy_px[tracks],
-    )
-
-
 def same_places(one: Fruits, other: Fruits, diameter_m: float) -> IntArray:
     """Return index pairs (m, 2) of fruits at most half a diameter apart: as many as can be, of these the nearest."""
     places = Truth(other.ids, other.centers_in_world, np.full(len(other), diameter_m))
     return assign(candidates_by_center(one, places, EvaluateOptions()), len(one), len(other))
 
 
-def _found_by(
-    detections: SurveyDetections, photos: Photos, cameras: Cameras, options: RunOptions, progress: Progress
-) -> Fruits:
-    stages, names = options.of_stages, set(cameras.photos)
-    mine = SurveyDetections({name: found for name, found in detections.items() if name in names})
+def found_by(
+    photos: Photos, detections: SurveyDetections, cameras: Cameras, options: RunOptions, progress: Progress
+) -> Fused:
+    """Return the measured fruits of the photos that have cameras, by the object method, as a run finds them.
+
+    The second look is taken where `options` ask for it.
+    """
+    stages, mine = options.of_stages, detections.of_photos(cameras.photos)
     fused = object.fuse(mine, cameras, options=stages.object)
     if options.second_look:
         fused = look_again(
             fused, mine, photos, cameras, options=stages.looking, association=stages.object, progress=progress
         )
     kept = filters.apply_to_views(fused, mine, cameras, options=stages.filter)
-    return measure(kept, mine, cameras, options=stages.measure)
+    return replace(kept, fruits=measure(kept, mine, cameras, options=stages.measure))
