@@ -169,6 +169,14 @@ def test_a_broken_row_gives_all_its_pieces(row, tmp_path: Path) -> None:
     assert set(result.pieces[1].cameras.photos) == {photo.name for photo in elsewhere}
 
 
+def test_photos_may_have_any_name(row) -> None:
+    names = ("WhatsApp Image 1.jpeg", "IMG (1).jpg", "east side/ü 100%.jpg", "#5.jpg", "a%20b.jpg")
+    photos = [replace(photo, name=name) for photo, name in zip(row[0], names, strict=False)]
+    result = reconstruct(Photos(tuple(photos)), options=ONE_MAPPER)
+    assert [sorted(piece.cameras.photos) for piece in result.pieces] == [sorted(names)]
+    assert result.unregistered == ()
+
+
 def test_sides_are_placed_apart_and_a_side_too_small_is_named(row, tmp_path: Path) -> None:
     photos, _, _ = row
     east = [replace(photo, side="east") for photo in photos[:5]]

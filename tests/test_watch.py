@@ -148,7 +148,7 @@ def test_a_row_grows_photo_by_photo(row: tuple[list[Photo], np.ndarray], tmp_pat
 
 def test_after_a_gap_another_piece_begins(row: tuple[list[Photo], np.ndarray], tmp_path: Path) -> None:
     elsewhere = boards(3.0, seed=5)
-    others = [save(tmp_path / "more", f"q_{i}.png", render(elsewhere, pose)) for i, pose in enumerate(row_poses(5))]
+    others = [save(tmp_path / "more", f"q {i}.png", render(elsewhere, pose)) for i, pose in enumerate(row_poses(5))]
     growing = GrowingSide(tmp_path / "row", "", QUICK)
     for photo in row[0][:5]:
         growing.add(photo, extract(photo, QUICK))

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote, unquote
 
 import numpy as np
 import pycolmap
@@ -125,11 +126,21 @@ def _write_camera(database: Any, i: int, entry: CameraEntry) -> None:
 
 def _write_image(database: Any, i: int, photo: ImageEntry) -> None:
     camera_id = photo.camera_idx + 1
-    image = pycolmap.Image(name=photo.name, camera_id=camera_id, image_id=i + 1)
+    image = pycolmap.Image(name=_colmap_name(photo.name), camera_id=camera_id, image_id=i + 1)
     database.write_image(image, use_image_id=True)
     frame = pycolmap.Frame(frame_id=i + 1, rig_id=camera_id)
     frame.add_data_id(image.data_id)
     database.write_frame(frame, use_frame_id=True)
+
+
+def _colmap_name(photo: str) -> str:
+    """A photo's name in the database: COLMAP parts lists of pairs at spaces, and takes what begins with # for a comment."""
+    return quote(photo, errors="surrogateescape")
+
+
+def photo_name(image: Any) -> str:
+    """Return the name of the photo that an image of a COLMAP model is."""
+    return unquote(image.name, errors="surrogateescape")
 
 
 def missing_features(path: Path, count: int) -> list[int]:
@@ -203,7 +214,7 @@ def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> 
     Raises `KeyboardInterrupt` as soon as Ctrl-C is pressed: what was matched by then stays.
     """
     listing = path.with_suffix(".pairs.txt")
-    listing.write_text("".join(f"{first} {second}\n" for first, second in pairs), encoding="utf-8")
+    listing.write_text("".join(f"{_colmap_name(first)} {_colmap_name(second)}\n" for first, second in pairs), encoding="utf-8")
     on_gpu = not what_colmap_lacks()
     matching = pycolmap.FeatureMatchingOptions(use_gpu=on_gpu, num_threads=options.threads or -1)
     device = pycolmap.Device.cuda if on_gpu else pycolmap.Device.cpu
@@ -401,7 +412,7 @@ def map_further(path: Path, out: Path, options: SfmOptions, names: Sequence[str]
     settings = _incremental_settings(
         options,
         multiple_models=False,
-        image_names=list(names),
+        image_names=[_colmap_name(name) for name in names],
         ba_global_max_num_iterations=10,
         ba_global_max_refinements=1,
     )

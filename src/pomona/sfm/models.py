@@ -12,7 +12,7 @@ import numpy as np
 from pomona.arrays import Array, ByteArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.intrinsics import Intrinsics
-from pomona.sfm.engine import CAMERA_MODEL, CameraEntry, open_models
+from pomona.sfm.engine import CAMERA_MODEL, CameraEntry, open_models, photo_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def _read_model(model: Any, entries: Sequence[CameraEntry], colours: Callable[[i
     error = np.array([point.error for point in points])
     mean_scale = np.bincount(point_idx, photo_scale[photo_idx], len(points)) / np.maximum(sizes, 1)
     cameras = Cameras(
-        photos=tuple(image.name for image in images),
+        photos=tuple(photo_name(image) for image in images),
         intrinsics=tuple(_intrinsics(model.camera(c).params, entries[c - 1]) for c in camera_ids),
         intrinsics_idx=np.array([camera_ids.index(image.camera_id) for image in images]),
         cam_from_world=np.array([image.cam_from_world().matrix() for image in images]),
