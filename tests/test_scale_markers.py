@@ -303,6 +303,13 @@ def test_robust_similarity_leaves_out_what_does_not_fit() -> None:
         robust_similarity(source[:2], target[:2])
 
 
+def test_places_of_which_no_three_fix_a_frame_are_refused_in_words() -> None:
+    spread = np.random.default_rng(3).normal(0, 1, (5, 3))
+    along = np.arange(5.0)[:, None] * [[1, 2, 0.5]]
+    with pytest.raises(InputError, match="no three"):
+        robust_similarity(along, spread)
+
+
 def test_triangulation_leaves_out_a_wrong_pixel_and_tells_of_too_few() -> None:
     place = np.array([1.0, -0.3, 1.5])
     idx = list(range(8))

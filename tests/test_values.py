@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import places_within
+from pomona.arrays import places_within, some_subsets
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError, PomonaError
@@ -220,3 +221,20 @@ def test_photo_names_are_unique_and_sides_ordered() -> None:
 @given(st.lists(st.integers(0, 5)))
 def test_places_within_groups_count_from_zero_in_each(counts: list[int]) -> None:
     assert places_within(np.array(counts, np.int64)).tolist() == [k for count in counts for k in range(count)]
+
+
+@pytest.mark.parametrize(("n", "k"), [(3, 3), (8, 2), (9, 3), (2, 3)])
+def test_a_choice_of_subsets_is_of_distinct_ones_and_all_where_few_enough(n: int, k: int) -> None:
+    every = list(combinations(range(n), k))
+    assert some_subsets(n, k, len(every)) == every
+    few = some_subsets(n, k, len(every) // 2)
+    assert len(set(few)) == len(every) // 2
+    assert few == sorted(few)
+    assert set(few) <= set(every)
+
+
+def test_a_choice_of_few_of_very_many_subsets_takes_no_room_for_all() -> None:
+    found = some_subsets(3000, 3, 50)
+    assert len(set(found)) == 50
+    assert all(0 <= a < b < c < 3000 for a, b, c in found)
+    assert max(c for *_, c in found) > 1500

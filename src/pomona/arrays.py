@@ -1,7 +1,9 @@
-"""Shape checks for the values that flow between stages, and arrays of groups."""
+"""Shape checks for the values that flow between stages, arrays of groups, and subsets."""
 
 from __future__ import annotations
 
+from itertools import combinations
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,30 @@ def groups(labels: IntArray) -> list[tuple[int, IntArray]]:
 def places_within(counts: IntArray) -> IntArray:
     """Return 0, 1, … `counts[0]` − 1, 0, 1, … `counts[1]` − 1, and so on: each one's place within its group."""
     return np.asarray(np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts), np.int64)
+
+
+def some_subsets(n: int, k: int, most: int) -> list[tuple[int, ...]]:
+    """Return the subsets of `k` of 0 … `n` − 1, in rising order; where there are more than `most`, so many by chance.
+
+    The same each time. What is not returned is never made: of a thousand there are 166 million triples.
+    """
+    count = comb(n, k)
+    if count <= most:
+        return list(combinations(range(n), k))
+    chosen = np.random.default_rng(0).choice(count, most, replace=False, shuffle=False)
+    return [_subset(n, k, rank) for rank in np.sort(chosen).tolist()]
+
+
+def _subset(n: int, k: int, rank: int) -> tuple[int, ...]:
+    """The subset that `combinations(range(n), k)` yields after `rank` others."""
+    found, first = [], 0
+    for left in range(k - 1, -1, -1):
+        while rank >= (skipped := comb(n - first - 1, left)):
+            rank -= skipped
+            first += 1
+        found.append(first)
+        first += 1
+    return tuple(found)
 
 
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: Any) -> Array:

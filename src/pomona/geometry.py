@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, set_checked
+from pomona.arrays import BoolArray, FloatArray, set_checked, some_subsets
 from pomona.errors import InputError
 
 # Points count as lying on one line where their spread across it is less than this share of the spread along it.
@@ -91,21 +90,21 @@ def robust_similarity(
     Residuals up to three times `noise_m`, in the target's units, never make an outlier: 5 mm is what a person can place
     markers to.
 
-    Raises `InputError` when fewer than three pairs are given, or when they lie on one line.
+    Raises `InputError` when fewer than three pairs are given, or when they lie on one line in either frame.
     """
     n = len(points_in_source)
     if n < 3 or on_one_line(points_in_target):
         raise InputError(f"A place in space needs three markers that are not on one line, found {n} on one")
     inliers = np.ones(n, bool)
     if n > 3:
-        triples = list(combinations(range(n), 3))
-        if len(triples) > _MOST_TRIPLES:
-            chosen = np.random.default_rng(0).choice(len(triples), _MOST_TRIPLES, replace=False)
-            triples = [triples[i] for i in chosen]
-        residuals = [_residuals_of(points_in_source, points_in_target, list(triple)) for triple in triples]
+        triples = some_subsets(n, 3, _MOST_TRIPLES)
+        proposed = (_residuals_of(points_in_source, points_in_target, list(triple)) for triple in triples)
+        residuals = [each for each in proposed if each is not None]
+        if not residuals:
+            raise InputError(f"A place in space needs three markers that are not on one line; of {n}, no three are")
         # Of n residuals three are small by construction: judge by the middle of the others.
         rank = 3 + (n - 3) // 2
-        best = min((r for r in residuals if r is not None), key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
+        best = min(residuals, key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
         sigma = 1.4826 * float(np.sort(best)[rank - 1 : rank + 1].mean())
         inliers = best < 3 * max(sigma, noise_m)
         if inliers.sum() < 3 or on_one_line(points_in_target[inliers]):

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
-from pomona.arrays import BoolArray, FloatArray
+from pomona.arrays import BoolArray, FloatArray, some_subsets
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError, few
 from pomona.geometry import Similarity, estimate_similarity, robust_similarity
@@ -214,12 +213,8 @@ def _robust_upright(
     source: FloatArray, target: FloatArray, worth: FloatArray, up: FloatArray, scale: float | None
 ) -> tuple[Similarity, BoolArray]:
     """Least median of squares over pairs, then least squares over the positions that agree."""
-    pairs = list(combinations(range(len(source)), 2))
-    if len(pairs) > _MOST_PAIRS:
-        chosen = np.random.default_rng(0).choice(len(pairs), _MOST_PAIRS, replace=False)
-        pairs = [pairs[i] for i in chosen]
     best: tuple[float, FloatArray] | None = None
-    for pair in pairs:
+    for pair in some_subsets(len(source), 2, _MOST_PAIRS):
         try:
             similarity = estimate_upright_similarity(source[list(pair)], target[list(pair)], up, scale)
         except InputError:

@@ -214,7 +214,9 @@ def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> 
     Raises `KeyboardInterrupt` as soon as Ctrl-C is pressed: what was matched by then stays.
     """
     listing = path.with_suffix(".pairs.txt")
-    listing.write_text("".join(f"{_colmap_name(first)} {_colmap_name(second)}\n" for first, second in pairs), encoding="utf-8")
+    listing.write_text(
+        "".join(f"{_colmap_name(first)} {_colmap_name(second)}\n" for first, second in pairs), encoding="utf-8"
+    )
     on_gpu = not what_colmap_lacks()
     matching = pycolmap.FeatureMatchingOptions(use_gpu=on_gpu, num_threads=options.threads or -1)
     device = pycolmap.Device.cuda if on_gpu else pycolmap.Device.cpu
