@@ -34,14 +34,17 @@ def make_photos(folder: Path, count: int = 4, *, fruit: bool = True, seed: int =
     return folder
 
 
+WEAK_SCORE = 0.03
+
+
 class RedSegmenter:
-    """Takes all red pixels of a tile for one fruit."""
+    """Takes all red pixels of a tile for one fruit, and their left half for another, but hardly."""
 
     name = "red"
     traits = SegmenterTraits()
 
-    def __init__(self, fakes: Fakes) -> None:
-        self._fakes = fakes
+    def __init__(self, fakes: Fakes, score_floor: float | None = None) -> None:
+        self._fakes, self._score_floor = fakes, 0.1 if score_floor is None else score_floor
 
     def segment(self, tiles: list[np.ndarray]) -> list[TileDetections]:
         self._fakes.count("tiles")
@@ -51,8 +54,12 @@ class RedSegmenter:
         red = (tile[:, :, 0] > 170) & (tile[:, :, 1] < 90)
         if not red.any():
             return TileDetections.empty()
-        mask = Mask.from_pixels(red)
-        return TileDetections(np.array([mask.box_px], float), np.array([0.9]), (mask,))
+        left = red & (np.arange(red.shape[1]) < np.nonzero(red)[1].mean())
+        masks, scores = (Mask.from_pixels(red), Mask.from_pixels(left)), np.array([0.9, WEAK_SCORE])
+        kept = np.flatnonzero(scores >= self._score_floor)
+        return TileDetections(
+            np.array([masks[k].box_px for k in kept], float), scores[kept], tuple(masks[k] for k in kept)
+        )
 
 
 class Fakes:
@@ -69,7 +76,9 @@ class Fakes:
             raise error
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> Fakes:
-        monkeypatch.setattr("pomona.segment.load_segmenter", lambda model=None: RedSegmenter(self))
+        monkeypatch.setattr(
+            "pomona.segment.load_segmenter", lambda model=None, score_floor=None: RedSegmenter(self, score_floor)
+        )
         monkeypatch.setattr("pomona.sfm.reconstruct", self._reconstruct)
         monkeypatch.setattr("pomona.scale.place_in_world", self._place)
         monkeypatch.setattr("pomona.dense.fruit_cloud", self._cloud)

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 import pomona
+from pipeline_fakes import Fakes, make_photos
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError, MissingFileError, SurveyError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_traits.colours import FruitColours
 from pomona.pipeline import RunOptions
+from pomona.progress import Silent
 from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits, label_photos
 from pomona.self_training.options import AdaptOptions
@@ -231,12 +233,29 @@ def test_options_say_what_they_expect(name: str, value: object) -> None:
         AdaptOptions(**{name: value})  # type: ignore[arg-type]
 
 
+def test_no_other_run_works_on_a_survey_that_is_learnt_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch")
+    from pomona.self_training.rerun import run_adapted
+
+    Fakes().install(monkeypatch)
+    photos, folder = [make_photos(tmp_path / "photos")], tmp_path / "survey"
+
+    def learn(*_: object, **__: object) -> None:
+        with pytest.raises(SurveyError, match="Another run is working"):
+            pomona.run(photos, folder)
+        raise InputError("learnt nothing")
+
+    monkeypatch.setattr("pomona.self_training.learn.adapt", learn)
+    with pytest.raises(InputError, match="learnt nothing"):
+        run_adapted(photos, folder, RunOptions(), Silent())
+    assert pomona.run(photos, folder).detections.total == 4
+
+
 @pytest.fixture(scope="module")
 def adapted(tmp_path_factory: pytest.TempPathFactory) -> SurveyFolder:
     pytest.importorskip("torch")
     folder = tmp_path_factory.mktemp("adapted") / "survey"
     sample = pomona.sample_folder()
-    from pomona.progress import Silent
     from pomona.self_training.rerun import run_adapted
 
     options = RunOptions(markers=sample / "markers.csv")

@@ -343,6 +343,8 @@ def test_before_and_after_learning_stand_side_by_side(
     row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
     survey = SurveyFolder.open(row)
     survey.keep_results()
+    (tmp_path / "learnt.onnx").touch()
+    survey.take_adapted(tmp_path / "learnt.onnx")
     learnt = Learnt(True, taught(survey), 40, (0.81, 0.9), 12, (0.5, 0.75), (0.8, 0.85), (50, 53), (300, 322))
     write_learnt(survey, learnt)
     survey_id = server.service.add(str(row))

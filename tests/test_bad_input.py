@@ -50,7 +50,7 @@ def test_photos_without_overlap(fakes: Fakes, tmp_path: Path, monkeypatch: pytes
     with monkeypatch.context() as patch:
         fakes.install(patch)
         patch.undo()
-        patch.setattr("pomona.segment.load_segmenter", lambda model=None: _red(fakes))
+        patch.setattr("pomona.segment.load_segmenter", lambda model=None, score_floor=None: _red(fakes))
         with pytest.raises(ReconstructionError, match="None of the 3 photos could be placed"):
             run([photos], tmp_path / "out")
     record = SurveyFolder.open(tmp_path / "out").record_of("segment")

@@ -85,6 +85,11 @@ def test_labels_of_other_programs_are_marks_of_all_fruits(tmp_path: Path) -> Non
     (only,) = photo.fruits
     assert only.mask is not None
     assert only.mask.area_px == 400
+    write_marks(path, [photo])
+    (kept,) = read_marks(path)["a.jpg"].fruits
+    assert kept.mask is not None
+    assert kept.mask.area_px == kept.mask.intersection_px(only.mask) == 400
+    assert kept.box_px == only.box_px
     path.write_text(json.dumps({**content, "annotations": [{**fruit, "circle_px": [1, 2]}]}))
     with pytest.raises(FormatError, match=r"annotation 1: circle_px: expected x, y, radius, found \[1, 2\]"):
         read_marks(path)
@@ -120,6 +125,21 @@ def test_where_some_fruits_are_marked_all_else_is_doubtful(found: FoundFruits) -
     )
     assert sum(fruit.mask is None for fruit in fruits) == 1
     assert labels.complete == frozenset()
+
+
+@pytest.mark.parametrize("complete", [True, False])
+def test_a_photo_without_a_place_can_be_marked(found: FoundFruits, complete: bool) -> None:
+    name = fullest(found)
+    by_hand = marked(found, name, count=2, complete=complete)
+    others = [photo for photo in found.cameras.photos if photo != name]
+
+    labels = label_photos(
+        replace(found, cameras=found.cameras.of_photos(others), marked={name: by_hand}), options=OPTIONS
+    )
+
+    assert labels.by_hand == {f"{found.name}/{name}"}
+    assert labels.marked == 3
+    assert len(labels.photos) == len(others) + 1
 
 
 def test_marks_of_another_photo_are_refused(found: FoundFruits) -> None:

@@ -259,8 +259,10 @@ def test_another_threshold_segments_nothing_again_and_answers_the_new_question(
 def test_a_threshold_below_what_the_file_keeps_segments_again(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "out")
     tiles = fakes.calls["tiles"]
-    run([photos], tmp_path / "out", RunOptions(score_threshold=0.01))
+    summary = run([photos], tmp_path / "out", RunOptions(score_threshold=0.01))
     assert fakes.calls["tiles"] > tiles
+    # The network is asked for what it would else not tell of.
+    assert summary.detections == 8
 
 
 def test_other_engines_redo_what_they_made(

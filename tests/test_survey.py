@@ -203,3 +203,17 @@ def test_one_photo_is_found_without_the_others(tmp_path: Path, sides: list[str])
         photo.path.unlink()
         with pytest.raises(MissingFileError, match="not where it was"):
             photo_of(survey, photo.name)
+
+
+def test_the_copy_of_results_takes_its_place_with_the_model_that_was_learnt(tmp_path: Path) -> None:
+    survey = SurveyFolder.create(tmp_path / "survey")
+    model = tmp_path / "learnt.onnx"
+    model.write_bytes(b"learnt")
+    for text in ("first", "second"):
+        survey.fruits.write_text(text)
+        survey.keep_results()
+        if text == "first":
+            assert survey.take_adapted(model).read_bytes() == b"learnt"
+        else:
+            survey.drop_kept()
+    assert (survey.before_adapting / "fruits.csv").read_text() == "first"

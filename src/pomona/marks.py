@@ -1,4 +1,4 @@
-"""Fruits that a person marked in photos of a survey: `marks.json`, a COCO file with boxes.
+"""Fruits that a person marked in photos of a survey: `marks.json`, a COCO file with boxes, and masks where it had some.
 
 Two fields are Pomona's: of an image `complete`, whether all its fruits are marked (true where a file does not say it,
 as other programs write COCO), and of an annotation `circle_px`, the whole fruit's centre and radius.
@@ -16,6 +16,7 @@ from typing import Any
 from pomona.errors import FormatError
 from pomona.formats.detections.coco_file import CATEGORY, CocoAnnotation, coco_of
 from pomona.formats.detections.labelled import LabelledFruit, edges_of
+from pomona.formats.detections.rle import encode
 from pomona.formats.json_file import load_json
 
 
@@ -60,8 +61,8 @@ def write_marks(path: Path, photos: Iterable[MarkedPhoto]) -> None:
         {"id": k, "file_name": p.name, "width": p.width_px, "height": p.height_px, "complete": p.complete}
         for k, p in enumerate(kept, start=1)
     ]
-    fruits = [(k, fruit) for k, photo in enumerate(kept, start=1) for fruit in photo.fruits]
-    annotations = [_annotation(number, image, fruit) for number, (image, fruit) in enumerate(fruits, start=1)]
+    fruits = [(k, photo, fruit) for k, photo in enumerate(kept, start=1) for fruit in photo.fruits]
+    annotations = [_annotation(number, *of_image) for number, of_image in enumerate(fruits, start=1)]
     categories = [{"id": 1, "name": CATEGORY, "supercategory": ""}]
     content = {"images": images, "annotations": annotations, "categories": categories}
     path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -80,10 +81,11 @@ def _fruit(path: Path, annotation: CocoAnnotation, circle: Any) -> LabelledFruit
     return LabelledFruit(box_px, mask, ignored=ignored, circle_px=(circle[0], circle[1], circle[2]))
 
 
-def _annotation(number: int, image: int, fruit: LabelledFruit) -> Mapping[str, Any]:
-    x0, y0, x1, y1 = fruit.box_px
+def _annotation(number: int, image: int, photo: MarkedPhoto, fruit: LabelledFruit) -> Mapping[str, Any]:
+    (x0, y0, x1, y1), mask, size = fruit.box_px, fruit.mask, (photo.width_px, photo.height_px)
     entry: dict[str, Any] = {
         "id": number, "image_id": image, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0],
-        "area": (x1 - x0) * (y1 - y0), "iscrowd": int(fruit.ignored), "segmentation": [],
+        "area": (x1 - x0) * (y1 - y0) if mask is None else mask.area_px, "iscrowd": int(fruit.ignored),
+        "segmentation": [] if mask is None else {"size": [*size[::-1]], "counts": encode(mask, *size)},
     }  # fmt: skip
     return entry if fruit.circle_px is None else {**entry, "circle_px": list(fruit.circle_px)}

@@ -119,7 +119,7 @@ def _by_model(
     from pomona.formats.detections.coco import write_coco
     from pomona.segment import iter_detections, load_segmenter, scales_of
 
-    segmenter = load_segmenter(options.model.name)
+    segmenter = load_segmenter(options.model.name, score_floor=options.lowest_score)
     chosen = options.kept_from(segmenter.traits.score_threshold)
     scales = scales_of(photos, segmenter, chosen, progress)
     files = {photo.name: _file_of(folder, photo, digests[photo.name], scales.by_name[photo.name]) for photo in photos}
@@ -211,7 +211,7 @@ class PhotoByPhoto:
 
         choice = _choice(options)
         self._folder = work_dir / own_key
-        self._segmenter = load_segmenter(choice.model.name)
+        self._segmenter = load_segmenter(choice.model.name, score_floor=choice.lowest_score)
         self._threshold = self._segmenter.traits.score_threshold
         self._options = choice.kept_from(self._threshold)
         self._scales: dict[tuple[str, str, int, int], float] = {}

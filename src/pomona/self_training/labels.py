@@ -198,7 +198,9 @@ def _shown(
     seen = [(fruit, idx_of[photo]) for photo, fruit in mine.seen if photo in idx_of]
     sphere_idx, photo_idx = np.array(seen, np.int64).reshape(-1, 2).T
     sights = find_sights(mine.spheres, sphere_idx, photo_idx, cameras, options)
-    sights = sights[np.isin(sights.photo_idx, [idx_of[photo.name] for photo in photos])]
+    # A photo that was marked may have no place: what it should show is not known.
+    wanted = [idx_of[photo.name] for photo in photos if photo.name in idx_of]
+    sights = sights[np.isin(sights.photo_idx, wanted)]
     detection_ids = np.array(sorted({detection_id for _, detection_id in mine.fruit_of}), np.int64)
     of_fruits = SeenFruits(found.detections, detection_ids)
     evidence = look(sights, of_fruits, Photos(tuple(photos)), cameras, network or CentersNetwork(), progress)

@@ -103,7 +103,7 @@ def run_adapted(
     given = taught(source.files)
     # Until it is judged, the model is not where another run would take it from.
     target = source.files.work("adapted.onnx")
-    with EventLog(source.files, progress, on_stage=on_stage) as log:
+    with source.files.locked(), EventLog(source.files, progress, on_stage=on_stage) as log:
         log.stage("learn")
         outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=log)
     in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"

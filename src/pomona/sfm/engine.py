@@ -134,7 +134,7 @@ def _write_image(database: Any, i: int, photo: ImageEntry) -> None:
 
 
 def _colmap_name(photo: str) -> str:
-    """A photo's name in the database: COLMAP parts lists of pairs at spaces, and takes what begins with # for a comment."""
+    """A photo's name in the database: COLMAP parts lists of pairs at spaces, and takes # for a comment's beginning."""
     return quote(photo, errors="surrogateescape")
 
 

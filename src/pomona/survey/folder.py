@@ -193,29 +193,39 @@ class SurveyFolder:
         return self.folder / "before_adapting"
 
     def keep_results(self) -> None:
-        """Copy what is handed over, and the manifest, to `before_adapting/`, in place of what is there."""
+        """Copy what is handed over, and the manifest, until `take_adapted` or `drop_kept` says what for."""
         with disk_errors(self.folder):
-            shutil.rmtree(self.before_adapting, ignore_errors=True)
-            self.before_adapting.mkdir()
+            self.drop_kept()
+            self._kept.mkdir()
             for name in (*_WRITERS, MANIFEST):
                 path = self.folder / name
                 if path.is_dir():
-                    shutil.copytree(path, self.before_adapting / name)
+                    shutil.copytree(path, self._kept / name)
                 elif path.is_file():
-                    shutil.copy2(path, self.before_adapting)
+                    shutil.copy2(path, self._kept)
 
     def drop_kept(self) -> None:
         """Remove the copy of the results."""
         with disk_errors(self.folder):
-            shutil.rmtree(self.before_adapting, ignore_errors=True)
+            shutil.rmtree(self._kept, ignore_errors=True)
+
+    @property
+    def _kept(self) -> Path:
+        return self.work("before_adapting")
 
     def take_adapted(self, model: Path) -> Path:
-        """Copy a model file to be this survey's own, whole or not at all; return where it is."""
+        """Copy a model file to be this survey's own, whole or not at all; return where it is.
+
+        The copy of the results becomes `before_adapting/`, in place of what was there.
+        """
 
         def copy(path: Path) -> None:
             shutil.copyfile(model, path)
 
         with disk_errors(self.folder):
+            if self._kept.is_dir():
+                shutil.rmtree(self.before_adapting, ignore_errors=True)
+                self._kept.rename(self.before_adapting)
             write_file(self.adapted_model, copy)
         return self.adapted_model
 
@@ -263,9 +273,10 @@ class SurveyFolder:
 
         The manifest is read again then: another run may have written it in the meantime.
         """
-        with self.work("lock").open("w", encoding="ascii") as file:
+        with self.work("lock").open("a", encoding="ascii") as file:
             if not lock(file):
                 raise SurveyError(f"Another run is working on {self.folder}: wait for it, or choose another `out`")
+            file.truncate(0)  # only now: until then it says who else is working here
             file.write(str(os.getpid()))
             file.flush()
             self._manifest = read_manifest(self.manifest_path)
