@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import shlex
 import shutil
@@ -11,7 +12,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 from PIL import Image, ImageFilter
@@ -125,6 +126,26 @@ def test_a_damaged_list_is_kept_aside(tmp_path: Path) -> None:
     path.write_text("{ no")
     assert Catalogue(path).entries == ()
     assert (tmp_path / "surveys.damaged.json").read_text() == "{ no"
+    path.write_text("{ neither")
+    assert Catalogue(path).entries == ()
+    assert (tmp_path / "surveys.damaged.json").read_text() == "{ no"
+    assert (tmp_path / "surveys.damaged2.json").read_text() == "{ neither"
+
+
+def test_a_list_that_cannot_be_read_now_is_left_as_it_is(
+    tmp_path: Path, surveyed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    catalogue = Catalogue(tmp_path / "surveys.json")
+    added = catalogue.add("row", surveyed)
+
+    def out_of_files(*_: object, **__: object) -> NoReturn:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_text", out_of_files)
+        with pytest.raises(SurveyError, match=r"surveys.json, the list of surveys, cannot be read: Too many open"):
+            _ = catalogue.entries
+    assert [entry.id for entry in catalogue.entries] == [added.id]
 
 
 # --- folders to choose from
@@ -309,6 +330,16 @@ def test_a_failed_job_says_why(jobs: Jobs) -> None:
     assert Job("b", (), state="finished").error == ""
 
 
+def test_a_job_that_cannot_be_begun_has_failed_and_the_next_runs(jobs: Jobs, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(jobs, "_command", (str(Path("no") / "such program"),))
+        job = jobs.put("a", ["quick"])
+        _until(lambda: job.state == "failed")
+    assert job.error == "The run could not be started: No such file or directory"
+    after = jobs.put("b", ["quick"])
+    _until(lambda: after.state == "finished")
+
+
 def test_runs_end_with_the_program() -> None:
     jobs = Jobs(command=(sys.executable, "-c", WORKER))
     job, waiting = jobs.put("a", ["work"]), jobs.put("b", ["quick"])
@@ -394,6 +425,17 @@ def test_a_finished_survey_is_listed_with_what_it_found(service: Service, survey
     assert not shown.by_other
     surveyed.rename(surveyed.parents[1] / "elsewhere")
     assert service.view(survey_id).state == "missing"
+
+
+def test_a_survey_of_nonsense_does_not_hide_the_others(service: Service, surveyed: Path) -> None:
+    whole = service.add(str(surveyed))
+    odd = service.add(str(shutil.copytree(surveyed, surveyed.with_name("odd"))))
+    manifest = surveyed.with_name("odd") / "survey.json"
+    content = json.loads(manifest.read_text())
+    content["stages"]["results"]["info"] = {"weight": 3}
+    manifest.write_text(json.dumps(content))
+    states = {view.id: view.state for view in service.everything().surveys}
+    assert states == {whole: "finished", odd: "missing"}
 
 
 def test_a_run_of_another_program_is_seen_and_left_alone(service: Service, surveyed: Path) -> None:

@@ -371,6 +371,8 @@ def test_exif_nonsense_is_ignored() -> None:
     gps = {1: "N", 2: (0.0, 0.0, 0.0), 3: "E", 4: (0.0, 0.0, 0.0)}
     exif = parse_exif({0x0112: 77, 0x010F: None}, details, gps)
     assert exif == Exif()
+    odd = {0x9003: "2017:09:28 11:02:03", 0x9291: "\N{SUPERSCRIPT TWO}"}
+    assert parse_exif({}, odd, {}).taken_at == datetime(2017, 9, 28, 11, 2, 3)
 
 
 def test_exif_position_and_time() -> None:

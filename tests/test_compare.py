@@ -151,6 +151,13 @@ def test_what_is_gone_is_told_from_what_is_hidden() -> None:
     assert 0 <= gone.low < gone.value < gone.high
 
 
+def test_where_nothing_is_gone_the_interval_says_so() -> None:
+    comparison = compared(found(EARLY, 1)[:40], found(EARLY, 1))
+    gone = comparison.gone()
+    assert comparison.states[1].count("new") > 5
+    assert gone.low == gone.value == 0 <= gone.high
+
+
 def test_rows_without_anything_in_common_are_not_matched_by_force() -> None:
     other = replace(EARLY, seed=6)
     with pytest.raises(InputError, match="nothing in common"):

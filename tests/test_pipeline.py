@@ -12,6 +12,7 @@ import pytest
 from pipeline_fakes import Fakes, make_photos
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.formats.tables import read_fruits, read_observations, read_trees
+from pomona.fuse.paper.options import PaperOptions
 from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.survey import SurveyFolder
 
@@ -276,3 +277,24 @@ def test_a_mistake_in_the_table_of_trunks_is_said_before_any_work(fakes: Fakes, 
     assert not fakes.calls
     with pytest.raises(InputError, match="`tree_spacing`"):
         RunOptions(tree_spacing=-1)
+
+
+def test_a_run_up_to_the_masks_says_nothing_of_fruits_of_before(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    assert run([photos], tmp_path / "out").fruits == 1
+    again = run([photos], tmp_path / "out", RunOptions(score_threshold=0.95), until="select")
+    assert (again.detections, again.fruits, again.scale, again.report) == (0, None, None, None)
+    assert {stage.name for stage in again.stages} <= {"segment", "select"}
+
+
+def test_a_model_file_is_found_from_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine.onnx").touch()
+    monkeypatch.chdir(tmp_path)
+    assert RunOptions(model="mine.onnx").model == str(tmp_path / "mine.onnx")
+    assert RunOptions(model="mine.onnx:apple, pear").model == f"{tmp_path / 'mine.onnx'}:apple,pear"
+    assert RunOptions(model="open:red apple").model == "open:red apple"
+    assert RunOptions(model="none.onnx").model == "none.onnx"
+
+
+def test_the_method_of_the_paper_is_said_once() -> None:
+    with pytest.raises(InputError, match="`variant` text and `paper` both say"):
+        RunOptions(method="paper", variant="text", paper=PaperOptions())

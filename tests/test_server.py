@@ -100,14 +100,17 @@ def test_what_changes_something_comes_from_the_own_page() -> None:
     ("listens", "host", "ours"),
     [
         ("127.0.0.1", "127.0.0.1:80", True), ("127.0.0.1", "localhost:80", True), ("127.0.0.1", "127.0.0.1:81", False),
-        ("127.0.0.1", "192.168.0.7:80", False), ("127.0.0.1", "127.0.0.1", False), ("127.0.0.1", "", False),
+        ("127.0.0.1", "192.168.0.7:80", False), ("127.0.0.1", "127.0.0.1", True), ("127.0.0.1", "", False),
         ("192.168.0.7", "192.168.0.7:80", True), ("192.168.0.7", "localhost:80", False),
         ("0.0.0.0", "192.168.0.7:80", True), ("0.0.0.0", "localhost:80", True), ("0.0.0.0", "evil.example:80", False),
         ("0.0.0.0", "7.evil.example:80", False), ("::", "[fe80::1]:80", True), ("::1", "[::1]:80", True),
+        ("::1", "[::1]", True), ("127.0.0.1", "evil.example", False),
     ],
 )  # fmt: skip
 def test_names_of_others_are_not_ours(listens: str, host: str, ours: bool) -> None:
     assert Access(listens, 80).is_ours(host) == ours
+    if ":80" not in host:  # browsers leave out this port, and no other
+        assert not Access(listens, 8080).is_ours(host)
 
 
 def test_pages_are_told_the_present_state_and_each_new_one() -> None:

@@ -240,6 +240,25 @@ def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
     assert again.detections == summary.detections
 
 
+def test_a_photo_may_be_deleted_while_it_is_worked_on(
+    row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
+) -> None:
+    folder = tmp_path / "in"
+    shutil.copytree(row[0][0].path.parent, folder)
+
+    def told(state: WatchState) -> None:
+        if state.doing == "Placed p_003.png":
+            (folder / "p_003.png").unlink()
+
+    watch = Watch(folder, tmp_path / "out", RunOptions(sfm=QUICK), replace(AT_ONCE, until=8), on_state=told)
+    watch.follow()
+    others = [f"p_{k:03}.png" for k in range(8) if k != 3]
+    assert [photo.name for photo in watch.photos] == others
+    assert watch.answer is not None
+    assert sorted(watch.answer.cameras.photos) == others
+    assert watch.finish(Silent()).photos == 7
+
+
 def test_watching_can_be_stopped_and_ends_when_nothing_comes(tmp_path: Path, fakes: Fakes) -> None:
     (tmp_path / "in").mkdir()
     watch = Watch(tmp_path / "in", tmp_path / "out", RunOptions(), AT_ONCE)

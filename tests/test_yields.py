@@ -102,9 +102,14 @@ def test_the_interval_holds_the_true_number(sides: int, leaves: float, widest: f
         assert count <= every.high
         held.append(every.low <= true <= every.high)
         ratios.append(every.value / true)
-        assert every.relative_width < widest
+        assert relative_width(every) < widest
     assert sum(held) >= 4
     assert 0.93 < np.mean(ratios) < (1.1 if sides == 2 else 1.2)  # of one side, fewer are seen than not
+
+
+def relative_width(interval: Interval) -> float:
+    """From low to high, as a share of the value."""
+    return (interval.high - interval.low) / interval.value
 
 
 def test_intervals_say_what_they_cover() -> None:
@@ -115,7 +120,7 @@ def test_intervals_say_what_they_cover() -> None:
     assert "one side alone" in one.fruits.covers
     assert "one side" not in both.fruits.covers
     assert "not counted" in both.seen.covers
-    assert one.fruits.relative_width > 2 * both.fruits.relative_width
+    assert relative_width(one.fruits) > 2 * relative_width(both.fruits)
 
 
 def test_each_found_fruit_stands_for_itself_and_those_like_it() -> None:
@@ -177,7 +182,7 @@ def test_false_fruits_are_not_counted() -> None:
     assert less is not None
     assert less.fruits.value == pytest.approx(0.9 * sure.fruits.value)
     assert less.seen.low < 0.85 * len(fruits) < less.seen.high
-    assert less.fruits.relative_width > sure.fruits.relative_width
+    assert relative_width(less.fruits) > relative_width(sure.fruits)
 
 
 def test_what_the_filter_drops_of_few_photos_is_made_up_for() -> None:
@@ -241,10 +246,20 @@ def test_hand_counts_calibrate(tmp_path: Path) -> None:
     assert plain_.crop is not None
     assert found.crop.calibration is not None
     assert found.crop.calibration.value == pytest.approx(1.3, rel=0.05)
-    assert found.crop.fruits.relative_width < 3 * plain_.crop.fruits.relative_width
+    assert relative_width(found.crop.fruits) < 3 * relative_width(plain_.crop.fruits)
     assert found.crop.fruits.value == pytest.approx(1.3 * plain_.crop.fruits.value, rel=0.05)
     assert "calibrated on hand counts" in found.crop.fruits.covers
     assert found.crop.fruits.low < 1.3 * plain_.crop.fruits.value < found.crop.fruits.high
+
+
+def test_hand_counts_may_call_trees_as_the_tables_of_fruits_do(tmp_path: Path) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text("tree_id;count\n1;150\n2;149,5\n")
+    counts = read_hand_counts(path)
+    assert counts.tree_ids.tolist() == [1, 2]
+    assert counts.counts.tolist() == [150, 149.5]
+    path.write_text("tree_id,tree,count\n9,1,150\n")
+    assert read_hand_counts(path).tree_ids.tolist() == [1]
 
 
 def test_a_counted_tree_tells_what_one_side_does_not_show(tmp_path: Path) -> None:

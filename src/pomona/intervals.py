@@ -37,11 +37,6 @@ class Interval:
         """Return the interval of as many times the number, for a factor that is known exactly."""
         return Interval(factor * self.value, factor * self.low, factor * self.high, self.covers)
 
-    @property
-    def relative_width(self) -> float:
-        """From low to high, as a share of the value; infinite at 0."""
-        return (self.high - self.low) / self.value if self.value else float("inf")
-
     @classmethod
     def from_json(cls, values: Mapping[str, Any] | None) -> Interval | None:
         """Return the interval of which a manifest holds the entries; None where they are None."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.app.opened import opened
-from pomona.errors import MissingFileError
+from pomona.errors import MissingFileError, SurveyError
 from pomona.survey.files import disk_errors, write_file
 from pomona.survey.record import now
 
@@ -38,7 +38,8 @@ class Catalogue:
 
     The file is read whenever something is asked, as another Pomona may have changed it.
 
-    A file that is damaged is kept aside, and the catalogue begins anew. Raises `SurveyError` where none can be written.
+    A file that is damaged is kept aside, and the catalogue begins anew. Raises `SurveyError` where none can be read or
+    written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,10 +109,17 @@ class Catalogue:
             return [_entry(values) for values in json.loads(self._path.read_text(encoding="utf-8"))["surveys"]]
         except FileNotFoundError:
             return []
-        except (OSError, ValueError, KeyError, TypeError):
+        except OSError as error:
+            raise SurveyError(f"{self._path}, the list of surveys, cannot be read: {error.strerror or error}") from None
+        except (ValueError, KeyError, TypeError):
             with suppress(OSError):
-                self._path.replace(self._path.with_suffix(".damaged.json"))
+                self._path.replace(self._aside())
             return []
+
+    def _aside(self) -> Path:
+        """Where a damaged file is kept, beside others that were."""
+        names = (self._path.with_suffix(f".damaged{number}.json") for number in ("", *map(str, range(2, 100))))
+        return next((path for path in names if not path.exists()), self._path.with_suffix(".damaged.json"))
 
     def _write(self) -> None:
         surveys = [{**vars(entry), "folder": str(entry.folder)} for entry in self._entries]

@@ -127,22 +127,32 @@ class Jobs:
             self._on_change()
 
     def _next(self) -> Job | None:
-        """Wait for the next job and begin it; None at the end."""
-        with self._changed:
-            while not self._waiting and not self._closed:
-                self._changed.wait()
-            if self._closed:
-                return None
-            job = self._current = self._waiting.popleft()
-            job.state = "running"
-            self._process = subprocess.Popen(
-                [*self._command, *job.arguments],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                encoding="utf-8",
-                errors="replace",
-                start_new_session=True,
-            )
-            return job
+        """Wait for the next job and begin it; None at the end. One that cannot be begun has failed."""
+        while True:
+            with self._changed:
+                while not self._waiting and not self._closed:
+                    self._changed.wait()
+                if self._closed:
+                    return None
+                job = self._waiting.popleft()
+                try:
+                    self._process = self._begun(job)
+                except OSError as error:
+                    job.log.append(f"The run could not be started: {error.strerror or error}")
+                    job.state, job.ended = "failed", time.time()
+                else:
+                    job.state, self._current = "running", job
+                    return job
+            self._on_change()
+
+    def _begun(self, job: Job) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*self._command, *job.arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,
+        )

@@ -6,6 +6,7 @@ import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from html import escape
 from http import HTTPStatus
 from importlib.resources import files
@@ -29,6 +30,7 @@ from pomona.app.service import Homes, Service
 from pomona.app.teaching import keep_marks, marked_view
 from pomona.app.wire import as_json, from_json
 from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
+from pomona.pipeline.reopen import bring_up_to_date
 from pomona.report.page import script_source
 from pomona.server import PageServer, Updates, json_of
 from pomona.survey.reader import SurveyReader
@@ -177,6 +179,9 @@ class AppServer(PageServer):
         survey_id, kind = request.path_params["id"], request.path_params["kind"]
         if kind in _EXPORTS:
             survey = self.service.survey(survey_id)
+            if kind != "report.html":
+                with suppress(SurveyError):  # a run is at work: it brings them up to date itself
+                    bring_up_to_date(survey)
             return _file_of(survey.folder / kind, download=f"{survey.folder.name}-{kind}")
         path = self.service.export(survey_id, kind)
         return _file_of(path, download=f"{path.parent.parent.name}-{path.name}")

@@ -252,7 +252,14 @@ class Service:
         )
 
     def _view(self, entry: Entry) -> SurveyView:
-        survey, job = opened(entry.folder), self._jobs.of(entry.id)
+        survey = opened(entry.folder)
+        try:
+            return self._view_of(entry, survey)
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError):  # a manifest that holds something else
+            return self._view_of(entry, None)
+
+    def _view_of(self, entry: Entry, survey: SurveyFolder | None) -> SurveyView:
+        job = self._jobs.of(entry.id)
         status = run_status(survey) if survey else None
         if job is not None and status is not None and job.state not in _WORKING and status.began > job.ended:
             job = None  # the survey went on elsewhere since

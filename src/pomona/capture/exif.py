@@ -154,7 +154,7 @@ def _time(value: Any, subsec: Any) -> datetime | None:
     except ValueError:
         return None
     digits = _text(subsec)
-    return time + timedelta(seconds=float(f"0.{digits}")) if digits.isdigit() else time
+    return time + timedelta(seconds=float(f"0.{digits}")) if digits.isdecimal() and digits.isascii() else time
 
 
 def _gnss(gps: Mapping[int, Any]) -> Gnss | None:

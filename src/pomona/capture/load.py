@@ -78,7 +78,7 @@ def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, 
         if not is_there(path):
             raise MissingFileError(f"{path} does not exist: expected a folder of photos or a video")
     if paths and all(path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES for path in paths):
-        return [_Found(path.name, path) for path in sorted(set(paths), key=lambda p: natural_key(p.name))]
+        return [_Found(path.name, path) for path in sorted(set(paths), key=lambda p: (natural_key(p.name), str(p)))]
     if not 1 <= len(paths) <= 2:
         raise InputError(f"Expected a folder of photos, two folders (one per side) or a video, found {len(paths)}")
     if len(paths) == 1:

@@ -102,7 +102,8 @@ class Comparison:
         before, after = self.states
         gone, missed = before.count("gone"), after.count("new")
         half = 1.96 * float(np.sqrt(2 * missed + 1))
-        return Interval(max(0.0, gone - missed), max(0.0, gone - missed - half), min(float(gone), gone - missed + half))
+        left = max(0.0, gone - missed)
+        return Interval(left, max(0.0, gone - missed - half), max(left, min(float(gone), gone - missed + half)))
 
     def columns(self) -> dict[str, Any]:
         """Return the columns of `fruits.csv`: the second survey's fruits, then those that only the first one has."""

@@ -92,12 +92,7 @@ def _in_one_frame(before: SurveyReader, after: SurveyReader, overlay: Overlay) -
     """Return both surveys' fruits in the frame of the second, on the trees of the one that knows trees."""
     over = overlay.target_from_source
     fruits = before.fruits
-    old = replace(
-        fruits,
-        centers_in_world=over.apply(fruits.centers_in_world),
-        diameters_m=over.scale * fruits.diameters_m,
-        diameter_sds_m=over.scale * fruits.diameter_sds_m,
-    )
+    old = replace(_scaled(fruits, over.scale), centers_in_world=over.apply(fruits.centers_in_world))
     new = after.fruits
     if new.tree_ids.any():
         return on_trees(old, _trunks(after, Similarity.identity())), new
@@ -123,6 +118,7 @@ def _scaled(fruits: Fruits, factor: float) -> Fruits:
         centers_in_world=factor * fruits.centers_in_world,
         diameters_m=factor * fruits.diameters_m,
         diameter_sds_m=factor * fruits.diameter_sds_m,
+        heights_m=factor * fruits.heights_m,
     )
 
 

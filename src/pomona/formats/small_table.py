@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,7 +64,8 @@ class SmallTable:
 
     def _number(self, line: int, column: str, cell: str) -> float:
         try:
-            value = float(cell)
+            # A comma within a cell is a decimal one, as spreadsheets of many languages write it.
+            value = float(cell.replace(",", ".") if cell.count(",") == 1 and "." not in cell else cell)
         except ValueError:
             value = math.nan
         if not abs(value) <= _GREATEST:
@@ -73,12 +74,19 @@ class SmallTable:
 
 
 def read_small_table(
-    path: Path, columns: Sequence[str], option: str, entry: str, *, optional: Sequence[str] = ()
+    path: Path,
+    columns: Sequence[str],
+    option: str,
+    entry: str,
+    *,
+    optional: Sequence[str] = (),
+    also_called: Mapping[str, str] | None = None,
 ) -> SmallTable:
     """Read a table that has these columns, in any order and case, and maybe the optional ones; others are ignored.
 
-    `option` names in messages what asks for it, `entry` what a row is. Raises `MissingFileError` where there is no such
-    file, and `FormatError` where it is no text, a column is missing, or nothing stands below the header.
+    `also_called` are other names of columns, by column, which count where the first one is not there. `option` names in
+    messages what asks for it, `entry` what a row is. Raises `MissingFileError` where there is no such file, and
+    `FormatError` where it is no text, a column is missing, or nothing stands below the header.
     """
     wanted = f"a table with the columns {','.join(columns)}"
     if not path.is_file():
@@ -96,6 +104,9 @@ def read_small_table(
     # Line by line: a quotation mark that nothing closes is of its own line alone.
     header, *rows = (_cells(path, number, line, separator) for number, line in lines)
     names = [cell.strip().lower() for cell in header]
+    for column, other in (also_called or {}).items():
+        if column not in names and other in names:
+            names[names.index(other)] = column
     if missing := [column for column in columns if column not in names]:
         raise FormatError(
             f"{path}, line {lines[0][0]}: expected the columns {','.join(columns)}, found {','.join(names)}: "

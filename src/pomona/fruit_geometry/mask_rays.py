@@ -66,12 +66,6 @@ class MaskRays:
         first, last = np.searchsorted(self.photo_idx, [photo_idx, photo_idx + 1])
         return slice(int(first), int(last))
 
-    def outline_of(self, mask_idx: int) -> FloatArray:
-        """Return the directions (m, 3) along one mask's edge without repetitions; none where it has no edge."""
-        places = _evenly_spaced(int(self.edge_counts[mask_idx]), self.outlines.shape[1])
-        outline: FloatArray = self.outlines[mask_idx][np.unique(places, return_index=True)[1]]
-        return outline
-
     def depths(self, points_in_world: FloatArray, mask_idx: IntArray) -> FloatArray:
         """Return how deep points (k, 3), or one (3,), lie in the photos of masks (k,), along these photos' axes."""
         photo_idx = self.photo_idx[mask_idx]

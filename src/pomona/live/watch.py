@@ -7,7 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pomona.capture.quality import quality_of
@@ -169,6 +169,9 @@ class Watch:
                 self._leave_out(self._folder / file.name, file.name, file.reason)
             whole = (photo for photo in loaded if photo.path in stamps)
             self._photos = Photos(tuple(p for p in whole if self._unusable.get(p.name) != stamps[p.path]))
+            # One that was deleted since it was placed shows no fruits any more.
+            there = self._photos.by_name()
+            self._waiting = [there[photo.name] for photo in self._waiting if photo.name in there]
             if any(self._taken.get(photo.name, photo.side) != photo.side for photo in self._photos):
                 self._begin_anew()
         return [photo for photo in self._photos if photo.name not in self._taken]
@@ -238,12 +241,17 @@ class Watch:
     def _count(self) -> None:
         """Make the answer so far."""
         self._is_old, began = False, time.monotonic()
-        pieces = [piece for side in self._sides.values() for piece in side.pieces]
+        there = self._photos.names  # without those deleted since they were placed
+        placed = [piece for side in self._sides.values() for piece in side.pieces]
+        pieces = [replace(piece, cameras=piece.cameras.of_photos(there)) for piece in placed]
+        pieces = [piece for piece in pieces if len(piece.cameras)]
         if pieces:
+            found = self._detector.segmented
+            found = replace(found, detections=found.detections.of_photos(there))
             self._tell("looking", "Counting")
             # Photos may say nothing yet; the run says what is the matter, if anything is.
             with contextlib.suppress(PomonaError):
-                self._answer = provisional(pieces, self._detector.segmented, self._photos, self._options.of_stages)
+                self._answer = provisional(pieces, found, self._photos, self._options.of_stages)
                 self._revision += 1
                 data = self._answer.page_data(self._survey.folder.name, self._photos, many_of(self._options.fruit))
                 self._on_answer(data, self._revision)

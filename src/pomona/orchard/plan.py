@@ -18,6 +18,7 @@ from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.orchard.places import is_url
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import RunOptions, option_classes
+from pomona.segment.load import located
 from pomona.survey.digest import digest
 
 # Options of `pomona run` that have another name than the field that they set.
@@ -220,7 +221,7 @@ def _option(where: str, kind: Any, value: Any, folder: Path) -> Any:
     if not parts:
         value = _of_kind(where, kind, value)
         # A model is a file or the name of one that is installed.
-        return _place(value, folder) if where.endswith(" model") and (folder / value).is_file() else value
+        return located(value, folder) if where.endswith(" model") else value
     if not isinstance(value, list) or (parts[-1] is not Ellipsis and len(value) != len(parts)):
         raise InputError(f"{where}: expected a list{_count(parts)}, found {value!r}")
     each = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts

@@ -73,7 +73,8 @@ class RunOptions:
 
     `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
     `dense`, `looking` (of the second look), `dense_scene`, `filter`, `measure`, `planting`, `yields`, `report` are
-    options of single stages, for those who know them; what the options above say goes before.
+    options of single stages, for those who know them; what the options above say goes before, but `paper` is taken as
+    it is.
 
     The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
     """
@@ -128,6 +129,8 @@ class RunOptions:
                 raise InputError(f"`{name}`: expected one of {', '.join(known)}, found '{value}'")
         if self.variant is not None and self.method != "paper":
             raise InputError(f"`variant` {self.variant} is of `method` paper, found `method` {self.method}")
+        if self.variant is not None and self.paper is not None:
+            raise InputError(f"`variant` {self.variant} and `paper` both say how the method goes: give one of them")
         if self.classes is not None and self.detections is None:
             raise InputError(f"`classes` {','.join(self.classes)} are those of `detections`, which is not given")
         if self.packing is not None:
@@ -141,6 +144,10 @@ class RunOptions:
             object.__setattr__(self, name, Path(path).expanduser().resolve())
             if not is_there(getattr(self, name)):
                 raise MissingFileError(f"`{name}`: {path} does not exist")
+        if self.model is not None:
+            from pomona.segment.load import located
+
+            object.__setattr__(self, "model", located(self.model, Path.cwd()))
         _ = self.of_stages  # wrong values are said before any work is done
 
     @property

@@ -82,7 +82,7 @@ def _run(paths: Sequence[Path], survey: SurveyFolder, options: RunOptions, log: 
         runner.ensure(stage)
         if stage.name == until:
             break
-    summary = summarise(survey, len(loaded), skipped, runner.ran, tuple(recorder.warnings))
+    summary = summarise(survey, len(loaded), skipped, tuple(recorder.warnings), settled=runner.settled, ran=runner.ran)
     survey.note(summary=summary.to_json(), warnings=summary.warnings)
     return summary
 

@@ -78,6 +78,11 @@ class Runner:
         self.ran: set[str] = set()
 
     @property
+    def settled(self) -> frozenset[str]:
+        """The names of the stages whose results are there, as this run's photos and options make them."""
+        return frozenset(stage.name for stage in self._records)
+
+    @property
     def _survey(self) -> SurveyFolder:
         return self._context.survey
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,10 +68,16 @@ class Summary:
 
 
 def summarise(
-    survey: SurveyFolder, photos: int, skipped: tuple[tuple[str, str], ...], ran: set[str], warnings: tuple[str, ...]
+    survey: SurveyFolder,
+    photos: int,
+    skipped: tuple[tuple[str, str], ...],
+    warnings: tuple[str, ...],
+    *,
+    settled: Set[str],
+    ran: Set[str],
 ) -> Summary:
-    """Return the summary of what `survey.json` knows; `ran` are the stages that this run did itself."""
-    records = {name: record for name, record in survey.records.items() if record.finished}
+    """Return the summary of what `survey.json` knows of the stages that a run `settled`; those in `ran` it computed."""
+    records = {name: record for name, record in survey.records.items() if name in settled}
     scale = records.get("scale")
     results = records.get("results")
     lost = _lost(scale, "lost") if scale else _lost(records.get("sfm"), "unregistered")

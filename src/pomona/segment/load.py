@@ -83,6 +83,15 @@ def engines_of(model: str | Path | None) -> tuple[str, ...]:
     return ("torch", "torchvision", "transformers") if str(model).partition(":")[0] == OPEN_VOCABULARY else ()
 
 
+def located(model: str, folder: Path) -> str:
+    """Return a model that is a file by its whole path, where it is said as seen from `folder`; others as they are."""
+    path, classes = _file_and_classes(model)
+    path = folder / path.expanduser()
+    if not path.is_file():
+        return model
+    return ":".join([str(path.resolve()), *([",".join(classes)] if classes else [])])
+
+
 def _file_and_classes(model: str | Path) -> tuple[Path, tuple[str, ...]]:
     """The path, and the classes after a colon behind an ONNX file's name."""
     match = re.fullmatch(r"(.+\.onnx):(.*)", str(model))

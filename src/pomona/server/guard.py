@@ -32,7 +32,7 @@ class Access:
 
     def is_ours(self, host: str) -> bool:
         """Whether a request's `Host` is this server, not a name that somebody else made to lead here."""
-        name, _, port = host.rpartition(":")
+        name, port = _parted(host)
         if port != str(self.port):
             return False
         if self.host in _EVERYWHERE:
@@ -102,6 +102,13 @@ class Guard:
 
 
 _EVERYWHERE = ("0.0.0.0", "::")
+_USUAL_PORT = "80"
+
+
+def _parted(host: str) -> tuple[str, str]:
+    """The name, or address, and the port of a `Host`: browsers leave the usual port out."""
+    name, colon, port = host.rpartition(":")
+    return (name, port) if colon and not port.endswith("]") else (host, _USUAL_PORT)
 
 
 def _forbidden(reason: str) -> Response:

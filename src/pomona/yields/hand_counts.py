@@ -33,11 +33,11 @@ class HandCounts:
 
 
 def read_hand_counts(path: Path) -> HandCounts:
-    """Read a table with the columns `tree,count`.
+    """Read a table with the columns `tree,count`; the first may be called `tree_id`, as in `fruits.csv`.
 
     Raises `MissingFileError`, and `FormatError` naming line and column; also for counts below 0.
     """
-    table = read_small_table(path, ("tree", "count"), "`hand_counts`", "tree")
+    table = read_small_table(path, ("tree", "count"), "`hand_counts`", "tree", also_called={"tree": "tree_id"})
     ids, counts = table.ids("tree"), table.numbers("count")
     for tree, count, line in zip(ids, counts, table.lines, strict=True):
         if count < 0:

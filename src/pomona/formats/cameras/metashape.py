@@ -53,7 +53,7 @@ def read_metashape(path: Path) -> GivenCameras:
     chunk = _chunk(Element.of_file(path, "Metashape's cameras (XML)"))
     cameras, notes = _cameras(chunk)
     transforms = _transforms(chunk)
-    cameras, world_from_chunk, more = _in_one_frame(chunk, cameras, transforms)
+    cameras, world_from_chunk, more = _in_one_frame(cameras, transforms)
     lenses = {
         sensor_id: _lens(sensor_id, sensor)
         for sensor_id, sensor in _sensors(chunk).items()
@@ -146,7 +146,7 @@ def _similarity(transform: Element) -> Similarity | None:
 
 
 def _in_one_frame(
-    chunk: Element, cameras: Sequence[_Camera], transforms: Mapping[str, Similarity]
+    cameras: Sequence[_Camera], transforms: Mapping[str, Similarity]
 ) -> tuple[list[_Camera], Similarity | None, list[str]]:
     """The cameras of one component, whose frame is known best: components have each a frame of their own."""
     components = {camera.component for camera in cameras}
