@@ -133,8 +133,8 @@ def _triangles(points: FloatArray, diameter: float, partners: int) -> IntArray:
     owner, column = np.nonzero(far_enough & (rank <= partners))
     corners = [
         np.column_stack([np.full(len(first), i), mine[first], mine[second]])
-        for i in range(n)
-        for mine in [nearest[i, column[owner == i]]]
+        for i, columns in enumerate(np.split(column, np.searchsorted(owner, np.arange(1, n))))
+        for mine in [nearest[i, columns]]
         for first, second in [np.triu_indices(len(mine), 1)]
     ]
     found = np.sort(np.concatenate(corners), axis=1).astype(np.int64)

@@ -16,16 +16,16 @@ from pomona.self_training.options import AdaptOptions
 
 def adapt(
     surveys: Annotated[list[Path], typer.Argument(metavar="SURVEY...", help="Folders that `pomona run` wrote.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The model file to write: .onnx.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Model file to write: .onnx.")],
     model: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What to begin with (default: the model of the first survey).")
+        Path | None, typer.Option(metavar="FILE", help="Model to start from. Default: that of the first survey.")
     ] = None,
-    steps: Annotated[int, typer.Option(help="Batches to learn from: some minutes on two cores.")] = AdaptOptions.steps,
+    steps: Annotated[int, typer.Option(help="Number of batches: some minutes on two cores.")] = AdaptOptions.steps,
 ) -> None:
-    """Learn from fruits that many photos confirm, or that you corrected or marked (needs the extra `train`).
+    """Train the segmenter on fruits that many photos confirm or you corrected or marked (needs the extra `train`).
 
-    Fruits in photos held out are found before and after; where that is worse, no file is written (exit status 1).
-    After a stop, the same command goes on.
+    It is scored on held-out photos before and after; if it got worse, no file is written (exit status 1). If
+    interrupted, the same command continues.
     """
     try:
         with TerminalProgress() as progress:

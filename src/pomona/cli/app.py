@@ -27,7 +27,7 @@ from pomona.cli.watch import watch
 app = typer.Typer(
     name="pomona",
     help="Photographs of an orchard row in, every fruit out.",
-    epilog="Exit status: 0 done, 1 unusable input, 2 wrong command line, 3 a mistake of Pomona's, 130 Ctrl-C.",
+    epilog="Exit status: 0 done, 1 unusable input, 2 wrong command line, 3 a bug in Pomona, 130 Ctrl-C.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -43,7 +43,7 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Say the version and stop.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Photographs of an orchard row in, every fruit out."""

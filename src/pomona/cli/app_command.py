@@ -11,19 +11,19 @@ from pomona.cli.page import NoBrowser, Port, serve_page
 from pomona.errors import InputError
 
 _SURVEYS = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Where new surveys go. Default: Pomona in your documents.")
+    Path | None, typer.Option(metavar="FOLDER", help="Folder for new surveys. Default: Pomona in your documents.")
 ]
 _PHOTOS = Annotated[
     list[Path] | None,
-    typer.Option(metavar="FOLDER", help="A folder to choose photos from besides your own and memory cards."),
+    typer.Option(metavar="FOLDER", help="A further folder to choose photos from, besides your own and memory cards."),
 ]
 
 
 def app(port: Port = 0, no_browser: NoBrowser = False, surveys: _SURVEYS = None, photos: _PHOTOS = None) -> None:
-    """Make surveys in the browser: choose or drop photos, watch the run, look at the fruits, correct them.
+    """Make surveys in the browser: choose or drop photos, watch the run, view the fruits, correct them.
 
-    The page is served to this computer alone. Ctrl-C, or the page's button, ends it; a run that is at work is stopped
-    then, and goes on another time.
+    The page is served to this computer only. Ctrl-C, or the page's button, ends it; a run in progress is then stopped,
+    and can be continued later.
     """
     from pomona.app.folders import Folders
     from pomona.app.pages import AppServer

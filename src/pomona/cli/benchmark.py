@@ -18,10 +18,10 @@ from pomona.cli.progress import TerminalProgress
 from pomona.datasets.registry import DATASETS, Dataset
 from pomona.datasets.values import BenchmarkOptions
 
-_Root = Annotated[Path, typer.Option("--root", metavar="DIR", help="The folder of the unpacked dataset.")]
-_Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where results and surveys are kept.")]
-_Trees = Annotated[int, typer.Option(metavar="N", help="Trees of the row, where the boxes' files do not say.")]
-_Diameter = Annotated[float, typer.Option(metavar="METRES", help="An average fruit.")]
+_Root = Annotated[Path, typer.Option("--root", metavar="DIR", help="Folder of the unpacked dataset.")]
+_Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder for results and surveys.")]
+_Trees = Annotated[int, typer.Option(metavar="N", help="Number of trees in the row, if the boxes' files do not say.")]
+_Diameter = Annotated[float, typer.Option(metavar="METRES", help="Diameter of an average fruit.")]
 # How each field of `BenchmarkOptions` is called on the command line, and what it is there.
 _OPTIONS = {
     "model": ("model", shared.Model),
@@ -30,7 +30,7 @@ _OPTIONS = {
 }
 
 benchmark = typer.Typer(
-    help="Run Pomona on a public dataset that you have, and set its figures beside the printed ones.",
+    help="Run Pomona on a public dataset that you have, and compare its figures with the printed ones.",
     no_args_is_help=True,
 )
 

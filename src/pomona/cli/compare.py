@@ -16,22 +16,24 @@ from pomona.errors import InputError
 if TYPE_CHECKING:
     from pomona.change import Comparison
 
-_BEFORE = Annotated[Path, typer.Argument(metavar="SURVEY_A", help="The earlier survey: a folder of `pomona run`.")]
+_BEFORE = Annotated[
+    Path, typer.Argument(metavar="SURVEY_A", help="The earlier survey: a folder that `pomona run` wrote.")
+]
 _AFTER = Annotated[Path, typer.Argument(metavar="SURVEY_B", help="The later survey of the same row.")]
 
 
 def compare(
     before: _BEFORE,
     after: _AFTER,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where tables, plot and page go.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder to write: tables, plot and page.")],
     dates: Annotated[
-        str | None, typer.Option(metavar="DAY,DAY", help="YYYY-MM-DD of each, where photos do not say.")
+        str | None, typer.Option(metavar="DAY,DAY", help="Dates of the two (YYYY-MM-DD), if the photos do not say.")
     ] = None,
     as_json: shared.Json = False,
 ) -> None:
     """Find the fruits of one survey in a later one: growth in mm a day, dropped and picked fruit, per tree.
 
-    The two may be in different frames: they are laid over each other by their fruits.
+    The two may be in different frames: they are aligned by their fruits.
     """
     import pomona
 

@@ -15,12 +15,12 @@ from pomona.pipeline import run as run_pipeline
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="The folder to write.")] = Path(
-        "pomona-demo"
-    ),
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what an earlier demo did there.")] = False,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="Folder to write.")] = Path("pomona-demo"),
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")
+    ] = False,
 ) -> None:
-    """Run Pomona on a small sample that comes with it, then say where the report is."""
+    """Run Pomona on the bundled sample, and print where the report is."""
     import pomona
 
     sample = pomona.sample_folder()

@@ -32,24 +32,24 @@ _MATCH = Annotated[
     str,
     typer.Option(
         metavar="auto|centers|boxes|inside|masks",
-        help="What makes a found fruit a true one (inside: its centre in the box; masks: with --detections).",
+        help="What counts as a match (inside: the centre lies in the box; masks: with --detections).",
     ),
 ]
 _DETECTIONS = Annotated[
     bool, typer.Option("--detections", help="Score the detections in photos (AP, Table 2), not the fruits in 3D.")
 ]
 _MIN_SIZE = Annotated[
-    float, typer.Option(metavar="PX", min=0, help="True fruits narrower than this are not scored. [--detections]")
+    float, typer.Option(metavar="PX", min=0, help="Do not score true fruits narrower than this. [--detections]")
 ]
 _MIN_VISIBLE = Annotated[
-    int, typer.Option(metavar="PX", min=0, help="Nor those whose mask has fewer pixels. [--detections]")
+    int, typer.Option(metavar="PX", min=0, help="Do not score true fruits whose mask has fewer pixels. [--detections]")
 ]
 _PICTURES = Annotated[
     Path | None,
     typer.Option(
         metavar="FOLDER",
-        help="Write a page of the fruits that went wrong, with crops of photos and why. With --detections: draw right, "
-        "false and missed detections into photos.",
+        help="Write a page of the fruits that went wrong, with crops of photos and reasons. With --detections: draw "
+        "correct, false and missed detections into photos.",
     ),
 ]
 _WORST = Annotated[
@@ -57,7 +57,7 @@ _WORST = Annotated[
     typer.Option(metavar="N", help="Only the N worst fruits of each kind, or the N worst photos. [--pictures]"),
 ]
 _PHOTOS = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were. [--pictures]")
+    Path | None, typer.Option(metavar="FOLDER", help="Folder of the photos, if they were moved. [--pictures]")
 ]
 
 
@@ -78,7 +78,7 @@ def evaluate(
     pictures: _PICTURES = None,
     worst: _WORST = None,
     photos: _PHOTOS = None,
-    outcomes: Annotated[bool, typer.Option("--outcomes", help="With --json: what became of each fruit.")] = False,
+    outcomes: Annotated[bool, typer.Option("--outcomes", help="With --json: also the outcome of each fruit.")] = False,
     as_json: shared.Json = False,
 ) -> None:
     """Compare the fruits found with the true ones: DR, R, P, FDR, MDR and F1 as the paper defines them.

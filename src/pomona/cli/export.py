@@ -14,18 +14,19 @@ from pomona.export import EXPORT_FORMATS
 
 def export(
     survey: shared.SurveyArgument,
-    to: Annotated[str, typer.Option(metavar="|".join(EXPORT_FORMATS), help="The format that is wanted.")],
+    to: Annotated[str, typer.Option(metavar="|".join(EXPORT_FORMATS), help="Format to write.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="PATH", help="Where to. Default: SURVEY/export/.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="PATH", help="File or folder to write. Default: in SURVEY/export/."),
     ] = None,
     photos: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the photos, if they were moved.")
     ] = None,
 ) -> None:
     """Write fruits, the cloud, masks or cameras for other programs.
 
     Fruits: csv, geojson, gpkg, geoparquet, kml; the cloud: las, laz, ply; masks: coco; cameras: colmap, nerfstudio,
-    metashape; all to look at: rerun.
+    metashape; everything, for viewing: rerun.
     """
     import pomona
 

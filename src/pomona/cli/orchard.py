@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from pomona.orchard import Orchard, OrchardStatus, OrchardSummary
     from pomona.orchard.status import SurveyStatus
 
-_FILE = Annotated[Path, typer.Argument(metavar="ORCHARD.TOML", help="The orchard's surveys, with their options.")]
+_FILE = Annotated[
+    Path, typer.Argument(metavar="ORCHARD.TOML", help="File that lists the orchard's surveys, with their options.")
+]
 _OUT = Annotated[
-    str | None, typer.Option("--out", "-o", metavar="FOLDER|URL", help="Where results go. Default: what the file says.")
+    str | None,
+    typer.Option("--out", "-o", metavar="FOLDER|URL", help="Where to write results. Default: as the file says."),
 ]
 
 
@@ -49,14 +52,15 @@ orchard = typer.Typer(
 def run(
     file: _FILE,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A Dask cluster, tcp://host:8786. Default: this computer.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786. Default: this computer."),
     ] = None,
     out: _OUT = None,
     as_json: shared.Json = False,
 ) -> None:
-    """Make the surveys that are not made yet, compare those of one row, write tables, a map and a report of all.
+    """Make the surveys that are missing, compare those of one row, and write tables, a map and a report of all.
 
-    What is done is not done again; a survey that fails does not stop others. Also: pomona orchard ORCHARD.TOML.
+    Finished work is not repeated; a survey that fails does not stop the others. Also: pomona orchard ORCHARD.TOML.
     """
     from pomona.orchard import run_orchard
 
@@ -76,7 +80,7 @@ def run(
 @orchard.command()
 @reporting_errors
 def status(file: _FILE, out: _OUT = None, as_json: shared.Json = False) -> None:
-    """Say which surveys and comparisons are done, have failed and why, or are missing."""
+    """Show which surveys and comparisons are done, failed (and why) or missing."""
     from pomona.orchard import orchard_status
 
     found = orchard_status(_read(file, out))

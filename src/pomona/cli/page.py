@@ -10,8 +10,8 @@ import typer
 if TYPE_CHECKING:
     from pomona.server import PageServer
 
-Port = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="The port of the page. 0: a free one.")]
-NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Say where the page is, and open nothing.")]
+Port = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Port of the page; 0 chooses a free one.")]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, but do not open it.")]
 
 
 def open_page(url: str, *, no_browser: bool) -> None:

@@ -41,26 +41,28 @@ def run(
     variant: shared.Variant = None,
     sides: shared.Sides = "auto",
     engine: Annotated[
-        str, typer.Option(metavar="auto|opencv|patchmatch", help="What makes the dense cloud; patchmatch needs a GPU.")
+        str, typer.Option(metavar="auto|opencv|patchmatch", help="Engine for the dense cloud; patchmatch needs a GPU.")
     ] = "auto",
-    gnss: Annotated[bool, typer.Option(help="Whether GNSS positions in the photos may set metres and place.")] = True,
+    gnss: Annotated[bool, typer.Option(help="Use the photos' GNSS positions for scale and place.")] = True,
     second_look: Annotated[
-        bool, typer.Option(help="Whether fruits are looked at again in all photos, to place them better.")
+        bool, typer.Option(help="Look at every fruit again in all photos, to place it better.")
     ] = True,
-    scene: Annotated[bool, typer.Option(help="Whether a dense cloud of the whole row is made, to look at.")] = True,
-    filter: Annotated[bool, typer.Option("--filter/--no-filter", help="Whether false fruits are dropped.")] = True,
+    scene: Annotated[bool, typer.Option(help="Make a dense cloud of the whole row for viewing.")] = True,
+    filter: Annotated[bool, typer.Option("--filter/--no-filter", help="Remove fruits that are probably false.")] = True,
     filter_model: Annotated[
-        Path | None, typer.Option(metavar="JSON", help="A support vector machine of your own for that.")
+        Path | None, typer.Option(metavar="JSON", help="Use your own support vector machine for --filter.")
     ] = None,
     adapt: Annotated[
-        bool, typer.Option("--adapt", help="Whether the segmenter learns from the survey, which is then made again.")
+        bool, typer.Option("--adapt", help="Train the segmenter on this survey, then run again with it.")
     ] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what earlier runs did in SURVEY.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")
+    ] = False,
     as_json: shared.Json = False,
 ) -> None:
-    """Find every fruit in photos of a row: where it is, how big, as a table, a map, a cloud and a report.
+    """Find every fruit in photos of a row, with its position and size, as a table, a map, a cloud and a report.
 
-    A run that was stopped goes on where it was; a changed option redoes just what depends on it.
+    An interrupted run continues where it stopped; a changed option recomputes only what depends on it.
     """
     chosen = RunOptions(
         sides=sides,

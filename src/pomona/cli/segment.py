@@ -19,10 +19,12 @@ def segment(
     model: shared.Model = None,
     score_threshold: shared.ScoreThreshold = None,
     sides: shared.Sides = "auto",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Forget what earlier runs did in SURVEY.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")
+    ] = False,
     as_json: shared.Json = False,
 ) -> None:
-    """Find the fruits in each photo, and no more: writes SURVEY/detections.json. `pomona run` goes on from there."""
+    """Only find the fruits in each photo: writes SURVEY/detections.json. `pomona run` continues from there."""
     chosen = RunOptions(sides=sides, model=model, score_threshold=score_threshold)
     summary = with_progress(
         lambda progress: run_pipeline(

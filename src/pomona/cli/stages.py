@@ -12,9 +12,9 @@ from pomona.cli.action import with_progress
 from pomona.cli.summary import show
 from pomona.pipeline import go_on
 
-_DIAMETER = Annotated[float | None, typer.Option(metavar="METRES", help="An average fruit.")]
-_DICTIONARY = Annotated[str | None, typer.Option(metavar="NAME", help="The ArUco dictionary of the markers.")]
-_METHOD = Annotated[str | None, typer.Option(metavar="object|paper", help="How masks become fruits.")]
+_DIAMETER = Annotated[float | None, typer.Option(metavar="METRES", help="Diameter of an average fruit.")]
+_DICTIONARY = Annotated[str | None, typer.Option(metavar="NAME", help="ArUco dictionary of the markers.")]
+_METHOD = Annotated[str | None, typer.Option(metavar="object|paper", help="Method that turns masks into fruits.")]
 
 
 def reconstruct(
@@ -28,9 +28,9 @@ def reconstruct(
     cameras: shared.Cameras = None,
     as_json: shared.Json = False,
 ) -> None:
-    """Find the cameras of a survey and bring them to metres: writes SURVEY/cameras.
+    """Find the cameras of a survey, in metres: writes SURVEY/cameras.
 
-    Options that are not given stay as they were.
+    Options that are not given keep their earlier values.
     """
     changed = {
         "markers": markers,
@@ -50,7 +50,7 @@ def fuse(
     variant: shared.Variant = None,
     as_json: shared.Json = False,
 ) -> None:
-    """Join the detections of a survey's photos into fruits. A method that is given without a variant has none."""
+    """Join the detections of a survey's photos into fruits. --method without --variant resets the variant."""
     changed: dict[str, Any] = _given({"method": method, "variant": variant})
     if method is not None:
         changed["variant"] = variant
@@ -65,7 +65,7 @@ def measure(
     tree_spacing: shared.TreeSpacing = None,
     as_json: shared.Json = False,
 ) -> None:
-    """Measure and weigh the fruits of a survey, bring them to their trees, and write tables, map and cloud."""
+    """Measure and weigh the fruits of a survey, assign them to trees, and write tables, map and cloud."""
     changed = {"fruit": fruit, "weights": weights, "trees": trees, "tree_spacing": tree_spacing}
     _go_on(survey, "results", _given(changed), as_json)
 
@@ -73,16 +73,16 @@ def measure(
 def report(
     survey: shared.SurveyArgument,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Print it to report.pdf, by a Chromium, Chrome or Edge that is installed.")
+        bool, typer.Option("--pdf", help="Also print to report.pdf; needs Chromium, Chrome or Edge.")
     ] = False,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="True fruits: also write report-truth.html, with the paper's scores."),
+        typer.Option(metavar="FILE", help="True fruits: also write report-truth.html with the paper's scores."),
     ] = None,
     packing: shared.Packing = None,
     as_json: shared.Json = False,
 ) -> None:
-    """Write the report of a survey again, doing first what is missing."""
+    """Write the report of a survey again; missing stages are run first."""
     from pomona.report.pdf import write_pdf
     from pomona.survey import SurveyFolder
 

@@ -13,36 +13,42 @@ from pomona.errors import MissingExtraError
 
 
 def synth(
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="ROW", help="The folder to write.")],
-    seed: Annotated[int, typer.Option(help="Other seeds, other trees.")] = 0,
-    trees: Annotated[int, typer.Option(help="Trees in the row.")] = 3,
-    fruits_per_tree: Annotated[int, typer.Option(help="Fruits on a tree.")] = 50,
-    variety: Annotated[str, typer.Option(help="How the fruits look: red, bicolour, green, ...")] = "red",
-    light: Annotated[str, typer.Option(help="noon, sun, low-sun, hazy or overcast.")] = "sun",
-    photos_per_side: Annotated[int, typer.Option(help="Photos of each side.")] = 17,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="ROW", help="Folder to write.")],
+    seed: Annotated[int, typer.Option(help="Random seed: another seed gives other trees.")] = 0,
+    trees: Annotated[int, typer.Option(help="Number of trees in the row.")] = 3,
+    fruits_per_tree: Annotated[int, typer.Option(help="Fruits per tree.")] = 50,
+    variety: Annotated[str, typer.Option(help="Look of the fruits: red, bicolour, green, …")] = "red",
+    light: Annotated[str, typer.Option(help="Light: noon, sun, low-sun, hazy or overcast.")] = "sun",
+    photos_per_side: Annotated[int, typer.Option(help="Photos per side.")] = 17,
     photos_round_end: Annotated[
-        int, typer.Option(metavar="N", help="Photos round the row's end between its sides: above 0, one walk.")
+        int,
+        typer.Option(
+            metavar="N", help="Photos around the end of the row, between its sides; above 0, the row is one walk."
+        ),
     ] = 0,
-    step: Annotated[float, typer.Option(metavar="METRES", help="From photo to photo.")] = 0.22,
-    distance: Annotated[float, typer.Option(metavar="METRES", help="From the photographer to the trunks.")] = 2.8,
-    rough: Annotated[bool, typer.Option("--rough", help="Draw with OpenGL: seconds a photo, not a minute.")] = False,
+    step: Annotated[float, typer.Option(metavar="METRES", help="Distance from photo to photo.")] = 0.22,
+    distance: Annotated[float, typer.Option(metavar="METRES", help="Distance from the camera to the trunks.")] = 2.8,
+    rough: Annotated[
+        bool, typer.Option("--rough", help="Draw with OpenGL: seconds per photo instead of a minute.")
+    ] = False,
     wind: Annotated[
-        float, typer.Option(metavar="METRES", help="How far leaves move between rough photos (standard deviation).")
+        float, typer.Option(metavar="METRES", help="Movement of leaves between photos (standard deviation). [--rough]")
     ] = 0.0,
     days_later: Annotated[
-        int, typer.Option(metavar="DAYS", help="The row of this seed so many days later, walked along again.")
+        int, typer.Option(metavar="DAYS", help="Render the row of this seed DAYS later, on another walk along it.")
     ] = 0,
     grow_mm: Annotated[
-        float, typer.Option(metavar="MM", help="By how much fruits have grown since. [--days-later]")
+        float, typer.Option(metavar="MM", help="Mean growth of the fruits since then. [--days-later]")
     ] = 0.0,
     grow_sd_mm: Annotated[
-        float, typer.Option(metavar="MM", help="How different they are in it (standard deviation). [--days-later]")
+        float, typer.Option(metavar="MM", help="Standard deviation of the growth. [--days-later]")
     ] = 0.0,
     drop_share: Annotated[
-        float, typer.Option(metavar="SHARE", help="Of the fruits, so many are gone since, from 0 to 1. [--days-later]")
+        float,
+        typer.Option(metavar="SHARE", help="Share of fruits that are gone since then, from 0 to 1. [--days-later]"),
     ] = 0.0,
 ) -> None:
-    """Render a row of apple trees from both sides, every fruit and camera known (needs the extra `synth`)."""
+    """Render a row of apple trees from both sides, with every fruit and camera known (needs the extra `synth`)."""
     from pomona.synth import RowOptions, render_row
 
     options = RowOptions(

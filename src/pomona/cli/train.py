@@ -26,42 +26,53 @@ def train(
         list[Path], typer.Argument(metavar="DATA...", help="Folders of labelled photos, or rendered rows.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The model file to write: .onnx, or .pt for Mask R-CNN.")
+        Path, typer.Option("--out", "-o", metavar="FILE", help="Model file to write: .onnx, or .pt for Mask R-CNN.")
     ],
     arch: Annotated[
-        str | None, typer.Option(metavar=_ARCHS, help="The network; center-lite0 where no preset says otherwise.")
+        str | None, typer.Option(metavar=_ARCHS, help="Network. Default: center-lite0, or that of --preset.")
     ] = None,
     weights: Annotated[
-        str | None, typer.Option(metavar="coco|imagenet|none|FILE", help="What to start from (default: the best).")
+        str | None,
+        typer.Option(metavar="coco|imagenet|none|FILE", help="Initial weights. Default: the best for the network."),
     ] = None,
     preset: Annotated[
-        str | None, typer.Option(metavar="paper", help="The paper's Mask R-CNN: R101, its rate, 18 epochs, flips only.")
+        str | None,
+        typer.Option(metavar="paper", help="The paper's Mask R-CNN: R101, its learning rate, 18 epochs, flips only."),
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(help="Batches to learn from: 2000; an hour on two cores for center-lite0.")
+        int | None, typer.Option(help="Number of batches (2000): an hour on two cores for center-lite0.")
     ] = None,
-    epochs: Annotated[int | None, typer.Option(help="Passes over the photos, instead of steps.")] = None,
-    batch: Annotated[int | None, typer.Option(help="Crops in a batch.")] = None,
-    crop: Annotated[int | None, typer.Option(metavar="PX", help="Width and height of crops.")] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="The highest rate.")] = None,
+    epochs: Annotated[int | None, typer.Option(help="Number of passes over the photos, instead of --steps.")] = None,
+    batch: Annotated[int | None, typer.Option(help="Crops per batch.")] = None,
+    crop: Annotated[int | None, typer.Option(metavar="PX", help="Width and height of the crops.")] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="Highest learning rate.")] = None,
     copy_paste: Annotated[
-        float | None, typer.Option(metavar="0..1", help="Share of crops into which fruits of other photos are pasted.")
+        float | None,
+        typer.Option(metavar="0..1", help="Share of crops into which fruits from other photos are pasted."),
     ] = None,
-    check_every: Annotated[int | None, typer.Option(metavar="STEPS", help="How often to measure (250).")] = None,
+    check_every: Annotated[
+        int | None, typer.Option(metavar="STEPS", help="Steps between checks on held-out photos (250).")
+    ] = None,
     patience: Annotated[
-        int | None, typer.Option(metavar="CHECKS", help="End early after so many without anything better.")
+        int | None, typer.Option(metavar="CHECKS", help="Stop early after CHECKS checks without improvement.")
     ] = None,
-    held_out: Annotated[float, typer.Option(metavar="0..1", help="Share of photos kept aside to measure on.")] = 0.15,
+    held_out: Annotated[float, typer.Option(metavar="0..1", help="Share of photos held out to measure on.")] = 0.15,
     split_by: Annotated[
-        str, typer.Option(metavar="folders|photos", help="Keep the sides that DATA names (train, val), or split anew.")
+        str,
+        typer.Option(metavar="folders|photos", help="Keep the split that DATA has (train, val), or split by photos."),
     ] = "folders",
     classes: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="The classes that are fruit (default: all).")
+        str | None, typer.Option(metavar="NAME,NAME", help="Classes that are fruit. Default: all.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes that make crops (1); more help beside a GPU.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Another number, another course of chance.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that prepare crops (1); more are useful with a GPU.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Random seed.")] = None,
 ) -> None:
-    """Train a segmenter on your labelled photos (needs the extra `train`); after a stop, the same command goes on."""
+    """Train a segmenter on your labelled photos (needs the extra `train`).
+
+    If interrupted, the same command continues.
+    """
     try:
         from pomona.train import options_for
         from pomona.train import train as train_segmenter

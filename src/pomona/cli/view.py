@@ -11,12 +11,12 @@ from pomona.cli import options as shared
 from pomona.cli.page import NoBrowser, Port, serve_page
 from pomona.cli.progress import TerminalProgress
 
-_PHOTOS = Annotated[Path | None, typer.Option(metavar="FOLDER", help="Where the photos are, if not where they were.")]
+_PHOTOS = Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder of the photos, if they were moved.")]
 _TRUTH = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="True fruits, as for `pomona evaluate`: shown beside the result.")
+    Path | None, typer.Option(metavar="FILE", help="True fruits, as for `pomona evaluate`, to show beside the result.")
 ]
 _EXPORT = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Write a folder that opens from disk instead, with photos.")
+    Path | None, typer.Option(metavar="FOLDER", help="Instead, write a folder with photos that opens from disk.")
 ]
 
 
@@ -28,9 +28,9 @@ def view(
     truth: _TRUTH = None,
     export: _EXPORT = None,
 ) -> None:
-    """Look at a survey in the browser, and correct it: every fruit in 3D, and the photos that saw it. Ctrl-C ends it.
+    """View and correct a survey in the browser: every fruit in 3D, and the photos that saw it. Ctrl-C ends it.
 
-    The page is served to this computer alone. With --export, a folder is written instead that needs no server.
+    The page is served to this computer only. With --export, a folder is written instead that needs no server.
     """
     import pomona
 

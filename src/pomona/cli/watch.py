@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from pomona.live.checks import Hint
 
 _FOLDER = Annotated[
-    Path, typer.Argument(metavar="PHOTOS", help="The folder that photos arrive in; two folders in it are two sides.")
+    Path, typer.Argument(metavar="PHOTOS", help="Folder in which photos arrive; two folders in it are the two sides.")
 ]
-_UNTIL = Annotated[int | None, typer.Option(metavar="N", help="So many photos are all.")]
-_IDLE = Annotated[float | None, typer.Option(metavar="MINUTES", help="So long without a photo is the end.")]
+_UNTIL = Annotated[int | None, typer.Option(metavar="N", help="Stop after N photos.")]
+_IDLE = Annotated[float | None, typer.Option(metavar="MINUTES", help="Stop after MINUTES without a new photo.")]
 _HOST = Annotated[
     str,
     typer.Option(
         metavar="ADDRESS",
-        help="Show the page to others in the network, such as a phone: 0.0.0.0, or an address of this computer. Only "
-        "those who know the address with its token see it.",
+        help="Show the page to other devices in the network, such as a phone: 0.0.0.0, or an address of this computer. "
+        "Only those who know the address with its token can see it.",
     ),
 ]
 
@@ -61,10 +61,10 @@ def watch(
     sides: shared.Sides = "auto",
     as_json: shared.Json = False,
 ) -> None:
-    """Count while photos arrive in a folder, and say at once what is the matter with one; then make the survey.
+    """Count while photos arrive in a folder, and say at once what is wrong with a photo; then make the survey.
 
-    The page in the browser follows by itself. Ctrl-C, its button, --until or --idle end the watch; the survey is then
-    made as `pomona run` makes it, which finds most of the work done.
+    The page in the browser updates itself. Ctrl-C, its button, --until or --idle end the watch; then the survey is made
+    as by `pomona run`, with most of the work already done.
     """
     from pomona.live import Watch, WatchOptions, WatchServer
 

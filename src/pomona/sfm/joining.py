@@ -7,8 +7,10 @@ third photo sees fix how far.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -28,6 +30,8 @@ _LEAST_ANGLE = np.radians(1.0)
 # Distances that single points give may differ by so much (median deviation, relative).
 _MOST_SPREAD = 0.25
 
+_RelativePose = tuple[FloatArray, IntArray]
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -36,6 +40,26 @@ class Scene:
     overlaps: Sequence[Overlap]
     rays: Sequence[FloatArray]
     focals_px: FloatArray
+    _relative: dict[tuple[int, int], _RelativePose | None] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def overlaps_of(self) -> Mapping[int, Sequence[Overlap]]:
+        """The overlaps of each photo that has some, in their order."""
+        of_photo = defaultdict[int, list[Overlap]](list)
+        for overlap in self.overlaps:
+            of_photo[overlap.first].append(overlap)
+            of_photo[overlap.second].append(overlap)
+        return of_photo
+
+    def relative_pose(self, overlap: Overlap) -> _RelativePose | None:
+        """Return the second photo's pose [R | t], |t| = 1, in the first one's frame, and the matches (k, 2) that agree.
+
+        None where few agree. It is found once for each overlap, and each way that it is turned.
+        """
+        pair = overlap.first, overlap.second
+        if pair not in self._relative:
+            self._relative[pair] = _relative_pose(overlap, self)
+        return self._relative[pair]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +102,8 @@ def join_groups(groups: Sequence[Group], scene: Scene) -> list[Group]:
 def _join(base: Group, other: Group, scene: Scene) -> tuple[float, Group] | None:
     """Return both as one, and the weight of the matches by which; None where matches do not bring them together."""
     ours, theirs = base.poses.keys(), other.poses.keys()
-    across = [_from(o, ours) for o in scene.overlaps if {o.first, o.second} & ours and {o.first, o.second} & theirs]
+    of_theirs = {id(o): o for photo in theirs for o in scene.overlaps_of.get(photo, ())}.values()
+    across = [_from(overlap, ours) for overlap in of_theirs if {overlap.first, overlap.second} & ours]
     best = None
     for overlap in across:
         similarity = _similarity(base, other, overlap, scene)
@@ -132,7 +157,7 @@ def _rays(overlap: Overlap, scene: Scene) -> tuple[FloatArray, FloatArray]:
 
 def _similarity(base: Group, other: Group, overlap: Overlap, scene: Scene) -> Similarity | None:
     """Return `base_from_other` from the matches of one photo of each (the first is the base's), or None."""
-    relative = _relative_pose(overlap, scene)
+    relative = scene.relative_pose(overlap)
     if relative is None:
         return None
     pose, idx = relative
@@ -154,8 +179,7 @@ def _similarity(base: Group, other: Group, overlap: Overlap, scene: Scene) -> Si
     return Similarity(scale, rotation.T @ second[:, :3], rotation.T @ (scale * second[:, 3] - translation))
 
 
-def _relative_pose(overlap: Overlap, scene: Scene) -> tuple[FloatArray, IntArray] | None:
-    """Return the second photo's pose [R | t], |t| = 1, in the first one's frame, and the matches (k, 2) that agree."""
+def _relative_pose(overlap: Overlap, scene: Scene) -> _RelativePose | None:
     if len(overlap.idx) < _LEAST_MATCHES:
         return None
     rays1, rays2 = _rays(overlap, scene)
@@ -177,8 +201,8 @@ def _known_depths(group: Group, photo: int, keypoints: IntArray, scene: Scene) -
     Of several, that under the widest angle.
     """
     depths, angles = np.full(len(scene.rays[photo]), np.nan), np.zeros(len(scene.rays[photo]))
-    for overlap in scene.overlaps:
-        if photo not in (overlap.first, overlap.second) or not {overlap.first, overlap.second} <= group.poses.keys():
+    for overlap in scene.overlaps_of.get(photo, ()):
+        if not {overlap.first, overlap.second} <= group.poses.keys():
             continue
         forward = _from(overlap, {photo})
         poses = group.poses[photo], group.poses[forward.second]

@@ -132,12 +132,12 @@ def _seen(fruits: Fruits, observations: Observations, cameras: Cameras) -> BoolA
 
 def _in_picture(fruits: Fruits, cameras: Cameras, seen: BoolArray) -> BoolArray:
     """Return in which photos the middle of each fruit lies (n, p), unless these were taken from much farther away."""
-    in_picture = np.zeros(seen.shape, bool)
-    for j in range(len(cameras)):
+    in_picture, away = np.zeros(seen.shape, bool), np.zeros(seen.shape, np.float32)
+    for j, center in enumerate(cameras.centers_in_world):
         xy_px, _ = cameras.project(j, fruits.centers_in_world)
         lens = cameras.intrinsics_of(j)
         in_picture[:, j] = ((xy_px > 0) & (xy_px < [lens.width_px, lens.height_px])).all(axis=1)
-    away = np.linalg.norm(fruits.centers_in_world[:, None] - cameras.centers_in_world[None], axis=2)
+        away[:, j] = np.linalg.norm(fruits.centers_in_world - center, axis=1)
     if not seen.any():
         return in_picture
     near: BoolArray = away < _FARTHER * np.median(away[seen])
