@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import unicodedata
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -119,6 +121,27 @@ def test_camera_folders_are_no_sides(tmp_path: Path) -> None:
 def test_sides_by_names(stems: list[str], sides: list[str] | None) -> None:
     expected = ["left"] * 3 + ["right"] * 3 if sides is None else sides
     assert sides_by_names([f"{stem}.jpg" for stem in stems]) == (tuple(expected) or None)
+
+
+def test_accents_are_letters_however_they_are_encoded() -> None:
+    for form in ("NFC", "NFD"):
+        names = [unicodedata.normalize(form, f"{side}_{k}.jpg") for side in ("Nord", "Süd") for k in range(3)]
+        assert sides_by_names(names) == ("nord",) * 3 + ("süd",) * 3
+
+
+def test_sub_folders_that_may_not_be_read_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for i in range(2):
+        write_photo(tmp_path / f"{i}.jpg", (60, 40), seed=i)
+    (tmp_path / "lost+found").mkdir()
+    real = Path.iterdir
+
+    def iterdir(path: Path) -> Iterator[Path]:
+        if path.name == "lost+found":
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    assert load_photos([tmp_path]).names == ("0.jpg", "1.jpg")
 
 
 def test_sides_by_globs_take_their_literal_names() -> None:
@@ -285,6 +308,19 @@ def test_16_bit_grey_becomes_8_bit_colour(tmp_path: Path) -> None:
     pixels = read_pixels(load_photos([tmp_path]).items[0])
     assert pixels.shape == (64, 64, 3)
     assert np.array_equal(pixels[:, :, 0], grey >> 8)
+
+
+@pytest.mark.parametrize(
+    ("kind", "brightest", "expected"), [(np.uint16, 4095, 255), (np.uint16, 1023, 255), (np.float32, 1.0, 255)]
+)
+def test_grey_of_other_depths_is_as_bright(tmp_path: Path, kind: type, brightest: float, expected: int) -> None:
+    grey = np.linspace(0, brightest, 64 * 64).reshape(64, 64).astype(kind)
+    for i in range(2):
+        Image.fromarray(grey).save(tmp_path / f"{i}.tif")
+    pixels = read_pixels(load_photos([tmp_path]).items[0])[:, :, 0].astype(int)
+    assert pixels.min() == 0
+    assert pixels.max() == expected
+    assert np.abs(pixels - np.linspace(0, 255, 64 * 64).reshape(64, 64)).max() <= 1
 
 
 def test_a_file_that_breaks_after_loading_is_named(tmp_path: Path) -> None:

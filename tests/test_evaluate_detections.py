@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import unicodedata
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from pomona.cli.app import app
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.evaluate.detections import (
     DetectionScores,
     DetectionTruth,
@@ -265,6 +266,30 @@ def test_names_that_fit_several_photos_are_refused() -> None:
     with pytest.raises(InputError, match="both fit the photo"):
         pair_names(["a/1.png", "b/1.png"], ["c/1.jpg"])
     assert pair_names(["2"], ["1.jpg"]) == {}
+
+
+def test_dots_and_accents_of_names_are_no_suffixes() -> None:
+    photo = "2024-05-01 12.34.56.jpg"
+    assert pair_names(["2024-05-01 12.34.56"], [photo]) == {"2024-05-01 12.34.56": photo}
+    assert pair_names(["2024-05-01 12.34.56.TXT"], [photo]) == {"2024-05-01 12.34.56.TXT": photo}
+    assert pair_names(["frame_1.5"], ["frame_1.jpg"]) == {}
+    composed, parted = (unicodedata.normalize(form, "Süd_1.jpg") for form in ("NFC", "NFD"))
+    assert composed != parted
+    assert pair_names([composed], [parted]) == {composed: parted}
+
+
+@pytest.mark.parametrize("label", ["a.txt", "A.XML", "all.csv", "coco.json"])
+def test_photos_with_labels_beside_them_are_no_masks(tmp_path: Path, label: str) -> None:
+    grey = np.linspace(0, 255, WIDTH * HEIGHT).reshape(HEIGHT, WIDTH).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), grey)
+    (tmp_path / "readme.txt").write_text("masks of fruits")
+    assert read_detection_truth(tmp_path).total > 200
+    (tmp_path / label).write_text("0 0.5 0.5 0.2 0.2\n" if label == "a.txt" else "")
+    if label == "a.txt":
+        assert read_detection_truth(tmp_path).total == 1
+    else:
+        with pytest.raises(PomonaError):
+            read_detection_truth(tmp_path)
 
 
 def test_fruit_ids_become_masks() -> None:

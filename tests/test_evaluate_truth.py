@@ -25,6 +25,23 @@ def test_a_rows_truth_is_read_with_what_can_be_seen(tmp_path: Path) -> None:
         assert visible.tolist() == [True, False]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '"id","x","y","z","diameter"\n3,0.5,0,1,0.08\n7,1,0,1,0.07\n',
+        "id;x;y;z;diameter\n3;0,5;0;1;0,08\n7;1;0;1;0,07\n",
+        "ID\tX\tY\tZ\tDIAMETER\tTREE\n3\t0.5\t0\t1\t0.08\t\n7\t1\t0\t1\t0.07\t\n",
+    ],
+)
+def test_tables_of_spreadsheets_are_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "fruits.csv").write_text(text)
+    truth = read_truth(tmp_path)
+    assert truth.ids.tolist() == [3, 7]
+    assert truth.centers_in_world.tolist() == [[0.5, 0, 1], [1, 0, 1]]
+    assert truth.diameters_m.tolist() == [0.08, 0.07]
+    assert truth.tree_ids.tolist() == [0, 0]
+
+
 def test_without_visible_pixels_only_all_fruits_are_scored(tmp_path: Path) -> None:
     (tmp_path / "fruits.csv").write_text("id,x,y,z,diameter\n1,0,0,1,0.08\n")
     truth = read_truth(tmp_path)

@@ -153,6 +153,8 @@ def test_nothing_is_known_of_unknown_trees() -> None:
         ("id,x\n1,0\n", "y missing"),
         ("id,x,y\n", "at least one tree below the header"),
         ("id,x,y\n1,zero,0\n", "line 2, column x: expected a number, found 'zero'"),
+        ('id,x,y\n1,"512,345",0\n', "line 2, column x: expected a number, found '512,345'"),
+        ("id;x;y\n1;1,234;0.5\n", "line 2, column x: expected a number, found '1,234'"),
     ],
 )
 def test_a_table_of_trunks_that_cannot_be_is_refused(tmp_path: Path, text: str, expected: str) -> None:
@@ -160,6 +162,23 @@ def test_a_table_of_trunks_that_cannot_be_is_refused(tmp_path: Path, text: str, 
     path.write_text(text)
     with pytest.raises(FormatError, match=expected):
         read_trunks(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "id;x;y\r\n1;0,5;2\r\n;;\r\n2;1,5;-2,25\r\n;;\r\n".encode("utf-8-sig"),
+        b"sep=;\nID;X;Y\n1;0,5;2\n2;1,5;-2,25\n",
+        "id\tx\ty\n1\t0.5\t2\n2\t1.5\t-2.25\n".encode("utf-16"),
+        "id,x,y,who\n1,0.5,2,Jürg\n2,1.5,-2.25,\n".encode("cp1252"),
+    ],
+    ids=["emptied rows", "sep", "UTF-16", "Windows"],
+)
+def test_tables_of_spreadsheets_are_read(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "trees.csv").write_bytes(content)
+    trunks = read_trunks(tmp_path / "trees.csv")
+    assert trunks.ids.tolist() == [1, 2]
+    assert trunks.xy_in_world.tolist() == [[0.5, 2], [1.5, -2.25]]
 
 
 def test_trunks_of_another_frame_are_refused(tmp_path: Path) -> None:

@@ -80,11 +80,37 @@ def test_no_cameras_are_a_valid_result(tmp_path: Path) -> None:
     assert len(read_colmap(tmp_path / "c", SURVEY)) == 0
 
 
-def test_names_may_have_spaces_and_folders(tmp_path: Path) -> None:
-    names = tuple(f"east side/IMG {i}.jpg" for i in range(5))
+@pytest.mark.parametrize("begin", ["east side/IMG ", " IMG ", "\N{NO-BREAK SPACE}IMG", "# "])
+def test_names_may_have_spaces_and_folders(tmp_path: Path, begin: str) -> None:
+    names = tuple(f"{begin}{i}.jpg" for i in range(5))
     survey = Photos(tuple(replace(photo, name=name) for photo, name in zip(photos(5), names, strict=True)))
     write_colmap(tmp_path / "c", replace(some_cameras(), photos=names), survey)
     assert read_colmap(tmp_path / "c", survey).photos == names
+
+
+def test_colmap_reads_names_with_spaces_from_the_binary_model(tmp_path: Path) -> None:
+    names = tuple(f"my photo {i}.jpg" for i in range(5))
+    survey = Photos(tuple(replace(photo, name=name) for photo, name in zip(photos(5), names, strict=True)))
+    cameras = replace(some_cameras(), photos=names)
+    write_colmap(tmp_path / "c", cameras, survey, binary=True)
+    read = pycolmap.Reconstruction(tmp_path / "c")
+    assert sorted(image.name for image in read.images.values()) == sorted(names)
+    for name, pose in zip(names, cameras.cam_from_world, strict=True):
+        (image,) = (each for each in read.images.values() if each.name == name)
+        np.testing.assert_allclose(image.cam_from_world().matrix(), pose, atol=1e-12)
+    for k, place in enumerate(cameras.points_in_world):
+        np.testing.assert_allclose(read.points3D[k + 1].xyz, place)
+        assert read.points3D[k + 1].track.length() == (cameras.track_point_idx == k).sum()
+    for file in ("cameras.txt", "images.txt", "points3D.txt"):
+        (tmp_path / "c" / file).unlink()
+    ours = read_colmap(tmp_path / "c", survey)
+    np.testing.assert_allclose(ours.cam_from_world, cameras.cam_from_world, atol=1e-12)
+    np.testing.assert_array_equal(ours.track_xy_px, read_colmap_text(tmp_path, cameras, survey).track_xy_px)
+
+
+def read_colmap_text(folder: Path, cameras: Cameras, survey: Photos) -> Cameras:
+    write_colmap(folder / "text", cameras, survey)
+    return read_colmap(folder / "text", survey)
 
 
 def test_a_model_of_another_tool_has_no_frame(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ class PhotoNames:
     """The names of photos, to look up what other programs call them.
 
     A name means the photo of that very name; else the one with the same end of the path, without suffix and in any
-    letter case: the last three parts, two, or the stem alone.
+    letter case: the last three parts, two, or the stem alone. Accents are the same however they are encoded.
     """
 
     def __init__(self, photos: Sequence[str]) -> None:
@@ -74,7 +75,7 @@ def _by(form: Callable[[str], str], photos: Sequence[str]) -> dict[str, list[str
 
 
 def _whole(name: str) -> str:
-    return PurePosixPath(name.replace("\\", "/")).as_posix()
+    return PurePosixPath(unicodedata.normalize("NFC", name.replace("\\", "/"))).as_posix()
 
 
 def _end(parts: int) -> Callable[[str], str]:
@@ -82,9 +83,17 @@ def _end(parts: int) -> Callable[[str], str]:
 
     def form(name: str) -> str:
         path = PurePosixPath(_whole(name))
-        return "/".join([*path.parts[:-1], path.stem][-parts:]).lower()
+        # What stands behind the last dot of a name without suffix is no suffix: 12.34.56.
+        stem = path.stem if path.suffix.lower() in _SUFFIXES else path.name
+        return "/".join([*path.parts[:-1], stem][-parts:]).lower()
 
     return form
 
 
+# Of photos, and of the files that other programs write for each of them.
+_SUFFIXES = frozenset({
+    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".hif", ".avif",
+    ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw",
+    ".txt", ".json", ".xml", ".csv", ".mat", ".npy", ".npz", ".gif", ".exr", ".pgm", ".ppm",
+})  # fmt: skip
 _FORMS = (_whole, _end(3), _end(2), _end(1))

@@ -46,7 +46,7 @@ def list_photos(folder: Path) -> Listing:
     if not folder.exists():
         raise MissingFileError(f"{folder} does not exist: expected a folder of photos or a video")
     here = _photos_in(folder)
-    below = {child.name: _photos_in(child) for child in _visible(folder) if child.is_dir()}
+    below = {child.name: _photos_below(child) for child in _visible(folder) if child.is_dir()}
     below = {name: files for name, files in below.items() if files}
     if here:
         left_out = [
@@ -74,6 +74,14 @@ def _visible(folder: Path) -> list[Path]:
 
 def _photos_in(folder: Path) -> list[Path]:
     return [p for p in _visible(folder) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
+
+
+def _photos_below(folder: Path) -> list[Path]:
+    """The photos of a sub-folder; none of one that may not be read, as disks have for themselves."""
+    try:
+        return _photos_in(folder)
+    except PermissionError:
+        return []
 
 
 def _raw_notes(folder: Path, photos: list[Path]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pillow_heif
 from PIL import Image, UnidentifiedImageError
 
-from pomona.arrays import Array, ByteArray
+from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.capture.exif import Exif, parse_exif
 from pomona.errors import FormatError, InputError, LostFileError, MissingFileError, is_away
 from pomona.photos import Photo
@@ -20,6 +20,9 @@ from pomona.photos import Photo
 pillow_heif.register_heif_opener()
 # Pillow loads its readers at the first use; here, so that this does not happen in several threads at once.
 Image.init()
+
+# Phones have 200 megapixels by now; Pillow refuses files of twice this number, which would unpack to gigabytes.
+Image.MAX_IMAGE_PIXELS = 250_000_000
 
 # MPO is opened by the reader of JPEG: naming it here makes Pillow fail on every format that follows.
 _FORMATS = ("JPEG", "PNG", "TIFF", "HEIF", "WEBP", "BMP")
@@ -173,12 +176,22 @@ def write_jpeg(path: Path, pixels: ByteArray, *, quality: int = 95) -> None:
 
 
 def _rgb(image: Image.Image) -> ByteArray:
-    """The image as 8-bit RGB as it is stored (16-bit grey loses its lower byte, transparency is dropped)."""
-    if image.mode.startswith("I;16") or image.mode == "I":
-        grey = np.asarray(image, np.int64)
-        grey8 = np.clip(grey >> 8 if grey.max(initial=0) > 255 else grey, 0, 255).astype(np.uint8)
-        return np.repeat(grey8[:, :, None], 3, axis=2)
+    """The image as 8-bit RGB as it is stored (of grey with more bits the highest eight; transparency is dropped)."""
+    if image.mode.startswith("I;16") or image.mode in ("I", "F"):
+        return np.repeat(_of_eight_bits(np.asarray(image, np.float64))[:, :, None], 3, axis=2)
     return np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
+
+
+def _of_eight_bits(grey: FloatArray) -> ByteArray:
+    """Grey values (H, W), as a sensor of 8 to 16 bits counts them, or from 0 to 1, as eight bits.
+
+    How many bits there are is not said, so it is the least even number that holds the brightest value.
+    """
+    brightest = float(np.nanmax(grey, initial=0.0))
+    if 0 < brightest <= 1:
+        return np.asarray(np.nan_to_num(np.clip(255 * grey, 0, 255)), np.uint8)
+    bits = next((bits for bits in (8, 10, 12, 14) if brightest < 2**bits), 16)
+    return np.asarray(np.nan_to_num(np.clip(grey / 2 ** (bits - 8), 0, 255)), np.uint8)
 
 
 def _grey(image: Image.Image) -> ByteArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -35,7 +36,10 @@ def sides_by_names(names: Sequence[str]) -> tuple[str, ...] | None:
     There are two sides where a word of every name takes exactly two values, each in at least three photos: known pairs
     such as east and west anywhere in the name, any other pair at its beginning (except words that cameras begin with).
     """
-    tokens = [re.findall(r"[^\W\d_]+|\d+", PurePosixPath(name).stem.casefold()) for name in names]
+    tokens = [
+        re.findall(r"[^\W\d_]+|\d+", PurePosixPath(unicodedata.normalize("NFC", name)).stem.casefold())
+        for name in names
+    ]
     for position in range(min((len(t) for t in tokens), default=0)):
         words = [t[position] for t in tokens]
         counts = Counter(words)

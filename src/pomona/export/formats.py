@@ -122,7 +122,7 @@ def _colmap(source: ExportSource, path: Path) -> None:
     cameras = source.cameras
     photos = source.photos_of(cameras)
     _warn_of_missing_points(source, cameras)
-    write_colmap(path, as_stored(cameras, photos), photos, upright=False)
+    write_colmap(path, as_stored(cameras, photos), photos, upright=False, binary=True)
 
 
 def _nerfstudio(source: ExportSource, path: Path) -> None:

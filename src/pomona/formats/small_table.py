@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,18 +18,22 @@ from pomona.errors import FormatError, MissingFileError
 _GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
 _GREATEST = 1e15  # nothing that is measured is larger, and squares of larger numbers may have no place
 
+_SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # Excel's first line
+_POINT = re.compile(r"[-+]?\d*\.\d*")
+
 
 @dataclass(frozen=True)
 class SmallTable:
     """The rows of a table: `lines` are their numbers in the file, `cells` the texts of each column, by its name.
 
-    `entry` is what a row is.
+    `entry` is what a row is, and `decimal_comma` whether numbers are written as 1,5.
     """
 
     path: Path
     lines: tuple[int, ...]
     cells: dict[str, tuple[str, ...]]
     entry: str
+    decimal_comma: bool = False
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -64,8 +70,7 @@ class SmallTable:
 
     def _number(self, line: int, column: str, cell: str) -> float:
         try:
-            # A comma within a cell is a decimal one, as spreadsheets of many languages write it.
-            value = float(cell.replace(",", ".") if cell.count(",") == 1 and "." not in cell else cell)
+            value = float(cell.replace(",", ".") if self.decimal_comma and cell.count(",") == 1 else cell)
         except ValueError:
             value = math.nan
         if not abs(value) <= _GREATEST:
@@ -91,18 +96,25 @@ def read_small_table(
     wanted = f"a table with the columns {','.join(columns)}"
     if not path.is_file():
         raise MissingFileError(f"{option} {path}: no such file; expected {wanted}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
+    text = _decoded(path.read_bytes())
+    if text is None:
         named = ",".join(columns)
-        raise FormatError(f"{path}: expected a text file (CSV with the columns {named}), found other data") from None
+        raise FormatError(f"{path}: expected a text file (CSV with the columns {named}), found other data")
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
+    separator = None
+    if lines and (said := _SEPARATOR.fullmatch(lines[0][1].strip())):
+        separator = said[1]
+        del lines[0]
     if not lines:
         raise FormatError(f"{path}: the file is empty; expected {wanted}")
-    separator = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
+    separator = separator or separator_of(lines[0][1])
     # Line by line: a quotation mark that nothing closes is of its own line alone.
     header, *rows = (_cells(path, number, line, separator) for number, line in lines)
+    # Spreadsheets keep rows that were emptied.
+    filled = [any(cell.strip() for cell in row) for row in rows]
+    numbers = tuple(number for (number, _), keep in zip(lines[1:], filled, strict=True) if keep)
+    rows = [row for row, keep in zip(rows, filled, strict=True) if keep]
     names = [cell.strip().lower() for cell in header]
     for column, other in (also_called or {}).items():
         if column not in names and other in names:
@@ -116,7 +128,28 @@ def read_small_table(
         raise FormatError(f"{path}: expected at least one {entry} below the header, found none")
     at = {column: names.index(column) for column in [*columns, *optional] if column in names}
     cells = {column: tuple(row[k].strip() if k < len(row) else "" for row in rows) for column, k in at.items()}
-    return SmallTable(path, tuple(number for number, _ in lines[1:]), cells, entry)
+    # Where a comma parts cells, or others have a point, one within a number may stand after the thousands.
+    decimal_comma = separator != "," and not any(_POINT.fullmatch(cell) for column in cells.values() for cell in column)
+    return SmallTable(path, numbers, cells, entry, decimal_comma)
+
+
+def separator_of(header: str) -> str:
+    """Return what parts the cells of a table, by its first line: a semicolon, a tab or a comma."""
+    return ";" if ";" in header else "\t" if "\t" in header else ","
+
+
+def _decoded(content: bytes) -> str | None:
+    """The text of a file as spreadsheets write it: UTF-8, UTF-16 that says so, or Windows' own; None of other data."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings: tuple[str, ...] = ("utf-16",)
+    else:
+        encodings = ("utf-8-sig",) if b"\0" in content else ("utf-8-sig", "cp1252")
+    for encoding in encodings:
+        try:
+            return content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return None
 
 
 def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:

@@ -19,6 +19,9 @@ from pomona.formats.detections.labelled import LabelledPhoto, classes_of
 from pomona.formats.detections.png_masks import masks_of_ids, read_ids
 from pomona.progress import Progress, Silent, track
 
+_LABEL_SUFFIXES = frozenset({".json", ".csv", ".xml"})
+_OWN_LABEL_SUFFIXES = frozenset({".txt"})
+
 
 @dataclass(frozen=True, eq=False)
 class FoundDetections:
@@ -44,7 +47,7 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
         raise MissingFileError(f"No truth found: expected labels or a folder of masks, but {path} does not exist")
     for folder in (path / "truth" / "masks", path / "masks", path):
         if images := sorted(folder.glob("*.png")):
-            if folder == path and any(path.glob("*.json")):  # photos with labels beside them
+            if folder == path and _are_labelled(images):
                 break
             found = {
                 image.stem: truth_from_ids(image.stem, read_ids(image))
@@ -55,6 +58,15 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
     if len(sets) == 1 and sets[0].kind == "coco":
         return _from_coco(sets[0].files[0], progress)
     return truth_of_sets(path, sets)
+
+
+def _are_labelled(images: Sequence[Path]) -> bool:
+    """Whether these are photos with labels beside them: a file for all of them, or one named as a photo is."""
+    stems = {image.stem for image in images}
+    return any(
+        file.suffix.lower() in _LABEL_SUFFIXES or (file.suffix.lower() in _OWN_LABEL_SUFFIXES and file.stem in stems)
+        for file in images[0].parent.iterdir()
+    )
 
 
 def read_found(path: Path, *, truth: DetectionTruth | None = None, progress: Progress | None = None) -> FoundDetections:

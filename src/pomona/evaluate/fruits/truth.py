@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import read_text
 from pomona.formats.json_file import load_json
+from pomona.formats.small_table import read_small_table, separator_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +88,11 @@ def read_truth(path: Path) -> Truth:
     """
     file = _file_of(Path(path))
     lines = read_text(file, "true fruits").splitlines()
-    header = {name.strip() for name in lines[0].split(",")} if lines else set()
+    header = {name.strip(' "').lower() for name in lines[0].split(separator_of(lines[0]))} if lines else set()
     if header >= set(_FRUIT_COLUMNS):
-        return _with_visible(file, _read_columns(file, lines))
+        return _with_visible(file, _read_columns(file))
     if header >= set(_BOX_COLUMNS):
-        rows = _rows(file, lines, _BOX_COLUMNS, optional=("id", "tree"))
+        rows = _rows(file, _BOX_COLUMNS, optional=("id", "tree"))
         ids, trees = rows[:, 6:].astype(np.int64).T
         return _boxes(file, rows[:, :6], None if (ids == 0).all() else ids, trees)
     return _boxes(file, _read_boxes(file, lines))
@@ -114,24 +114,19 @@ def _file_of(path: Path) -> Path:
     raise MissingFileError(f"No truth found: expected {' or '.join(map(str, tried))}")
 
 
-def _read_columns(file: Path, lines: list[str]) -> Truth:
-    rows = _rows(file, lines, _FRUIT_COLUMNS, optional=("tree",))
+def _read_columns(file: Path) -> Truth:
+    rows = _rows(file, _FRUIT_COLUMNS, optional=("tree",))
     try:
         return Truth(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4], rows[:, 5].astype(np.int64))
     except InputError as error:
         raise FormatError(f"{file}: {error}") from error
 
 
-def _rows(file: Path, lines: list[str], columns: tuple[str, ...], *, optional: tuple[str, ...]) -> FloatArray:
+def _rows(file: Path, columns: tuple[str, ...], *, optional: tuple[str, ...]) -> FloatArray:
     """Return the columns and after them the `optional` ones (0 where they are missing) as (n, all columns)."""
-    table = csv.DictReader(lines, skipinitialspace=True)
-    rows = []
-    for row in table:
-        try:
-            rows.append([float(row[name]) for name in columns] + [float(row.get(name) or 0) for name in optional])
-        except (TypeError, ValueError) as error:
-            raise FormatError(f"{file}, line {table.line_num}: expected numbers, found {row}") from error
-    return np.array(rows, float).reshape(-1, len(columns) + len(optional))
+    table = read_small_table(file, columns, "the truth", "fruit", optional=optional)
+    needed = [table.numbers(name) for name in columns]
+    return np.stack([*needed, *(np.nan_to_num(table.numbers_if_given(name)) for name in optional)], axis=1)
 
 
 def _with_visible(file: Path, truth: Truth) -> Truth:

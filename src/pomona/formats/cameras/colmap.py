@@ -20,6 +20,7 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary_model
+from pomona.formats.cameras.colmap_binary_export import write_binary_model
 from pomona.formats.cameras.colmap_model import assemble
 from pomona.formats.cameras.colmap_text import read_text_model, read_text_poses
 from pomona.formats.cameras.format import CameraFile, CameraFormat
@@ -28,11 +29,12 @@ from pomona.formats.cameras.given import GivenCameras
 from pomona.photos import Photos
 
 
-def write_colmap(folder: Path, cameras: Cameras, photos: Photos, *, upright: bool = True) -> None:
+def write_colmap(folder: Path, cameras: Cameras, photos: Photos, *, upright: bool = True, binary: bool = False) -> None:
     """Write cameras, points and frame to `folder`, which is replaced; image ids are the photos' places in the survey.
 
     `upright` is False where the cameras are of the photos as they are stored (`as_stored`). A folder that was written
-    halfway never bears the name `folder`.
+    halfway never bears the name `folder`. `binary`: the binary model, too, which COLMAP and most others read before the
+    text one, and in which names may have spaces for them.
 
     Raises `InputError` when a camera's photo is not one of `photos`.
     """
@@ -50,6 +52,8 @@ def write_colmap(folder: Path, cameras: Cameras, photos: Photos, *, upright: boo
     _write(part / "cameras.txt", _camera_lines(cameras))
     _write(part / "images.txt", _image_lines(cameras, image_ids, views))
     _write(part / "points3D.txt", _point_lines(cameras, image_ids, views))
+    if binary:
+        write_binary_model(part, cameras, image_ids, views)
     note = {**frame_json(cameras.frame), "upright": upright}
     (part / FRAME_FILE).write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
     shutil.rmtree(folder, ignore_errors=True)

@@ -108,13 +108,14 @@ def _camera(file: _Bytes, index: int) -> tuple[int, FittedLens]:
     return camera_id, colmap_lens(name, width_px, height_px, params, f"{file.path}, camera {camera_id}")
 
 
-_SEEN = np.dtype([("xy", "<f8", 2), ("point", "<u8")])
+SEEN = np.dtype([("xy", "<f8", 2), ("point", "<u8")])
+"""What an image saw: a place in pixels, and the id of the point there."""
 
 
 def _image(file: _Bytes, index: int) -> ColmapImage:
     image_id, *numbers, camera_id = file.take("<I7dI")
     name = file.text()
-    xy_px: FloatArray = file.rows(file.whole(), _SEEN)["xy"].astype(np.float64)
+    xy_px: FloatArray = file.rows(file.whole(), SEEN)["xy"].astype(np.float64)
     return image_of(int(image_id), name, int(camera_id), numbers, xy_px, f"{file.path}, image {index}")
 
 

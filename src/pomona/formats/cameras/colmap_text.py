@@ -5,6 +5,7 @@ Source: https://colmap.github.io/format.html#text-format.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -17,6 +18,10 @@ from pomona.formats.cameras.colmap_models import colmap_lens
 from pomona.formats.cameras.lenses import FittedLens
 
 _T = TypeVar("_T")
+
+
+# What stands before the name, which may itself begin with a space.
+_BEFORE_NAME = re.compile(r"\s*(?:\S+\s+){8}\S+\s")
 
 
 def read_text_model(folder: Path) -> tuple[dict[int, FittedLens], list[ColmapImage], list[ColmapPoint]]:
@@ -57,21 +62,22 @@ def _images(path: Path, *, points: bool) -> Iterator[ColmapImage]:
     """Each image has two lines, of which the second, its points, may be empty."""
     lines = _lines(path)
     for number, line in lines:
-        if line:
+        if line.strip():
             _, seen = next(lines, (number, ""))
             seen = seen if points else ""
             yield _guarded(path, number, lambda where, text=line, xy=seen: _image(text, xy, where))  # type: ignore[misc]
 
 
 def _image(line: str, points: str, where: str) -> ColmapImage:
-    image_id, *numbers, camera_id, name = line.split(maxsplit=9)
+    image_id, *numbers, camera_id = line.split(maxsplit=9)[:9]
+    name = _BEFORE_NAME.sub("", line)
     xy_px = np.array(points.split(), float).reshape(-1, 3)[:, :2]
     return image_of(int(image_id), name, int(camera_id), [float(number) for number in numbers], xy_px, where)
 
 
 def _parsed(path: Path, parse: Callable[[str, str], _T]) -> Iterator[_T]:
     for number, line in _lines(path):
-        if line:
+        if line.strip():
             yield _guarded(path, number, lambda where, text=line: parse(text, where))  # type: ignore[misc]
 
 
@@ -90,9 +96,9 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist: a COLMAP text model has cameras.txt, images.txt, points3D.txt")
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             for number, line in enumerate(file, 1):
                 if not line.startswith("#"):
-                    yield number, line.strip()
+                    yield number, line.rstrip("\r\n")
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: expected UTF-8 text, but {error}") from None

@@ -124,7 +124,13 @@ def _only(cameras: Cameras, kept: Sequence[int]) -> Cameras:
 
 
 def as_stored(cameras: Cameras, photos: Photos) -> Cameras:
-    """Return cameras of the photos as they are stored, before EXIF orientation, as other programs see them."""
+    """Return cameras of the photos as they are stored, before EXIF orientation, as other programs see them.
+
+    Raises `InputError` for photos that their orientation mirrors: no camera sees so.
+    """
     known = photos.by_name()
-    quarters = [_QUARTERS.get(known[name].orientation, 0) if name in known else 0 for name in cameras.photos]
+    mirrored = [name for name in cameras.photos if name in known and known[name].orientation not in _QUARTERS]
+    if mirrored:
+        raise InputError(f"{few(mirrored)}: mirrored by the EXIF orientation, as no camera is: store them unmirrored")
+    quarters = [_QUARTERS[known[name].orientation] if name in known else 0 for name in cameras.photos]
     return turned(cameras, [-q % 4 for q in quarters])
