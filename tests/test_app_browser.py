@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -284,9 +285,20 @@ def test_a_browser_without_webgl_shows_the_row_and_the_table(
     assert view.locator("#fruits tbody tr").count() > 0
 
 
+# Runs as the app starts them, but learning takes a tenth of its steps: minutes less, and the same on the way.
+SHORT_LEARNING = (
+    "import runpy; from pomona.self_training.options import AdaptOptions; "
+    "AdaptOptions.__init__.__kwdefaults__['steps'] = 12; "
+    "runpy.run_module('pomona.cli.leash', run_name='__main__', alter_sys=True)"
+)
+
+
 @pytest.mark.timeout(1500)
-def test_a_survey_learns_from_fruits_marked_by_clicks(page: Any, server: AppServer, tmp_path: Path, row: Path) -> None:
+def test_a_survey_learns_from_fruits_marked_by_clicks(
+    page: Any, server: AppServer, tmp_path: Path, row: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("torch")
+    monkeypatch.setattr(server.service._jobs, "_command", (sys.executable, "-c", SHORT_LEARNING))
     options = RunOptions(markers=row / "markers.csv", scene=False)
     folder = run([row / "east", row / "west"], tmp_path / "surveys" / "row", options).survey
     survey_id = server.service.add(str(folder))

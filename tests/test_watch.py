@@ -349,6 +349,7 @@ def test_others_in_the_network_need_the_token() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1500)
 def test_photos_of_the_sample_one_after_another_give_the_same_fruits(tmp_path: Path) -> None:
     sample, folder = pomona.sample_folder(), tmp_path / "in"
     folder.mkdir()
