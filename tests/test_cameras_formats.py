@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import ntpath
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +28,9 @@ from camera_scenes import (
 )  # fmt: skip
 from pomona.errors import FormatError
 from pomona.formats.cameras.lenses import Lens, fit_lens
+from pomona.formats.cameras.nerfstudio_export import write_nerfstudio
 from pomona.formats.cameras.read import read_cameras
+from pomona.photos import Photos
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -209,3 +213,39 @@ def test_photos_made_smaller(tmp_path: Path) -> None:
     read = read_cameras(written.path, photos_of(scene, 800, 600)).cameras
     inside = ((written.px[0] > 0) & (written.px[0] < [1600, 1200])).all(1)
     np.testing.assert_allclose(read.project(0, scene.points)[0][inside], written.px[0][inside] / 2, atol=0.05)
+
+
+def test_a_text_model_of_colmap_saved_with_a_byte_order_mark(tmp_path: Path) -> None:
+    scene = make_scene(3)
+    written = WRITERS["colmap text"](scene, tmp_path, np.random.default_rng(3))
+    before = read_cameras(written.path, photos_of(scene)).cameras
+    files = [file for file in tmp_path.rglob("*.txt") if file.is_file()]
+    assert len(files) >= 3
+    for file in files:
+        lines = [line for line in file.read_text().splitlines(keepends=True) if not line.startswith("#")]
+        file.write_text("".join(lines), encoding="utf-8-sig")
+    after = read_cameras(written.path, photos_of(scene)).cameras
+    assert after.photos == before.photos
+    np.testing.assert_array_equal(after.cam_from_world, before.cam_from_world)
+
+
+def test_nerfstudio_names_photos_of_another_drive_by_their_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = make_scene(3)
+    written = WRITERS["colmap text"](scene, tmp_path, np.random.default_rng(3))
+    cameras = read_cameras(written.path, photos_of(scene)).cameras
+    photos = Photos(tuple(replace(photo, path=tmp_path / "D" / photo.name) for photo in photos_of(scene)))
+    for photo in photos:
+        photo.path.parent.mkdir(parents=True, exist_ok=True)
+        photo.path.touch()
+
+    def relpath(path: Path, start: Path) -> str:
+        return ntpath.relpath(f"D:/{path}", f"C:/{start}")
+
+    monkeypatch.setattr("pomona.formats.cameras.nerfstudio_export.os.path.relpath", relpath)
+    write_nerfstudio(tmp_path / "out", cameras, photos)
+    frames = json.loads((tmp_path / "out" / "transforms.json").read_text())["frames"]
+    assert [frame["file_path"] for frame in frames] == [
+        (tmp_path / "D" / name).resolve().as_posix() for name in cameras.photos
+    ]

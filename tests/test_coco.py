@@ -276,3 +276,37 @@ def test_files_that_are_no_coco_are_refused(tmp_path: Path) -> None:
     (tmp_path / "x.json").write_text("[1]")
     with pytest.raises(InputError, match=r"expected detections of one of COCO; .*; found none of them"):
         read_detections(tmp_path / "x.json", photos)
+
+
+def test_a_mask_of_nothing_is_left_out_whatever_its_box(tmp_path: Path) -> None:
+    empty = coco_mask.encode(np.zeros((HEIGHT, WIDTH), np.uint8, order="F"))
+    box = coco_mask.toBbox(empty).tolist()
+    assert box == [0, 0, 0, 0]
+    runs = {"size": [HEIGHT, WIDTH], "counts": empty["counts"].decode()}
+    for bbox in (box, [5, 5, 0, 3], None):
+        progress = Silent()
+        path = coco(tmp_path / "d.json", {"bbox": bbox, "segmentation": runs}, {})
+        found = read_detections(path, photos_named("a.jpg"), progress=progress)
+        assert found["a.jpg"].ids.tolist() == [8]
+        assert any("1 annotations cover no pixel and are left out: 7" in text for text in progress.warnings)
+        assert read_coco(path)["a.jpg"].ids.tolist() == [8]
+
+
+def test_a_box_of_zeros_beside_a_mask_is_none(tmp_path: Path) -> None:
+    path = coco(tmp_path / "d.json", {"bbox": [0, 0, 0, 0]})
+    found = read_detections(path, photos_named("a.jpg"))["a.jpg"]
+    assert found.boxes_px is not None
+    assert found.boxes_px.tolist() == [[10, 8, 22, 14]]
+    with pytest.raises(FormatError, match="annotation 7: bbox: expected a positive width and height, found 0 and 0"):
+        read_detections(coco(tmp_path / "d.json", {"bbox": [0, 0, 0, 0], "segmentation": None}), photos_named("a.jpg"))
+
+
+def test_photos_are_listed_once_to_write_detections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = []
+    by_name = Photos.by_name
+    monkeypatch.setattr(Photos, "by_name", lambda photos: listed.append(1) or by_name(photos))
+    names = [f"{k}.jpg" for k in range(30)]
+    none = (), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 4))
+    found = SurveyDetections({name: Detections(name, WIDTH, HEIGHT, *none) for name in names})
+    write_coco(tmp_path / "d.json", photos_named(*names), found)
+    assert len(listed) == 1

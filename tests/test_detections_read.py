@@ -14,6 +14,7 @@ import detection_scenes as scenes
 from detection_scenes import FRUITS, SCENE, WRITERS, scene_photos, whole, written
 from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
+from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.detections.read import read_detections
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
@@ -307,3 +308,141 @@ def check_sound(found: SurveyDetections) -> None:
         assert of_photo.boxes_px is not None
         assert np.isfinite(of_photo.boxes_px).all()
         assert all(0 < mask.area_px <= scenes.WIDTH * scenes.HEIGHT for mask in of_photo.masks)
+
+
+def test_many_results_of_numbered_photos_take_no_search_each() -> None:
+    numbered = GivenPhotos(
+        Photos(tuple(Photo(name=f"{k:06}.jpg", path=Path("x"), width_px=4, height_px=3) for k in range(400)))
+    )
+    with counted() as work:
+        found = [numbered.numbered(k) for k in range(401)]
+    assert [photo.name if photo else None for photo in found] == [*(f"{k:06}.jpg" for k in range(400)), None]
+    assert work.calls < 401 * 40
+
+
+def test_two_photos_of_one_number_are_none() -> None:
+    photos = [Photo(name=f"{name}.jpg", path=Path("x"), width_px=4, height_px=3) for name in ("7", "east/07", "IMG_8")]
+    numbered = GivenPhotos(Photos(tuple(photos)))
+    assert [numbered.numbered(k) for k in (7, 8)] == [None, None]
+
+
+def test_yolo_and_voc_with_suffixes_in_capitals_are_read(tmp_path: Path) -> None:
+    written(tmp_path / "yolo" / "IMG_1.TXT", "0 0.5 0.5 0.2 0.1 0.8\n")
+    assert read_detections(tmp_path / "yolo", scene_photos())["east/IMG_1.JPG"].scores.tolist() == [0.8]
+    box = "<bndbox><xmin>31</xmin><ymin>11</ymin><xmax>50</xmax><ymax>20</ymax></bndbox>"
+    written(
+        tmp_path / "voc" / "IMG_1.XML",
+        f"<annotation><filename>IMG_1.JPG</filename><object><name>apple</name>{box}</object></annotation>",
+    )
+    assert read_detections(tmp_path / "voc", scene_photos()).total == 1
+
+
+def test_scores_of_x_anylabeling_are_read(tmp_path: Path) -> None:
+    def shape(x: float, score: object, **more: object) -> dict[str, object]:
+        points = [[x, 10], [x + 30, 10], [x + 30, 40], [x, 40]]
+        return {"label": "apple", "points": points, "shape_type": "polygon", "score": score} | more
+
+    shapes = [shape(10, 0.75), shape(60, 1), shape(110, None), shape(160, None, group_id=3)]
+    shapes += [shape(200, 0.5, group_id=3), shape(300, 0.25, shape_type="rectangle")]
+    content = {"version": "2.4.4", "imagePath": "IMG_1.JPG", "imageWidth": 400, "imageHeight": 300, "shapes": shapes}
+    progress = Silent()
+    found = read_detections(written(tmp_path / "IMG_1.json", content), scene_photos(), progress=progress)
+    assert found["east/IMG_1.JPG"].scores.tolist() == [0.75, 1, 1, 0.5, 0.25]
+    assert any("1 of 5 detections have no score" in warning for warning in progress.warnings)
+    for wrong in (1.5, "0.9", True):
+        written(tmp_path / "IMG_1.json", content | {"shapes": [shape(10, wrong)]})
+        with pytest.raises(FormatError, match=r"IMG_1\.json: shape 0: score: expected a number from 0 to 1"):
+            read_detections(tmp_path / "IMG_1.json", scene_photos())
+
+
+@pytest.mark.parametrize("name", ["mkdocs.yml", "conda.yaml"])
+@pytest.mark.parametrize("text", ["", "emoji: !!python/name:material.emoji\n", "names: 3\n", "day: 2024-99-99\n"])
+def test_yaml_above_the_detections_of_yolo_is_not_theirs(tmp_path: Path, name: str, text: str) -> None:
+    written(tmp_path / "found" / "IMG_1.txt", "0 0.5 0.5 0.2 0.1 0.8\n")
+    (tmp_path / name).write_text(text)
+    assert read_detections(tmp_path / "found", scene_photos()).total == 1
+    written(tmp_path / "data.yaml", "names: [pear, apple]\n")
+    assert read_detections(tmp_path / "found", scene_photos(), classes=["pear"]).total == 1
+    written(tmp_path / "data.yaml", "names: [pear\n")
+    with pytest.raises(FormatError, match=r"data\.yaml: expected YAML"):
+        read_detections(tmp_path / "found", scene_photos())
+
+
+def test_detections_in_utf16_are_refused_in_words(tmp_path: Path) -> None:
+    path = scenes.coco_file(lambda f: scenes.rle_of(f.pixels))(tmp_path)
+    path.write_text(path.read_text(), encoding="utf-16")
+    for given in (path, tmp_path):
+        with pytest.raises(
+            FormatError, match=r"masks\.json: .*cannot be read: its text is in UTF-16, as PowerShell's >"
+        ):
+            read_detections(given, scene_photos())
+
+
+def test_cvat_in_utf16_is_read(tmp_path: Path) -> None:
+    path = scenes.cvat(tmp_path)
+    path.write_text(path.read_text(), encoding="utf-16")
+    assert read_detections(tmp_path, scene_photos()).total == len(FRUITS)
+
+
+def test_a_file_of_yolo_with_a_byte_order_mark_alone_is_a_photo_without_fruit(tmp_path: Path) -> None:
+    written(tmp_path / "IMG_1.txt", "0 0.5 0.5 0.2 0.1 0.8\n")
+    (tmp_path / "IMG_3.txt").write_bytes(b"\xef\xbb\xbf")
+    progress = Silent()
+    found = read_detections(tmp_path, scene_photos(), progress=progress)
+    assert len(found["west/IMG_3.JPG"].masks) == 0
+    assert any("1 photos have no file and are taken as photos without fruit" in text for text in progress.warnings)
+
+
+def outline(fruit: scenes.Ellipse) -> str:
+    return "0 " + " ".join(f"{x / scenes.WIDTH:g} {y / scenes.HEIGHT:g}" for x, y in fruit.outline())
+
+
+def test_boxes_of_yolo_with_a_confidence_and_a_track(tmp_path: Path) -> None:
+    """As Ultralytics' `save_txt` writes what `track` found; the box is 80 × 60 around the photo's middle."""
+    written(tmp_path / "IMG_1.txt", "0 .5 .5 .2 .2 .9 1\n")
+    progress = Silent()
+    found = read_detections(tmp_path, scene_photos(), progress=progress)["east/IMG_1.JPG"]
+    assert found.scores.tolist() == [0.9]
+    assert found.boxes_px is not None
+    assert found.boxes_px.tolist() == [pytest.approx([160, 120, 240, 180])]
+    assert any("1 annotations are boxes" in warning for warning in progress.warnings)
+    written(tmp_path / "IMG_1.txt", "0 .5 .5 .2 .2 .9 4\n0 .2 .2 .1 .1 .8 1\n")
+    written(tmp_path / "IMG_3.txt", "0 .5 .5 .2 .2 .7 4\n")
+    both = read_detections(tmp_path, scene_photos())
+    assert both["east/IMG_1.JPG"].scores.tolist() == [0.9, 0.8]
+    assert both["west/IMG_3.JPG"].scores.tolist() == [0.7]
+
+
+def test_outlines_of_yolo_with_a_confidence_and_a_track(tmp_path: Path) -> None:
+    """A track's number 1 could be a place, but not beside one of 2 in another photo's file."""
+    first, second = SCENE["east/IMG_1.JPG"][:2]
+    written(tmp_path / "IMG_1.txt", f"{outline(first)} 0.9 1\n")
+    written(tmp_path / "IMG_3.txt", f"{outline(second)} 0.75 2\n")
+    found = read_detections(tmp_path, scene_photos())
+    for name, fruit, score in (("east/IMG_1.JPG", first, 0.9), ("west/IMG_3.JPG", second, 0.75)):
+        assert found[name].scores.tolist() == [score]
+        assert iou(whole(found[name].masks[0]), fruit.pixels) > 0.97
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0 .5 .5 .2 .2 .9 1.0\n",  # a place, written as such
+        "0 .5 .5 .2 .2 .9 1\n1 .1 .1 .4 .1 .4 1\n",  # no two fruits have one number
+        "0 .5 .5 .2 .2 .9 1\n0 .1 .1 .4 .1 .4 .4\n",
+        "0 .5 .5 .2 .2 .9 .3 .5 1\n",  # no box has nine numbers
+    ],
+)
+def test_outlines_of_yolo_that_end_at_the_edge_are_no_tracks(tmp_path: Path, text: str) -> None:
+    written(tmp_path / "IMG_1.txt", text)
+    progress = Silent()
+    found = read_detections(tmp_path, scene_photos(), classes=["0", "1"] if "\n1 " in text else None, progress=progress)
+    assert found["east/IMG_1.JPG"].scores.tolist() == [1.0] * text.count("\n")
+    assert not any("boxes without masks" in warning for warning in progress.warnings)
+
+
+def test_a_whole_number_out_of_place_is_no_track(tmp_path: Path) -> None:
+    for text, said in (("0 .5 .5 .2 .2 95\n", "score: .* found '95'"), ("0 40 30 10 10 60 70\n", "shares")):
+        written(tmp_path / "IMG_1.txt", text)
+        with pytest.raises(FormatError, match=rf"IMG_1\.txt: line 1: .*{said}"):
+            read_detections(tmp_path, scene_photos())

@@ -18,6 +18,7 @@ from pomona.formats.detections.png_masks import read_png_masks
 from pomona.formats.detections.via import read_via_json
 from pomona.formats.detections.via_csv import read_via_csv
 from pomona.formats.detections.yolo import read_yolo
+from pomona.formats.xml_file import load_xml
 
 WIDTH, HEIGHT = 80, 60
 
@@ -525,3 +526,139 @@ def test_files_damaged_anyhow_are_read_or_refused_in_words(tmp_path: Path, name:
             refused.append(str(error))
     assert len(refused) > 40
     assert all(str(tmp_path) in message for message in refused)
+
+
+@pytest.mark.parametrize("places", [("A.JPG", "A.TXT"), ("images/A.JPG", "labels/A.Txt")])
+def test_yolo_with_suffixes_in_capitals(tmp_path: Path, places: tuple[str, str]) -> None:
+    photo(tmp_path / places[0])
+    (tmp_path / places[1]).parent.mkdir(exist_ok=True)
+    (tmp_path / places[1]).write_text("0 0.5 0.5 0.25 0.2\n")
+    (tmp_path / "data.YAML").write_text("names: [apple]\n")
+    (one,) = find_label_sets(tmp_path)
+    (found,) = read_label_set(one, size_of)
+    assert one.kind == "yolo"
+    assert found.name == places[0]
+    assert [fruit.category for fruit in found.fruits] == ["apple"]
+    assert found.fruits[0].box_px == pytest.approx((30, 24, 50, 36))
+
+
+def test_two_files_of_yolo_for_one_photo_are_refused(tmp_path: Path) -> None:
+    photo(tmp_path / "a.jpg")
+    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.25 0.2\n")
+    (tmp_path / "a.TXT").write_text("0 0.2 0.5 0.25 0.2\n")
+    if len(list(tmp_path.iterdir())) < 3:
+        pytest.skip("this disk takes both names for one")
+    with pytest.raises(FormatError, match=r"a\.txt: expected one file of labels a photo, found a\.TXT beside"):
+        read_yolo(tmp_path, size_of)
+
+
+def test_images_of_ids_with_suffixes_in_capitals(tmp_path: Path) -> None:
+    photo(tmp_path / "images" / "A.JPG")
+    (tmp_path / "masks").mkdir()
+    ids = np.zeros((HEIGHT, WIDTH), np.uint8)
+    ids[10:20, 30:50] = 7
+    (tmp_path / "masks" / "A.PNG").write_bytes(cv2.imencode(".png", ids)[1].tobytes())
+    (one,) = find_label_sets(tmp_path)
+    (found,) = read_label_set(one, size_of)
+    assert one.kind == "masks"
+    assert [(fruit.id, fruit.box_px) for fruit in found.fruits] == [(7, (30, 10, 50, 20))]
+
+
+def voc(name: str = "apple", head: str = "") -> str:
+    box = "<bndbox><xmin>31</xmin><ymin>11</ymin><xmax>50</xmax><ymax>20</ymax></bndbox>"
+    return f"{head}<annotation><filename>A.JPG</filename><object><name>{name}</name>{box}</object></annotation>"
+
+
+def test_pascal_voc_with_suffixes_in_capitals(tmp_path: Path) -> None:
+    photo(tmp_path / "A.JPG")
+    (tmp_path / "A.XML").write_text(voc())
+    (one,) = find_label_sets(tmp_path)
+    (found,) = read_label_set(one, size_of)
+    assert one.kind == "voc"
+    assert [fruit.box_px for fruit in found.fruits] == [(30, 10, 50, 20)]
+
+
+def test_labelme_of_a_renamed_photo_with_its_suffix_in_capitals(tmp_path: Path) -> None:
+    photo(tmp_path / "b.JPEG")
+    (tmp_path / "b.json").write_text(labelme("", "gone.jpg"))
+    (found,) = read_labelme([tmp_path / "b.json"], photos_of)
+    assert found.name == "b.JPEG"
+
+
+@pytest.mark.parametrize(
+    ("declared", "stored", "name"),
+    [
+        ("ISO-8859-1", "iso-8859-1", "Äpfel"),
+        ("windows-1252", "cp1252", "„Äpfel“"),
+        ("GBK", "gbk", "苹果"),
+        ("ISO-8859-1", "utf-8", "Äpfel"),  # the declaration is wrong
+        ("utf-8", "utf-8-sig", "Äpfel"),
+        ("", "utf-8", "Äpfel"),
+        ("utf-16", "utf-16", "Äpfel"),
+        ("utf-8", "utf-16", "Äpfel"),  # written by PowerShell, which leaves the declaration as it is
+        ("UTF-16", "utf-16-be", "Äpfel"),
+    ],
+)
+def test_xml_is_read_in_the_encoding_that_it_is_in(tmp_path: Path, declared: str, stored: str, name: str) -> None:
+    photo(tmp_path / "A.JPG")
+    head = f'<?xml version="1.0" encoding="{declared}"?>\n' if declared else ""
+    (tmp_path / "A.xml").write_bytes(voc(name, head).encode(stored))
+    (one,) = find_label_sets(tmp_path)
+    assert one.kind == "voc"
+    assert classes_of(read_label_set(one, size_of)) == (name,)
+
+
+@pytest.mark.parametrize("stored", ["utf-8", "iso-8859-1", "utf-16", "utf-16-le", "utf-16-be", "utf-7"])
+def test_xml_defines_no_entities_in_any_encoding(tmp_path: Path, stored: str) -> None:
+    text = f'<?xml version="1.0" encoding="{stored}"?><!DOCTYPE a [<!ENTITY e "ä">]><a>&e;</a>'
+    # UTF-7 may hide what it says, but then says nothing to the parser.
+    data = text.replace("<!E", "+ADwAIQ-E").encode() + b"\xe4" if stored == "utf-7" else text.encode(stored)
+    (tmp_path / "a.xml").write_bytes(data)
+    with pytest.raises(FormatError, match=r"a\.xml: expected cameras, (found XML that defines|but it cannot be read)"):
+        load_xml(tmp_path / "a.xml", "cameras")
+
+
+@pytest.mark.parametrize("declared", ["", "utf-8", "hex", "punycode", "idna", "klingon"])
+def test_xml_whose_encoding_nobody_knows_is_refused(tmp_path: Path, declared: str) -> None:
+    head = f'<?xml version="1.0" encoding="{declared}"?>' if declared else ""
+    (tmp_path / "a.xml").write_bytes(f"{head}<a>ä</a>".encode("latin-1"))
+    with pytest.raises(FormatError, match=r"a\.xml: expected cameras, but it cannot be read: "):
+        load_xml(tmp_path / "a.xml", "cameras")
+
+
+def test_labels_in_utf16_that_are_no_xml_are_refused_in_words(tmp_path: Path) -> None:
+    photo(tmp_path / "a.jpg")
+    (tmp_path / "labels.json").write_text(COCO, encoding="utf-16")
+    with pytest.raises(FormatError, match=r"labels\.json: .* UTF-16, as PowerShell's > writes it; save it as UTF-8"):
+        find_label_sets(tmp_path)
+    (tmp_path / "labels.json").unlink()
+    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.25 0.2\n", encoding="utf-16")
+    with pytest.raises(FormatError, match=r"a\.txt: .* UTF-16, as PowerShell's > writes it; save it as UTF-8"):
+        read_yolo(tmp_path, size_of)
+
+
+def test_a_file_of_yolo_with_a_byte_order_mark_alone_is_a_photo_without_fruit(tmp_path: Path) -> None:
+    for name, data in (("a", b"\xef\xbb\xbf"), ("b", b"\xff\xfe"), ("c", b"\xef\xbb\xbf0 0.5 0.5 0.25 0.2\n")):
+        photo(tmp_path / f"{name}.jpg")
+        (tmp_path / f"{name}.txt").write_bytes(data)
+    assert [len(found.fruits) for found in read_yolo(tmp_path, size_of)] == [0, 0, 1]
+
+
+def test_yaml_of_other_programs_beside_labels_of_yolo_is_passed_over(tmp_path: Path) -> None:
+    photo(tmp_path / "a.jpg")
+    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.25 0.2\n")
+    (tmp_path / ".pre-commit.yml").write_text("")
+    (tmp_path / "mkdocs.yml").write_text("emoji: !!python/name:material.emoji\n")
+    (tmp_path / "z.yml").write_text("names: [pear]\n")
+    assert classes_of(read_yolo(tmp_path, size_of)) == ("pear",)
+    (tmp_path / "data.yaml").write_text("names: [apple]\n")
+    assert classes_of(read_yolo(tmp_path, size_of)) == ("apple",)
+    (tmp_path / "data.yaml").write_text("")
+    with pytest.raises(FormatError, match=r"data\.yaml: .*the file is empty"):
+        read_yolo(tmp_path, size_of)
+
+
+def test_labels_of_yolo_have_no_track(tmp_path: Path) -> None:
+    photo(tmp_path / "a.jpg")
+    (tmp_path / "a.txt").write_text("0 .5 .5 .2 .2 .9 1\n")
+    assert read_yolo(tmp_path, size_of)[0].fruits[0].mask is not None

@@ -63,6 +63,11 @@ def coco_of(folder: Path, names: list[str], boxes: dict[str, list[list[float]]],
         ("PXL_20230101_123456789", "PXL_20230101_123456789"),
         ("frame_12", "frame_12"),
         ("IMG_0001_3", "IMG_0001"),
+        ("_MG_8067_01", "_MG_8067"),
+        ("row1_001", "row1_001"),
+        ("row1_01", "row1_01"),
+        ("20240512_001", "20240512_001"),
+        ("IMG_0001_0", "IMG_0001"),
         ("DSC_1047_3", "DSC_1047"),
         ("IMG_0001_0_1024", "IMG_0001"),
         ("orchard_512_0", "orchard"),
@@ -350,3 +355,30 @@ def test_weak_masks_are_close_to_true_ones_on_a_rendered_photo(shared_data: Path
         truth = paint(photo, [fruit]) == 1
         iou.append(((labels == k) & truth).sum() / ((labels == k) | truth).sum())
     assert 0.65 < np.mean(iou) < 0.95
+
+
+@pytest.mark.parametrize(
+    ("orientation", "size", "place"),
+    [(3, (60, 40), (12, 30)), (6, (40, 60), (30, 48)), (8, (40, 60), (10, 12))],  # where stored (48, 10) is, upright
+)
+@pytest.mark.parametrize("name", ["a.tif", "a.TIFF", "a.png"])
+def test_a_tiff_that_is_stored_turned_is_kept_upright(
+    tmp_path: Path, name: str, orientation: int, size: tuple[int, int], place: tuple[int, int]
+) -> None:
+    pixels = np.zeros((40, 60, 3), np.uint8)
+    pixels[5:15, 40:56] = (255, 0, 0)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(pixels).save(tmp_path / name, "TIFF", exif=exif)
+    assert size_of(tmp_path / name) == size
+    photo = LabelledPhoto(tmp_path / name, name, *size, (disc(*place, 6, size),))
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s")
+    assert sample.image.parent == tmp_path / "cache"
+    red, labels = sample.pixels(), sample.label_image()
+    assert red.shape[:2] == labels.shape == size[::-1]
+    assert (red[labels == 1, 0] > 150).mean() > 0.9
+
+
+def test_photos_of_a_row_with_padded_numbers_are_not_tiles_of_one() -> None:
+    groups = [group_of(f"row1_{k:03}") for k in range(1, 100)]
+    assert groups == [f"row1_{k:03}" for k in range(1, 100)]

@@ -20,6 +20,7 @@ from pomona.arrays import ByteArray, FloatArray
 from pomona.capture.images import read_header, read_pixels, write_jpeg
 from pomona.detections import Mask
 from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledFruit, LabelledPhoto
+from pomona.formats.files import read_head
 from pomona.photos import Photo
 from pomona.train.samples import IGNORED, Labels, Sample, group_of
 from pomona.train.weak_masks import label_image_from_boxes
@@ -32,7 +33,10 @@ _PART_PX = (1024, 2048)
 _LARGEST_FRUIT_PX = 110.0  # crops show no larger ones: photos that are cut are made smaller to this
 _FEWEST_SEEN = 0.3  # of a fruit's box; less of it in a part is doubtful
 _SMALLEST_BOX_PX = 4.0
-_READ_AS_THEY_ARE = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"})
+# Samples are read by OpenCV, photos elsewhere by Pillow: the first bytes of files of which both give the same pixels.
+# TIFF is not among them: headers give it upright, but of some orientations OpenCV reads nothing.
+_READ_AS_THEY_ARE = (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n", b"BM")
+_RIFF, _WEBP = b"RIFF", b"WEBP"
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,7 @@ def _plan(photo: LabelledPhoto, fruit_px: float | None) -> _Plan:
     width, height = photo.width_px, photo.height_px
     orientation = read_header(photo.path).exif.orientation
     if width * height <= _LARGEST_WHOLE_PX:
-        in_place = orientation == 1 and photo.path.suffix.lower() in _READ_AS_THEY_ARE
+        in_place = orientation == 1 and _is_read_as_it_is(photo.path)
         return _Plan(1.0, ((0, 0, width, height),), in_place, orientation)
     longest = round(max(width, height) * (min(1.0, _LARGEST_FRUIT_PX / fruit_px) if fruit_px else 1.0))
     scale = longest / max(width, height)
@@ -126,6 +130,12 @@ def _plan(photo: LabelledPhoto, fruit_px: float | None) -> _Plan:
     rows = np.linspace(0, height, math.ceil(height / side) + 1).round().astype(int).tolist()
     parts = tuple((x0, y0, x1, y1) for y0, y1 in itertools.pairwise(rows) for x0, x1 in itertools.pairwise(columns))
     return _Plan(scale, parts, False, orientation)
+
+
+def _is_read_as_it_is(path: Path) -> bool:
+    """Whether OpenCV reads the pixels that a photo's header tells of; by the content, as suffixes may be wrong."""
+    head = read_head(path, "a photo", 12)
+    return head.startswith(_READ_AS_THEY_ARE) or (head[:4] == _RIFF and head[8:] == _WEBP)
 
 
 def _scaled(photo: LabelledPhoto, scale: float) -> tuple[int, int]:

@@ -34,11 +34,12 @@ _LETTERED = re.compile(
     r"|(?:tile|patch|crop|slice|part|sub)[_\-]?\d+(?:[_\-]\d+)*)$",
     re.IGNORECASE,
 )
-# SAHI: NAME_X0_Y0_X1_Y1; NAME_X_Y; NAME_K. Offsets and counters are written without leading zeros.
+# SAHI: NAME_X0_Y0_X1_Y1; NAME_X_Y; NAME_K. Offsets and counters are written without leading zeros: row1_001 is a photo
+# of its own. But Fuji-SfM has tiles _MG_8067_01: after the four digits of a camera's own counter, two are a tile's.
 _PLAIN = r"(?:0|[1-9]\d{0,4})"
 _FOUR = re.compile(rf"[_\-]{_PLAIN}[_\-]{_PLAIN}[_\-]{_PLAIN}[_\-]{_PLAIN}$")
 _TWO = re.compile(rf"[_\-]{_PLAIN}[_\-]{_PLAIN}$")
-_ONE = re.compile(r"_\d{1,3}$")
+_ONE = re.compile(r"_(?:0|[1-9]\d{0,2})$|(?<=\D\d{4})_0\d$")
 # Words after which cameras and programs count photos: the number is the photo's.
 _COUNTED = re.compile(
     r"^(?:img|image|dsc[nf]?|_?mg|dji|gopr|pxl|mvi|p|sam|cimg|frame|photo|pic|rgb|vid|video|foto)[_\-]*$", re.IGNORECASE

@@ -29,7 +29,8 @@ POINTS = "sparse_pc.ply"
 def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
     """Write `transforms.json` and `sparse_pc.ply` to `folder`, with paths to the photos relative to it.
 
-    Photos without a file are named as if they lay in `images/` there.
+    Photos without a file are named as if they lay in `images/` there; those on another drive of Windows, to which no
+    relative path leads, by their whole path.
 
     Raises `InputError` where a lens has no polynomial that is near enough.
     """
@@ -58,7 +59,11 @@ def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
 def _path_from(folder: Path, photo: Photo) -> str:
     if not photo.path.is_file():
         return f"images/{photo.name}"
-    return Path(os.path.relpath(photo.path.resolve(), folder.resolve())).as_posix()
+    path = photo.path.resolve()
+    try:
+        return Path(os.path.relpath(path, folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        return path.as_posix()
 
 
 def _lens_json(intrinsics: Intrinsics, name: str) -> dict[str, Any]:

@@ -25,7 +25,8 @@ def write_coco(path: Path, photos: Photos, detections: SurveyDetections) -> None
 
     Raises `InputError` when a photo of the detections is not among `photos`.
     """
-    if unknown := [name for name in detections if name not in photos.by_name()]:
+    known = photos.by_name()
+    if unknown := [name for name in detections if name not in known]:
         raise InputError(f"write_coco: detections of photos that are not in the survey: {', '.join(unknown[:5])}")
     names = [name for name in photos.names if name in detections]
     images = [

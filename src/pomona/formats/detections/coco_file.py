@@ -10,7 +10,7 @@ from typing import Any
 
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
-from pomona.formats.detections.coco_masks import box_of, ellipse_mask, mask_of
+from pomona.formats.detections.coco_masks import box_of, ellipse_mask, has_no_extent, mask_of
 from pomona.formats.json_file import load_json
 
 CATEGORY = "fruit"
@@ -211,10 +211,14 @@ def _shape(
 ) -> tuple[Mask | None, tuple[float, float, float, float] | None, bool]:
     """Mask, box as edges, and whether the mask was made of the box."""
     size = image.width_px, image.height_px
-    box = box_of(entry["bbox"], *size) if entry.get("bbox") else None
+    bbox, segmentation = entry.get("bbox"), entry.get("segmentation")
+    mask = mask_of(segmentation, *size, traced=habits.traced) if segmentation else None
+    if segmentation and has_no_extent(bbox, of_nothing=mask is None):
+        bbox = None
+    box = box_of(bbox, *size) if bbox else None
     edges = (box[0], box[1], box[0] + box[2], box[1] + box[3]) if box else None
-    if entry.get("segmentation"):
-        return mask_of(entry["segmentation"], *size, traced=habits.traced), edges, False
+    if segmentation:
+        return mask, edges, False
     if box is None:
         raise InputError("expected a segmentation or at least a bbox, found neither")
     return ellipse_mask(box, *size), edges, True

@@ -62,6 +62,18 @@ def box_of(bbox: Any, width_px: int, height_px: int) -> tuple[float, float, floa
     return x, y, w, h
 
 
+def has_no_extent(bbox: Any, *, of_nothing: bool) -> bool:
+    """Say whether a `bbox` field beside a mask is not to be read, since it tells of no box.
+
+    The box that pycocotools gives a mask without pixels is 0, 0, 0, 0, which others write for "not known". A box of one
+    side alone is a mistake, but not beside a mask `of_nothing`, where there is nothing to draw it around.
+    """
+    if not _is_numbers(bbox) or len(bbox) != 4:
+        return False
+    width, height = bbox[2:]
+    return bool(min(width, height) <= 0 if of_nothing else width == height == 0)
+
+
 def _mask_of_runs(runs: Mapping[str, Any], width_px: int, height_px: int) -> Mask | None:
     if set(runs) != {"size", "counts"}:
         raise InputError(f"segmentation: expected the fields size and counts, found {_short(sorted(runs))}")

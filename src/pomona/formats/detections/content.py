@@ -2,32 +2,53 @@
 
 from __future__ import annotations
 
+import codecs
 import xml.etree.ElementTree as Xml
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from pomona.errors import FormatError
 from pomona.formats.files import read_head, read_text
 from pomona.formats.json_file import load_json
-from pomona.formats.xml_file import load_xml
+from pomona.formats.xml_file import begins_as_xml, load_xml
 
 EXPECTED = "labels of photos"
 _HEAD_BYTES = 512  # enough for every signature; text has no zero byte there, other files nearly always
 _JPEG = b"\xff\xd8"
+_WIDE_BOMS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_BOMS = (codecs.BOM_UTF8, *_WIDE_BOMS)
+
+
+def is_blank_text(head: bytes) -> bool:
+    """Say whether a file begins with nothing but white space, after the mark of its encoding where it has one."""
+    mark = next((mark for mark in _BOMS if head.startswith(mark)), b"")
+    return not head.removeprefix(mark).strip()
+
+
+def check_not_utf16(path: Path, head: bytes, expected: str) -> None:
+    """Raise `FormatError` of text whose first bytes, `head`, are the mark of UTF-16."""
+    if head.startswith(_WIDE_BOMS):
+        raise FormatError(
+            f"{path}: expected {expected}, but it cannot be read: its text is in UTF-16, as PowerShell's > writes it; "
+            "save it as UTF-8"
+        )
 
 
 class FileContent:
     """A file's first bytes, and its content as JSON, XML or lines of text; each is read once, when it is asked for.
 
-    Of `json`, `xml` and `lines` at most one is there, by the first character. `must_be_text`: without a look at the
-    bytes, so that a file that cannot be read as text is an error.
+    Of `json`, `xml` and `lines` at most one is there, by the first character. `must_be_text`: `head` is empty, so that
+    it is of no format known by its bytes, and a file that cannot be read as text is an error.
 
-    Raises `MissingFileError`, and `FormatError` where the file cannot be read, or is JSON or XML that is broken.
+    Raises `MissingFileError`, and `FormatError` where the file cannot be read, or is JSON or XML that is broken, or
+    text in UTF-16 that is not XML.
     """
 
     def __init__(self, path: Path, *, must_be_text: bool = False) -> None:
         self.path = path
-        self.head = b"" if must_be_text else read_head(path, EXPECTED, _HEAD_BYTES)
+        self._begin = read_head(path, EXPECTED, _HEAD_BYTES)
+        self.head = b"" if must_be_text else self._begin
         self._must_be_text = must_be_text
 
     @property
@@ -38,7 +59,7 @@ class FileContent:
     @property
     def is_blank(self) -> bool:
         """Whether it begins with nothing but white space."""
-        return not self._must_be_text and not self.head.strip()
+        return not self._must_be_text and is_blank_text(self.head)
 
     @cached_property
     def json(self) -> Any:
@@ -48,7 +69,7 @@ class FileContent:
     @cached_property
     def xml(self) -> Xml.Element | None:
         """The root of XML, None of anything else."""
-        return load_xml(self.path, EXPECTED) if self._text.startswith("<") else None
+        return load_xml(self.path, EXPECTED) if self._is_xml or self._text.startswith("<") else None
 
     @cached_property
     def lines(self) -> str:
@@ -64,8 +85,17 @@ class FileContent:
         """The first of `lines`."""
         return self.lines.partition("\n")[0]
 
+    @property
+    def _is_xml(self) -> bool:
+        """Whether it begins as XML, which may be in another encoding than other text."""
+        return begins_as_xml(self._begin)
+
     @cached_property
     def _text(self) -> str:
-        if self.is_blank or b"\x00" in self.head or self.head.startswith(_JPEG):
+        """What it holds from the first letter on; "" of XML, and of what is no text."""
+        if self.is_blank or self._is_xml or self.head.startswith(_JPEG):
+            return ""
+        check_not_utf16(self.path, self._begin, EXPECTED)
+        if b"\x00" in self.head:
             return ""
         return read_text(self.path, EXPECTED).lstrip()

@@ -11,7 +11,7 @@ from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.content import FileContent
 from pomona.formats.detections.format import AnnotationFiles, Format
 from pomona.formats.detections.labelled import LabelledPhoto
-from pomona.formats.detections.photo_source import PhotoFinder, SizeOf
+from pomona.formats.detections.photo_source import PhotoFinder, SizeOf, files_with
 from pomona.formats.detections.png_masks import is_rendered_row
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
 
@@ -124,7 +124,7 @@ def _sets_in(folder: Path) -> list[LabelSet]:
 
 def _candidates(folder: Path) -> list[Path]:
     for place in (folder, folder / "annotations"):
-        if files := sorted(file for suffix in _SUFFIXES for file in place.glob(f"*{suffix}")):
+        if files := files_with(place, _SUFFIXES):
             return files
     return []
 

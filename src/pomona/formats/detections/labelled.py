@@ -97,14 +97,18 @@ class LabelledPhoto:
 
 
 def joined(fruits: Sequence[LabelledFruit]) -> LabelledFruit:
-    """Return one fruit of its parts, which leaves have cut asunder; of boxes alone where a part has no mask."""
+    """Return one fruit of its parts, which leaves have cut asunder; of boxes alone where a part has no mask.
+
+    Its score is the best of theirs: a part that a person added to what a network found has none.
+    """
     if len(fruits) == 1:
         return fruits[0]
+    score = max((fruit.score for fruit in fruits if fruit.score is not None), default=None)
     edges = np.array([fruit.box_px for fruit in fruits])
     x0, y0, x1, y1 = (float(v) for v in (*edges[:, :2].min(0), *edges[:, 2:].max(0)))
     masks = [fruit.mask for fruit in fruits if fruit.mask is not None]
     if len(masks) < len(fruits):
-        return replace(fruits[0], box_px=(x0, y0, x1, y1), mask=None)
+        return replace(fruits[0], box_px=(x0, y0, x1, y1), mask=None, score=score)
     left, top = min(mask.x_px for mask in masks), min(mask.y_px for mask in masks)
     right, bottom = (max(mask.box_px[k] for mask in masks) for k in (2, 3))
     pixels = np.zeros((bottom - top, right - left), bool)
@@ -112,7 +116,7 @@ def joined(fruits: Sequence[LabelledFruit]) -> LabelledFruit:
         row, column = mask.y_px - top, mask.x_px - left
         pixels[row : row + mask.height_px, column : column + mask.width_px] |= mask.pixels
     whole = Mask.from_pixels(pixels, left, top)
-    return replace(fruits[0], box_px=edges_of(whole), mask=whole)
+    return replace(fruits[0], box_px=edges_of(whole), mask=whole, score=score)
 
 
 def edges_of(mask: Mask) -> Box:

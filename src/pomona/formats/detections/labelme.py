@@ -1,7 +1,8 @@
 """Labels of LabelMe and of programs that write its format (AnyLabeling): one JSON file a photo.
 
 Source: https://github.com/wkentaro/labelme: `shapes` of `label`, `points` (x, y), `shape_type` and `group_id`;
-shapes of one label and group are parts of one object; a `mask` is a PNG in base64, placed by its box.
+shapes of one label and group are parts of one object; a `mask` is a PNG in base64, placed by its box. X-AnyLabeling
+(https://github.com/CVHub520/X-AnyLabeling) adds the `score` of what a network found, null of what a person drew.
 """
 
 from __future__ import annotations
@@ -22,10 +23,15 @@ from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.png_masks import decoded_image
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, number, numbers, polygon_mask
-from pomona.formats.json_file import load_json
+from pomona.formats.json_file import is_number, load_json
+from pomona.photos import PHOTO_SUFFIXES
 
 EXPECTED = "labels of LabelMe: an object with imagePath and shapes"
-_SUFFIXES = (".jpg", ".JPG", ".jpeg", ".png", ".PNG", ".tif")
+# What photos of a label file's name may be called, the most usual first.
+_USUAL = (".jpg", ".jpeg", ".png", ".tif")
+_SUFFIXES = tuple(
+    each for suffix in (*_USUAL, *sorted(PHOTO_SUFFIXES - {*_USUAL})) for each in (suffix, suffix.upper())
+)
 
 
 def is_labelme(content: Any) -> bool:
@@ -83,16 +89,25 @@ def _fruit(shape: Any, width: int, height: int) -> LabelledFruit:
         raise InputError("expected an object with label, points and shape_type")
     label = shape.get("label")
     category = str(label) if label not in (None, "") else None
+    score = _score(shape.get("score"))
     points = [_point(point) for point in shape["points"]]
     kind = shape.get("shape_type") or "polygon"
     if kind == "rectangle":
         if len(points) not in (2, 4):
             raise InputError(f"expected the 2 or 4 corners of a rectangle, found {len(points)} points")
-        return LabelledFruit(_box_of(points, width, height), None, category)
+        return LabelledFruit(_box_of(points, width, height), None, category, score=score)
     mask = _mask(kind, shape, points, width, height)
     if mask is None:
         raise InputError(f"expected a {kind} that covers a pixel, found one that covers none")
-    return LabelledFruit.from_mask(mask, category)
+    return LabelledFruit.from_mask(mask, category, score)
+
+
+def _score(value: Any) -> float | None:
+    if value is None:
+        return None
+    if not (is_number(value) and 0 <= value <= 1):
+        raise InputError(f"score: expected a number from 0 to 1, found {value!r:.40}")
+    return float(value)
 
 
 def _mask(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
@@ -129,9 +130,18 @@ class GivenPhotos:
 
     def numbered(self, number: int) -> Photo | None:
         """Return the photo whose name is that number and its suffix, where there is one."""
-        stems = ((photo, PurePosixPath(photo.name).stem) for photo in self._by_name.values())
-        fitting = [photo for photo, stem in stems if stem.isdecimal() and int(stem) == number]
+        fitting = self._by_number.get(number, ())
         return fitting[0] if len(fitting) == 1 else None
+
+    @cached_property
+    def _by_number(self) -> dict[int, list[Photo]]:
+        """The photos whose names are numbers, by these: each result of a long list asks for one."""
+        stems = ((photo, PurePosixPath(photo.name).stem) for photo in self._by_name.values())
+        by_number: dict[int, list[Photo]] = {}
+        for photo, stem in stems:
+            if stem.isdecimal():
+                by_number.setdefault(int(stem), []).append(photo)
+        return by_number
 
     def look_up(self, name: str, place: str) -> Photo | None:
         """Return the photo that `name` means, without taking it; raises `FormatError` where several fit."""
@@ -172,6 +182,16 @@ def photos_in(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in PHOTO_SUFFIXES and path.is_file())
+
+
+def files_with(folder: Path, suffixes: Collection[str], *, below: bool = False) -> list[Path]:
+    """Return the files in a folder, or in those `below`, too, that have one of these suffixes (in lower case), sorted.
+
+    Cameras and programs of Windows write suffixes in capitals, which name the same there. A link that leads nowhere is
+    among them, so that reading it says so.
+    """
+    inside = folder.rglob("*") if below else folder.glob("*")
+    return sorted(path for path in inside if path.suffix.lower() in suffixes and not path.is_dir())
 
 
 def named_within(path: Path, folder: Path) -> str:

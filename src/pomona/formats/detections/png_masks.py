@@ -18,9 +18,18 @@ from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.format import Format, LabelFolder
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
-from pomona.formats.detections.photo_source import PhotoFile, SizeOf, Sources, named_as, named_within, photos_in
+from pomona.formats.detections.photo_source import (
+    PhotoFile,
+    SizeOf,
+    Sources,
+    files_with,
+    named_as,
+    named_within,
+    photos_in,
+)
 
 _MASK_FOLDERS = ("masks", "truth/masks", "instances", "labels")
+_SUFFIXES = (".png",)
 _PHOTO_FOLDERS = ("images", "photos", ".")
 _PNG, _PALETTE = b"\x89PNG\r\n\x1a\n", b"\x03"
 _IMAGES = (_PNG, b"II*\x00", b"MM\x00*")  # PNG and TIFF, the ones that keep numbers as they are
@@ -35,7 +44,7 @@ _ENDINGS = ("", "_mask", "_masks", "_instances", "_label", "_ids")
 def mask_folder(folder: Path) -> Path | None:
     """Return where a set keeps its masks: `masks/`, `truth/masks/` (a rendered row), `instances/` or `labels/`."""
     for name in _MASK_FOLDERS:
-        if (folder / name).is_dir() and next((folder / name).glob("*.png"), None) is not None:
+        if files_with(folder / name, _SUFFIXES):
             return folder / name
     return None
 
@@ -59,7 +68,7 @@ def read_png_masks(folder: Path, size_of: SizeOf) -> list[LabelledPhoto]:
         if path.parent != masks
     }
     of_photo: dict[Path, Path] = {}
-    for mask in sorted(masks.glob("*.png")):
+    for mask in files_with(masks, _SUFFIXES):
         photo = _photo_of(mask, photos, folder)
         if photo in of_photo:
             raise FormatError(f"{mask}: expected one image of ids a photo, but {of_photo[photo].name} is of it, too")
