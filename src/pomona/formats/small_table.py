@@ -146,9 +146,11 @@ def _decoded(content: bytes) -> str | None:
         encodings = ("utf-8-sig",) if b"\0" in content else ("utf-8-sig", "cp1252")
     for encoding in encodings:
         try:
-            return content.decode(encoding)
+            text = content.decode(encoding)
         except UnicodeDecodeError:
             continue
+        # Nearly all bytes are letters of UTF-16: a table has something between its cells, too.
+        return text if encoding != "utf-16" or any(separator in text for separator in ",;\t") else None
     return None
 
 
