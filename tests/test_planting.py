@@ -151,6 +151,7 @@ def test_nothing_is_known_of_unknown_trees() -> None:
         ("id,x,y\n0,0,0\n", "numbers above 0, found 0"),
         ("id,x,y\n1,0,0\n2,0,0\n", "trees 1 and 2 stand at the same place"),
         ("id,x\n1,0\n", "y missing"),
+        ("id,x (mm),y (mm)\n1,500,0\n", "x, y missing"),
         ("id,x,y\n", "at least one tree below the header"),
         ("id,x,y\n1,zero,0\n", "line 2, column x: expected a number, found 'zero'"),
         ('id,x,y\n1,"512,345",0\n', "line 2, column x: expected a number, found '512,345'"),
@@ -171,8 +172,9 @@ def test_a_table_of_trunks_that_cannot_be_is_refused(tmp_path: Path, text: str, 
         b"sep=;\nID;X;Y\n1;0,5;2\n2;1,5;-2,25\n",
         "id\tx\ty\n1\t0.5\t2\n2\t1.5\t-2.25\n".encode("utf-16"),
         "id,x,y,who\n1,0.5,2,Jürg\n2,1.5,-2.25,\n".encode("cp1252"),
+        b"ID,x (m),Y [m]\n1,0.5,2\n2,1.5,-2.25\n",
     ],
-    ids=["emptied rows", "sep", "UTF-16", "Windows"],
+    ids=["emptied rows", "sep", "UTF-16", "Windows", "units"],
 )
 def test_tables_of_spreadsheets_are_read(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "trees.csv").write_bytes(content)

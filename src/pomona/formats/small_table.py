@@ -19,6 +19,7 @@ _GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
 _GREATEST = 1e15  # nothing that is measured is larger, and squares of larger numbers may have no place
 
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # Excel's first line
+_METRES = re.compile(r"\s*[(\[]\s*m\s*[)\]]$")  # x (m); columns in another unit are not those asked for
 _POINT = re.compile(r"[-+]?\d*\.\d*")
 
 
@@ -115,7 +116,7 @@ def read_small_table(
     filled = [any(cell.strip() for cell in row) for row in rows]
     numbers = tuple(number for (number, _), keep in zip(lines[1:], filled, strict=True) if keep)
     rows = [row for row, keep in zip(rows, filled, strict=True) if keep]
-    names = [cell.strip().lower() for cell in header]
+    names = [_METRES.sub("", cell.strip().lower()) for cell in header]
     for column, other in (also_called or {}).items():
         if column not in names and other in names:
             names[names.index(other)] = column

@@ -240,7 +240,7 @@ class RunOptions:
 
         Raises `InputError`, `FormatError` or `MissingFileError`.
         """
-        if self.markers is not None or self.scale_bar is not None:
+        if self.marker_dictionary != RunOptions.marker_dictionary:
             from pomona.scale.aruco import dictionary_names
 
             if self.marker_dictionary not in dictionary_names():
