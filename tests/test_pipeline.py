@@ -298,3 +298,27 @@ def test_a_model_file_is_found_from_everywhere(tmp_path: Path, monkeypatch: pyte
 def test_the_method_of_the_paper_is_said_once() -> None:
     with pytest.raises(InputError, match="`variant` text and `paper` both say"):
         RunOptions(method="paper", variant="text", paper=PaperOptions())
+
+
+def test_a_run_that_cannot_begin_leaves_a_survey_as_it_was(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "out", RunOptions(fruit="pear"))
+    before = SurveyFolder.open(tmp_path / "out")
+    with pytest.raises(MissingFileError, match="does not exist"):
+        run([tmp_path / "wrong"], tmp_path / "out")
+    with pytest.raises(MissingFileError, match=r"`model` .*no such file"):
+        run([photos], tmp_path / "out", RunOptions(model="wrong.onnx"))
+    after = SurveyFolder.open(tmp_path / "out")
+    assert (after.get("sources"), after.get("options")) == (before.get("sources"), before.get("options"))
+    assert go_on(tmp_path / "out").fruits == 1
+
+
+def test_a_survey_beside_its_photos_is_none_of_them(fakes: Fakes, tmp_path: Path) -> None:
+    for side in ("east", "west"):
+        make_photos(tmp_path / "row" / side, 3)
+    first = run([tmp_path / "row"], tmp_path / "row" / "survey")
+    segmented = fakes.calls["tiles"]
+    shutil.copy(next((tmp_path / "row" / "east").iterdir()), tmp_path / "row" / "survey" / "contact_sheet.jpg")
+    again = run([tmp_path / "row"], tmp_path / "row" / "survey")
+    assert first.photos == again.photos == 6
+    assert fakes.calls["tiles"] == segmented
+    assert not any("sub-folders" in warning for warning in again.warnings)

@@ -46,7 +46,9 @@ def list_photos(folder: Path) -> Listing:
     if not folder.exists():
         raise MissingFileError(f"{folder} does not exist: expected a folder of photos or a video")
     here = _photos_in(folder)
-    below = {child.name: _photos_below(child) for child in _visible(folder) if child.is_dir()}
+    # A survey beside the photos that it is of has pictures, too.
+    children = [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
+    below = {child.name: _photos_below(child) for child in children}
     below = {name: files for name, files in below.items() if files}
     if here:
         left_out = [

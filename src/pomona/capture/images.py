@@ -65,6 +65,8 @@ def read_header(path: Path) -> Header:
             turned = image.format in ("TIFF", "HEIF")
             width, height = image.size if turned or exif.orientation < 5 else image.size[::-1]
             whole = _is_whole(path, image)
+    except InputError:
+        raise
     except UnidentifiedImageError:
         raise InputError("this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)") from None
     except _READ_ERRORS as error:

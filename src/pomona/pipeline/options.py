@@ -240,6 +240,8 @@ class RunOptions:
 
         Raises `InputError`, `FormatError` or `MissingFileError`.
         """
+        if self.model is not None and self.model.endswith((".onnx", ".pt", ".pth")) and not Path(self.model).is_file():
+            raise MissingFileError(f"`model` {self.model}: no such file")
         if self.marker_dictionary != RunOptions.marker_dictionary:
             from pomona.scale.aruco import dictionary_names
 

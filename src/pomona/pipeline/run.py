@@ -59,12 +59,14 @@ def _run(paths: Sequence[Path], survey: SurveyFolder, options: RunOptions, log: 
 
     recorder = Recorder(log)
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
-    survey.note(sources=paths, options=options.to_json())
     log.stage("photos")
     least = 1 if until in ("segment", "select") else 2
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
+    # Only now: a survey goes on with the photos and options that it has where these cannot be used.
     survey.note(
+        sources=paths,
+        options=options.to_json(),
         photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],
         skipped=[{"name": name, "reason": reason} for name, reason in skipped],
     )
