@@ -252,6 +252,16 @@ def test_hand_counts_calibrate(tmp_path: Path) -> None:
     assert found.crop.fruits.low < 1.3 * plain_.crop.fruits.value < found.crop.fruits.high
 
 
+def test_trees_add_up_to_the_row_with_two_hand_counts_too(tmp_path: Path) -> None:
+    plain_, _, _ = estimated(11, 2)
+    few = "".join(f"{i},{n:.0f}\n" for i, n in zip(plain_.trees.ids[:2], (30, 60), strict=True))
+    found, _, _ = estimated(11, 2, hand_counts=counted(tmp_path / "c.csv", few))
+    assert found.crop is not None
+    assert found.trees.all_fruits.sum() == pytest.approx(found.crop.fruits.value, rel=0.02)
+    assert (found.trees.all_low <= found.trees.all_fruits).all()
+    assert (found.trees.all_fruits <= found.trees.all_high).all()
+
+
 def test_hand_counts_may_call_trees_as_the_tables_of_fruits_do(tmp_path: Path) -> None:
     path = tmp_path / "counts.csv"
     path.write_text("tree_id;count\n1;150\n2;149,5\n")

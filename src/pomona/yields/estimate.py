@@ -120,6 +120,12 @@ class _Draws:
         """Return what hand counts make of them."""
         return replace(self, expected=ratio * self.expected, counts=ratios[:, None] * self.counts)
 
+    def expected_on_tree(self, fruits: Fruits, tree: int) -> float:
+        """Return how many hang on a tree; of those between two trees half do."""
+        here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
+        mine = self.expected[here] * np.where(fruits.other_tree_ids[here] > 0, 0.5, 1.0)
+        return float(mine.sum() + 0.5 * self.expected[there].sum())
+
     def on_tree(self, fruits: Fruits, tree: int) -> FloatArray:
         """Return draws (k,) of how many hang on a tree."""
         here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
@@ -206,10 +212,15 @@ def _weight(
 
 def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:
     """Return the trees with all their fruits, hidden ones too."""
-    rows = [draws.on_tree(fruits, tree) for tree in trees.ids.tolist()]
-    ends = [(row.mean(), *np.percentile(row, _ENDS)) for row in rows]
-    estimates, low, high = np.array(ends, float).reshape(-1, 3).T
-    return replace(trees, all_fruits=estimates, all_low=low, all_high=high)
+    # By what is expected, as the row's total is: draws of few hand counts have no mean that is worth anything.
+    rows = [
+        (draws.expected_on_tree(fruits, tree), *np.percentile(draws.on_tree(fruits, tree), _ENDS))
+        for tree in trees.ids.tolist()
+    ]
+    estimates, low, high = np.array(rows, float).reshape(-1, 3).T
+    return replace(
+        trees, all_fruits=estimates, all_low=np.minimum(low, estimates), all_high=np.maximum(high, estimates)
+    )
 
 
 def _segments(fruits: Fruits, draws: _Draws, length_m: float) -> RowSegments:
