@@ -13,11 +13,13 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline_fakes import make_photos
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.intrinsics import Intrinsics
+from pomona.progress import Silent
 from pomona.report import ReportData, ReportOptions
 from pomona.report.page import report_html
 from pomona.report.scene import SceneOptions, origin_of, survey_data
@@ -173,6 +175,14 @@ def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
     with running(ViewServer(lost)) as started:
         assert unpacked(get(started, "/data/survey.bin")[2])["photos"]["files"] == [""] * 8
         assert get(started, "/photos/0/1024.jpg")[0] == 404
+
+
+def test_a_folder_of_other_photos_is_told_of(survey: Path, tmp_path: Path) -> None:
+    for photo in make_photos(tmp_path / "others", 3).iterdir():
+        photo.rename(photo.with_stem(f"other {photo.stem}"))
+    progress = Silent()
+    read_survey(survey, photos=tmp_path / "others", progress=progress)
+    assert any(said.startswith("8 of 8 photos were not found") for said in progress.warnings)
 
 
 def test_photos_may_have_been_moved(survey: Path, tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ _FORMATS = (
     ExportFormat("laz", "LAZ, compressed LAS", "cloud.laz", "cloud", "cloud", _copy_of("cloud")),
     ExportFormat("ply", "PLY", "cloud.ply", "cloud", "cloud", _ply),
     ExportFormat("coco", "COCO", "detections.json", "masks", "detections", _coco),
-    ExportFormat("colmap", "COLMAP's text model", "colmap", "cameras", "cameras", _colmap),
+    ExportFormat("colmap", "COLMAP's models, text and binary", "colmap", "cameras", "cameras", _colmap),
     ExportFormat("nerfstudio", "nerfstudio's transforms.json", "nerfstudio", "cameras", "cameras", _nerfstudio),
     ExportFormat("metashape", "Agisoft XML", "metashape.xml", "cameras", "cameras", _metashape),
     ExportFormat("rerun", "a recording of Rerun", "survey.rrd", "scene", "cloud", _rerun),

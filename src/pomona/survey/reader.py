@@ -160,10 +160,13 @@ class SurveyReader:
 
     def _found_photos(self, names: list[str] | tuple[str, ...]) -> Photos:
         try:
-            return photos_of(self.files, tuple(names), self._photos_folder)
+            found = photos_of(self.files, tuple(names), self._photos_folder)
         except PomonaError as error:
             self._progress.warn(f"The photos were not found: {error}. Say where they are with `photos`")
             return Photos(())
+        if names and len(found) == 0:  # other photos are there
+            self._warn_of_missing(list(names), len(names))
+        return found
 
     def _warn_of_missing(self, missing: list[str], count: int) -> None:
         self._progress.warn(
