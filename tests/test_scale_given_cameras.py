@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.cameras import Cameras
+from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import SurveyDetections
 from pomona.geometry import Similarity
+from pomona.photos import Photos
+from pomona.pipeline.scale import SCALE, ScaleChoice
+from pomona.pipeline.select import Selected
+from pomona.progress import Silent
+from pomona.scale import ScaleOptions
 from pomona.scale.fruit_size import frame_by_fruits
+from pomona.sfm.pieces import Piece, Reconstruction
 
 DIAMETER_M = 0.075
 
@@ -23,6 +33,30 @@ def row() -> tuple[Cameras, SurveyDetections]:
 
 def scaled(cameras: Cameras, scale: float) -> Cameras:
     return cameras.transformed(Similarity(scale, np.eye(3), np.zeros(3)))
+
+
+@pytest.mark.parametrize("given", ["markers", "gcp", "scale_bar"])
+def test_surveyed_places_overrule_cameras_given(
+    row: tuple[Cameras, SurveyDetections], given: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cameras, detections = row
+    known = replace(cameras, frame=WorldFrame("given", approximate=False))
+    placed = object()
+    monkeypatch.setattr("pomona.scale.place_in_world", lambda *_, **__: placed)
+    choice = ScaleChoice(scale=ScaleOptions(), association=None, cameras_given=True)
+
+    def place(choice: ScaleChoice) -> object:
+        return SCALE.compute(
+            reconstruction=Reconstruction((Piece("", known, 0.3),)),
+            selected=Selected(detections, detections, 0.5, 0.1),
+            photos=Photos(()),
+            options=choice,
+            progress=Silent(),
+        )
+
+    assert place(choice) is not placed
+    wanted: dict[str, Any] = {given: (0, 1, 1.0) if given == "scale_bar" else Path("places.csv")}
+    assert place(replace(choice, scale=replace(choice.scale, **wanted))) is placed
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.25])

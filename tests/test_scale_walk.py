@@ -71,9 +71,10 @@ def test_a_photo_far_above_its_neighbours_is_named() -> None:
     assert three_heights == 0  # a pole, or a drone
 
 
-def test_a_side_far_above_the_other_is_told_of_where_markers_give_heights() -> None:
+@pytest.mark.parametrize("source", ["markers", "control-points"])
+def test_a_side_far_above_the_other_is_told_of_where_surveyed_places_give_heights(source: str) -> None:
     above = lifted(WEST, np.full(len(WEST), 0.8))
-    (said,) = said_of(EAST, above).contradictions
+    (said,) = said_of(EAST, above, source=source).contradictions
     assert said.startswith("Side west was photographed from 0.8 m above side east")
     assert said_of(EAST, above, source="gnss").contradictions == []
 

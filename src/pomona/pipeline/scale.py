@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class ScaleChoice:
     """Options of the stage. `association` finds the fruits by which sides are brought together (None: they are not).
 
-    `cameras_given`: cameras in metres keep their coordinates unless markers or a scale bar are given, too.
+    `cameras_given`: cameras in metres keep their coordinates unless markers, points or a scale bar are given, too.
     """
 
     scale: ScaleOptions
@@ -47,7 +47,7 @@ def _place(
 ) -> Placed:
     from pomona.scale import place_in_world
 
-    if options.cameras_given and not (options.scale.markers or options.scale.scale_bar):
+    if options.cameras_given and not (options.scale.markers or options.scale.gcp or options.scale.scale_bar):
         placed = _as_given(reconstruction, selected.counted, photos, options.scale.fruit_diameter_m, progress)
         if placed is not None:
             return placed
@@ -96,8 +96,8 @@ def _as_given(
         if frame is not None:
             progress.warn(
                 f"The cameras given are taken to be in metres, as fruits in them are about "
-                f"{1000 * fruit_diameter_m:.0f} mm wide (`fruit_diameter_m`): their coordinates are kept. Markers or a "
-                "scale bar overrule that"
+                f"{1000 * fruit_diameter_m:.0f} mm wide (`fruit_diameter_m`): their coordinates are kept. Markers, "
+                "control points or a scale bar overrule that"
             )
             cameras = replace(cameras, frame=frame)
     if not cameras.frame.metric:

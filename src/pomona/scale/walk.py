@@ -19,6 +19,7 @@ _ASKEW_DEG, _STEEP_DEG = 12.0, 50.0
 _OTHER_HEIGHT_M, _ONE_HEIGHT_SD_M = 0.6, 0.15
 _BESIDE, _LEAST_PHOTOS = 8, 5
 _MOST_NAMES = 6
+_SURVEYED = ("markers", "control-points")
 
 
 def check_walk(placement: Placement) -> None:
@@ -51,9 +52,9 @@ def check_walk(placement: Placement) -> None:
 
 
 def _has_exact_heights(placement: Placement, side: str) -> bool:
-    """Say whether all of a side in the world frame is there by markers; GNSS may be metres off in height."""
+    """Say whether all of a side in the world frame is there by markers or points; GNSS may be metres off in height."""
     here = [i for i in placement.in_world if placement.pieces[i].side == side]
-    return all(i in placement.scales and placement.scales[i].source == "markers" for i in here)
+    return all(i in placement.scales and placement.scales[i].source in _SURVEYED for i in here)
 
 
 def _check_vertical(placement: Placement, name: str, rotations: FloatArray) -> None:

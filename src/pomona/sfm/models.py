@@ -38,7 +38,8 @@ def _read_model(model: Any, entries: Sequence[CameraEntry], colours: Callable[[i
     camera_ids = sorted({image.camera_id for image in images})
     photo_scale = np.array([entries[image.camera_id - 1].scale for image in images])
     points = [model.point3D(point_id) for point_id in sorted(model.point3D_ids())]
-    tracks = [_track(point, {image_id: i for i, image_id in enumerate(image_ids)}) for point in points]
+    photo_of = {image_id: i for i, image_id in enumerate(image_ids)}
+    tracks = [_track(point, photo_of) for point in points]
     sizes = np.array([len(track) for track in tracks], int)
     elements = np.concatenate(tracks) if tracks else np.zeros((0, 2), int)
     point_idx, photo_idx = np.repeat(np.arange(len(points)), sizes), elements[:, 0]
