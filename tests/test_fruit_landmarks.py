@@ -14,7 +14,7 @@ from pomona.fruit_geometry.sphere_outlines import sphere_outlines_px
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.progress import Silent
-from pomona.scale.fruit_landmarks import adjust_on_fruits, landmarks
+from pomona.scale.fruit_landmarks import adjust_on_fruits, frame_kept, landmarks
 from pomona.scale.placement import Placement
 from scale_scenes import HEIGHT, WIDTH, as_piece, photographed, photos_of
 
@@ -80,6 +80,27 @@ def test_cameras_of_both_sides_are_adjusted_on_the_fruits_that_both_see(wrong: f
     # Without markers the frame stays as it was.
     moved = estimate_similarity(before.centers_in_world, after.centers_in_world)
     assert moved.scale == pytest.approx(1, abs=1e-4)
+
+
+@pytest.mark.parametrize("bow_m", [0.0, 0.1, 0.3])
+def test_one_side_that_is_straightened_is_not_turned_about_its_line(bow_m: float) -> None:
+    random = np.random.default_rng(3)
+    along = np.linspace(-10, 10, 50)
+    straight = np.column_stack([along, np.full(50, -2.5), np.full(50, 1.5)]) + random.normal(0, 0.01, (50, 3))
+    look = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+    def held(centers: FloatArray) -> Cameras:
+        poses = np.concatenate([np.repeat(look[None], 50, 0), -(centers @ look.T)[:, :, None]], axis=2)
+        lens = photographed("east", seed=1).intrinsics
+        return Cameras(tuple(f"{i:02d}.jpg" for i in range(50)), lens, np.zeros(50), poses)
+
+    sag = bow_m * (1 - (along / 10) ** 2)
+    before = held(straight + sag[:, None] * [0, 1, 0])
+    adjusted = held(straight + 0.002 * random.normal(size=(50, 3)) - 0.5 * sag[:, None] * [0, 1, 0])
+    found = frame_kept(adjusted.transformed(Similarity(1.3, look, np.array([5.0, 2, 1]))), before)
+    turned = Rotation.from_matrix(found.rotation @ look).magnitude()
+    assert np.degrees(turned) < 0.5
+    assert found.scale == pytest.approx(1 / 1.3, rel=2e-3)
 
 
 def test_fruits_that_few_photos_see_or_little_of_are_no_landmarks() -> None:

@@ -18,7 +18,7 @@ from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray, groups
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.fruit_geometry.discs import SeenFruits
-from pomona.geometry import estimate_similarity
+from pomona.geometry import Similarity, estimate_similarity
 from pomona.photos import Photo
 from pomona.progress import Progress
 from pomona.scale.placement import Adjusted, Placement
@@ -53,7 +53,7 @@ def adjust_on_fruits(placement: Placement, find_fruits: FindFruits, photos: Mapp
         return
     adjusted, fruits = found
     if not markers:
-        adjusted = adjusted.transformed(estimate_similarity(adjusted.centers_in_world, before.centers_in_world))
+        adjusted = adjusted.transformed(frame_kept(adjusted, before))
     if not is_no_worse(adjusted, before):
         return
     parts = split(adjusted, [len(cameras) for cameras in tied.values()])
@@ -61,6 +61,32 @@ def adjust_on_fruits(placement: Placement, find_fruits: FindFruits, photos: Mapp
         placement.in_world[idx] = replace(part, frame=cameras.frame)
     if markers:
         placement.adjusted = Adjusted(adjusted, markers, fruits)
+
+
+def frame_kept(adjusted: Cameras, before: Cameras) -> Similarity:
+    """Return what brings cameras back into the frame that they had before, with the same photos in the same order.
+
+    How far they are turned is that of their places and of points beside and before each: places of one side lie nearly
+    on a line, and leave open how far all is turned about it. The rest is that of their places alone.
+    """
+    seen_m = before.points_in_world[before.track_point_idx] - before.centers_in_world[before.track_photo_idx]
+    reach = float(np.median(np.linalg.norm(seen_m, axis=1))) if len(seen_m) else 1.0
+    grown = _spread(adjusted.centers_in_world) / _spread(before.centers_in_world)
+    rotation = estimate_similarity(_with_axes(adjusted, grown * reach), _with_axes(before, reach)).rotation
+    source, target = adjusted.centers_in_world, before.centers_in_world
+    turned = (source - source.mean(0)) @ rotation.T
+    scale = float((turned * (target - target.mean(0))).sum() / (turned**2).sum())
+    return Similarity(scale, rotation, target.mean(0) - scale * rotation @ source.mean(0))
+
+
+def _spread(points: FloatArray) -> float:
+    return float(np.linalg.norm(points - points.mean(0)))
+
+
+def _with_axes(cameras: Cameras, reach: float) -> FloatArray:
+    """The cameras' centres and, for each, the points (4 n, 3 in all) so far from it along its axes."""
+    centers = cameras.centers_in_world
+    return np.concatenate([centers, *(centers + reach * cameras.cam_from_world[:, k, :3] for k in range(3))])
 
 
 def landmarks(seen: SeenFruits) -> list[Landmark]:
