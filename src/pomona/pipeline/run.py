@@ -59,6 +59,7 @@ def _run(paths: Sequence[Path], survey: SurveyFolder, options: RunOptions, log: 
 
     recorder = Recorder(log)
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
+    survey.check(sources=paths, options=options.to_json())
     log.stage("photos")
     least = 1 if until in ("segment", "select") else 2
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)

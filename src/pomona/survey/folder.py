@@ -244,6 +244,10 @@ class SurveyFolder:
         self._manifest.update(plain(entries))
         self._write()
 
+    def check(self, **entries: Any) -> None:
+        """Raise `SurveyError` where `survey.json` cannot hold these entries: names that are not UTF-8."""
+        _manifest_text(plain(entries))
+
     def record_of(self, stage: str) -> StageRecord | None:
         """Return what is known of a stage, None where it never ran."""
         values = self._manifest["stages"].get(stage)
@@ -296,11 +300,16 @@ class SurveyFolder:
     def _write(self) -> None:
         self._manifest["changed"] = now()
         self._manifest["pomona"] = __version__
-        text = json.dumps(self._manifest, indent=1, ensure_ascii=False) + "\n"
-        if as_text(text) != text:
-            line = next(line for line in text.splitlines() if as_text(line) != line)
-            raise SurveyError(f"A file was given whose name is not UTF-8: rename it ({as_text(line).strip()})")
+        text = _manifest_text(self._manifest)
         write_file(self.manifest_path, lambda path: _write_text(path, text))
+
+
+def _manifest_text(manifest: Mapping[str, Any]) -> str:
+    text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
+    if as_text(text) != text:
+        line = next(line for line in text.splitlines() if as_text(line) != line)
+        raise SurveyError(f"A file was given whose name is not UTF-8: rename it ({as_text(line).strip()})")
+    return text
 
 
 def _write_text(path: Path, text: str) -> None:
