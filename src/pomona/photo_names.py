@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import PurePosixPath
 
 from pomona.errors import InputError
-from pomona.photos import Photos
+from pomona.photos import PHOTO_SUFFIXES, Photos
 
 
 class PhotoNames:
@@ -91,8 +91,8 @@ def _end(parts: int) -> Callable[[str], str]:
 
 
 # Of photos, and of the files that other programs write for each of them.
-_SUFFIXES = frozenset({
-    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".hif", ".avif",
+_SUFFIXES = PHOTO_SUFFIXES | frozenset({
+    ".jfif", ".hif", ".avif",
     ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw",
     ".txt", ".json", ".xml", ".csv", ".mat", ".npy", ".npz", ".gif", ".exr", ".pgm", ".ppm",
 })  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import TypeVar
 from pomona.errors import FormatError, LostFileError, MissingFileError, is_away
 
 _Read = TypeVar("_Read", str, bytes)
+UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""What text in UTF-16 begins with, where it says so."""
 
 
 def read_text(path: Path, expected: str) -> str:

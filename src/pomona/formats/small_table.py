@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import math
 import re
@@ -14,6 +13,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError, MissingFileError
+from pomona.formats.files import UTF16_MARKS
 
 _GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
 _GREATEST = 1e15  # nothing that is measured is larger, and squares of larger numbers may have no place
@@ -141,7 +141,7 @@ def separator_of(header: str) -> str:
 
 def _decoded(content: bytes) -> str | None:
     """The text of a file as spreadsheets write it: UTF-8, UTF-16 that says so, or Windows' own; None of other data."""
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if content.startswith(UTF16_MARKS):
         encodings: tuple[str, ...] = ("utf-16",)
     else:
         encodings = ("utf-8-sig",) if b"\0" in content else ("utf-8-sig", "cp1252")

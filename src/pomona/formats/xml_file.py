@@ -9,9 +9,8 @@ import xml.etree.ElementTree as Xml
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError
-from pomona.formats.files import read_head
+from pomona.formats.files import UTF16_MARKS, read_head
 
-_WIDE_BOMS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _DECLARED = re.compile(rb"""\s*<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z][\w.\-]{0,40})["']""")
 # What Python has among its encodings for other ends than text; some take very long for a text made for it.
 _NO_CHARSETS = frozenset({"idna", "punycode", "unicode_escape", "raw_unicode_escape"})
@@ -65,7 +64,7 @@ def _decoded(data: bytes) -> str:
 
 def _wide_encoding(head: bytes) -> str | None:
     """The encoding of text in UTF-16; None of what is in another."""
-    if head.startswith(_WIDE_BOMS):
+    if head.startswith(UTF16_MARKS):
         return "utf-16"
     return {b"<\x00": "utf-16-le", b"\x00<": "utf-16-be"}.get(head[:2])
 

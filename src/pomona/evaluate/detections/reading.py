@@ -14,13 +14,10 @@ from pomona.errors import FormatError, MissingFileError
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
-from pomona.formats.detections.label_sets import LabelSet, find_label_sets, read_label_set
+from pomona.formats.detections.label_sets import LABEL_SUFFIXES, LabelSet, find_label_sets, read_label_set
 from pomona.formats.detections.labelled import LabelledPhoto, classes_of
 from pomona.formats.detections.png_masks import masks_of_ids, read_ids
 from pomona.progress import Progress, Silent, track
-
-_LABEL_SUFFIXES = frozenset({".json", ".csv", ".xml"})
-_OWN_LABEL_SUFFIXES = frozenset({".txt"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,7 @@ def _are_labelled(images: Sequence[Path]) -> bool:
     """Whether these are photos with labels beside them: a file for all of them, or one named as a photo is."""
     stems = {image.stem for image in images}
     return any(
-        file.suffix.lower() in _LABEL_SUFFIXES or (file.suffix.lower() in _OWN_LABEL_SUFFIXES and file.stem in stems)
+        file.suffix.lower() in LABEL_SUFFIXES or (file.suffix.lower() == ".txt" and file.stem in stems)
         for file in images[0].parent.iterdir()
     )
 

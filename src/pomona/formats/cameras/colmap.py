@@ -14,14 +14,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary_model
 from pomona.formats.cameras.colmap_binary_export import write_binary_model
-from pomona.formats.cameras.colmap_model import assemble
+from pomona.formats.cameras.colmap_model import assemble, quaternion_of, tracks_of, written_errors
 from pomona.formats.cameras.colmap_text import read_text_model, read_text_poses
 from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
@@ -114,26 +113,18 @@ def _image_lines(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray
     yield "# POINTS2D[] as (X, Y, POINT3D_ID)"
     for i, name in enumerate(cameras.photos):
         pose = cameras.cam_from_world[i]
-        quaternion = Rotation.from_matrix(pose[:, :3]).as_quat(canonical=True)[[3, 0, 1, 2]]
         camera_id = int(cameras.intrinsics_idx[i]) + 1
-        yield f"{image_ids[i]} {_numbers(quaternion)} {_numbers(pose[:, 3])} {camera_id} {name}"
+        yield f"{image_ids[i]} {_numbers(quaternion_of(pose))} {_numbers(pose[:, 3])} {camera_id} {name}"
         xy, point_idx = cameras.track_xy_px[views[i]].tolist(), cameras.track_point_idx[views[i]].tolist()
         yield " ".join(f"{x!r} {y!r} {idx + 1}" for (x, y), idx in zip(xy, point_idx, strict=True))
 
 
 def _point_lines(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) -> Iterator[str]:
     yield "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"
-    place = np.zeros(len(cameras.track_point_idx), np.int64)
-    for view in views:
-        place[view] = np.arange(len(view))
-    order = np.argsort(cameras.track_point_idx, kind="stable")
-    bounds = np.searchsorted(cameras.track_point_idx[order], np.arange(len(cameras.points_in_world) + 1))
-    seen_by, seen_at = image_ids[cameras.track_photo_idx[order]].tolist(), place[order].tolist()
-    # COLMAP's own mark of an error that was never computed is -1; it is NaN again when read.
-    errors = np.nan_to_num(cameras.points_error_px, nan=-1.0).tolist()
-    for i, (start, end) in enumerate(pairwise(bounds.tolist())):
+    errors = written_errors(cameras).tolist()
+    for i, seen in enumerate(tracks_of(cameras, image_ids, views)):
         red, green, blue = cameras.points_rgb[i].tolist()
-        track = " ".join(f"{seen_by[k]} {seen_at[k]}" for k in range(start, end))
+        track = " ".join(f"{image_id} {place}" for image_id, place in seen.tolist())
         yield f"{i + 1} {_numbers(cameras.points_in_world[i])} {red} {green} {blue} {errors[i]!r} {track}"
 
 

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pomona.arrays import IntArray
 from pomona.cameras import Cameras
 from pomona.formats.cameras.colmap_binary import SEEN
+from pomona.formats.cameras.colmap_model import quaternion_of, tracks_of, written_errors
 from pomona.formats.cameras.colmap_models import MODELS
 
 _MODEL_IDS = {name: model_id for model_id, (name, _) in MODELS.items()}
@@ -40,8 +39,7 @@ def _cameras(cameras: Cameras) -> Iterator[bytes]:
 def _images(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) -> Iterator[bytes]:
     for i, name in enumerate(cameras.photos):
         pose = cameras.cam_from_world[i]
-        quaternion = Rotation.from_matrix(pose[:, :3]).as_quat(canonical=True)[[3, 0, 1, 2]]
-        yield struct.pack("<I7dI", image_ids[i], *quaternion, *pose[:, 3], cameras.intrinsics_idx[i] + 1)
+        yield struct.pack("<I7dI", image_ids[i], *quaternion_of(pose), *pose[:, 3], cameras.intrinsics_idx[i] + 1)
         yield name.encode("utf-8") + b"\0"
         seen = np.zeros(len(views[i]), SEEN)
         seen["xy"], seen["point"] = cameras.track_xy_px[views[i]], cameras.track_point_idx[views[i]] + 1
@@ -49,18 +47,10 @@ def _images(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) ->
 
 
 def _points(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) -> Iterator[bytes]:
-    place = np.zeros(len(cameras.track_point_idx), np.int64)
-    for view in views:
-        place[view] = np.arange(len(view))
-    order = np.argsort(cameras.track_point_idx, kind="stable")
-    bounds = np.searchsorted(cameras.track_point_idx[order], np.arange(len(cameras.points_in_world) + 1))
-    tracks = np.stack([image_ids[cameras.track_photo_idx[order]], place[order]], axis=1).astype("<u4")
-    errors = np.nan_to_num(cameras.points_error_px, nan=-1.0)  # COLMAP's own mark of one that was never computed
-    for i, (start, end) in enumerate(pairwise(bounds.tolist())):
-        yield struct.pack(
-            "<Q3d3BdQ", i + 1, *cameras.points_in_world[i], *cameras.points_rgb[i], errors[i], end - start
-        )
-        yield tracks[start:end].tobytes()
+    errors = written_errors(cameras)
+    for i, seen in enumerate(tracks_of(cameras, image_ids, views)):
+        yield struct.pack("<Q3d3BdQ", i + 1, *cameras.points_in_world[i], *cameras.points_rgb[i], errors[i], len(seen))
+        yield seen.astype("<u4").tobytes()
 
 
 def _write(path: Path, count: int, entries: Iterator[bytes]) -> None:

@@ -41,6 +41,31 @@ class ColmapPoint:
     track: IntArray
 
 
+def quaternion_of(cam_from_world: FloatArray) -> FloatArray:
+    """Return QW QX QY QZ (4,) of a pose [R | t]."""
+    quaternion: FloatArray = Rotation.from_matrix(cam_from_world[:, :3]).as_quat(canonical=True)[[3, 0, 1, 2]]
+    return quaternion
+
+
+def tracks_of(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray]) -> list[IntArray]:
+    """Return the track (k, 2) of each point: image ids, and numbers of points in them.
+
+    `views` are the indices into the tracks of what each photo saw, in the order in which its points are numbered.
+    """
+    place = np.zeros(len(cameras.track_point_idx), np.int64)
+    for view in views:
+        place[view] = np.arange(len(view))
+    order = np.argsort(cameras.track_point_idx, kind="stable")
+    bounds = np.searchsorted(cameras.track_point_idx[order], np.arange(1, len(cameras.points_in_world)))
+    whole = np.stack([image_ids[cameras.track_photo_idx[order]], place[order]], axis=1)
+    return np.split(whole, bounds) if len(cameras.points_in_world) else []
+
+
+def written_errors(cameras: Cameras) -> FloatArray:
+    """Return the points' errors (m,) as they are written: one that was never computed is -1, and NaN when read."""
+    return np.nan_to_num(cameras.points_error_px, nan=-1.0)
+
+
 def image_of(
     image_id: int, name: str, camera_id: int, numbers: Sequence[float], xy_px: FloatArray, where: str
 ) -> ColmapImage:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray, groups
+from pomona.arrays import FloatArray, groups
 from pomona.cameras import Cameras
 from pomona.errors import InputError, few
 from pomona.formats.cameras.given import GivenCameras, shared
@@ -41,7 +41,7 @@ def onto_photos(given: GivenCameras, photos: Photos, where: str) -> GivenCameras
     notes = list(given.notes)
     if strangers:
         notes.append(f"{len(strangers)} of {len(cameras)} cameras are of photos that were not given: {few(strangers)}")
-        cameras = _only(cameras, [i for i, name in enumerate(cameras.photos) if name in match])
+        cameras = cameras.of_photos(match)
     of_cameras = [match[name] for name in cameras.photos]
     turns = [0] * len(cameras)
     if not given.upright:
@@ -106,21 +106,6 @@ def _factor(lens: Intrinsics, photo: Photo, where: str) -> float:
             f"photo has {photo.width_px} × {photo.height_px}: it was cropped, or is another photo"
         )
     return factor
-
-
-def _only(cameras: Cameras, kept: Sequence[int]) -> Cameras:
-    new_idx: IntArray = np.full(len(cameras), -1, np.int64)
-    new_idx[list(kept)] = np.arange(len(kept))
-    tracks = new_idx[cameras.track_photo_idx] >= 0
-    return replace(
-        cameras,
-        photos=tuple(cameras.photos[i] for i in kept),
-        intrinsics_idx=cameras.intrinsics_idx[list(kept)],
-        cam_from_world=cameras.cam_from_world[list(kept)],
-        track_point_idx=cameras.track_point_idx[tracks],
-        track_photo_idx=new_idx[cameras.track_photo_idx[tracks]],
-        track_xy_px=cameras.track_xy_px[tracks],
-    )
 
 
 def as_stored(cameras: Cameras, photos: Photos) -> Cameras:

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError
-from pomona.formats.files import read_head, read_text
+from pomona.formats.files import UTF16_MARKS, read_head, read_text
 from pomona.formats.json_file import load_json
 from pomona.formats.xml_file import begins_as_xml, load_xml
 
 EXPECTED = "labels of photos"
 _HEAD_BYTES = 512  # enough for every signature; text has no zero byte there, other files nearly always
 _JPEG = b"\xff\xd8"
-_WIDE_BOMS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-_BOMS = (codecs.BOM_UTF8, *_WIDE_BOMS)
+_BOMS = (codecs.BOM_UTF8, *UTF16_MARKS)
 
 
 def is_blank_text(head: bytes) -> bool:
@@ -28,7 +27,7 @@ def is_blank_text(head: bytes) -> bool:
 
 def check_not_utf16(path: Path, head: bytes, expected: str) -> None:
     """Raise `FormatError` of text whose first bytes, `head`, are the mark of UTF-16."""
-    if head.startswith(_WIDE_BOMS):
+    if head.startswith(UTF16_MARKS):
         raise FormatError(
             f"{path}: expected {expected}, but it cannot be read: its text is in UTF-16, as PowerShell's > writes it; "
             "save it as UTF-8"

@@ -15,7 +15,8 @@ from pomona.formats.detections.photo_source import PhotoFinder, SizeOf, files_wi
 from pomona.formats.detections.png_masks import is_rendered_row
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
 
-_SUFFIXES = (".json", ".csv", ".xml")
+LABEL_SUFFIXES = (".json", ".csv", ".xml")
+"""Of files that may hold the labels of many photos."""
 _DEPTH = 4  # how far below a folder its sets may lie: deeper folders are of something else, and may be many
 _PARTS = {"train": "training", "val": "validation", "test": "test"}
 _PART = re.compile(r"(?:^|[^a-z])(train|val|test)(?:ing|id|idation)?\d*(?:[^a-z]|$)")
@@ -124,14 +125,14 @@ def _sets_in(folder: Path) -> list[LabelSet]:
 
 def _candidates(folder: Path) -> list[Path]:
     for place in (folder, folder / "annotations"):
-        if files := files_with(place, _SUFFIXES):
+        if files := files_with(place, LABEL_SUFFIXES):
             return files
     return []
 
 
 def _format_of(file: Path) -> Format | None:
     """The format of a label file; None where it holds something else. Raises `FormatError` where it holds nothing."""
-    one = recognised(FileContent(file, must_be_text=True)) if file.suffix.lower() in _SUFFIXES else None
+    one = recognised(FileContent(file, must_be_text=True)) if file.suffix.lower() in LABEL_SUFFIXES else None
     return one if one is not None and one.label_files else None
 
 
