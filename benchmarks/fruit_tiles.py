@@ -1,14 +1,15 @@
 """Sort the real tiles into those to train on and those to measure on, by photo and tree.
 
-python benchmarks/fruit_tiles.py OUT [--unlabelled MODEL.onnx] [--masks MODEL.onnx]
+python benchmarks/fruit_tiles.py OUT [--unlabelled MODEL.onnx [--tile PX] [--sure SCORE]] [--masks MODEL.onnx]
 
 Writes OUT/train/SET and OUT/val/SET, each a COCO file and a link to the set's images, as `pomona train OUT` and
 `benchmarks/train_fruit.py --tiles OUT` take them. Held out are photos by their names, 15 %, as in `pomona train`;
 tiles of other photos of the same trees are left out of both.
 
 In the tiles only the near tree is labelled. With --unlabelled, what that segmenter finds with confidence in tiles to
-train on where there is no box is written as a crowd: to find it is neither right nor wrong. With --masks, boxes to
-train on that a segmenter finds get its masks.
+train on where there is no box is written as a crowd: to find it is neither right nor wrong. A segmenter that learnt
+from such tiles sees fruits of the next row only in small tiles (--tile 224), which hide how large leaves are beside
+them. With --masks, boxes to train on that a segmenter finds get its masks.
 """
 
 import argparse
@@ -69,9 +70,11 @@ def sides(sets: dict[str, dict]) -> dict[str, dict[str, list[dict]]]:
     return found
 
 
-def found_by(model: Path, folder: Path, images: list[dict], score: float) -> SurveyDetections:
+def found_by(
+    model: Path, folder: Path, images: list[dict], score: float, tile_px: int | None = None
+) -> SurveyDetections:
     photos = load_photos([folder / "images" / image["file_name"] for image in images], min_photos=1)
-    options = SegmentOptions(scale=SCALE, score_threshold=score, kept_share=1)
+    options = SegmentOptions(scale=SCALE, score_threshold=score, kept_share=1, tile_px=tile_px)
     return segment_photos(photos, load_segmenter(model), options=options)
 
 
@@ -140,6 +143,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--unlabelled", type=Path, metavar="MODEL.onnx")
+    parser.add_argument("--tile", type=int, help="side of the tiles that --unlabelled looks at, in pixels")
+    parser.add_argument("--sure", type=float, default=SURE, help="score from which --unlabelled writes a crowd")
     parser.add_argument("--masks", type=Path, metavar="MODEL.onnx")
     arguments = parser.parse_args()
     folders = tile_sets()
@@ -150,7 +155,8 @@ def main() -> None:
             annotations = [a for a in sets[name]["annotations"] if a["image_id"] in ids]
             ignored = []
             if arguments.unlabelled and part == "train":
-                ignored = unlabelled(sets[name], images, found_by(arguments.unlabelled, folders[name], images, SURE))
+                found = found_by(arguments.unlabelled, folders[name], images, arguments.sure, arguments.tile)
+                ignored = unlabelled(sets[name], images, found)
             if arguments.masks and part == "train":
                 found = found_by(arguments.masks, folders[name], images, LIKELY)
                 annotations = masks_of_boxes(annotations, images, found)
