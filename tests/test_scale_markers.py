@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.weights import Landmark
 from pomona.cameras import Cameras, WorldFrame, concatenate
-from pomona.capture import load_photos
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.intrinsics import Intrinsics
@@ -405,24 +403,6 @@ def test_a_table_that_is_none_is_named(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(FormatError, match="expected a text file"):
         place_in_world(BOTH, photos_of(EAST, WEST), options=ScaleOptions(markers=tmp_path / "binary.csv"))
-
-
-@pytest.mark.slow
-def test_orchard_dev_comes_within_15_mm(shared_data: Path, tmp_path: Path) -> None:
-    from pomona.sfm import reconstruct
-
-    folder = shared_data / "orchard-dev"
-    photos = load_photos([folder / "images"])
-    reconstruction = reconstruct(photos, work_dir=tmp_path, progress=Silent())
-    options = ScaleOptions(markers=folder / "truth" / "markers.csv")
-    placed = place_in_world(reconstruction, photos, options=options)
-    assert len(placed.cameras) == 34
-    truth = json.loads((folder / "truth" / "cameras.json").read_text())
-    poses = [truth[Path(name).stem] for name in placed.cameras.photos]
-    centers = np.array([-np.array(pose["R"]).T @ pose["t"] for pose in poses])
-    errors = np.linalg.norm(placed.cameras.centers_in_world - centers, axis=1)
-    assert 0.0001 < np.sqrt((errors**2).mean()) < 0.015
-    assert not placed.cameras.frame.approximate
 
 
 def plate_table(path: Path, size_m: float, yaws_rad: dict[int, float]) -> Path:
