@@ -1,7 +1,7 @@
 """Train the shipped weights: real tiles with boxes, and rendered scenes with masks where there are some.
 
 python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weights CHECKPOINT.pt | fruit.onnx]
-        [--steps N] [--learning-rate RATE] [--leafy SHARE] [--shaded SHARE] [--phones SHARE]
+        [--steps N] [--learning-rate RATE] [--crop PX] [--batch N] [--leafy SHARE] [--shaded SHARE] [--phones SHARE]
 
 TILES is what `benchmarks/fruit_tiles.py` wrote.
 """
@@ -46,6 +46,7 @@ def main() -> None:
     parser.add_argument("--learning-rate", type=float, default=FitOptions().learning_rate)
     parser.add_argument("--check-every", type=int, default=FitOptions().check_every)
     parser.add_argument("--steps", type=int, default=FitOptions().steps)
+    parser.add_argument("--crop", type=int, default=AugmentOptions().crop_px, help="side of the crops, in pixels")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--leafy", type=float, default=0.0, help="share of rendered crops with leaves before fruits")
     parser.add_argument("--shaded", type=float, default=0.0, help="share of crops with shade")
@@ -53,7 +54,9 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     rows = sorted(arguments.rows.glob("[sq][0-9][0-9][0-9]")) if arguments.rows else []
-    augment = AugmentOptions(leafy=arguments.leafy, shaded=arguments.shaded, phones=arguments.phones)
+    augment = AugmentOptions(
+        crop_px=arguments.crop, leafy=arguments.leafy, shaded=arguments.shaded, phones=arguments.phones
+    )
     fit = replace(
         FitOptions(),
         steps=arguments.steps,

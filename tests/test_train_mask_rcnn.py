@@ -228,6 +228,7 @@ def test_from_nothing_batch_normalisation_learns() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few")
 def test_a_network_from_nothing_comes_to_find_discs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(detectors, "_DETECTIONS_PER_TILE", 20)
     folder = coco_folder(tmp_path / "discs", 24)
