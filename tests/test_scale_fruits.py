@@ -13,6 +13,7 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.fruit_geometry.discs import SeenFruits
 from pomona.geometry import Similarity
+from pomona.photos import Gnss, Photos
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.placement import Placement
@@ -217,6 +218,40 @@ def test_gnss_is_a_start_which_fruits_make_exact() -> None:
     np.testing.assert_array_equal(placement.in_world[0].cam_from_world, EAST.cam_from_world)
     assert placement.ties[0].tied_by == "gnss"
     assert placement.ties[0].moved_mm == pytest.approx(1000 * np.linalg.norm(off.translation), rel=0.1)
+
+
+def test_a_side_on_earth_keeps_its_place_where_the_other_sees_a_scale_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    bar = {7: (0.2, -0.4, 1.0), 8: (1.2, -0.4, 1.0)}
+    show_markers(monkeypatch, sighted([WEST], bar))
+    metres_too_long = 1.04
+    at = dict(zip(EAST.photos, metres_too_long * EAST.centers_in_world, strict=True))
+    photos = Photos(
+        tuple(
+            replace(p, gnss=Gnss(41.5 + at[p.name][1] / 111_060, 0.8 + at[p.name][0] / 83_480, 200.0 + at[p.name][2]))
+            if p.name in at
+            else p
+            for p in photos_of(EAST, WEST)
+        )
+    )
+    east, west = as_piece(EAST, "east", 1), as_piece(WEST, "west", 2)
+    alone = place_in_world(Reconstruction((east,)), photos).cameras
+
+    placed = place_in_world(
+        Reconstruction((east, west)),
+        photos,
+        options=ScaleOptions(scale_bar=(7, 8, 1.0), refine=False),
+        find_fruits=finder(fruits_on_a_row(90, 2.0), {"east": 0.6, "west": 0.6}),
+    )
+
+    frame, east_then = placed.cameras.frame, placed.cameras.of_photos(EAST.photos)
+    assert placed.report.sides_are_tied
+    assert (alone.frame.scale_source, frame.scale_source) == ("gnss", "scale-bar")
+    assert frame.crs == alone.frame.crs is not None
+    np.testing.assert_allclose(east_then.centers_in_world.mean(0), alone.centers_in_world.mean(0), atol=0.001)
+    np.testing.assert_allclose(east_then.cam_from_world[:, :, :3], alone.cam_from_world[:, :, :3], atol=1e-6)
+    assert _between(EAST, alone).scale == pytest.approx(metres_too_long, rel=0.01)
+    assert _between(EAST, east_then).scale == pytest.approx(1.0, rel=0.01)
+    assert 0 < relative_error_m(east_then, placed.cameras.of_photos(WEST.photos)) < 0.06
 
 
 def test_markers_leave_little_which_fruits_make_less() -> None:

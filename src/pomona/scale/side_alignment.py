@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -15,7 +15,7 @@ from pomona.fruit_geometry.discs import SeenFruits
 from pomona.geometry import Similarity
 from pomona.scale.placement import Placement
 from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register
-from pomona.scale.report import SideTie, TiedBy
+from pomona.scale.report import PieceScale, SideTie, TiedBy
 from pomona.scale.upright import row_frame
 
 FindFruits = Callable[[Cameras], SeenFruits]
@@ -62,8 +62,9 @@ def align_sides(
     """Bring pieces that see the same fruits into one frame, and refine those that are in one.
 
     Pieces in the markers' frame meet half-way. Those that GNSS has placed, or nothing yet, are registered to the piece
-    whose metres are best. A piece that has fewer than `least_common` fruits in common with the others stays where it
-    is.
+    whose metres are best, among those that GNSS has placed where there are any: from a piece without a place on Earth
+    they take no more than its metres, where these are better. A piece that has fewer than `least_common` fruits in
+    common with the others stays where it is.
     """
     metric = [i for i in range(len(placement.pieces)) if i in placement.scales and placement.scales[i].source != "none"]
     if len(metric) < 2:
@@ -81,11 +82,34 @@ def align_sides(
         _meet_halfway(placement, with_fruits, sides, least_common)
         _warn_of_places(placement, with_fruits, sides, least_common)
     else:
-        scales = placement.scales
-        fixed = [min(metric, key=lambda i: (_SOURCES.index(scales[i].source), -len(placement.pieces[i].cameras)))]
+        fixed = [_with_best_metres(placement, [i for i in metric if i in placement.in_world] or metric)]
+    scales = dict(placement.scales)
     for idx in sorted(set(metric) - set(fixed), key=lambda i: -len(placement.pieces[i].cameras)):
         if _register_to(placement, idx, fixed, sides, least_common):
             fixed.append(idx)
+    if not exact and len(fixed) > 1:
+        _take_best_metres(placement, fixed, scales)
+
+
+def _with_best_metres(placement: Placement, among: Sequence[int]) -> int:
+    scales, pieces = placement.scales, placement.pieces
+    return min(among, key=lambda i: (_SOURCES.index(scales[i].source), -len(pieces[i].cameras)))
+
+
+def _take_best_metres(placement: Placement, tied: Sequence[int], scales: Mapping[int, PieceScale]) -> None:
+    """Give pieces that were registered to the first of them the best metres that one had before (`scales`).
+
+    The cameras of the first keep their middle, which is where on Earth they are.
+    """
+    best = min(tied, key=lambda i: (_SOURCES.index(scales[i].source), tied.index(i)))
+    if scales[best].source == scales[tied[0]].source:
+        return
+    factor = scales[best].metres_per_unit / placement.metres_per_unit[best]
+    middle = placement.in_world[tied[0]].centers_in_world.mean(0)
+    resized = Similarity(factor, np.eye(3), (1 - factor) * middle)
+    for idx in tied:
+        placement.in_world[idx] = placement.in_world[idx].transformed(resized)
+        placement.set_scale(idx, scales[best].source, factor * placement.metres_per_unit[idx])
 
 
 def _side(placement: Placement, idx: int, find_fruits: FindFruits) -> _Side:

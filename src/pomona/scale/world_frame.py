@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -201,8 +202,10 @@ def _assemble(
     if frame is None:
         source = scales[0].source if scales else "none"
         frame = WorldFrame(source, approximate=source in ("fruit-diameter", "none"))
+    elif placement.in_world:  # sides that fruits tied have the best metres of them
+        frame = replace(frame, scale_source=placement.scales[min(placement.in_world)].source)
     if any(scale.source in ("fruit-diameter", "none") for scale in scales):
-        frame = WorldFrame(frame.scale_source, True, frame.up_is_known, frame.crs, frame.origin)
+        frame = replace(frame, approximate=True)
     parts = [placement.in_world[i] if i in placement.in_world else beside[i] for i in kept]
     report = ScaleReport(
         source=frame.scale_source,
