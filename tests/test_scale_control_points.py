@@ -95,6 +95,45 @@ def test_ground_control_points_place_the_row_without_any_plate(tmp_path: Path, n
     assert 0 < off_m(placed.cameras, EAST, WEST) < 0.002
 
 
+@pytest.mark.parametrize("west_sees_points", [False, True])
+def test_a_scale_bar_serves_the_side_that_no_control_point_places(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, west_sees_points: bool
+) -> None:
+    # Points are numbered from 0, as plates are: those of the bar, 0 and 1, are others.
+    lines = gcp_lines()
+    seen = sighted([EAST, WEST], PLACES)
+    mixed_up = {3: 0, 0: 1, 1: 2, 2: 3}  # west, so that its points fit nowhere, and two of them have the bar's ids
+    there = on_earth(PLACES, "EPSG:25831")
+    kept = []
+    for line, sighting in zip(lines[1:], seen, strict=True):
+        words, i = line.split(), sighting.marker_id
+        if sighting.photo.startswith("west"):
+            if not west_sees_points or i not in mixed_up:
+                continue
+            i = mixed_up[i]
+            words[:3] = [f"{value:.9f}" for value in there[i]]
+        kept.append(" ".join([*words[:5], sighting.photo, f"point_{i}"]))
+    path = tmp_path / "gcp_list.txt"
+    in_order = sorted(kept, key=lambda line: line.split()[-1])
+    path.write_text("\n".join([lines[0], *in_order]) + "\n")
+    show_markers(monkeypatch, sighted([WEST], {0: (0.5, -0.4, 1.0), 1: (1.5, -0.4, 1.0)}))
+    options, progress = ScaleOptions(gcp=path, scale_bar=(0, 1, 1.0)), Silent()
+
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+
+    assert [piece.source for piece in placed.report.pieces] == ["control-points", "scale-bar"]
+    assert 0 < off_m(placed.cameras.of_photos(EAST.photos), EAST) < 0.006
+    west = placed.cameras.of_photos(WEST.photos).centers_in_world
+    truly = WEST.centers_in_world
+    np.testing.assert_allclose(
+        np.linalg.norm(west - west[0], axis=1), np.linalg.norm(truly - truly[0], axis=1), rtol=5e-3, atol=1e-3
+    )
+    assert placed.report.unseen_markers == ()
+    of_bar = [marker for marker in placed.report.markers if marker.side == "west" and marker.used]
+    assert [(marker.marker_id, np.isnan(marker.left_out_mm)) for marker in of_bar] == [(0, True), (1, True)]
+    assert 0 < placed.report.left_out_rms_mm < 5
+
+
 def test_a_point_measured_wrongly_is_told_by_its_name(tmp_path: Path) -> None:
     seen = zip(gcp_lines()[1:], sighted([EAST, WEST], PLACES), strict=True)
     moved = [line.split() for line, sighting in seen if sighting.photo.startswith("east")]

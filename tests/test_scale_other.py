@@ -83,9 +83,12 @@ def test_a_scale_bar_of_which_one_end_is_never_seen_is_told(monkeypatch: pytest.
 
 def test_a_scale_bar_serves_pieces_that_the_table_does_not(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     bar = {10: (0.5, -0.4, 1.0), 11: (1.5, -0.4, 1.0)}
-    show_markers(monkeypatch, sighted([EAST], PLACES) + sighted([WEST], bar))
+    seen_once = sighted([EAST], bar)[:1]
+    show_markers(monkeypatch, sighted([EAST], PLACES) + seen_once + sighted([WEST], bar))
     options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"), scale_bar=(10, 11, 1.0))
-    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options)
+    progress = Silent()
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options, progress=progress)
+    assert not [warning for warning in progress.warnings if "left out" in warning], "10 is not in the table"
     assert [piece.source for piece in placed.report.pieces] == ["markers", "scale-bar"]
     west = placed.cameras.centers_in_world[8:]
     np.testing.assert_allclose(np.linalg.norm(west - west[0], axis=1), lengths(WEST), rtol=5e-3, atol=1e-3)

@@ -59,8 +59,11 @@ def assess_adjusted(placement: Placement, photos: Mapping[str, Photo], fruit_dia
     assessment = assess(adjusted, credible_focals(adjusted.cameras, photos))
     placement.accuracy = assessment.accuracy
     left_out_mm = {marker.marker_id: marker.offset_mm for marker in assessment.left_out}
+    # Plates of a scale bar have no known place, and may have the numbers of points that were clicked.
     placement.markers = [
-        replace(marker, left_out_mm=left_out_mm.get(marker.marker_id, float("nan"))) if marker.photos > 1 else marker
+        replace(marker, left_out_mm=left_out_mm.get(marker.marker_id, float("nan")))
+        if np.isfinite(marker.residual_mm)
+        else marker
         for marker in placement.markers
     ]
     warn_of_vague_places(placement, adjusted.cameras.photos, assessment.center_sds_m, fruit_diameter_m)

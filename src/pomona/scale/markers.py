@@ -228,8 +228,8 @@ def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping
     Three markers that are not on one line give place, rotation and scale. With two, or on one line, the rotation
     about the line comes from how the cameras were held.
     """
+    sightings = [sighting for sighting in sightings if sighting.marker_id in places]
     found, failed = triangulate_markers(cameras, sightings)
-    found = {i: marker for i, marker in found.items() if i in places}
     ids = list(found)
     if len(ids) < 2:
         return f"{len(ids)} of the markers were seen well in two or more photos, expected at least 3"
@@ -270,7 +270,7 @@ def _with_seen_once(
 
     Such a marker is not triangulated, but where it is seen says how a piece is turned about the line of the others.
     """
-    here = by_marker([s for s in sightings if s.photo in cameras.photos and s.marker_id in places])
+    here = by_marker([s for s in sightings if s.photo in cameras.photos])
     once = [seen[0] for seen in here.values() if len(seen) == 1]
     fixed = fit
     if not fit.up_is_known and not on_one_line(

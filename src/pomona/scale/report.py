@@ -100,7 +100,8 @@ class ScaleReport:
     @property
     def left_out_rms_mm(self) -> float:
         """Root mean square of how far markers are seen from their places when left out one by one; NaN without."""
-        return _rms(list({m.marker_id: m.left_out_mm for m in self.markers if m.used}.values()))
+        known = {m.marker_id: m.left_out_mm for m in self.markers if m.used and np.isfinite(m.left_out_mm)}
+        return _rms(list(known.values()))
 
     @property
     def sides_are_tied(self) -> bool:

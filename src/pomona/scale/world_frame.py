@@ -68,11 +68,13 @@ def place_in_world(
         )
     placement = Placement(pieces, progress, {} if control is None else control.names)
     clicked = list(control.sightings) if control is not None else []
-    sightings = clicked or find_sightings(placement, photos, markers, options)
+    # Points that were clicked have numbers of their own, which may be those of the scale bar's plates.
+    plates = find_sightings(placement, photos, None if clicked else markers, options)
+    sightings = clicked or plates
     frame = place_by_markers(placement, photos, markers, sightings, options) if markers is not None else None
     if frame is not None and control is not None:
         frame = control.in_world(frame)
-    scale_by_bar(placement, sightings, options)
+    scale_by_bar(placement, plates, options)
     if frame is None and options.use_gnss:
         frame = place_by_gnss(placement, photos, options)
     scale_by_fruit_size(placement, detections, options)
