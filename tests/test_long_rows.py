@@ -184,7 +184,7 @@ def test_groups_are_where_labels_are() -> None:
     assert groups(np.zeros(0, np.int64)) == []
 
 
-def test_points_are_projected_into_their_own_photos() -> None:
+def test_points_are_projected_into_their_own_photos_and_back() -> None:
     cameras, random = row_of_two_lenses(), np.random.default_rng(2)
     photo_idx = random.integers(0, len(cameras), 200)
     points = cameras.centers_in_world[photo_idx] + random.normal([0, 1, 0], [0.4, 0.8, 0.4], (200, 3))
@@ -194,6 +194,9 @@ def test_points_are_projected_into_their_own_photos() -> None:
         one_px, one_depth = cameras.project(int(i), point[None])
         assert xy == pytest.approx(one_px[0], nan_ok=True)
         assert depth == pytest.approx(one_depth[0])
+    seen = np.isfinite(xy_px[:, 0])
+    for i, xy, ray in zip(photo_idx[seen], xy_px[seen], cameras.rays_each(photo_idx[seen], xy_px[seen]), strict=True):
+        assert ray == pytest.approx(cameras.rays_in_world(int(i), xy[None])[0], abs=1e-9)
 
 
 def shares_by_all_photos(

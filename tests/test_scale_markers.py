@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.weights import Landmark
+from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.geometry import Similarity, estimate_similarity, robust_similarity
@@ -24,7 +26,7 @@ from pomona.scale.aruco import detect, find_markers
 from pomona.scale.marker_table import read_markers
 from pomona.scale.markers import MarkerFit, find_sightings, fit_markers
 from pomona.scale.placement import Placement
-from pomona.scale.triangulation import triangulate
+from pomona.scale.triangulation import nearest_to_rays, triangulate
 from pomona.sfm import Piece, Reconstruction
 from scale_scenes import (
     HEIGHT,
@@ -319,6 +321,54 @@ def test_triangulation_leaves_out_a_wrong_pixel_and_tells_of_too_few() -> None:
     assert np.flatnonzero(~found.inliers).tolist() == [3]
     assert triangulate(EAST, [2, 2], xy[[2, 2]], most_error_px=3.0) == "seen in one photo only"
     assert "no two photos agree" in str(triangulate(EAST, [2, 3], xy[[2, 3]], most_error_px=3.0))
+
+
+def seen_by_many(photos: int, false: float, seed: int) -> tuple[Cameras, FloatArray, FloatArray]:
+    """Cameras of a side, the last of the other; a place (3,); where each sees it (n, 2), the last and some falsely."""
+    here = photographed("west", length_m=3.0, photos=photos - 1, seed=seed, points=10)
+    opposite = photographed("east", length_m=3.0, photos=1, seed=seed, points=10)
+    cameras, place = concatenate([here, opposite], WorldFrame()), np.array([1.5, -0.45, 1.2])
+    random = np.random.default_rng(seed)
+    xy_px = cameras.project_each(np.arange(photos), np.tile(place, (photos, 1)))[0]
+    xy_px += random.normal(0, 0.3, xy_px.shape)
+    wrong = [*random.choice(photos - 1, int(false * photos), replace=False), photos - 1]
+    xy_px[wrong] = random.uniform(0, [WIDTH, HEIGHT], (len(wrong), 2))
+    return cameras, place, xy_px
+
+
+def most_agreed(cameras: Cameras, xy_px: FloatArray, most_error_px: float) -> np.ndarray:
+    """Which sightings (n,) agree on a place, by every pair of rays and photo by photo: slow and obvious."""
+    n = len(xy_px)
+    rays = np.concatenate([cameras.rays_in_world(i, xy_px[i][None]) for i in range(n)])
+    best = np.zeros(n, bool)
+    for pair in map(list, combinations(range(n), 2)):
+        if np.degrees(np.arccos(np.clip(rays[pair[0]] @ rays[pair[1]], -1, 1))) < 1:
+            continue
+        point = nearest_to_rays(cameras.centers_in_world[pair], rays[pair])
+        seen = np.concatenate([cameras.project(i, point[None])[0] for i in range(n)])
+        agree = np.linalg.norm(seen - xy_px, axis=1) < most_error_px
+        best = agree if agree.sum() > best.sum() else best
+    return best
+
+
+@pytest.mark.parametrize("false", [0.0, 0.6])
+def test_a_sample_of_pairs_of_rays_finds_what_all_pairs_do(false: float) -> None:
+    cameras, place, xy_px = seen_by_many(28, false, seed=3)
+    found = triangulate(cameras, list(range(28)), xy_px, most_error_px=3.0)
+    assert not isinstance(found, str)
+    assert found.inliers.tolist() == most_agreed(cameras, xy_px, 3.0).tolist()
+    assert found.inliers.sum() == 27 - int(false * 28)
+    assert 0 < np.linalg.norm(found.point - place) < 0.002
+
+
+def test_one_false_ray_among_hundreds_spoils_no_marker() -> None:
+    # Opposite to all others, it makes the widest angle with each of them.
+    cameras, place, xy_px = seen_by_many(320, 0.0, seed=1)
+    found = triangulate(cameras, list(range(320)), xy_px, most_error_px=3.0)
+    assert not isinstance(found, str)
+    assert np.flatnonzero(~found.inliers).tolist() == [319]
+    assert 0 < np.linalg.norm(found.point - place) < 0.001
+    assert 0.35 < found.rms_px < 0.5
 
 
 def plate_photo(path: Path, marker_id: int, corners_px: np.ndarray, size: tuple[int, int]) -> Photo:

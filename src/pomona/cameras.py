@@ -171,6 +171,14 @@ class Cameras:
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays
 
+    def rays_each(self, photo_idx: IntArray, xy_px: FloatArray) -> FloatArray:
+        """Return unit viewing directions (n, 3) of pixels (n, 2), each of a photo of its own (n,): `rays_in_world`."""
+        rays = np.empty((len(xy_px), 3))
+        for lens, mine in groups(self.intrinsics_idx[photo_idx]):
+            rays[mine] = self.intrinsics[lens].cam_from_px(xy_px[mine])
+        rays = np.einsum("ni,nij->nj", rays, self.cam_from_world[photo_idx][:, :, :3])
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
     def transformed(self, target_from_world: Similarity, frame: WorldFrame | None = None) -> Cameras:
         """Return the cameras and points moved into another frame; cameras keep seeing the same pixels."""
         rotation = self.cam_from_world[:, :, :3] @ target_from_world.rotation.T

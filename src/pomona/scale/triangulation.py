@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from pomona.arrays import BoolArray, FloatArray
+from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.scale.aruco import Sighting, by_marker
 
 # Rays that meet under less than this say nothing of depth.
 _LEAST_ANGLE_DEG = 1.0
-# Only so many pairs of rays, those under the widest angles, bound the time.
+# Where there are more pairs of rays, a random sample of so many bounds the time.
 _MOST_PAIRS = 300
 
 
@@ -67,8 +66,10 @@ def reprojection_offsets_px(
 ) -> FloatArray:
     """Return where (k, 2) the known place of each sighting projects, from the centre that was seen, in pixels."""
     index = {name: i for i, name in enumerate(cameras.photos)}
-    offsets = [cameras.project(index[s.photo], places[s.marker_id][None])[0][0] - s.center_px for s in sightings]
-    return np.array(offsets).reshape(-1, 2)
+    photos = np.array([index[s.photo] for s in sightings], np.int64)
+    known = np.array([places[s.marker_id] for s in sightings]).reshape(-1, 3)
+    seen_px = np.array([s.center_px for s in sightings]).reshape(-1, 2)
+    return np.asarray(cameras.project_each(photos, known)[0] - seen_px)
 
 
 def tolerance_px(cameras: Cameras) -> float:
@@ -82,21 +83,17 @@ def triangulate(
 ) -> Triangulated | str:
     """Return the point that most observations (n photo indices, n × 2 pixels) agree on, or why there is none.
 
-    Every pair of rays proposes a point; the one with most observations within `most_error_px` is refined on them by
-    least squares of their reprojection errors.
+    Every pair of rays proposes a point, or many pairs by chance, the same each time; the one with most observations
+    within `most_error_px` is refined on them by least squares of their reprojection errors.
     """
-    if len(set(photo_idx)) < 2:
+    photos = np.asarray(photo_idx, np.int64)
+    if len(np.unique(photos)) < 2:
         return "seen in one photo only"
-    origins = cameras.centers_in_world[list(photo_idx)]
-    rays = np.concatenate([cameras.rays_in_world(i, xy[None]) for i, xy in zip(photo_idx, xy_px, strict=True)])
-    pairs = [pair for pair in combinations(range(len(rays)), 2) if photo_idx[pair[0]] != photo_idx[pair[1]]]
-    pairs.sort(key=lambda pair: float(rays[pair[0]] @ rays[pair[1]]))
+    origins, rays = cameras.centers_in_world[photos], cameras.rays_each(photos, xy_px)
     best: tuple[int, float, FloatArray, BoolArray] | None = None
-    for pair in pairs[:_MOST_PAIRS]:
-        if _angle_deg(rays[list(pair)]) < _LEAST_ANGLE_DEG:
-            continue
-        point = nearest_to_rays(origins[list(pair)], rays[list(pair)])
-        errors = _errors(cameras, photo_idx, xy_px, point)
+    for pair in _pairs(photos, rays):
+        point = nearest_to_rays(origins[pair], rays[pair])
+        errors = _errors(cameras, photos, xy_px, point)
         inliers = np.linalg.norm(errors, axis=1) < most_error_px
         score = int(inliers.sum()), -float(np.square(errors[inliers]).sum())
         if inliers.sum() >= 2 and (best is None or score > best[:2]):
@@ -104,15 +101,26 @@ def triangulate(
     if best is None:
         return "no two photos agree on its place, or they see it from too nearly the same direction"
     inliers = best[3]
-    kept = np.flatnonzero(inliers)
-    idx, xy = [photo_idx[i] for i in kept], xy_px[kept]
+    kept, xy = photos[inliers], xy_px[inliers]
 
     def residuals(point_in_world: FloatArray) -> FloatArray:
-        return np.asarray(np.nan_to_num(_errors(cameras, idx, xy, point_in_world), nan=1e3)).ravel()
+        return np.asarray(np.nan_to_num(_errors(cameras, kept, xy, point_in_world), nan=1e3)).ravel()
 
     fit = least_squares(residuals, best[2], x_scale="jac")
-    errors = _errors(cameras, idx, xy, fit.x)
+    errors = _errors(cameras, kept, xy, fit.x)
     return Triangulated(fit.x, inliers, float(np.sqrt((errors**2).sum(1).mean())))
+
+
+def _pairs(photos: IntArray, rays: FloatArray) -> IntArray:
+    """Return pairs (k, 2) of the rays (n, 3) of different photos (n,) that meet under an angle, or a sample of them.
+
+    Not the widest: one false ray that looks another way than all others would be in each of those.
+    """
+    apart = rays @ rays.T < np.cos(np.radians(_LEAST_ANGLE_DEG))
+    pairs = np.argwhere(np.triu(apart & (photos[:, None] != photos)))
+    if len(pairs) <= _MOST_PAIRS:
+        return pairs
+    return pairs[np.sort(np.random.default_rng(0).choice(len(pairs), _MOST_PAIRS, replace=False))]
 
 
 def nearest_to_rays(origins: FloatArray, rays: FloatArray) -> FloatArray:
@@ -121,10 +129,7 @@ def nearest_to_rays(origins: FloatArray, rays: FloatArray) -> FloatArray:
     return np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, origins))
 
 
-def _errors(cameras: Cameras, photo_idx: Sequence[int], xy_px: FloatArray, point: FloatArray) -> FloatArray:
-    projected = np.concatenate([cameras.project(i, point[None])[0] for i in photo_idx])
-    return projected - xy_px
-
-
-def _angle_deg(rays: FloatArray) -> float:
-    return float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1))))
+def _errors(cameras: Cameras, photos: IntArray, xy_px: FloatArray, point: FloatArray) -> FloatArray:
+    """Return where (n, 2) a point is seen in photos (n,), from where it should be (n, 2)."""
+    seen_px, _ = cameras.project_each(photos, np.broadcast_to(point, (len(photos), 3)))
+    return seen_px - xy_px
