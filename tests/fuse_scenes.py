@@ -67,5 +67,6 @@ def detections_of(cameras: Cameras, centers: FloatArray, diameters_m: FloatArray
         masks = tuple(Mask.from_pixels(p) for p in pixels)
         ids = np.arange(next_id, next_id + len(masks))
         next_id += len(masks)
-        by_photo[photo] = Detections(photo, WIDTH, HEIGHT, masks, np.full(len(masks), 0.9), ids)
+        lens = cameras.intrinsics_of(i)
+        by_photo[photo] = Detections(photo, lens.width_px, lens.height_px, masks, np.full(len(masks), 0.9), ids)
     return SurveyDetections(by_photo)

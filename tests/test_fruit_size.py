@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
+from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_traits.ranges import fruit_ranges, fruit_width_px
+from pomona.fruit_traits.ranges import fruit_ranges, fruit_widths_px
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
+from pomona.intrinsics import Intrinsics
 
 
 def test_nothing_measured_leaves_what_was_assumed() -> None:
@@ -37,4 +41,29 @@ def test_without_sparse_points_masks_leave_the_size_as_assumed() -> None:
     detections, assumed = detections_of(cameras, centers, np.full(6, 0.08)), FruitSize(0.07)
     ranges = fruit_ranges(detections, cameras, assumed)
     assert ranges.size is assumed
-    assert ranges.width_px == fruit_width_px(detections, cameras)
+    np.testing.assert_array_equal(ranges.widths_px, fruit_widths_px(detections, cameras))
+
+
+def test_photos_of_two_sizes_and_without_masks_have_the_ranges_of_the_others() -> None:
+    small, distance_m = cameras_in_a_row(6, distance_m=1.5), 1.5
+    lens = small.intrinsics[0]
+    twice = Intrinsics(lens.model, 2 * lens.width_px, 2 * lens.height_px, 2 * lens.params)
+    cameras = replace(small, intrinsics=(lens, twice), intrinsics_idx=np.array([0, 1] * 3))
+    centers = np.array([[x, 0.0, 0.0] for x in np.linspace(-0.35, 0.35, 7)])
+    detections = detections_of(cameras, centers, np.full(7, 0.08))
+    some = SurveyDetections({name: detections[name] for name in cameras.photos[:4]})
+
+    ranges = fruit_ranges(some, cameras, FruitSize(0.08))
+
+    np.testing.assert_allclose(ranges.typical_m, distance_m, rtol=0.05)
+    assert (ranges.near_m < 0.7 * distance_m).all()
+    assert (ranges.far_m > 1.5 * distance_m).all()
+    np.testing.assert_allclose(ranges.widths_px, [21.3, 42.7] * 3, rtol=0.05)
+    # Of one size, a photo without masks is as wide as the median of the others.
+    alike = fruit_ranges(SurveyDetections({n: detections[n] for n in small.photos[:4:2]}), small, FruitSize(0.08))
+    assert alike.widths_px == pytest.approx(np.full(6, 22), abs=1)
+
+
+def test_where_no_photo_has_masks_widths_are_usual_ones() -> None:
+    widths_px = fruit_widths_px(SurveyDetections({}), cameras_in_a_row(3))
+    assert widths_px == pytest.approx([40.0] * 3)

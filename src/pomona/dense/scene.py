@@ -29,14 +29,14 @@ class Scene:
         by_name = photos.by_name()
         self._photos = [by_name[name] for name in cameras.photos]
         self.ranges = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m))
-        self._scale = min(1.0, options.work_fruit_px / self.ranges.width_px)
+        self._scales = np.minimum(1.0, options.work_fruit_px / self.ranges.widths_px)
         sides = tuple(photo.side for photo in self._photos)
         self.neighbours = choose_neighbours(cameras, sides, self.ranges.typical_m, options)
         self.view = ViewCache(self._load, capacity=2 * options.neighbours + 3)
 
     def _load(self, i: int) -> View:
         photo = self._photos[i]
-        rgb = read_pixels(photo, max_side_px=round(self._scale * max(photo.width_px, photo.height_px)))
+        rgb = read_pixels(photo, max_side_px=round(self._scales[i] * max(photo.width_px, photo.height_px)))
         found = self._detections.get(photo.name)
         if found is None:
             found = Detections.empty(photo.name, photo.width_px, photo.height_px)

@@ -11,7 +11,7 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.dense.options import SphereCloudOptions
 from pomona.detections import Mask, SurveyDetections
-from pomona.fruit_traits.ranges import fruit_width_px
+from pomona.fruit_traits.ranges import fruit_widths_px
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent, track
@@ -36,14 +36,14 @@ def sphere_cloud(
     shown = _most_shown(fruits, observations, detections, options.views)
     if not shown:
         return FruitCloud.empty()
-    scale = min(1.0, options.work_fruit_px / fruit_width_px(detections, cameras))
+    scales = np.minimum(1.0, options.work_fruit_px / fruit_widths_px(detections, cameras))
     by_name, index = photos.by_name(), {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
     photo_of = {name: i for i, name in enumerate(cameras.photos)}
     parts = []
     for name in track(sorted(shown), progress, "cloud", len(shown)):
         photo = by_name[name]
-        pixels = read_pixels(photo, max_side_px=round(scale * max(photo.width_px, photo.height_px)))
         photo_idx = photo_of[name]
+        pixels = read_pixels(photo, max_side_px=round(scales[photo_idx] * max(photo.width_px, photo.height_px)))
         for fruit_id, mask in shown[name]:
             i = index[fruit_id]
             xy_px = _inside(mask, photo.width_px / pixels.shape[1])

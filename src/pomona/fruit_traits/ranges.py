@@ -20,18 +20,18 @@ _UNKNOWN_WIDTH_PX = 40.0
 
 @dataclass(frozen=True, eq=False)
 class FruitRanges:
-    """Fruit in n photos: `width_px` of a whole one; `size` in metres; depths (n,) at which each photo shows it."""
+    """Fruit in n photos: `widths_px` (n,) of a whole one; `size` in metres; depths (n,) at which photos show it."""
 
-    width_px: float
+    widths_px: FloatArray
     size: FruitSize
     near_m: FloatArray
     typical_m: FloatArray
     far_m: FloatArray
 
 
-def fruit_width_px(detections: SurveyDetections, cameras: Cameras) -> float:
-    """Return the width of a whole fruit in the photos that have a camera: the median over photos."""
-    return _median_width_px(_widths_px(detections, cameras))
+def fruit_widths_px(detections: SurveyDetections, cameras: Cameras) -> FloatArray:
+    """Return the width of a whole fruit in each photo (n,): the same angle in all, the median over those with masks."""
+    return _usual_widths_px(_widths_px(detections, cameras), _focals_px(cameras))
 
 
 def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: FruitSize) -> FruitRanges:
@@ -40,41 +40,47 @@ def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: Frui
     `otherwise` is the size to assume where there are too few sparse points to estimate it.
     """
     n = len(cameras)
-    widths = _widths_px(detections, cameras)
-    width_px = _median_width_px(widths)
-    focal = np.array([cameras.intrinsics_of(i).focal_px for i in range(n)])
+    widths, focals = _widths_px(detections, cameras), _focals_px(cameras)
+    usual_px = _usual_widths_px(widths, focals)
     sparse = [_sparse_depths(detections, cameras, i) for i in range(n)]
     estimates = [
-        float(np.median(depths)) * width / f
-        for depths, width, f in zip(sparse, widths, focal, strict=True)
-        if width is not None and len(depths) >= _MIN_SPARSE_POINTS
+        float(np.median(depths)) * width / focal
+        for depths, width, focal in zip(sparse, widths, focals, strict=True)
+        if np.isfinite(width) and len(depths) >= _MIN_SPARSE_POINTS
     ]
     size = FruitSize(float(np.median(estimates)), "masks") if estimates else otherwise
-    near, typical, far = np.empty(n), np.empty(n), np.empty(n)
+    typical = size.diameter_m * focals / np.where(np.isfinite(widths), widths, usual_px)
+    near, far = 0.6 * typical, 1.7 * typical
     for i, depths in enumerate(sparse):
-        typical[i] = size.diameter_m * focal[i] / (widths[i] or width_px)
-        near[i], far[i] = 0.6 * typical[i], 1.7 * typical[i]
         if len(depths) >= _MIN_SPARSE_POINTS:
             low, middle, high = np.percentile(depths, [3, 50, 97])
             typical[i] = middle
             near[i] = max(0.4 * middle, min(low, 0.85 * middle) - 2 * size.diameter_m)
             far[i] = min(2.5 * middle, max(high, 1.2 * middle) + 2 * size.diameter_m)
-    return FruitRanges(width_px, size, near, typical, far)
+    return FruitRanges(usual_px, size, near, typical, far)
 
 
-def _widths_px(detections: SurveyDetections, cameras: Cameras) -> list[float | None]:
-    return [_whole_fruit_px(detections, name) for name in cameras.photos]
+def _focals_px(cameras: Cameras) -> FloatArray:
+    return np.array([cameras.intrinsics_of(i).focal_px for i in range(len(cameras))])
 
 
-def _median_width_px(widths_px: list[float | None]) -> float:
-    known = np.array([width for width in widths_px if width is not None])
-    return float(np.median(known)) if len(known) else _UNKNOWN_WIDTH_PX
+def _widths_px(detections: SurveyDetections, cameras: Cameras) -> FloatArray:
+    """The width (n,) of a whole fruit by the masks of each photo; NaN where they are too few."""
+    return np.array([_whole_fruit_px(detections, name) for name in cameras.photos], float)
 
 
-def _whole_fruit_px(detections: SurveyDetections, photo: str) -> float | None:
-    """Return the width of a whole fruit in one photo, or None where there are too few masks to tell."""
+def _usual_widths_px(widths_px: FloatArray, focals_px: FloatArray) -> FloatArray:
+    """The width (n,) in each photo of a fruit at the median angle: photos of other cameras have other pixels."""
+    known = np.isfinite(widths_px)
+    if not known.any():
+        return _UNKNOWN_WIDTH_PX * focals_px / np.median(focals_px)
+    return np.asarray(np.median(widths_px[known] / focals_px[known]) * focals_px)
+
+
+def _whole_fruit_px(detections: SurveyDetections, photo: str) -> float:
+    """Return the width of a whole fruit in one photo, NaN where there are too few masks to tell."""
     if photo not in detections or len(detections[photo]) < 5:
-        return None
+        return float("nan")
     extents = [max(mask.width_px, mask.height_px) for mask in detections[photo].masks]
     return float(np.percentile(extents, _WHOLE_FRUIT_PERCENTILE))
 

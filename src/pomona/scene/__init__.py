@@ -83,7 +83,7 @@ class _Maps:
         self._cameras, self._options = cameras, options
         ranges = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m))
         self.diameter_m, self.depths_m = ranges.size.diameter_m, ranges.typical_m
-        self._scale = min(1.0, options.work_fruit_px / ranges.width_px)
+        self._scales = np.minimum(1.0, options.work_fruit_px / ranges.widths_px)
         sides = tuple(photo.side for photo in self._photos)
         self.partners = choose_partners(cameras, sides, self.depths_m, options)
         self.order = along_the_path(cameras, sides)
@@ -116,7 +116,7 @@ class _Maps:
     def _read(self, i: int) -> View | None:
         photo, lens = self._photos[i], self._cameras.intrinsics_of(i)
         longer = max(photo.width_px, photo.height_px)
-        side_px = min(self._options.most_side_px, round(self._scale * longer))
+        side_px = min(self._options.most_side_px, round(self._scales[i] * longer))
         try:
             rgb = read_pixels(photo, max_side_px=side_px)
         except (InputError, MissingFileError):
