@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pyproj.exceptions import ProjError
 
 from camera_scenes import enu_axes, geocentric, make_scene
 from pomona.cameras import Cameras, WorldFrame, local_crs
@@ -280,6 +281,25 @@ def test_trees_and_row_are_in_every_map(tmp_path: Path, kind: str) -> None:
     assert of_trees["fruits"].astype(float).tolist() == [28, 37]
     assert of_row["all_fruits"].astype(float).tolist() == [30.0, 40.5]
     assert of_row.to_crs(ON_EARTH.crs).length.tolist() == pytest.approx([1.0, 0.5], abs=1e-3)
+
+
+@pytest.mark.parametrize(("frame", "unit"), [(METRES, "metre"), (WorldFrame(), "unknown")])
+def test_gdal_takes_no_metres_of_a_survey_without_a_place_for_degrees(
+    tmp_path: Path, frame: WorldFrame, unit: str
+) -> None:
+    geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
+    trees, segments = _trees_and_segments()
+    write_geojson(tmp_path / "row.geojson", _fruits(), frame, trees, segments)
+    read = geopandas.read_file(tmp_path / "row.geojson")
+    assert read.crs.is_engineering
+    assert not read.crs.is_geographic
+    assert {axis.unit_name for axis in read.crs.axis_info} == {unit}
+    points = read[(read["layer"] == "fruits") & ~read.geometry.is_empty & read.geometry.notna()].geometry
+    known = _fruits().centers_in_world[np.isfinite(_fruits().centers_in_world).all(1)]
+    np.testing.assert_allclose(points.get_coordinates(include_z=True), known, atol=1e-4)
+    assert read[read["layer"] == "segments"].length.tolist() == pytest.approx([1.0, 0.5])
+    with pytest.raises(ProjError):
+        read.to_crs("EPSG:4326")
 
 
 @pytest.mark.parametrize("frame", [METRES, ON_EARTH])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyproj import CRS
 
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, MissingFileError
@@ -111,14 +112,17 @@ def test_geojson_without_a_place_on_earth_says_so(tmp_path: Path) -> None:
     write_geojson(tmp_path / "f.geojson", FRUITS, WorldFrame("markers", approximate=False))
     content = json.loads((tmp_path / "f.geojson").read_text())
     assert content["type"] == "FeatureCollection"
-    assert content["crs"] is None
+    assert CRS(content["crs"]["properties"]["name"]).is_engineering
     assert "metres" in content["note"]
     first, second = content["features"]
     assert first["geometry"] == {"type": "Point", "coordinates": [1.2346, -2.0, 0.5]}
     assert first["properties"]["diameter_m"] == 0.0751
     assert second["properties"]["diameter_m"] is None
     write_geojson(tmp_path / "f.geojson", FRUITS, WorldFrame())
-    assert "no unit" in json.loads((tmp_path / "f.geojson").read_text())["note"]
+    content = json.loads((tmp_path / "f.geojson").read_text())
+    assert "no unit" in content["note"]
+    crs = CRS(content["crs"]["properties"]["name"])
+    assert (crs.is_engineering, crs.axis_info[0].unit_name) == (True, "unknown")
 
 
 def test_geojson_with_a_place_on_earth(tmp_path: Path) -> None:

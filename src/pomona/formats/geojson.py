@@ -17,6 +17,11 @@ from pomona.trees import Trees
 
 _LOCAL = "Coordinates are metres in the survey's own frame (x, y, z): it has no place on Earth."
 _ARBITRARY = "Coordinates are in the survey's own frame and have no unit, as nothing gave a scale."
+# Well-known text (ISO 19162) of a plane that is nowhere on Earth.
+_LOCAL_CRS = (
+    'ENGCRS["Frame of the survey, nowhere on Earth",EDATUM["Unknown"],CS[Cartesian,2],AXIS["x",unspecified,ORDER[1]],'
+    'AXIS["y",unspecified,ORDER[2]],LENGTHUNIT["{unit}",1]]'
+)
 
 
 def write_geojson(
@@ -25,12 +30,14 @@ def write_geojson(
     """Write a GeoJSON FeatureCollection (RFC 7946), a feature a line, whose member `layer` says what it is of.
 
     With a place on Earth, positions are WGS 84 longitude, latitude and (fruits) altitude in metres. Without one they
-    are the survey's x, y, z, `crs` is null (GeoJSON 2008's "unknown"), and the member `note` says so.
+    are the survey's x, y, z; the member `note` says so, and `crs` (of GeoJSON 2008) to programs: without it, or with
+    null, GDAL and QGIS take metres for degrees.
     """
     features = [feature for layer in layers_of(fruits, frame, trees, segments) for feature in _features(layer)]
     head: dict[str, Any] = {"type": "FeatureCollection", "name": "fruits"}
     if frame.crs is None:
-        head |= {"crs": None, "note": _LOCAL if frame.metric else _ARBITRARY}
+        crs = _LOCAL_CRS.format(unit="metre" if frame.metric else "unknown")
+        head |= {"crs": {"type": "name", "properties": {"name": crs}}, "note": _LOCAL if frame.metric else _ARBITRARY}
     else:
         head |= {"local_crs": frame.crs, "local_origin": frame.origin}
     lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
