@@ -191,6 +191,77 @@ def test_few_positions_and_switched_off_gnss_are_not_used() -> None:
     assert off.cameras.frame.scale_source == "none"
 
 
+def uphill(world: Cameras, rise: float) -> Cameras:
+    """The cameras, without points, on ground that rises along x."""
+    rotations, centers = world.cam_from_world[:, :, :3], world.centers_in_world
+    centers = centers + rise * centers[:, :1] * [0, 0, 1]
+    poses = np.concatenate([rotations, -np.einsum("nij,nj->ni", rotations, centers)[:, :, None]], axis=2)
+    return Cameras(world.photos, world.intrinsics, world.intrinsics_idx, poses)
+
+
+def without_altitudes(photos: Photos, which: Sequence[int]) -> Photos:
+    return Photos(
+        tuple(
+            replace(p, gnss=replace(p.gnss, altitude_m=None)) if k in which and p.gnss else p
+            for k, p in enumerate(photos)
+        )
+    )
+
+
+@pytest.mark.parametrize("missing", [range(0), range(15, 30), range(0, 30, 2), range(30)])
+def test_photos_without_altitude_bend_no_row_uphill(missing: range) -> None:
+    row, progress = uphill(LONG, 0.1), Silent()
+    photos = without_altitudes(located(row), missing)
+    placed = place_in_world(Reconstruction((as_piece(row, "row"),)), photos, progress=progress)
+    errors = placed.cameras.centers_in_world + offset_m(placed) - row.centers_in_world
+    assert np.sqrt((errors[:, :2] ** 2).sum(1).mean()) < 0.02
+    assert lengths(placed.cameras)[-1] == pytest.approx(lengths(row)[-1], rel=1e-3)
+    said = [warning for warning in progress.warnings if "positions have no altitudes" in warning]
+    if len(missing) == 30:
+        assert len(said) == 1
+        assert abs(placed.cameras.centers_in_world[:, 2].mean()) < 1e-6
+    else:
+        assert said == []
+        assert abs(errors[:, 2]).max() < 0.1
+
+
+def test_positions_without_altitudes_leave_up_to_the_cameras() -> None:
+    # All round a row on a slope: on a map its path is level.
+    faces = [uphill(photographed(side, length_m=40.0, photos=20, seed=k), 0.1) for k, side in enumerate(("a", "east"))]
+    around = concatenate(faces, EAST.frame)
+    piece = Reconstruction((as_piece(around, "row"),))
+    for missing, up_is_known, most_deg in ((range(0), True, 0.3), (range(0, 40, 4), True, 0.3), (range(40), False, 2)):
+        photos = without_altitudes(located(around, noise_m=0.01), missing)
+        placed = place_in_world(piece, photos)
+        assert placed.cameras.frame.up_is_known == up_is_known
+        turned = placed.cameras.cam_from_world[0, :, :3].T @ around.cam_from_world[0, :, :3]
+        assert 0 < np.degrees(np.arccos(turned[2, 2])) < most_deg
+
+
+def test_heights_that_one_receiver_got_wrong_move_nothing() -> None:
+    photos = list(located(LONG).items)
+    for k in (2, 9, 17):
+        wrong = photos[k].gnss
+        assert wrong is not None
+        photos[k] = replace(photos[k], gnss=replace(wrong, altitude_m=0.0))
+    placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), Photos(tuple(photos)))
+    errors = placed.cameras.centers_in_world + offset_m(placed) - LONG.centers_in_world
+    assert np.abs(errors[:, 2]).max() < 0.4
+
+
+def test_few_positions_that_disagree_are_seldom_taken_to_agree() -> None:
+    # Two of five always fit; a third one does by chance.
+    row, off = photographed("row", length_m=20.0, photos=5, seed=0, points=10), []
+    for seed in range(100):
+        noisy = row.centers_in_world + np.random.default_rng(seed).normal(0, 3.0, (5, 3))
+        found = fit_gnss(row, noisy, ScaleOptions())
+        off += [] if isinstance(found, str) else [abs(found.local_from_piece.scale - 1)]
+    assert sum(error > 0.1 for error in off) <= 1
+    few = fit_gnss(row, row.centers_in_world + np.random.default_rng(0).normal(0, 0.1, (5, 3)), ScaleOptions())
+    assert not isinstance(few, str)
+    assert few.local_from_piece.scale == pytest.approx(1, rel=0.03)
+
+
 def test_positions_spread_both_ways_tell_up_too() -> None:
     random = np.random.default_rng(0)
     centers = np.column_stack([random.uniform(0, 60, 40), random.uniform(0, 50, 40), random.uniform(28, 32, 40)])
@@ -209,9 +280,12 @@ def test_photos_without_positions_have_no_local_frame() -> None:
     frame = local_frame(photos.items)
     assert frame is not None
     mixed = [replace(photos.items[0], gnss=None), *photos.items[1:]]
+    assert photos.items[1].gnss is not None
+    mixed[1] = replace(mixed[1], gnss=replace(photos.items[1].gnss, altitude_m=None))
     positions = positions_in_local(mixed, frame)
     assert np.isnan(positions[0]).all()
-    assert np.isfinite(positions[1:]).all()
+    assert np.isfinite(positions[1]).tolist() == [True, True, False]
+    assert np.isfinite(positions[2:]).all()
     assert isinstance(fit_gnss(EAST, np.full((8, 3), np.nan), ScaleOptions()), str)
 
 

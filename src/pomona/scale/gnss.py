@@ -16,7 +16,7 @@ from pomona.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
-from pomona.scale.upright import estimate_upright_similarity, up_direction
+from pomona.scale.upright import estimate_upright_similarity, leveling_rotation, up_direction
 
 # Where there are more pairs, a random sample of so many bounds the time.
 _MOST_PAIRS = 1000
@@ -70,6 +70,11 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
         up_is_known = up_is_known or fit.up_is_known
     if not placement.in_world:
         return None
+    if all(photo.gnss is None or photo.gnss.altitude_m is None for photo in photos):
+        placement.warn(
+            "The photos' positions have no altitudes: heights are metres above or below the cameras, not above the "
+            "sea. A column `altitude` of `positions` gives them"
+        )
     source = placement.scales[min(placement.in_world)].source
     return WorldFrame(source, approximate=False, up_is_known=up_is_known, crs=frame.crs, origin=frame.origin)
 
@@ -132,13 +137,14 @@ def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArra
 
 
 def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray:
-    """Return the photos' positions (n, 3) in metres east, north and up; NaN where a photo has none."""
+    """Return the photos' positions (n, 3) in metres east, north and up; NaN where a photo has none, or no altitude."""
     transformer = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
     positions = np.full((len(photos), 3), np.nan)
     for i, photo in enumerate(photos):
         if photo.gnss is not None:
             positions[i, :2] = transformer.transform(photo.gnss.longitude_deg, photo.gnss.latitude_deg)
-            positions[i, 2] = 0.0 if photo.gnss.altitude_m is None else photo.gnss.altitude_m - frame.origin[2]
+            if photo.gnss.altitude_m is not None:
+                positions[i, 2] = photo.gnss.altitude_m - frame.origin[2]
     return positions
 
 
@@ -159,12 +165,13 @@ def fit_gnss(
 ) -> GnssFit | str:
     """Return a piece's place from its cameras' positions (n, 3), NaN where unknown, or why they do not give one.
 
-    Where positions are spread well in two directions, as from a drone, all of the similarity is fitted to them.
-    Positions along a row say nothing of its roll: there up is taken from how the cameras were held, and scale (unless
-    given), heading and place are fitted. `weights` (n,) of the positions are by default all the same.
+    Where positions are spread well in two directions, as from a drone, all of the similarity is fitted to those with a
+    height, if most have one. Positions along a row say nothing of its roll: there up is taken from how the cameras were
+    held, and scale (unless given), heading and place are fitted to the positions on the ground, the height to those
+    that have one. `weights` (n,) of the positions are by default all the same.
     """
-    known = np.isfinite(positions).all(1)
-    distinct = len(np.unique(positions[known].round(2), axis=0))
+    known = np.isfinite(positions[:, :2]).all(1)
+    distinct = _distinct(positions[known])
     if distinct < options.least_gnss_positions:
         return f"{distinct} different GNSS positions, expected at least {options.least_gnss_positions}"
     source, target = cameras.centers_in_world[known], positions[known]
@@ -177,7 +184,12 @@ def fit_gnss(
         except InputError as error:
             return str(error)
     similarity, good = fit
-    rms_m = _scatter(similarity, source[good], target[good], worth[good], unknowns=7 if up_is_known else 5)
+    agreeing = _distinct(target[good])
+    if agreeing < options.least_gnss_positions:
+        return (
+            f"{agreeing} of {distinct} different GNSS positions agree, expected at least {options.least_gnss_positions}"
+        )
+    rms_m = _scatter(similarity, source[good], target[good], worth[good], unknowns=7 if up_is_known else 4)
     length_m = _spread(target[good])[0]
     if length_m < options.least_gnss_spread * rms_m:
         return (
@@ -189,12 +201,23 @@ def fit_gnss(
     return GnssFit(similarity, inliers, rms_m, up_is_known)
 
 
+def _distinct(positions: FloatArray) -> int:
+    return len(np.unique(positions[:, :2].round(2), axis=0))
+
+
 def _fit_all(
     source: FloatArray, target: FloatArray, worth: FloatArray, least_spread: float
 ) -> tuple[Similarity, BoolArray] | None:
-    """A similarity without regard to how the cameras were held; None where positions are too nearly on one line."""
+    """A similarity without regard to how the cameras were held; None where positions are too nearly on one line.
+
+    Positions without a height do not count, and where they are most, there is none.
+    """
+    high = np.isfinite(target[:, 2])
+    if 2 * high.sum() < len(target):
+        return None
     try:
-        _, good = robust_similarity(source, target)
+        good = high.copy()
+        good[high] = robust_similarity(source[high], target[high])[1]
         similarity = estimate_similarity(source[good], target[good], weights=worth[good])
     except InputError:
         return None
@@ -212,21 +235,40 @@ def _spread(positions: FloatArray) -> FloatArray:
 def _robust_upright(
     source: FloatArray, target: FloatArray, worth: FloatArray, up: FloatArray, scale: float | None
 ) -> tuple[Similarity, BoolArray]:
-    """Least median of squares over pairs, then least squares over the positions that agree."""
+    """Least median of squares over pairs, then least squares over the positions that agree, on the ground.
+
+    Of n residuals two are nothing by construction: the middle of the others counts. Heights, if there are any, only say
+    how high all is: they are worse than places on the ground, and photos may have none.
+    """
+    leveling = Similarity(1.0, leveling_rotation(up), np.zeros(3))
+    flat, z = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    level = leveling.apply(source)
+    here, there = level * flat, np.nan_to_num(target) * flat
+    rank = 2 + (len(source) - 2) // 2
     best: tuple[float, FloatArray] | None = None
     for pair in some_subsets(len(source), 2, _MOST_PAIRS):
         try:
-            similarity = estimate_upright_similarity(source[list(pair)], target[list(pair)], up, scale)
+            similarity = estimate_upright_similarity(here[list(pair)], there[list(pair)], z, scale)
         except InputError:
             continue
-        residuals = np.sqrt(worth) * np.linalg.norm(similarity.apply(source) - target, axis=1)
-        median = float(np.median(residuals))
+        residuals = np.sqrt(worth) * np.linalg.norm(similarity.apply(here) - there, axis=1)
+        median = float(np.sort(residuals)[rank - 1 : rank + 1].mean())
         if best is None or median < best[0]:
             best = median, residuals
     if best is None:
         raise InputError("GNSS positions do not fit the cameras' path")
     good = best[1] <= 3 * 1.4826 * best[0] + 1e-6
-    return estimate_upright_similarity(source[good], target[good], up, scale, worth[good]), good
+    on_ground = estimate_upright_similarity(here[good], there[good], z, scale, worth[good])
+    above = target[good, 2] - on_ground.apply(level[good])[:, 2]
+    high = np.isfinite(above)
+    up_m = _weighted_median(above[high], worth[good][high]) if high.any() else -on_ground.apply(level)[:, 2].mean()
+    return Similarity(1.0, np.eye(3), up_m * z).compose(on_ground).compose(leveling), good
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    order = np.argsort(values, kind="stable")
+    shares = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(shares, shares[-1] / 2)])
 
 
 def _scatter(

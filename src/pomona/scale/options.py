@@ -20,7 +20,7 @@ class ScaleOptions:
     `fruit_diameter_m` is the median diameter of the fruits. `use_gnss` and `refine` (a last bundle adjustment that
     holds the markers in their places) can be switched off.
     `marker_search_side_px`: markers are searched in photos shrunk to this size, then measured in the whole photo.
-    `least_gnss_positions`: fewer different positions than this do not place a piece.
+    `least_gnss_positions`: fewer different positions that agree than this do not place a piece.
     `least_gnss_spread`: positions must be spread this many times wider than they scatter around the cameras' path.
     `least_fruits`: fewer fruits of known distance than this do not give a scale.
     `least_common_fruits`: fewer fruits seen from both sides than this do not bring sides together.
