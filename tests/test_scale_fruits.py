@@ -252,6 +252,8 @@ def test_a_side_on_earth_keeps_its_place_where_the_other_sees_a_scale_bar(monkey
     assert _between(EAST, alone).scale == pytest.approx(metres_too_long, rel=0.01)
     assert _between(EAST, east_then).scale == pytest.approx(1.0, rel=0.01)
     assert 0 < relative_error_m(east_then, placed.cameras.of_photos(WEST.photos)) < 0.06
+    (of_bar,) = {scale.scale_sd for scale in placed.report.pieces}
+    assert 0 < of_bar < 0.005
 
 
 def test_markers_leave_little_which_fruits_make_less() -> None:

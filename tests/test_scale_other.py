@@ -94,6 +94,29 @@ def test_a_scale_bar_serves_pieces_that_the_table_does_not(monkeypatch: pytest.M
     np.testing.assert_allclose(np.linalg.norm(west - west[0], axis=1), lengths(WEST), rtol=5e-3, atol=1e-3)
 
 
+@pytest.mark.parametrize(("seen_by", "named"), [(slice(0, 8), 0), (slice(3, 5), 1)])
+def test_a_scale_bar_that_few_photos_see_is_named(monkeypatch: pytest.MonkeyPatch, seen_by: slice, named: int) -> None:
+    row = photographed("row", photos=8, seed=3)
+    bar = {0: (0.8, -0.3, 1.0), 1: (0.9, -0.5, 1.7)}
+    show_markers(monkeypatch, [s for s in sighted([row], bar, noise_px=0.3) if s.photo in row.photos[seen_by]])
+    length = float(np.linalg.norm(np.subtract(bar[0], bar[1])))
+    progress = Silent()
+    one, options = Reconstruction((as_piece(row, "row"),)), ScaleOptions(scale_bar=(0, 1, length))
+    (piece,) = place_in_world(one, photos_of(row), options=options, progress=progress).report.pieces
+    error = abs(piece.metres_per_unit * some_frame(1).scale - 1)
+    assert error / 4 < piece.scale_sd < 0.03
+    said = [w for w in progress.warnings if "the scale is uncertain" in w and "show both ends of the scale bar" in w]
+    assert len(said) == named
+
+
+@pytest.mark.parametrize(("per_metre", "named"), [(1, 0), (100, 2), (1000, 2)])
+def test_a_scale_bar_in_other_units_is_asked_about(monkeypatch: pytest.MonkeyPatch, per_metre: int, named: int) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    length = per_metre * float(np.linalg.norm(np.subtract(PLACES[0], PLACES[5])))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=ScaleOptions(scale_bar=(0, 5, length)))
+    assert sum("its length in metres?" in text for text in placed.report.contradictions) == named
+
+
 # GNSS.
 
 
@@ -189,6 +212,26 @@ def test_few_positions_and_switched_off_gnss_are_not_used() -> None:
     assert "3 different GNSS positions, expected at least 5" in progress.warnings[0]
     off = place_in_world(one, photos, options=ScaleOptions(use_gnss=False))
     assert off.cameras.frame.scale_source == "none"
+
+
+@pytest.mark.parametrize(("noise_m", "named"), [(0.02, 0), (0.8, 1)])
+def test_a_scale_from_rough_positions_is_said_to_be_uncertain(noise_m: float, named: int) -> None:
+    progress = Silent()
+    placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), located(LONG, noise_m), progress=progress)
+    said = [w for w in progress.warnings if w.startswith("Side row: the scale is uncertain (± 1.")]
+    assert len(said) == named
+    assert placed.report.pieces[0].scale_sd == pytest.approx(0.015 * noise_m, rel=0.4)
+
+
+def test_the_uncertainty_of_a_scale_from_positions_is_what_it_is() -> None:
+    row, scales, sds = photographed("row", length_m=100.0, photos=8, seed=0, points=10), [], []
+    for seed in range(60):
+        noisy = row.centers_in_world + np.random.default_rng(seed).normal(0, 1.0, (8, 3))
+        found = fit_gnss(row, noisy, ScaleOptions())
+        assert not isinstance(found, str)
+        scales.append(found.local_from_piece.scale)
+        sds.append(found.scale_sd)
+    assert 0.7 < np.median(sds) / np.std(scales) < 1.4
 
 
 def uphill(world: Cameras, rise: float) -> Cameras:

@@ -135,6 +135,23 @@ def warn_of_vague_scale(placement: Placement, accuracy: Accuracy) -> None:
     )
 
 
+def warn_of_vague_bars_and_gnss(placement: Placement) -> None:
+    """Say which scales from scale bars and GNSS positions are uncertain, and what to do."""
+    advice = {
+        "scale-bar": "let more photos show both ends of the scale bar, from places farther apart",
+        "gnss": "set up markers or a scale bar, or take positions of a better receiver (`positions`)",
+    }
+    told = set()
+    for idx, scale in sorted(placement.scales.items()):
+        vague = scale.source in advice and _SURE * scale.scale_sd >= _VAGUE_SCALE
+        if vague and scale.scale_sd not in told:
+            told.add(scale.scale_sd)  # pieces that fruits tied to each other have one scale
+            placement.warn(
+                f"{placement.name(idx)}: the scale is uncertain (± {100 * scale.scale_sd:.1f} %), and with it the "
+                f"fruits' sizes: {advice[scale.source]}"
+            )
+
+
 def warn_of_marker(
     placement: Placement,
     cameras: Cameras,

@@ -38,12 +38,16 @@ class LocalFrame:
 
 @dataclass(frozen=True, eq=False)
 class GnssFit:
-    """A piece in the local frame: the similarity, the positions (n,) that agree, their scatter, if up is known."""
+    """A piece in the local frame: the similarity, the positions (n,) that agree, their scatter, if up is known.
+
+    `scale_sd` is the standard deviation of the scale, as a share of it, where positions are off independently.
+    """
 
     local_from_piece: Similarity
     inliers: BoolArray
     rms_m: float
     up_is_known: bool
+    scale_sd: float
 
 
 def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -> WorldFrame | None:
@@ -66,7 +70,7 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
         placement.in_world[idx] = piece.cameras.transformed(fit.local_from_piece)
         _name_outliers(placement, idx, fit, positions)
         if scale is None:
-            placement.set_scale(idx, "gnss", fit.local_from_piece.scale, 1000 * fit.rms_m)
+            placement.set_scale(idx, "gnss", fit.local_from_piece.scale, 1000 * fit.rms_m, fit.scale_sd)
         up_is_known = up_is_known or fit.up_is_known
     if not placement.in_world:
         return None
@@ -198,7 +202,9 @@ def fit_gnss(
         )
     inliers = np.zeros(len(positions), bool)
     inliers[np.flatnonzero(known)[good]] = True
-    return GnssFit(similarity, inliers, rms_m, up_is_known)
+    # One coordinate scatters by the root of a half of what both together do.
+    reach_m = float(np.sqrt((worth[good] / worth[good].mean() * _from_middle(target[good]).T ** 2).sum()))
+    return GnssFit(similarity, inliers, rms_m, up_is_known, scale_sd=rms_m / np.sqrt(2) / reach_m)
 
 
 def _distinct(positions: FloatArray) -> int:
@@ -228,8 +234,13 @@ def _fit_all(
 
 def _spread(positions: FloatArray) -> FloatArray:
     """The RMS distances (2,) from the middle, along and across, on the ground."""
-    flat = positions[:, :2] - positions[:, :2].mean(0)
+    flat = _from_middle(positions)
     return np.asarray(np.linalg.svd(flat, compute_uv=False) / np.sqrt(len(flat)))
+
+
+def _from_middle(positions: FloatArray) -> FloatArray:
+    """Positions (n, 2) on the ground, from the middle of them."""
+    return np.asarray(positions[:, :2] - positions[:, :2].mean(0))
 
 
 def _robust_upright(

@@ -414,31 +414,50 @@ def scale_by_bar(placement: Placement, sightings: Sequence[Sighting], options: S
         return
     for idx in placement.unscaled():
         piece = placement.pieces[idx]
-        found = _bar_scale(piece.cameras, sightings, options.scale_bar, piece.side)
+        found = _seen_bar(piece.cameras, sightings, options.scale_bar)
         if isinstance(found, str):
             placement.add_failure(idx, found)
             if placement.is_main(idx):
                 placement.warn(f"{placement.name(idx)} has no scale from the scale bar: {found}")
             continue
-        placement.set_scale(idx, "scale-bar", found[0])
-        placement.markers += found[1]
+        metres_per_unit = options.scale_bar[2] / found.length
+        placement.set_scale(idx, "scale-bar", metres_per_unit, scale_sd=found.length_sd / found.length)
+        placement.markers += [
+            MarkerResidual(end.marker_id, piece.side, len(end.sightings), float("nan"), end.triangulated.rms_px)
+            for end in found.ends
+        ]
+        distance_m = metres_per_unit * found.distance
+        if not _PLAUSIBLE_DISTANCE_M[0] < distance_m < _PLAUSIBLE_DISTANCE_M[1]:
+            placement.contradict(
+                f"{placement.name(idx)}: by the scale bar the camera stood {distance_m:.3g} m from it; is "
+                f"{options.scale_bar[2]:g} its length in metres?"
+            )
 
 
-def _bar_scale(
-    cameras: Cameras, sightings: Sequence[Sighting], bar: tuple[int, int, float], side: str
-) -> tuple[float, list[MarkerResidual]] | str:
-    """Return a piece's metres per unit and how well its two markers are seen, or why the bar gives no scale."""
-    one, other, length_m = bar
+@dataclass(frozen=True, eq=False)
+class _SeenBar:
+    """The ends of a scale bar in a piece, in whose units all lengths are, and from how far photos see it (median)."""
+
+    ends: tuple[TriangulatedMarker, TriangulatedMarker]
+    length: float
+    length_sd: float
+    distance: float
+
+
+def _seen_bar(cameras: Cameras, sightings: Sequence[Sighting], bar: tuple[int, int, float]) -> _SeenBar | str:
+    """Return the scale bar as a piece sees it, or why it gives no scale."""
+    one, other, _ = bar
     found, failed = triangulate_markers(cameras, [s for s in sightings if s.marker_id in (one, other)])
     for marker_id in (one, other):
         if marker_id not in found:
             return f"marker {marker_id} of the scale bar: {failed.get(marker_id, 'not seen in any photo')}"
-    a, b = found[one].triangulated, found[other].triangulated
+    ends = found[one], found[other]
+    a, b = ends[0].triangulated, ends[1].triangulated
     length = float(np.linalg.norm(a.point - b.point))
     if length <= 0:
         return "both markers of the scale bar are seen in one place"
-    residuals = [
-        MarkerResidual(i, side, len(found[i].sightings), float("nan"), found[i].triangulated.rms_px)
-        for i in (one, other)
-    ]
-    return length_m / length, residuals
+    along = (a.point - b.point) / length
+    length_sd = _center_sd_px(ends) * float(np.sqrt(along @ (a.covariance + b.covariance) @ along))
+    photos = [cameras.photos.index(sighting.photo) for end in ends for sighting in end.sightings]
+    away = np.linalg.norm(cameras.centers_in_world[photos] - (a.point + b.point) / 2, axis=1)
+    return _SeenBar(ends, length, length_sd, float(np.median(away)))

@@ -76,11 +76,18 @@ class Placement:
         """Remember why a source gave a piece no scale or place."""
         self.failures.setdefault(idx, []).append(reason)
 
-    def set_scale(self, idx: int, source: ScaleSource, metres_per_unit: float, rms_mm: float = float("nan")) -> None:
-        """Remember a piece's scale and where it came from."""
+    def set_scale(
+        self,
+        idx: int,
+        source: ScaleSource,
+        metres_per_unit: float,
+        rms_mm: float = float("nan"),
+        scale_sd: float = float("nan"),
+    ) -> None:
+        """Remember a piece's scale, where it came from, and how exact it is."""
         piece = self.pieces[idx]
         self.metres_per_unit[idx] = metres_per_unit
-        self.scales[idx] = PieceScale(piece.side, len(piece.cameras), source, metres_per_unit, rms_mm)
+        self.scales[idx] = PieceScale(piece.side, len(piece.cameras), source, metres_per_unit, rms_mm, scale_sd)
 
     def name(self, idx: int) -> str:
         """Name a piece for a person."""

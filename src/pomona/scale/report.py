@@ -33,13 +33,18 @@ class MarkerResidual:
 
 @dataclass(frozen=True)
 class PieceScale:
-    """How one piece got its metres: the source, the factor, and the root mean square residual (NaN where none)."""
+    """How one piece got its metres: the source, the factor, and the root mean square residual (NaN where none).
+
+    `scale_sd` is the standard deviation of the factor, as a share of it, by how well the ends of a scale bar are seen
+    and how much GNSS positions scatter; NaN for other sources.
+    """
 
     side: str
     photos: int
     source: ScaleSource
     metres_per_unit: float
     rms_mm: float = float("nan")
+    scale_sd: float = float("nan")
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,8 @@ def _take_best_metres(placement: Placement, tied: Sequence[int], scales: Mapping
     resized = Similarity(factor, np.eye(3), (1 - factor) * middle)
     for idx in tied:
         placement.in_world[idx] = placement.in_world[idx].transformed(resized)
-        placement.set_scale(idx, scales[best].source, factor * placement.metres_per_unit[idx])
+        metres_per_unit = factor * placement.metres_per_unit[idx]
+        placement.set_scale(idx, scales[best].source, metres_per_unit, scale_sd=scales[best].scale_sd)
 
 
 def _side(placement: Placement, idx: int, find_fruits: FindFruits) -> _Side:
@@ -204,7 +205,7 @@ def _register_to(
     starts_from_gnss = idx in placement.in_world
     placement.in_world[base], placement.in_world[idx] = sides[base].cameras, sides[idx].cameras
     metres_per_unit = placement.metres_per_unit[idx] * found.target_from_source.scale
-    placement.set_scale(idx, placement.scales[base].source, metres_per_unit)
+    placement.set_scale(idx, placement.scales[base].source, metres_per_unit, scale_sd=placement.scales[base].scale_sd)
     with_most = max(known, key=lambda i: len(_shared(sides[idx], sides[i])))
     moved_m = _moved_m(before, sides[idx]) if starts_from_gnss else float("nan")
     placement.met |= {base, idx}

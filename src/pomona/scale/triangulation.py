@@ -20,11 +20,15 @@ _MOST_PAIRS = 300
 
 @dataclass(frozen=True, eq=False)
 class Triangulated:
-    """A point (3,) in the cameras' frame, which observations (n,) are inliers, and the RMS of their residuals."""
+    """A point (3,) in the cameras' frame, which observations (n,) are inliers, and the RMS of their residuals.
+
+    `covariance` (3, 3) is that of the point where coordinates are seen with a standard deviation of one pixel.
+    """
 
     point: FloatArray
     inliers: BoolArray
     rms_px: float
+    covariance: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +112,9 @@ def triangulate(
 
     fit = least_squares(residuals, best[2], x_scale="jac")
     errors = _errors(cameras, kept, xy, fit.x)
-    return Triangulated(fit.x, inliers, float(np.sqrt((errors**2).sum(1).mean())))
+    rms_px = float(np.sqrt((errors**2).sum(1).mean()))
+    slopes: FloatArray = np.asarray(fit.jac)
+    return Triangulated(fit.x, inliers, rms_px, np.linalg.pinv(slopes.T @ slopes))
 
 
 def _pairs(photos: IntArray, rays: FloatArray) -> IntArray:

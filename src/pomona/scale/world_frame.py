@@ -15,7 +15,12 @@ from pomona.errors import ReconstructionError
 from pomona.geometry import Similarity
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
-from pomona.scale.accuracy import assess_adjusted, free_center_sds, warn_of_vague_places
+from pomona.scale.accuracy import (
+    assess_adjusted,
+    free_center_sds,
+    warn_of_vague_bars_and_gnss,
+    warn_of_vague_places,
+)
 from pomona.scale.control_points import ControlPoints, read_control_points, surveyed_markers
 from pomona.scale.fruit_landmarks import adjust_on_fruits
 from pomona.scale.fruit_size import scale_by_fruit_size
@@ -94,6 +99,7 @@ def place_in_world(
     check_walk(placement)
     assess_adjusted(placement, photos.by_name(), options.fruit_diameter_m)
     _assess_places(placement, photos, options)
+    warn_of_vague_bars_and_gnss(placement)
     return _assemble(placement, frame, loose, _still_lost(placement, lost, dropped))
 
 
