@@ -344,6 +344,23 @@ def test_a_scale_bar_gives_the_scale_and_gnss_the_place(monkeypatch: pytest.Monk
     np.testing.assert_allclose(lengths(placed.cameras)[1:], 1.01 * lengths(row)[1:], rtol=0.005)
 
 
+@pytest.mark.parametrize(
+    ("error", "noise_m", "named"), [(1.0, 0.02, 0), (1.0, 0.2, 0), (1.12, 0.02, 1), (0.6, 0.02, 1)]
+)
+def test_positions_contradict_a_scale_bar_of_another_length(
+    monkeypatch: pytest.MonkeyPatch, error: float, noise_m: float, named: int
+) -> None:
+    row = photographed("row", length_m=12.0, photos=30, seed=7)
+    bar = {0: (5.0, 0.0, 1.0), 1: (6.5, 0.3, 1.6)}
+    show_markers(monkeypatch, sighted([row], bar))
+    length = error * float(np.linalg.norm(np.subtract(bar[0], bar[1])))
+    one, options = Reconstruction((as_piece(row, "row"),)), ScaleOptions(scale_bar=(0, 1, length))
+    report = place_in_world(one, located(row, noise_m), options=options).report
+    said = [re.search(r"by GNSS positions lengths are ([\d.]+) times", text) for text in report.contradictions]
+    assert [float(found[1]) for found in said if found] == pytest.approx([1 / error] * named, rel=0.02)
+    assert [piece.source for piece in report.pieces] == ["scale-bar"]
+
+
 # The fruits' own diameter.
 
 

@@ -22,6 +22,8 @@ from pomona.scale.upright import estimate_upright_similarity, leveling_rotation,
 _MOST_PAIRS = 1000
 _FAR_OFF = 6.0  # times the scatter of the others: no noise, a wrong position
 _LEAST_SCATTER_M = 0.05
+# Positions contradict a scale that they differ from by more than this share and so many standard deviations.
+_SAME_SCALE, _CONTRADICTION = 0.03, 4.0
 _MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG = 90.0, 360.0
 
 
@@ -62,6 +64,8 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
         scale = placement.metres_per_unit.get(idx)
         positions, weights = positions_in_local(of_piece, frame), weights_of(of_piece)
         fit = fit_gnss(piece.cameras, positions, options, scale=scale, weights=weights)
+        if scale is not None:
+            _compare_scales(placement, idx, fit_gnss(piece.cameras, positions, options, weights=weights))
         if isinstance(fit, str):
             placement.add_failure(idx, fit)
             if placement.is_main(idx):
@@ -81,6 +85,20 @@ def place_by_gnss(placement: Placement, photos: Photos, options: ScaleOptions) -
         )
     source = placement.scales[min(placement.in_world)].source
     return WorldFrame(source, approximate=False, up_is_known=up_is_known, crs=frame.crs, origin=frame.origin)
+
+
+def _compare_scales(placement: Placement, idx: int, free: GnssFit | str) -> None:
+    """Warn where positions give another scale than the scale bar did, by a fit that was not told of it."""
+    if isinstance(free, str):
+        return
+    known = placement.scales[idx]
+    ratio = free.local_from_piece.scale / known.metres_per_unit
+    sd = np.hypot(free.scale_sd, np.nan_to_num(known.scale_sd))
+    if abs(np.log(ratio)) > max(_SAME_SCALE, _CONTRADICTION * sd):
+        placement.contradict(
+            f"{placement.name(idx)}: by GNSS positions lengths are {ratio:.2f} times what the scale bar makes them. "
+            "Check the bar's length and ids, or, if the positions are wrong, leave them out (`use_gnss`)"
+        )
 
 
 def _name_outliers(placement: Placement, idx: int, fit: GnssFit, positions: FloatArray) -> None:
