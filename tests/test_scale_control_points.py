@@ -129,6 +129,9 @@ def test_a_scale_bar_serves_the_side_that_no_control_point_places(
         np.linalg.norm(west - west[0], axis=1), np.linalg.norm(truly - truly[0], axis=1), rtol=5e-3, atol=1e-3
     )
     assert placed.report.unseen_markers == ()
+    (said,) = [warning for warning in progress.warnings if "nothing says where on Earth" in warning]
+    assert f"({WEST.photos[0]} to {WEST.photos[-1]})" in said
+    assert EAST.photos[0] not in said
     of_bar = [marker for marker in placed.report.markers if marker.side == "west" and marker.used]
     assert [(marker.marker_id, np.isnan(marker.left_out_mm)) for marker in of_bar] == [(0, True), (1, True)]
     assert 0 < placed.report.left_out_rms_mm < 5

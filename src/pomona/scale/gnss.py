@@ -97,7 +97,7 @@ def _compare_scales(placement: Placement, idx: int, free: GnssFit | str) -> None
     if abs(np.log(ratio)) > max(_SAME_SCALE, _CONTRADICTION * sd):
         placement.contradict(
             f"{placement.name(idx)}: by GNSS positions lengths are {ratio:.2f} times what the scale bar makes them. "
-            "Check the bar's length and ids, or, if the positions are wrong, leave them out (`use_gnss`)"
+            "Check the bar's length and the ids of its plates, or where the positions come from"
         )
 
 

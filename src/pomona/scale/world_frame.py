@@ -202,7 +202,7 @@ def _assemble(
     metric = [_in_metres(placement.pieces[i].cameras, placement.metres_per_unit.get(i, 1.0)) for i in loose]
     resected = [] if placement.resected is None else [placement.resected]
     beside = dict(zip(loose, set_beside([*placement.in_world.values(), *resected], metric), strict=True))
-    _warn_of_loose(placement, loose)
+    _warn_of_loose(placement, loose, on_earth=frame is not None and frame.crs is not None)
     if frame is not None and frame.scale_source not in ("markers", "control-points"):
         _warn_of_pieces_by_gnss(placement)
     kept = sorted([*placement.in_world, *loose])
@@ -271,7 +271,12 @@ def _lost(placement: Placement, idx: int) -> list[Unregistered]:
     return [Unregistered(name, piece.side, reason, advice) for name in piece.cameras.photos]
 
 
-def _warn_of_loose(placement: Placement, loose: Sequence[int]) -> None:
+def _warn_of_loose(placement: Placement, loose: Sequence[int], *, on_earth: bool) -> None:
+    if on_earth and loose:
+        placement.warn(
+            f"{_listed(placement, loose)}: nothing says where on Earth. On maps and in exports with coordinates of "
+            "Earth, these photos and their fruits stand beside the others, not where they are"
+        )
     if len(loose) + bool(placement.in_world) < 2:
         return
     sides = list(dict.fromkeys(placement.pieces[i].side for i in [*placement.in_world, *loose]))
