@@ -325,6 +325,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "planting": frozenset({"planting"}) | HANDED,
     "progress": ALL,
     "report": frozenset({"report"}),
+    "row_line": frozenset({"planting"}) | HANDED,
     "scale": frozenset({"scale", "report"}),
     "scene": frozenset({"scene"}),
     "second_look": frozenset({"second_look"}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,23 @@ def test_trees_are_found_where_fruits_gather(options: PlantingOptions) -> None:
     off = np.linalg.norm(trunks.xy_in_world - trunks_of(7, 1.2).xy_in_world, axis=1)
     assert off.max() < 0.15
     assert (on_trees(fruits, trunks).tree_ids == true).mean() > 0.95
+
+
+@pytest.mark.parametrize("options", [PlantingOptions(spacing_m=1.5), PlantingOptions()], ids=["distance", "nothing"])
+def test_trees_of_a_bent_row_are_found(options: PlantingOptions) -> None:
+    """A row of 60 m, 4 m aside in its middle: a straight line has a quarter of the fruits on no tree."""
+    fruits, true = row(40, 1.5, per_tree=15, spread=0.15, turned_deg=0)
+    along, across = fruits.centers_in_world[:, 0] - 129.25, fruits.centers_in_world[:, 1] + 50
+    angle, radius_m = along / 112.5, 112.5
+    x, y = (radius_m + across) * np.sin(angle), (radius_m + across) * np.cos(angle)
+    bent = replace(fruits, centers_in_world=np.column_stack([x, y, fruits.centers_in_world[:, 2]]))
+    trunks = find_trunks(bent, options)
+    assert len(trunks) == 40
+    steps = np.linalg.norm(np.diff(trunks.xy_in_world, axis=0), axis=1)
+    assert steps == pytest.approx(np.full(39, 1.5), rel=0.02)
+    tree_ids = on_trees(bent, trunks).tree_ids
+    assert (tree_ids == 0).mean() < 0.01
+    assert (tree_ids == true).mean() > 0.95
 
 
 def test_trees_are_numbered_along_the_row_whatever_the_order_of_fruits() -> None:

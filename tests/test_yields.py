@@ -37,30 +37,33 @@ class Listening(Silent):
         self.warnings.append(message)
 
 
-def standing(sides: int) -> Cameras:
-    """Twelve cameras 0.3 m apart along x, 2.5 m from the row, on one side or on both."""
+def standing(sides: int, photos: int = 12) -> Cameras:
+    """Cameras 0.3 m apart along x, 2.5 m from the row, on one side or on both."""
     lens = Intrinsics("SIMPLE_PINHOLE", 600, 800, np.array([500.0, 300, 400]))
     poses, names = [], []
     for side in range(sides):
         toward = 1.0 if side == 0 else -1.0
         rotation = np.array([[toward, 0, 0], [0, 0, -1.0], [0, toward, 0]])
-        for k in range(12):
+        for k in range(photos):
             eye = np.array([0.3 * k - 0.15, -2.5 * toward, 1.5])
             poses.append(np.column_stack([rotation, -rotation @ eye]))
             names.append(f"{'east' if side == 0 else 'west'}/{k:02}")
     return Cameras(tuple(names), (lens,), np.zeros(len(names), int), np.array(poses), frame=METRES)
 
 
-def grown(seed: int, sides: int, count: int = 160, leaves: float = 1.0) -> tuple[Fruits, Observations, Cameras, int]:
+def grown(
+    seed: int, sides: int, count: int = 160, leaves: float = 1.0, photos: int = 12
+) -> tuple[Fruits, Observations, Cameras, int]:
     """Fruits found of `count` in a crown 1 m deep that hides those behind it, and how many two photos look at."""
     rng = np.random.default_rng(seed)
-    centers = np.column_stack([rng.uniform(-0.4, 3.4, count), rng.uniform(-0.5, 0.5, count), rng.uniform(1, 2, count)])
-    cameras = standing(sides)
+    ends = (-0.4, 0.3 * photos - 0.2)
+    centers = np.column_stack([rng.uniform(*ends, count), rng.uniform(-0.5, 0.5, count), rng.uniform(1, 2, count)])
+    cameras = standing(sides, photos)
     looks, seen = np.zeros((count, len(cameras)), bool), np.zeros((count, len(cameras)), bool)
     for side in range(sides):
         depth = (0.5 + (centers[:, 1] if side == 0 else -centers[:, 1])) / 1.0
         clear = 3.0 - leaves * 4.5 * depth + rng.normal(0, 1.8, count)
-        for j in range(12 * side, 12 * side + 12):
+        for j in range(photos * side, photos * side + photos):
             xy_px, _ = cameras.project(j, centers)
             looks[:, j] = ((xy_px > 0) & (xy_px < [600, 800])).all(1)
             seen[:, j] = looks[:, j] & (rng.random(count) < 1 / (1 + np.exp(-clear)))
@@ -227,6 +230,46 @@ def test_sides_are_told_by_where_cameras_stand() -> None:
     assert encounters.sides == 2
     assert encounters.depths[:, 0] == pytest.approx(-encounters.depths[:, 1])
     assert (encounters.seen <= encounters.photos).all()
+
+
+def on_arc(points: np.ndarray, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 3) of a row along x when it is bent to the left, and how far each has turned (n,), radians."""
+    angle, off = points[:, 0] / radius_m, radius_m - points[:, 1]
+    return np.column_stack([off * np.sin(angle), radius_m - off * np.cos(angle), points[:, 2]]), angle
+
+
+def cameras_on_arc(cameras: Cameras, radius_m: float) -> Cameras:
+    places, angles = on_arc(cameras.centers_in_world, radius_m)
+    turns = [np.array([[np.cos(a), np.sin(a), 0], [-np.sin(a), np.cos(a), 0], [0, 0, 1]]) for a in angles]
+    rotations = [pose[:, :3] @ turn for pose, turn in zip(cameras.cam_from_world, turns, strict=True)]
+    poses = [np.column_stack([r, -r @ place]) for r, place in zip(rotations, places, strict=True)]
+    return replace(cameras, cam_from_world=np.array(poses))
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+def test_a_bent_row_has_as_many_fruits_as_a_straight_one(sides: int) -> None:
+    """A row of 30 m, 2 m aside in its middle: by a straight line, depths in the crown are those of the bend."""
+    fruits, observations, cameras, _ = grown(16, sides, count=500, photos=100, leaves=1.2 if sides == 2 else 0.7)
+    bent = replace(fruits, centers_in_world=on_arc(fruits.centers_in_world, 56.0)[0])
+    around = cameras_on_arc(cameras, 56.0)
+    straight, arc = encounters_of(fruits, observations, cameras), encounters_of(bent, observations, around)
+    assert arc.sides == straight.sides == sides
+    assert (arc.seen == straight.seen).mean() > 0.99
+    assert np.abs(arc.depths - straight.depths).max() < 0.4  # of a bend of 6.7
+    options = YieldOptions(draws=100, most_fitted=150)
+    crops = [
+        estimate_crop(*row, trees_of(row[0], Trunks.unknown(), STORY_APPLES), STORY_APPLES, options=options)
+        for row in ((fruits, observations, cameras), (bent, observations, around))
+    ]
+    (before, after), (segments, along) = [found.crop for found in crops], [found.segments for found in crops]
+    assert before is not None
+    assert after is not None
+    assert after.per_metre is not None
+    assert after.fruits.value == pytest.approx(before.fruits.value, rel=0.04)
+    assert after.fruits.value / after.per_metre.value == pytest.approx(29.9, abs=0.3)
+    assert len(along) == len(segments)
+    assert np.abs(along.fruits - segments.fruits).max() <= 3
+    assert np.linalg.norm(along.starts_in_world[1:] - along.ends_in_world[:-1], axis=1).max() < 1e-9
 
 
 # ---- hand counts

@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
 from pomona.fruits import Fruits
-from pomona.geometry import row_axis
 from pomona.planting.options import PlantingOptions
 from pomona.planting.trunk_table import read_trunks
 from pomona.progress import Progress, Silent
+from pomona.row_line import RowLine, row_line
 from pomona.trees import Trunks
 
 _TRIED_A_PERIOD = 16  # so many distances are tried between two which differ by one tree over the row's length
@@ -73,16 +73,15 @@ def _compare(row: _Row, spacing_m: float, options: PlantingOptions, progress: Pr
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """A row's fruits along its axis: `along_m` (n,), from `origin` (2,) in the unit direction `axis` (2,)."""
+    """A row's fruits along its middle `line`: `along_m` (n,)."""
 
     along_m: FloatArray
-    origin: FloatArray
-    axis: FloatArray
+    line: RowLine
 
     @classmethod
     def of(cls, centers_in_world: FloatArray) -> _Row:
-        origin, axis = row_axis(centers_in_world)
-        return cls((centers_in_world[:, :2] - origin) @ axis, origin, axis)
+        line = row_line(centers_in_world)
+        return cls(line.along_across(centers_in_world)[0], line)
 
     @property
     def length_m(self) -> float:
@@ -129,5 +128,5 @@ class _Row:
         # A few fruits beyond the row's last tree hang on its longest branches.
         trees = numbers[counts >= _STRAY * np.median(counts)]
         steps = np.arange(trees.min(), trees.max() + 1)
-        xy = self.origin + (phase_m + steps * spacing_m)[:, None] * self.axis
+        xy = self.line.places(phase_m + steps * spacing_m)
         return Trunks(np.arange(1, len(steps) + 1), xy, source)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
-from pomona.geometry import row_axis
+from pomona.row_line import row_line
 from pomona.yields.options import YieldOptions
 
 DEPTH_DIAMETERS = 4.0
@@ -70,18 +70,16 @@ def encounters_of(
 
     `candidate_views` (m,) are the numbers of photos of all that masks were joined to; None: nothing was filtered.
 
-    Sides are those of the line along the row amid the fruits, whatever photos are called.
+    Sides are those of the row's middle line, whatever photos are called.
     """
-    options = options or YieldOptions()
-    origin, along = row_axis(fruits.centers_in_world)
-    across = np.array([-along[1], along[0]])
+    options, line = options or YieldOptions(), row_line(fruits.centers_in_world)
     seen = _seen(fruits, observations, cameras)
     could = _in_picture(fruits, cameras, seen) | seen
-    stands = (cameras.centers_in_world[:, :2] - origin) @ across
+    _, stands = line.along_across(cameras.centers_in_world)
     sides = [stands < 0, stands >= 0]
     sides = [side for side in sides if (side & could.any(axis=0)).sum() >= _FEWEST_PHOTOS] or [stands == stands]
     size = size_of_fruits(fruits.diameters_m, FruitSize())
-    offsets = (fruits.centers_in_world[:, :2] - origin) @ across / (DEPTH_DIAMETERS * size.diameter_m)
+    offsets = line.along_across(fruits.centers_in_world)[1] / (DEPTH_DIAMETERS * size.diameter_m)
     depths = np.stack([-np.sign(stands[side].mean()) * offsets for side in sides], axis=1)
     steps = np.nan_to_num(np.log(fruits.diameters_m / size.diameter_m) / _SIZE_STEP)
     usual = max(float(np.median(could[:, side].sum(axis=1))) for side in sides)

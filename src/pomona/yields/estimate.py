@@ -15,10 +15,10 @@ from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.crop import Crop, RowSegments, SizeDistribution
 from pomona.fruits import Fruits, Observations
-from pomona.geometry import row_axis
 from pomona.intervals import Interval
 from pomona.measure.allometry import Allometry, total_weight
 from pomona.progress import Progress, Silent
+from pomona.row_line import row_line
 from pomona.trees import Trees
 from pomona.yields.detectability import Detectability, fit_detectability
 from pomona.yields.encounters import Encounters, encounters_of
@@ -154,8 +154,7 @@ def _crop(
 ) -> Crop:
     total = draws.counts.sum(axis=1)
     everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
-    origin, axis = row_axis(fruits.centers_in_world)
-    length = float(np.ptp((fruits.centers_in_world[:, :2] - origin) @ axis))
+    length = float(np.ptp(row_line(fruits.centers_in_world).along_across(fruits.centers_in_world)[0]))
     shares = _stands_for_measured(fruits, draws)
     return Crop(
         seen=Interval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
@@ -225,8 +224,8 @@ def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:
 
 def _segments(fruits: Fruits, draws: _Draws, length_m: float) -> RowSegments:
     """Return parts of the row of one length, the last as long as what is left of it."""
-    origin, axis = row_axis(fruits.centers_in_world)
-    along_m = (fruits.centers_in_world[:, :2] - origin) @ axis
+    line = row_line(fruits.centers_in_world)
+    along_m, _ = line.along_across(fruits.centers_in_world)
     first = float(along_m.min())
     number = ((along_m - first) / length_m).astype(int)
     count = int(number.max()) + 1
@@ -241,6 +240,6 @@ def _segments(fruits: Fruits, draws: _Draws, length_m: float) -> RowSegments:
         rows.append((mine.sum(), draws.expected[mine].sum(), *np.percentile(own, _ENDS), median))
     found, estimates, low, high, diameters = np.array(rows, float).T
     return RowSegments(
-        origin + starts[:, None] * axis, origin + ends[:, None] * axis,
+        line.places(starts), line.places(ends),
         found.astype(np.int64), estimates, np.minimum(low, estimates), np.maximum(high, estimates), diameters,
     )  # fmt: skip
