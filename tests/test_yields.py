@@ -21,8 +21,9 @@ from pomona.planting.summary import trees_of
 from pomona.progress import Silent
 from pomona.survey.digest import plain
 from pomona.trees import Trunks
-from pomona.yields import Estimate, YieldOptions, estimate_crop, read_hand_counts
+from pomona.yields import Estimate, HandCounts, YieldOptions, estimate_crop, read_hand_counts
 from pomona.yields.encounters import encounters_of, kept_shares
+from pomona.yields.hand_counts import Calibration, OnTrees, calibration
 
 METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 TRUNKS = Trunks(np.arange(1, 5), np.column_stack([np.arange(4) * 1.0, np.zeros(4)]))
@@ -352,6 +353,115 @@ def test_hand_counts_without_trees_or_far_off_are_said(tmp_path: Path) -> None:
     trees = trees_of(fruits, TRUNKS, STORY_APPLES)
     estimate_crop(fruits, observations, cameras, trees, STORY_APPLES, options=options, progress=listening)
     assert "Tree 2: 400" in listening.warnings[-1]
+    assert "It was left out" in listening.warnings[-1]
+
+
+def photographed(true: np.ndarray, seed: int, *, shown: float = 0.7, believed: float = 0.7) -> OnTrees:
+    """What photos show of trees with so many fruits: a share, as they believe, but another one of each tree.
+
+    Three fruits of a hundred are taken to hang on the next tree.
+    """
+    rng = np.random.default_rng(seed)
+    moved = rng.binomial(true, 0.03)
+    here = true - moved + np.roll(moved, 1)
+    seen = rng.binomial(here, np.clip(shown + rng.normal(0, 0.08, len(true)), 0.1, 1)).astype(float)
+    shares = np.clip(rng.normal(believed, 0.06, (400, 1)), 0.3, 1)
+    hidden = rng.negative_binomial(np.maximum(seen, 1e-9), np.broadcast_to(shares, (400, len(true))))
+    return OnTrees(seen / believed, seen, seen + hidden, np.broadcast_to(seen, hidden.shape))
+
+
+def orchard(seed: int) -> np.ndarray:
+    """Fruits of 40 trees, of which about six bear none."""
+    rng = np.random.default_rng([seed, 7])
+    loads = rng.lognormal(3.5, 0.4, 40) * (rng.random(40) > 0.15)
+    return rng.poisson(loads)
+
+
+def total(trees: OnTrees, by: Calibration) -> tuple[float, np.ndarray]:
+    seen, all_of_them = trees.seen.sum(), trees.expected.sum()
+    found, drawn = trees.seen_draws.sum(axis=1), trees.draws.sum(axis=1)
+    return by.seen * seen + by.hidden * (all_of_them - seen), by.seen_draws * found + by.hidden_draws * (drawn - found)
+
+
+@pytest.mark.parametrize(("count", "widest"), [(3, 0.8), (5, 0.55), (10, 0.35)])
+@pytest.mark.parametrize("shown", [0.55, 0.7, 0.85])
+def test_calibrated_totals_are_right_on_average_and_intervals_hold(count: int, widest: float, shown: float) -> None:
+    """Of trees chosen by chance, some of which bear nothing; photos believe that 70 % are seen."""
+    ratios, held, widths = [], [], []
+    for seed in range(60):
+        true, rng = orchard(seed), np.random.default_rng(seed)
+        trees = photographed(true, seed, shown=shown)
+        some = np.isin(np.arange(40), rng.choice(40, count, replace=False))
+        if not true[some].any():
+            continue
+        by = calibration(HandCounts(np.flatnonzero(some) + 1, true[some].astype(float)), trees[some], rng, Silent())
+        assert by is not None
+        value, draws = total(trees, by)
+        low, high = np.percentile(draws, (2.5, 97.5))
+        ratios.append(value / true.sum())
+        held.append(low <= true.sum() <= high)
+        widths.append((high - low) / true.sum())
+    assert 0.95 < np.mean(ratios) < 1.05
+    assert np.mean(held) >= 0.9
+    assert 0.02 < np.median(widths) < widest
+
+
+def test_trees_that_bear_nothing_count() -> None:
+    """Fruits that a neighbour's branches hold out over an empty tree are on that neighbour by hand."""
+    trees = OnTrees(np.array([50.0, 6, 40]), np.array([40.0, 5, 33]), *[np.tile([50.0, 6, 40], (200, 1))] * 2)
+    counts = HandCounts(np.array([1, 2, 3]), np.array([55.0, 0, 41]))
+    listening = Listening()
+    by = calibration(counts, trees, np.random.default_rng(0), listening)
+    assert by is not None
+    assert by.ratio.value == pytest.approx(96 / 96)
+    nothing = HandCounts(np.array([2]), np.zeros(1))
+    few = OnTrees(np.array([2.0]), np.array([2.0]), np.full((200, 1), 2.0), np.full((200, 1), 2.0))
+    assert calibration(nothing, few, np.random.default_rng(0), listening) is None
+    assert "all 0" in listening.warnings[-1]
+
+
+@pytest.mark.parametrize("typed", [3.0, 340.0, 0.0])
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+def test_a_count_far_off_all_others_is_left_out(typed: float, count: int) -> None:
+    true = np.array([34, 30, 41, 28, 37, 33])[:count]
+    trees, listening = photographed(true, 1, shown=0.7), Listening()
+    counts = np.array([typed, *true[1:]])
+    by = calibration(HandCounts(np.arange(11, 11 + count), counts), trees, np.random.default_rng(0), listening)
+    assert ["Tree 11" in w and "left out" in w and "table of hand counts" in w for w in listening.warnings] == [True]
+    if count == 1:
+        assert by is None
+        return
+    assert by is not None
+    assert f"{count - 1} tree" in by.ratio.covers
+    assert 0.75 < by.ratio.value < 1.35
+
+
+def test_trees_that_all_differ_from_the_photos_are_no_slips() -> None:
+    """Photos show a third of what they believe: that is what hand counts are for, and is said once."""
+    true, listening = np.array([60, 52, 75, 44]), Listening()
+    trees = photographed(true, 2, shown=0.25, believed=0.75)
+    by = calibration(HandCounts(np.arange(1, 5), true.astype(float)), trees, np.random.default_rng(0), listening)
+    assert by is not None
+    assert by.ratio.value == pytest.approx(true.sum() / trees.expected.sum())
+    assert "4 trees are 2." in listening.warnings[0] or "4 trees are 3." in listening.warnings[0]
+    assert len(listening.warnings) == 1
+
+
+def test_calibrated_totals_are_never_less_than_was_found() -> None:
+    """Half of what photos believe to be hidden is there: a tree of which all was found keeps all of it."""
+    seen, hidden = np.array([40.0, 30, 35, 60]), np.array([20.0, 16, 18, 0])
+    drawn = np.tile(seen + hidden, (500, 1)), np.tile(seen, (500, 1))
+    trees = OnTrees(seen + hidden, seen, *drawn)
+    some = np.array([True, True, True, False])
+    counts = HandCounts(np.arange(1, 4), np.array([50.0, 37, 45]))
+    by = calibration(counts, trees[some], np.random.default_rng(0), Silent())
+    assert by is not None
+    assert (by.seen, by.hidden) == pytest.approx((1.0, 27 / 54))
+    assert by.seen_draws.min() >= 1
+    assert by.hidden_draws.min() >= 0
+    fewer = calibration(replace(counts, counts=0.8 * seen[:3]), trees[some], np.random.default_rng(0), Silent())
+    assert fewer is not None  # of what was found, a fifth is none
+    assert (fewer.seen, fewer.hidden) == pytest.approx((0.8, 0.0))
 
 
 @pytest.mark.parametrize(("text", "said"), [("1,-3\n", "count"), ("1,many\n", "line 2"), ("1,3\n1,4\n", "twice")])

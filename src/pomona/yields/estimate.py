@@ -22,7 +22,7 @@ from pomona.row_line import row_line
 from pomona.trees import Trees
 from pomona.yields.detectability import Detectability, fit_detectability
 from pomona.yields.encounters import Encounters, encounters_of
-from pomona.yields.hand_counts import calibration, known_counts, read_hand_counts
+from pomona.yields.hand_counts import Calibration, OnTrees, calibration, known_counts, read_hand_counts
 from pomona.yields.options import YieldOptions
 
 _SEEN = "true fruits among those found, hidden ones not counted"
@@ -78,11 +78,9 @@ def estimate_crop(
     ratio = None
     if counts is not None:
         known = known_counts(counts, trees.ids, progress)
-        rows = [draws.on_tree(fruits, tree) for tree in known.tree_ids.tolist()]
-        if rows:
-            found = calibration(known, np.stack(rows, axis=1), np.array([row.mean() for row in rows]), rng, progress)
-            if found is not None:
-                ratio, draws, covers = found[0], draws.times(found[0].value, found[1]), covers + _CALIBRATED
+        found = calibration(known, draws.on_trees(fruits, known.tree_ids), rng, progress) if len(known) else None
+        if found is not None:
+            ratio, draws, covers = found.ratio, draws.calibrated(found), covers + _CALIBRATED
     return Estimate(
         _crop(fruits, encounters, draws, covers, ratio, allometry),
         replace(fruits, stands_for=draws.expected),
@@ -93,10 +91,14 @@ def estimate_crop(
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """How many each of n fruits stands for: `expected` (n,), and `counts` (k, n) as they may be; `real` (k, n) of which
-    is it a fruit; `elsewhere` (k, n) where one between two trees hangs on the other."""
+    """How many each of n fruits stands for: `expected` (n,), of which `seen` (n,) itself, and both as they may be.
+
+    `counts` (k, n) are all, `real` (k, n) says whether it is a fruit; `elsewhere` (k, n) where one between two trees
+    hangs on the other.
+    """
 
     expected: FloatArray
+    seen: FloatArray
     counts: FloatArray
     real: FloatArray
     elsewhere: FloatArray
@@ -114,24 +116,40 @@ class _Draws:
         real = (rng.random((count, len(fruits))) >= false).astype(float)
         others = rng.negative_binomial(1, detectability.draws(count, rng))
         between = (fruits.other_tree_ids > 0) & (rng.random(real.shape) < 0.5)
-        return cls(_reality(fruits) / detectability.probabilities, real * (1 + others), real, between.astype(float))
+        seen = _reality(fruits)
+        return cls(seen / detectability.probabilities, seen, real * (1 + others), real, between.astype(float))
 
-    def times(self, ratio: float, ratios: FloatArray) -> _Draws:
+    def calibrated(self, by: Calibration) -> _Draws:
         """Return what hand counts make of them."""
-        return replace(self, expected=ratio * self.expected, counts=ratios[:, None] * self.counts)
+        return replace(
+            self,
+            expected=by.seen * self.seen + by.hidden * (self.expected - self.seen),
+            counts=by.seen_draws[:, None] * self.real + by.hidden_draws[:, None] * (self.counts - self.real),
+        )
 
-    def expected_on_tree(self, fruits: Fruits, tree: int) -> float:
-        """Return how many hang on a tree; of those between two trees half do."""
-        here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
-        mine = self.expected[here] * np.where(fruits.other_tree_ids[here] > 0, 0.5, 1.0)
-        return float(mine.sum() + 0.5 * self.expected[there].sum())
+    def on_trees(self, fruits: Fruits, tree_ids: IntArray) -> OnTrees:
+        """Return what hangs on trees (t,), and what of that was seen."""
+        trees = tree_ids.tolist()
+        return OnTrees(
+            np.array([_expected_on(self.expected, fruits, tree) for tree in trees]),
+            np.array([_expected_on(self.seen, fruits, tree) for tree in trees]),
+            np.stack([self._drawn_on(self.counts, fruits, tree) for tree in trees], axis=1),
+            np.stack([self._drawn_on(self.real, fruits, tree) for tree in trees], axis=1),
+        )
 
-    def on_tree(self, fruits: Fruits, tree: int) -> FloatArray:
-        """Return draws (k,) of how many hang on a tree."""
+    def _drawn_on(self, drawn: FloatArray, fruits: Fruits, tree: int) -> FloatArray:
+        """Return draws (k,) of how many of what was drawn (k, n) hang on a tree."""
         here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
-        mine = self.counts[:, here] * (1 - self.elsewhere[:, here])
-        total: FloatArray = mine.sum(axis=1) + (self.counts[:, there] * self.elsewhere[:, there]).sum(axis=1)
+        mine = drawn[:, here] * (1 - self.elsewhere[:, here])
+        total: FloatArray = mine.sum(axis=1) + (drawn[:, there] * self.elsewhere[:, there]).sum(axis=1)
         return total
+
+
+def _expected_on(expected: FloatArray, fruits: Fruits, tree: int) -> float:
+    """Return how many of what is expected (n,) hang on a tree; of those between two trees half do."""
+    here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
+    mine = expected[here] * np.where(fruits.other_tree_ids[here] > 0, 0.5, 1.0)
+    return float(mine.sum() + 0.5 * expected[there].sum())
 
 
 def _reality(fruits: Fruits) -> FloatArray:
@@ -211,12 +229,11 @@ def _weight(
 
 def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:
     """Return the trees with all their fruits, hidden ones too."""
+    if not len(trees):
+        return trees
     # By what is expected, as the row's total is: draws of few hand counts have no mean that is worth anything.
-    rows = [
-        (draws.expected_on_tree(fruits, tree), *np.percentile(draws.on_tree(fruits, tree), _ENDS))
-        for tree in trees.ids.tolist()
-    ]
-    estimates, low, high = np.array(rows, float).reshape(-1, 3).T
+    on = draws.on_trees(fruits, trees.ids)
+    estimates, (low, high) = on.expected, np.percentile(on.draws, _ENDS, axis=0)
     return replace(
         trees, all_fruits=estimates, all_low=np.minimum(low, estimates), all_high=np.maximum(high, estimates)
     )

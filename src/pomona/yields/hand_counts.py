@@ -8,13 +8,18 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
-from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError
 from pomona.formats.small_table import read_small_table
 from pomona.intervals import Interval
 from pomona.progress import Progress
 
-_FAR_OFF = 2.0  # a count that is so many times more or less than the estimate is of another tree, or a slip
+_FAR_OFF = 2.0  # a count that is so many times more or less than it should be is named
+_SLIP = 3.0  # so many times, and it is a slip, or of another tree,
+_SURELY, _LIKELY = 3.0, 2.5  # if off by so many standard deviations; by fewer if photos contradict it by themselves
+# How trees differ in what photos show of them, as a share, before that is known; it counts as so many trees.
+_TREE_SD, _TREES = 0.1, 4
+_ENDS = (2.5, 97.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,29 +66,143 @@ def known_counts(counts: HandCounts, tree_ids: IntArray, progress: Progress) -> 
     return HandCounts(counts.tree_ids[known], counts.counts[known])
 
 
-def calibration(
-    counts: HandCounts, draws: FloatArray, estimates: FloatArray, rng: np.random.Generator, progress: Progress
-) -> tuple[Interval, FloatArray] | None:
-    """Return the ratio of n counts to what was estimated of these trees (n,), and draws (k,) of it.
+@dataclass(frozen=True, eq=False)
+class OnTrees:
+    """What photos say of n trees: `expected` fruits (n,), hidden ones too, and those of them that were `seen` (n,).
 
-    `draws` (k, n) are those of the estimates. Each has a ratio of its own, so that what is not known of all trees alike
-    cancels. Besides, the ratio of sums errs as trees scatter about it, with n − 1 degrees of freedom; of one tree that
-    is not known. None where nothing can be compared.
+    `draws` (k, n) and `seen_draws` (k, n) are of both as they may be.
     """
-    usable = (estimates > 0) & (counts.counts > 0)
-    for tree, count, estimate in zip(counts.tree_ids, counts.counts, estimates, strict=True):
-        if not estimate / _FAR_OFF <= count <= estimate * _FAR_OFF:
-            progress.warn(
-                f"Tree {tree}: {count:g} fruits were counted by hand where some {estimate:.0f} were expected from the "
-                "photos: is it the same tree?"
-            )
-    if not usable.any():
+
+    expected: FloatArray
+    seen: FloatArray
+    draws: FloatArray
+    seen_draws: FloatArray
+
+    def __getitem__(self, selection: BoolArray) -> OnTrees:
+        return OnTrees(
+            self.expected[selection], self.seen[selection], self.draws[:, selection], self.seen_draws[:, selection]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The `ratio` of counts to estimates, and how many fruits each `seen` and each `hidden` one stands for.
+
+    `seen_draws` (k,) and `hidden_draws` (k,) are of both as they may be.
+    """
+
+    ratio: Interval
+    seen: float
+    hidden: float
+    seen_draws: FloatArray
+    hidden_draws: FloatArray
+
+
+def calibration(counts: HandCounts, trees: OnTrees, rng: np.random.Generator, progress: Progress) -> Calibration | None:
+    """Return what n counts make of what photos say of these trees; None where nothing can be compared.
+
+    Counts that are far off all others are left out, with a warning that names the tree. Each draw has a ratio of its
+    own, so that what is not known of all trees alike cancels. Besides, the ratio of sums errs as trees scatter about
+    it; of few trees, as trees usually do. Trees on which nothing was counted, or nothing found, count as others do:
+    without them the ratio is that of trees chosen by what hangs on them.
+    """
+    good = _without_slips(counts, trees, progress)
+    counted, trees, n = counts.counts[good], trees[good], int(good.sum())
+    expected = float(trees.expected.sum())
+    if expected == 0:
         return None
-    counted, expected = counts.counts[usable], estimates[usable]
-    ratio = float(counted.sum() / expected.sum())
-    n = len(counted)
-    ratios = counted.sum() / np.maximum(draws[:, usable].sum(axis=1), 1.0)
-    if n > 1:
-        of_trees = float(np.sqrt(n * (counted - ratio * expected).var(ddof=1))) / expected.sum()
-        ratios = np.maximum(ratios + of_trees * student.rvs(n - 1, size=len(draws), random_state=rng), 0.0)
-    return Interval.of_draws(ratio, ratios, f"hand counts of {n} tree{'s' if n > 1 else ''} to their estimates"), ratios
+    if counted.sum() == 0:
+        progress.warn(
+            f"Hand counts of {n} trees are all 0, where some {expected:.0f} fruits were expected from the photos: they "
+            "were left out. Count trees that bear fruit, too"
+        )
+        return None
+    ratio = float(counted.sum()) / expected
+    if n > 1 and not 1 / _FAR_OFF <= ratio <= _FAR_OFF:
+        progress.warn(
+            f"Hand counts of {n} trees are {ratio:.2g} times what was expected from the photos: are they the same "
+            "trees, on the same day?"
+        )
+    sums = np.maximum(trees.draws.sum(axis=1), 1.0)
+    fruits = np.full(len(sums), float(counted.sum()))
+    off = _scatter(counted, ratio, trees) * student.rvs(n - 1 + _TREES, size=len(sums), random_state=rng)
+    fruits = np.maximum(fruits + off, 0.0)
+    found = trees.seen_draws.sum(axis=1)
+    # What was found is there, unless fewer were counted on these very trees.
+    fruits = np.where(counted.sum() >= found, np.maximum(fruits, found), fruits)
+    seen, hidden = _shares(counted.sum(), np.array(trees.seen.sum()), np.array(expected))
+    words = f"hand counts of {n} tree{'s' if n > 1 else ''} to their estimates"
+    return Calibration(
+        Interval.of_draws(ratio, fruits / sums, words), float(seen), float(hidden), *_shares(fruits, found, sums)
+    )
+
+
+def _scatter(counted: FloatArray, ratio: float, trees: OnTrees) -> float:
+    """Return the standard deviation of the sum of n counts (n,), as trees scatter about the ratio."""
+    usual, squares = _usual_scatter(trees).sum(), ((counted - ratio * trees.expected) ** 2).sum()
+    return float(np.sqrt((_TREES * usual + len(counted) * squares) / (_TREES + len(counted) - 1)))
+
+
+def _shares(fruits: FloatArray, found: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how many each found fruit and each hidden one stands for, where there are so many fruits in all.
+
+    Where there are more than expected, all are as many times more. Where there are fewer, fewer are hidden; only where
+    there are fewer than found, were some of those none.
+    """
+    more, beyond = fruits >= expected, np.maximum(fruits - found, 0.0)
+    seen = np.where(more, fruits / expected, np.minimum(fruits / np.maximum(found, 1e-9), 1.0))
+    hidden = np.where(more, fruits / expected, beyond / np.maximum(expected - found, 1e-9))
+    return seen, hidden
+
+
+def _without_slips(counts: HandCounts, trees: OnTrees, progress: Progress) -> BoolArray:
+    """Return which of n counts (n,) to use: not those that are many times what is due by all others.
+
+    Of one, or of two that disagree, it is that which the photos contradict, if they do.
+    """
+    good = np.ones(len(counts), bool)
+    low, high = np.percentile(trees.draws, _ENDS, axis=0)
+    for _ in range(max((len(counts) - 1) // 2, 1)):
+        due, off = _due(counts.counts, trees, good)
+        by_photos = (off > _LIKELY) & _apart(counts.counts, low, high, _SLIP)
+        by_counts = (off > _SURELY) & (len(counts) > 2) & (2 * trees.expected <= trees.expected[good].sum())
+        slips = good & (by_photos | by_counts) & _apart(counts.counts, due, due, _SLIP)
+        if not slips.any():
+            break
+        good[np.argmax(np.where(slips, off, 0.0))] = False
+    due, off = _due(counts.counts, trees, good)
+    strange = ~good | ((off > 1) & _apart(counts.counts, due, due, _FAR_OFF))
+    for tree, count, expected, used in zip(
+        counts.tree_ids[strange], counts.counts[strange], due[strange], good[strange], strict=True
+    ):
+        by = "the photos and the other counts" if len(counts) > 1 else "the photos"
+        done = "It is used all the same" if used else "It was left out"
+        progress.warn(
+            f"Tree {tree}: {count:g} fruits were counted by hand where some {expected:.0f} were expected from {by}: is "
+            f"it the same tree, and no slip? {done}; correct or remove it in the table of hand counts"
+        )
+    return good
+
+
+def _due(counted: FloatArray, trees: OnTrees, good: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return what each count (n,) should be by all other good ones, and how many standard deviations it is off.
+
+    A single count should be what is expected.
+    """
+    others, of_others, scatter = (
+        values[good].sum() - np.where(good, values, 0.0) for values in (counted, trees.expected, _usual_scatter(trees))
+    )
+    known = of_others > 0
+    share = trees.expected / np.where(known, of_others, 1.0)
+    due = np.where(known, others * share, trees.expected)
+    variances = counted + due + np.where(known, share**2 * scatter, 0.0)
+    return due, np.abs(counted - due) / np.sqrt(np.maximum(variances, 1.0))
+
+
+def _usual_scatter(trees: OnTrees) -> FloatArray:
+    """Return the variance (n,) of counts about what is expected, as trees usually have it."""
+    return np.asarray(trees.expected - trees.seen + (_TREE_SD * trees.expected) ** 2)
+
+
+def _apart(counts: FloatArray, low: FloatArray, high: FloatArray, times: float) -> BoolArray:
+    return np.asarray((counts > times * high) | (times * counts < low))
