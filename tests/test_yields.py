@@ -233,6 +233,19 @@ def test_sides_are_told_by_where_cameras_stand() -> None:
     assert (encounters.seen <= encounters.photos).all()
 
 
+@pytest.mark.parametrize("sides", [1, 2])
+def test_small_fruits_hang_as_deep_in_the_crown_as_large_ones(sides: int) -> None:
+    """Cherries where apples hung are as hard to see: what hides them are the same leaves."""
+    fruits, observations, cameras, _ = grown(17, sides, leaves=0.8)
+    apples = encounters_of(fruits, observations, cameras)
+    none = replace(fruits, diameters_m=np.full(len(fruits), np.nan))
+    for other in (replace(fruits, diameters_m=fruits.diameters_m / 3), none):
+        found = encounters_of(other, observations, cameras)
+        assert found.depths == pytest.approx(apples.depths)
+    assert np.ptp(apples.depths[:, 0]) == pytest.approx(1.0 / 0.3, rel=0.1)
+    assert encounters_of(none, observations, cameras).sizes == pytest.approx(np.zeros(len(fruits)))
+
+
 def on_arc(points: np.ndarray, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) of a row along x when it is bent to the left, and how far each has turned (n,), radians."""
     angle, off = points[:, 0] / radius_m, radius_m - points[:, 1]

@@ -13,8 +13,8 @@ from pomona.fruits import Fruits, Observations
 from pomona.row_line import row_line
 from pomona.yields.options import YieldOptions
 
-DEPTH_DIAMETERS = 4.0
-"""The unit of depths: so many diameters of a fruit, about 0.3 m of apples."""
+DEPTH_UNIT_M = 0.3
+"""The unit of depths, for fruits of any size: leaves hide what is behind them, and are no smaller for cherries."""
 _FEWEST_PHOTOS = 3  # of a side: of fewer, those at a row's end, no fruit is seen often enough to learn from
 _FARTHER = 1.5  # times the usual distance: beyond, a photo is not expected to show a fruit
 _FEWEST = 2  # photos that place a fruit
@@ -79,7 +79,7 @@ def encounters_of(
     sides = [stands < 0, stands >= 0]
     sides = [side for side in sides if (side & could.any(axis=0)).sum() >= _FEWEST_PHOTOS] or [stands == stands]
     size = size_of_fruits(fruits.diameters_m, FruitSize())
-    offsets = line.along_across(fruits.centers_in_world)[1] / (DEPTH_DIAMETERS * size.diameter_m)
+    offsets = line.along_across(fruits.centers_in_world)[1] / DEPTH_UNIT_M
     depths = np.stack([-np.sign(stands[side].mean()) * offsets for side in sides], axis=1)
     steps = np.nan_to_num(np.log(fruits.diameters_m / size.diameter_m) / _SIZE_STEP)
     usual = max(float(np.median(could[:, side].sum(axis=1))) for side in sides)
