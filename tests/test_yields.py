@@ -22,7 +22,9 @@ from pomona.progress import Silent
 from pomona.survey.digest import plain
 from pomona.trees import Trunks
 from pomona.yields import Estimate, HandCounts, YieldOptions, estimate_crop, read_hand_counts
+from pomona.yields.detectability import Detectability
 from pomona.yields.encounters import encounters_of, kept_shares
+from pomona.yields.estimate import _Draws
 from pomona.yields.hand_counts import Calibration, OnTrees, calibration
 
 METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
@@ -170,6 +172,21 @@ def test_sizes_count_fruits_as_often_as_there_are_such() -> None:
     per_fruit = crop.weight_kg.value / crop.fruits.value
     assert per_fruit < float(np.mean(fruits.weights_g)) / 1000
     assert Crop.from_json(plain(crop)) == crop
+
+
+def test_draws_of_a_long_row_are_made_part_by_part() -> None:
+    """Of 5000 fruits: what all parts share is shared, and what each has is its own."""
+    count = 5000
+    shown = Detectability(np.full(count, 0.8), np.ones((count, 1)), np.zeros(1), np.eye(1) * 0.04, 0.25)
+    middles = np.column_stack([np.arange(count) / 50.0, np.zeros(count), np.ones(count)])
+    fruits = Fruits(np.arange(1, count + 1), middles, np.full(count, 0.07), np.full(count, 0.9), np.full(count, 5))
+    draws = _Draws.of(fruits, shown, 400, np.random.default_rng(0))
+    assert draws.counts.nbytes + draws.real.nbytes + draws.elsewhere.nbytes <= 6 * 400 * count
+    assert draws.counts.sum(axis=1).mean() == pytest.approx(draws.expected.sum(), rel=0.03)
+    parts = np.array([part.sum(axis=1) for part in np.array_split(draws.counts, 5, axis=1)])
+    assert np.corrcoef(parts)[0, 4] > 0.7
+    assert draws.real.mean() == pytest.approx(0.95, abs=0.01)
+    assert len(np.unique(draws.counts[0][:2000] != draws.counts[0][2000:4000])) == 2
 
 
 def test_the_same_survey_gives_the_same_interval() -> None:

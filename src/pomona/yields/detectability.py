@@ -50,12 +50,19 @@ class Detectability:
     covariance: FloatArray
     model_sd: float
 
-    def draws(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Return probabilities (count, n) as the parameters may be, the same ones for all fruits in a row."""
+    def draws(self, count: int, rng: np.random.Generator) -> Callable[[slice], FloatArray]:
+        """Return what gives probabilities (count, m) of some fruits as the parameters may be, the same for all.
+
+        Of all fruits of a long row at once they would take gigabytes.
+        """
         off = rng.multivariate_normal(np.zeros(len(self.parameters)), self.covariance, count)
         beyond = rng.normal(0.0, self.model_sd, (count, 1))
-        drawn: FloatArray = np.clip(expit(logit(self.probabilities) + off @ self.slopes.T + beyond), _LEAST, 1.0)
-        return drawn
+
+        def of(some: slice) -> FloatArray:
+            logits = logit(self.probabilities[some]) + off @ self.slopes[some].T + beyond
+            return np.asarray(np.clip(expit(logits), _LEAST, 1.0))
+
+        return of
 
 
 def fit_detectability(encounters: Encounters, most_fitted: int) -> Detectability:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.crop import Crop, RowSegments, SizeDistribution
 from pomona.fruits import Fruits, Observations
@@ -33,6 +33,7 @@ _ALL = {
 }
 _CALIBRATED = ", calibrated on hand counts"
 _HOW = "each measured fruit counts for those as hard to see that were not measured or not found"
+_AT_ONCE = 2000  # fruits: more are drawn part by part, in bounded memory
 _CLASSES = 4  # of detectability: fruits that could not be measured are as large as others as hard to see
 _DECILES = (10, 50, 90)
 _ENDS = (2.5, 97.5)
@@ -99,9 +100,9 @@ class _Draws:
 
     expected: FloatArray
     seen: FloatArray
-    counts: FloatArray
-    real: FloatArray
-    elsewhere: FloatArray
+    counts: Float32Array
+    real: BoolArray
+    elsewhere: BoolArray
 
     @classmethod
     def of(
@@ -112,19 +113,25 @@ class _Draws:
         rng: np.random.Generator,
     ) -> _Draws:
         # Masks better than those that the filter learned from leave fewer false fruits: scores err all alike.
-        false = rng.uniform(0, 2, (count, 1)) * (1 - _reality(fruits))
-        real = (rng.random((count, len(fruits))) >= false).astype(float)
-        others = rng.negative_binomial(1, detectability.draws(count, rng))
-        between = (fruits.other_tree_ids > 0) & (rng.random(real.shape) < 0.5)
-        seen = _reality(fruits)
-        return cls(seen / detectability.probabilities, seen, real * (1 + others), real, between.astype(float))
+        false = rng.uniform(0, 2, (count, 1))
+        found, seen = detectability.draws(count, rng), _reality(fruits)
+        # Column by column, as trees and parts of the row take them.
+        real, elsewhere = (np.zeros((count, len(fruits)), bool, order="F") for _ in range(2))
+        counts = np.zeros(real.shape, np.float32, order="F")
+        for start in range(0, len(fruits), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            real[:, some] = rng.random((count, len(seen[some]))) >= false * (1 - seen[some])
+            counts[:, some] = real[:, some] * (1 + rng.negative_binomial(1, found(some)))
+            elsewhere[:, some] = (fruits.other_tree_ids[some] > 0) & (rng.random((count, len(seen[some]))) < 0.5)
+        return cls(seen / detectability.probabilities, seen, counts, real, elsewhere)
 
     def calibrated(self, by: Calibration) -> _Draws:
         """Return what hand counts make of them."""
+        seen, hidden = (each[:, None].astype(np.float32) for each in (by.seen_draws, by.hidden_draws))
         return replace(
             self,
             expected=by.seen * self.seen + by.hidden * (self.expected - self.seen),
-            counts=by.seen_draws[:, None] * self.real + by.hidden_draws[:, None] * (self.counts - self.real),
+            counts=hidden * self.counts + (seen - hidden) * self.real,
         )
 
     def on_trees(self, fruits: Fruits, tree_ids: IntArray) -> OnTrees:
@@ -137,11 +144,11 @@ class _Draws:
             np.stack([self._drawn_on(self.real, fruits, tree) for tree in trees], axis=1),
         )
 
-    def _drawn_on(self, drawn: FloatArray, fruits: Fruits, tree: int) -> FloatArray:
+    def _drawn_on(self, drawn: Float32Array | BoolArray, fruits: Fruits, tree: int) -> FloatArray:
         """Return draws (k,) of how many of what was drawn (k, n) hang on a tree."""
         here, there = fruits.tree_ids == tree, fruits.other_tree_ids == tree
-        mine = drawn[:, here] * (1 - self.elsewhere[:, here])
-        total: FloatArray = mine.sum(axis=1) + (drawn[:, there] * self.elsewhere[:, there]).sum(axis=1)
+        mine = (drawn[:, here] * ~self.elsewhere[:, here]).sum(axis=1, dtype=float)
+        total: FloatArray = mine + (drawn[:, there] * self.elsewhere[:, there]).sum(axis=1, dtype=float)
         return total
 
 
@@ -170,7 +177,7 @@ def _crop(
     ratio: Interval | None,
     allometry: Allometry,
 ) -> Crop:
-    total = draws.counts.sum(axis=1)
+    total: FloatArray = draws.counts.sum(axis=1, dtype=float)
     everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
     length = float(np.ptp(row_line(fruits.centers_in_world).along_across(fruits.centers_in_world)[0]))
     shares = _stands_for_measured(fruits, draws)
@@ -251,7 +258,7 @@ def _segments(fruits: Fruits, draws: _Draws, length_m: float) -> RowSegments:
     rows = []
     for k in range(count):
         mine = number == k
-        own = draws.counts[:, mine].sum(axis=1)
+        own = draws.counts[:, mine].sum(axis=1, dtype=float)
         measured = fruits.diameters_m[mine & np.isfinite(fruits.diameters_m)]
         median = float(np.median(measured)) if len(measured) else float("nan")
         rows.append((mine.sum(), draws.expected[mine].sum(), *np.percentile(own, _ENDS), median))
