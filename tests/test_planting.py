@@ -123,6 +123,30 @@ def test_fruits_above_each_other_are_no_row() -> None:
         assert find_trunks(fruits, options).source == "none"
 
 
+def test_one_trunk_of_many_has_its_own_fruits_alone() -> None:
+    """A table with a single trunk, given with a row of forty trees."""
+    fruits, _ = row(40, 1.5, per_tree=15, turned_deg=0)
+    one = Trunks(np.array([1]), np.array([[130.0, -50.0]]))
+    away = np.abs(fruits.centers_in_world[:, 0] - 130)
+    on = on_trees(fruits, one).tree_ids == 1
+    assert on[away < 7.5].all()
+    assert not on[away > 8].any()
+    near = on_trees(fruits, one, PlantingOptions(spacing_m=1.5)).tree_ids == 1
+    assert 0 < near.sum() <= 3 * 15
+
+
+@pytest.mark.parametrize(("length_m", "spacing_m"), [(2.0, 4.0), (2.0, 2.5), (10.0, 50.0)])
+def test_a_row_shorter_than_the_planting_distance_is_one_tree(length_m: float, spacing_m: float) -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        centers = np.column_stack([rng.normal(7, 0.2, 80), rng.uniform(0, length_m, 80), rng.uniform(1, 2, 80)])
+        fruits = Fruits(np.arange(1, 81), centers, np.full(80, 0.07), np.ones(80), np.full(80, 3))
+        trunks = find_trunks(fruits, PlantingOptions(spacing_m=spacing_m))
+        assert trunks.ids.tolist() == [1]
+        assert trunks.xy_in_world[0] == pytest.approx([7, length_m / 2], abs=0.2 * length_m)
+        assert (on_trees(fruits, trunks).tree_ids == 1).all()
+
+
 def test_one_tree_has_all_fruits() -> None:
     fruits, _ = row(1, 1.0)
     placed = on_trees(fruits, Trunks(np.array([3]), np.array([[100.0, -50.0]])))

@@ -15,7 +15,7 @@ def on_trees(fruits: Fruits, trunks: Trunks, options: PlantingOptions | None = N
     """Return n fruits with the id of the tree whose trunk is nearest, seen from above; 0 where trees are not known.
 
     `other_tree_ids` has the second nearest where the fruit is between the two. A fruit farther from every trunk than
-    these stand apart is on none of them.
+    these stand apart is on none of them; of a single trunk, farther than trees may stand apart.
     """
     options = options or PlantingOptions()
     if len(trunks) == 0 or len(fruits) == 0:
@@ -26,7 +26,8 @@ def on_trees(fruits: Fruits, trunks: Trunks, options: PlantingOptions | None = N
     away, nearest = cKDTree(trunks.xy_in_world).query(fruits.centers_in_world[:, :2], k=k)
     away, nearest = (np.asarray(found).reshape(len(fruits), k) for found in (away, nearest))
     ids = trunks.ids[nearest]
-    none = away[:, 0] > trunks.spacing_m  # False for a single trunk: NaN
+    apart_m = trunks.spacing_m if len(trunks) > 1 else options.spacing_m or options.longest_m
+    none = away[:, 0] > apart_m
     others = np.zeros(len(fruits), np.int64)
     if k == 2:
         apart = np.linalg.norm(trunks.xy_in_world[nearest[:, 0]] - trunks.xy_in_world[nearest[:, 1]], axis=1)

@@ -122,7 +122,13 @@ class _Row:
         return best if self.chance(best) * len(tried) <= options.chance else None
 
     def trunks(self, spacing_m: float, source: str) -> Trunks:
-        """Return trunks at this distance along the whole row, numbered from 1."""
+        """Return trunks at this distance along the whole row, numbered from 1; in a shorter row, one in its middle.
+
+        Fruits of less than a whole distance do not say where in it they gather.
+        """
+        if self.length_m <= spacing_m:
+            middle_m = np.array([np.median(self.along_m)])
+            return Trunks(np.ones(1, np.int64), self.line.places(middle_m), source)  # type: ignore[arg-type]
         phase_m = np.angle(self.mean_vector(spacing_m)) / (2 * np.pi) * spacing_m
         numbers, counts = np.unique(np.round((self.along_m - phase_m) / spacing_m), return_counts=True)
         # A few fruits beyond the row's last tree hang on its longest branches.
