@@ -2,19 +2,21 @@
 
 import csv
 import json
+import re
 from dataclasses import dataclass, replace
 from datetime import date, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import pomona
 from pomona.cameras import WorldFrame
 from pomona.change import Comparison, compare_surveys
-from pomona.change.matching import lay_over, matched
+from pomona.change.matching import _Following, lay_over, matched
 from pomona.cli.app import app
 from pomona.errors import InputError, SurveyError
 from pomona.formats.tables import read_fruits, write_fruits
@@ -138,6 +140,86 @@ def test_a_row_that_one_survey_bent_is_followed_along_it() -> None:
     both = len(np.intersect1d(before.ids, after.ids))
     assert share_right(comparison) >= 0.95
     assert len(comparison.pairs) >= 0.9 * both
+
+
+def along(length_m: float, seed: int = 0, per_m: float = 12.0) -> np.ndarray:
+    """Centres of fruits (n, 3) on a long row without trunks, none nearer to another than 7 cm."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform([0, -0.3, 0.5], [length_m, 0.3, 2.2], (round(length_m * per_m), 3))
+    too_near = cKDTree(places).query_pairs(0.07, output_type="ndarray")
+    return np.delete(places, np.unique(too_near[:, 0]), axis=0)
+
+
+def of_long_row(places: np.ndarray, seed: int, share: float = 0.85) -> Fruits:
+    """What a survey finds of it, 5 mm off; ids are those of the true fruits."""
+    rng = np.random.default_rng(seed)
+    seen = rng.permutation(np.flatnonzero(rng.random(len(places)) < share))
+    n = len(seen)
+    return Fruits(seen + 1, places[seen] + rng.normal(0, 0.005, (n, 3)), np.full(n, 0.07), np.ones(n), np.full(n, 5))
+
+
+def test_a_long_row_is_followed_to_its_ends_and_laid_over_as_a_whole() -> None:
+    row = along(90)
+    before, after = of_long_row(row, 1), of_long_row(row, 2)
+    x = after.centers_in_world[:, 0]
+    # Straight in both near its start; then the later survey leads away, and winds.
+    away = np.column_stack([0 * x, 0.02 * np.maximum(x - 8, 0) + 0.2 * np.sin(np.maximum(x - 8, 0) / 9), 0 * x])
+    over = lay_over(before.centers_in_world, after.centers_in_world + away, (0.07, 0.07), rigid=True, same_frame=True)
+    assert over is not None
+    both = len(np.intersect1d(before.ids, after.ids))
+    right = before.ids[over.pairs[:, 0]] == after.ids[over.pairs[:, 1]]
+    assert right.mean() >= 0.99
+    assert 0.97 * both <= len(right) <= both / 0.99
+    assert not over.source_lost.any()
+    assert not over.target_lost.any()
+    # The whole is turned as most of the row is, not as its start: what is left is the winding.
+    assert 0.02 < over.bent < 0.2
+    assert np.linalg.norm(over.shifts, axis=1).max() < 0.5
+    back = over.carried_back(after.centers_in_world + away)
+    assert 0.002 < np.median(np.linalg.norm(back - after.centers_in_world, axis=1)) < 0.02
+    np.testing.assert_allclose(over.carried(back), after.centers_in_world + away, atol=0.02)
+
+
+def test_following_looks_at_each_fruit_a_few_times_however_long_the_row() -> None:
+    looks = []
+    for length_m in (20, 40):
+        row = along(length_m)
+        start = np.flatnonzero(row[:, 0] < 3)
+        following = _Following.start(row, row + np.array([0.02, 0.01, 0]), np.stack([start, start], axis=1), 0.04)
+        following.go_on()
+        assert (following.partner == np.arange(len(row))).all()
+        looks.append(following.rounds.mean())
+    assert 1 <= looks[0] <= 12
+    assert looks[1] == pytest.approx(looks[0], rel=0.2)
+
+
+def test_where_following_does_not_get_through_nothing_is_called_gone_and_people_are_told() -> None:
+    row = along(30)
+    before, after = of_long_row(row, 1), of_long_row(row, 2)
+    beyond = after.centers_in_world[:, 0] > 16
+    broken = after.centers_in_world + np.where(beyond[:, None], [0.0, 0.25, -0.2], 0.0)
+    comparison = compared(before, replace(after, centers_in_world=broken))
+    assert share_right(comparison) >= 0.99
+    old_state, new_state = (np.array(each) for each in comparison.states)
+    old_beyond = before.centers_in_world[:, 0] > 20
+    assert set(old_state[old_beyond]) == {"out of view"}
+    assert set(new_state[after.centers_in_world[:, 0] > 20]) == {"not seen before"}
+    assert (old_state[before.centers_in_world[:, 0] < 14] == "same").mean() > 0.8
+    (warning,) = comparison.warnings
+    assert "along a part of the row only" in warning
+    lost = int(re.search(r"(\d+) of its", warning)[1])  # type: ignore[index]
+    assert old_beyond.sum() <= lost <= (before.centers_in_world[:, 0] > 14).sum()
+
+
+def test_a_picked_stretch_is_gone_and_no_reason_for_a_warning() -> None:
+    row = along(24)
+    before, after = of_long_row(row, 1), of_long_row(row, 2)
+    picked = (after.centers_in_world[:, 0] > 8) & (after.centers_in_world[:, 0] < 15)
+    comparison = compared(before, after[np.flatnonzero(~picked)])
+    x = before.centers_in_world[:, 0]
+    assert set(np.array(comparison.states[0])[(x > 8.1) & (x < 14.9)]) == {"gone"}
+    assert (np.array(comparison.states[0])[(x < 7.9) | (x > 15.1)] == "same").mean() > 0.8
+    assert comparison.warnings == ()
 
 
 def test_what_is_gone_is_told_from_what_is_hidden() -> None:

@@ -14,8 +14,8 @@ from pomona.fruits import Fruits
 from pomona.geometry import Similarity
 
 State = Literal["same", "gone", "out of view", "new", "not seen before"]
-"""Of a fruit in both surveys; only in the first, though photos of the second show the place, or not; only in the
-second, though photos of the first show the place, or not."""
+"""Of a fruit in both surveys; only in the first, though photos of the second show the place, or not (or it is not
+known where that is in the second); only in the second, though photos of the first show the place, or not."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Interval:
 class Comparison:
     """The n fruits of the first survey and the m of the second, in the frame and the metres of the second.
 
+    Those of the first are where the fruits around them are in the second, which bends otherwise and sags.
     `pairs` (k, 2) index those that are the same, `apart_m` (k,) says how far these are from each other once what the
     fruits around them have in common is taken off, and `bent_m` how much that usually is. `after_from_before` is what
     lays the first survey over the second. `before_in_view` (n,) and `after_in_view` (m,): the other survey's photos

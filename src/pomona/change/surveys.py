@@ -13,7 +13,7 @@ from pomona.change.comparison import Comparison
 from pomona.change.matching import Overlay, lay_over
 from pomona.errors import InputError, MissingFileError
 from pomona.fruits import Fruits
-from pomona.geometry import Similarity, estimate_similarity
+from pomona.geometry import estimate_similarity
 from pomona.planting import on_trees
 from pomona.survey.reader import SurveyReader
 from pomona.trees import Trunks
@@ -56,7 +56,7 @@ def compare_surveys(before: SurveyReader, after: SurveyReader, *, dates: Dates |
             "brings there. Are they of the same row, and did not most of its fruits leave it in between?"
         )
     days, warnings = _days(before, after, dates)
-    warnings += _warnings_of_scale(before, after, overlay, exact)
+    warnings += _warnings_of_scale(before, after, overlay, exact) + _warnings_of_following(before, after, overlay)
     unit = _metres_per_unit(before, after, overlay)
     old, new = _in_one_frame(before, after, overlay)
     return Comparison(
@@ -65,8 +65,8 @@ def compare_surveys(before: SurveyReader, after: SurveyReader, *, dates: Dates |
         pairs=overlay.pairs,
         apart_m=unit * overlay.apart,
         after_from_before=overlay.target_from_source,
-        before_in_view=_in_view(old.centers_in_world, after),
-        after_in_view=_in_view(overlay.target_from_source.inverse().apply(after.fruits.centers_in_world), before),
+        before_in_view=_in_view(overlay.placed, after) & ~overlay.source_lost,
+        after_in_view=_in_view(overlay.carried_back(after.fruits.centers_in_world), before) & ~overlay.target_lost,
         days=days,
         metric=any(metric),
         bent_m=unit * overlay.bent,
@@ -90,24 +90,23 @@ def _metres_per_unit(before: SurveyReader, after: SurveyReader, overlay: Overlay
 
 def _in_one_frame(before: SurveyReader, after: SurveyReader, overlay: Overlay) -> tuple[Fruits, Fruits]:
     """Return both surveys' fruits in the frame of the second, on the trees of the one that knows trees."""
-    over = overlay.target_from_source
     fruits = before.fruits
-    old = replace(_scaled(fruits, over.scale), centers_in_world=over.apply(fruits.centers_in_world))
+    old = replace(_scaled(fruits, overlay.target_from_source.scale), centers_in_world=overlay.placed)
     new = after.fruits
     if new.tree_ids.any():
-        return on_trees(old, _trunks(after, Similarity.identity())), new
-    return old, on_trees(new, _trunks(before, over)) if old.tree_ids.any() else new
+        return on_trees(old, _trunks(after)), new
+    return old, on_trees(new, _trunks(before, overlay)) if old.tree_ids.any() else new
 
 
-def _trunks(survey: SurveyReader, target_from_world: Similarity) -> Trunks:
-    """Return a survey's trunks in the other frame; none of a survey of a version without a table of trees."""
+def _trunks(survey: SurveyReader, overlay: Overlay | None = None) -> Trunks:
+    """Return a survey's trunks, in the other frame by `overlay`; none of a version without a table of trees."""
     try:
         trees = survey.trees
     except MissingFileError:
         return Trunks.unknown()
     known = np.isfinite(trees.xy_in_world).all(axis=1)
     feet = np.column_stack([trees.xy_in_world[known], np.zeros(int(known.sum()))])
-    return Trunks(trees.ids[known], target_from_world.apply(feet)[:, :2])
+    return Trunks(trees.ids[known], (feet if overlay is None else overlay.carried(feet))[:, :2])
 
 
 def _scaled(fruits: Fruits, factor: float) -> Fruits:
@@ -183,6 +182,20 @@ def _taken(survey: SurveyReader) -> datetime | None:
     """When the middle one of the photos was taken, of those that say it."""
     times = sorted(photo.taken_at for photo in survey.photos if photo.taken_at is not None)
     return times[len(times) // 2] if times else None
+
+
+def _warnings_of_following(before: SurveyReader, after: SurveyReader, overlay: Overlay) -> list[str]:
+    """Say where only a part of the row could be laid over the other survey."""
+    lost = [int(each.sum()) for each in (overlay.source_lost, overlay.target_lost)]
+    if max(lost) < _LEAST_COMMON:
+        return []
+    return [
+        f"{before.folder.name} could be laid over {after.folder.name} along a part of the row only: {lost[0]} of its "
+        f"{len(before.fruits)} fruits and {lost[1]} of {len(after.fruits)} are at places where both surveys have "
+        "fruits, but hardly any on the same place. They count as out of view and as not seen before, neither as gone "
+        "nor as new. One of the surveys is probably bent, or has fruits of another row there: markers along the whole "
+        "row keep it straight"
+    ]
 
 
 def _warnings_of_scale(before: SurveyReader, after: SurveyReader, overlay: Overlay, exact: bool) -> list[str]:
