@@ -17,7 +17,13 @@ from pomona.photos import Gnss, Photos
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.placement import Placement
-from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register
+from pomona.scale.registration import (
+    is_significant,
+    iterate_closest_points,
+    mutual_neighbours,
+    register,
+    uncovered,
+)
 from pomona.scale.side_alignment import FindFruits, align_sides, halfway
 from pomona.sfm.pieces import Reconstruction
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted, some_frame
@@ -93,6 +99,31 @@ def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
     pairs = np.stack([order[shuffled.pairs[:, 0]], other_order[shuffled.pairs[:, 1]]], axis=1)
     assert set(map(tuple, pairs)) == set(map(tuple, plain.pairs))
     np.testing.assert_allclose(large.target_from_source.translation, 10 * plain.target_from_source.translation)
+
+
+def test_sides_of_a_long_row_are_registered_from_end_to_end() -> None:
+    # So long that its height is a hundredth of it: a small error of heading brings its ends onto other fruits.
+    row = fruits_on_a_row(700, 70.0, 1)
+    west, east, frame = as_seen(row, 1, 0.75, 11), as_seen(row, -1, 0.75, 21), level_frame(1)
+    found = register(frame.apply(west), east, DIAMETER_M)
+    assert found is not None
+    off_m = np.linalg.norm(found.target_from_source.apply(frame.apply(row)) - row, axis=1)
+    assert off_m.max() < 0.02
+    assert 0.4 * len(row) < len(found.pairs) < len(row)
+    assert not uncovered(found.target_from_source.apply(frame.apply(west)), east, found.pairs)[0].any()
+
+
+def test_iteration_grows_from_where_it_is_known() -> None:
+    row = fruits_on_a_row(1500, 40.0, 2)
+    place, angle = np.array([4.0, 0.0, 1.5]), 0.06  # brings the far end 2.2 m away
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    off = Similarity(1.0, turn, place - turn @ place)
+    turned, target = off.apply(as_seen(row, 1, 0.5, 0)), as_seen(row, -1, 0.5, 10)
+    grown = iterate_closest_points(Similarity.identity(), turned, target, DIAMETER_M, around=place)
+    assert grown is not None
+    assert 0 < np.linalg.norm(grown.target_from_source.apply(off.apply(row)) - row, axis=1).max() < 0.02
+    at_once = iterate_closest_points(Similarity.identity(), turned, target, DIAMETER_M)
+    assert at_once is None or len(at_once.pairs) < 0.6 * len(grown.pairs)
 
 
 def test_few_fruits_tell_nothing() -> None:
@@ -205,6 +236,26 @@ def test_sides_that_share_no_fruit_stay_apart() -> None:
     align_sides(placement, None, find)
     assert (placement.in_world, placement.ties) == ({}, [])
     assert any("seen from the other side" in reason for reason in placement.failures[1])
+
+
+@pytest.mark.parametrize(("step_m", "tied"), [(0.0, True), (0.25, False)])
+def test_sides_that_meet_along_a_part_of_the_row_are_not_tied_and_it_is_said(step_m: float, tied: bool) -> None:
+    placement = both_in_metres()
+    row = fruits_on_a_row(260, 12.0)
+    bent = row + np.where(row[:, :1] > 7, [0.0, step_m, 0.0], 0.0)
+
+    def find(cameras: Cameras) -> SeenFruits:
+        side = cameras.photos[0].split("/")[0]
+        return finder(row if side == "east" else bent, {"east": 0.7, "west": 0.7})(cameras)
+
+    align_sides(placement, None, find)
+    assert bool(placement.in_world) == bool(placement.ties) == tied
+    said = [note for note in placement.notes if "was not tied to the other side" in note]
+    assert len(said) == (0 if tied else 1)
+    if not tied:
+        share = int(re.search(r"(\d+) % of its fruits", said[0])[1])  # type: ignore[index]
+        assert 25 < share < 50
+        assert "a part of the row only" in placement.failures[1][-1]
 
 
 def test_gnss_is_a_start_which_fruits_make_exact() -> None:

@@ -76,7 +76,8 @@ def _search(
         hypotheses = _Hypotheses.of(a[triangles_a], b[triangles_b], rigid)
         votes = _votes(a, near, tree, triangles_a, hypotheses, diameters[1])
         for k in np.argsort(-votes, kind="stable")[:_REFINED]:
-            refined = _refined(hypotheses.at(int(k)), a, b, diameters[1], least_common)
+            place = hypotheses.of_target[k]
+            refined = _refined(hypotheses.at(int(k)), place, a, b, diameters[1], least_common)
             if refined is None or (best is not None and len(refined.pairs) <= len(best.pairs)):
                 continue
             if most is not None or is_significant(refined, a, b, diameters[1], least_common=least_common):
@@ -89,10 +90,11 @@ def _search(
 
 
 def _refined(
-    start: Similarity, a: FloatArray, b: FloatArray, diameter: float, least_common: int
+    start: Similarity, place: FloatArray, a: FloatArray, b: FloatArray, diameter: float, least_common: int
 ) -> Registration | None:
+    """Refine a hypothesis that is known by a triangle at a `place` (3,) of the target."""
     placed = start.apply(a)
-    found = iterate_closest_points(Similarity.identity(), placed, b, diameter, least_common=least_common)
+    found = iterate_closest_points(Similarity.identity(), placed, b, diameter, least_common=least_common, around=place)
     if found is None:
         return None
     return Registration(found.target_from_source.compose(start), found.pairs)

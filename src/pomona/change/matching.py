@@ -14,24 +14,24 @@ from pomona.change.constellation import find_constellation
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.scale.registration import (
     Registration,
+    are_covered,
     is_significant,
     iterate_closest_points,
     mutual_neighbours,
+    patches,
+    uncovered,
 )
 
 # In fruit diameters: two fruits are never nearer than one; of one, places differ by less than this.
 _REACH = 0.6
 # Nor by more than so many standard deviations of what those that are matched differ by.
 _SIGMAS = 4.0
-# A fruit moves as so many matched ones around it do, at least so many, found among so many fruits around it.
-_AROUND, _LEAST_AROUND, _PATCH = 8, 3, 64
+# A fruit moves as so many matched ones around it do, at least so many.
+_AROUND, _LEAST_AROUND = 8, 3
 # What is known beforehand of differences: how exact they are, in reaches, and how much they change along the row.
 _NOISE, _MOST_SLOPE = 0.25, 0.1
 # So many times at most is a fruit placed anew, and is the whole survey laid anew over what was matched.
 _ROUNDS, _PASSES = 20, 4
-# A patch is followed where it has this share of the matched fruits that patches usually have. It is lost where it is
-# not followed although the other survey has this share of as many fruits there.
-_FOLLOWED, _AS_MANY = 0.125, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def lay_over(
         return None
     reach = _REACH * diameters[1]
     placed, pairs = _followed_in_passes(source, target, found.pairs, reach, rigid)
-    source_lost, target_lost = _lost(placed, target, pairs)
+    source_lost, target_lost = uncovered(placed, target, pairs)
     pairs = matched(placed, target, reach)
     pairs = pairs[~source_lost[pairs[:, 0]]]
     if len(pairs) < least_common:
@@ -159,10 +159,10 @@ class _Following:
     @classmethod
     def start(cls, laid: FloatArray, target: FloatArray, pairs: IntArray, reach: float) -> _Following:
         """Start from pairs that are not alone: what chance brings together elsewhere leads nowhere."""
-        near = _patches(laid)[0]
+        near = patches(laid)[0]
         partner = np.full(len(laid), -1)
         partner[pairs[:, 0]] = pairs[:, 1]
-        followed = _is_followed(near, partner)
+        followed = are_covered(near, partner >= 0)
         if followed[pairs[:, 0]].any():
             partner[~followed] = -1
         return cls(laid, target, reach, near, cKDTree(target), laid.copy(), partner, np.zeros(len(laid), np.int64))
@@ -211,7 +211,8 @@ class _Following:
         apart = self.target[pairs[:, 1]] - self.laid[pairs[:, 0]]
         self.placed[open_] = self.laid[open_] + np.median(apart[idx], axis=1)
         partner[open_] = self._mutual(open_)
-        kept = open_[(partner[open_] >= 0) & _is_followed(self.near, partner)[open_] & (self.rounds[open_] < _ROUNDS)]
+        found = (partner[open_] >= 0) & are_covered(self.near, partner >= 0)[open_]
+        kept: IntArray = open_[found & (self.rounds[open_] < _ROUNDS)]
         self.partner[kept] = partner[kept]
         self.rounds[kept] += 1
         return kept
@@ -246,31 +247,6 @@ def _shifts(arms: FloatArray, apart: FloatArray, known: BoolArray, reach: float)
     level = np.where(nearest[:, :, None], apart - arms @ slopes, np.nan)
     shifts: FloatArray = np.nanmedian(level, axis=1)
     return shifts
-
-
-def _patches(places: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the fruits (n, k) around each of n, itself among them, and how far (n,) they reach."""
-    k = min(_PATCH, len(places))
-    away, near = map(np.asarray, cKDTree(places).query(places, k=k))
-    return near, away[:, -1]
-
-
-def _is_followed(near: IntArray, partner: IntArray) -> BoolArray:
-    """Say whether patches (n, k) have about as many matched fruits as those around matched fruits usually have."""
-    matched_around = (partner[near] >= 0).sum(axis=1)
-    usual = float(np.median(matched_around[partner >= 0])) if (partner >= 0).any() else 0.0
-    return np.asarray(matched_around >= max(_LEAST_AROUND, _FOLLOWED * usual))
-
-
-def _lost(placed: FloatArray, target: FloatArray, pairs: IntArray) -> tuple[BoolArray, BoolArray]:
-    """Return which fruits (n,) and (m,) are where hardly any is matched, though both surveys have fruits there."""
-    near, radius = _patches(placed)
-    partner = np.full(len(placed), -1)
-    partner[pairs[:, 0]] = pairs[:, 1]
-    there = np.asarray(cKDTree(target).query_ball_point(placed, radius, return_length=True))
-    source = ~_is_followed(near, partner) & (there >= _AS_MANY * near.shape[1])
-    away, nearest = map(np.asarray, cKDTree(placed).query(target))
-    return source, np.asarray(source[nearest] & (away <= radius[nearest]))
 
 
 # ---- one to one ------------------------------------------------------------------------------------------------------

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.geometry import Similarity, estimate_similarity, on_one_line
+from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.geometry import Similarity, estimate_similarity
 
 # Lengths are in fruit diameters. Nearer fruits do not fix a heading; farther ones are off where pieces are bent.
 _NEAREST, _FARTHEST = 3.0, 14.0
@@ -22,16 +22,22 @@ _NEAREST, _FARTHEST = 3.0, 14.0
 _SAME_PLACE, _FIRST_SAME_PLACE = 0.4, 0.75
 # How many fruits around a pair vote on its hypotheses.
 _NEIGHBOURS = 24
+# Fruits spread at least so far across the line along them, else they do not fix a turn about it.
+_LEAST_SPREAD = 0.5
 # Scales that come from fruits differ by so much at most, and what is taken for up is off by so much.
 _MOST_SCALE, _MOST_TILT = 1.2, np.radians(12)
 # Pairs of two sides are alike where their lengths and their steepness differ by no more than this.
 _LENGTH_RATIO, _STEEPNESS = 1.15, np.radians(6)
 # These bound time and memory: pairs of one side, hypotheses voted on, and hypotheses refined.
 _MOST_PAIRS, _MOST_HYPOTHESES, _REFINED = 1500, 400_000, 40
-# Steps of iterative closest points; over the first half of them the reach of correspondences shrinks.
-_STEPS = 15
+# Steps of iterative closest points; over the first half of them the reach of correspondences shrinks, and as many are
+# left once all fruits take part. So much wider about the place of a hypothesis do fruits take part at each step.
+_STEPS, _WIDER = 15, 1.25
 # The registration must bring together this many times as many points as its mirror image does, and some more.
 _CLEARER, _MORE = 1.5, 4
+# Patches are so many fruits. One is covered where it has at least so many matched fruits, and this share of those that
+# patches usually have. It counts as uncovered only where the other side has this share of as many fruits there.
+_PATCH, _LEAST_MATCHED, _COVERED, _AS_MANY = 64, 3, 0.125, 0.25
 # Random shifts by which it is estimated how many points are brought together by chance.
 _SHIFTS = 60
 
@@ -69,21 +75,35 @@ def register(
 
 
 def iterate_closest_points(
-    start: Similarity, source: FloatArray, target: FloatArray, diameter_m: float, *, least_common: int = 8
+    start: Similarity,
+    source: FloatArray,
+    target: FloatArray,
+    diameter_m: float,
+    *,
+    least_common: int = 8,
+    around: FloatArray | None = None,
 ) -> Registration | None:
     """Refine a first similarity by iterative closest points; None where fewer than `least_common` correspond.
 
-    Correspondences are points that are each other's nearest. None also where the fit tilts, shrinks or enlarges more
-    than two level frames can differ.
+    Correspondences are points that are each other's nearest. Where the similarity is known by what is `around` a place
+    (3,) of the source alone, it grows from there: it may be turned a little, which brings far points onto wrong ones.
+    None also where the fit tilts, shrinks or enlarges more than two level frames can differ.
     Source: Besl and McKay 1992, with a similarity and mutual neighbours.
     """
     similarity = start
-    for step in range(_STEPS):
+    away = np.zeros(len(source)) if around is None else np.linalg.norm(source - around, axis=1) / diameter_m
+    radius, step = _FARTHEST, 0
+    while (growing := radius < away.max()) or step < _STEPS:
         reach = _FIRST_SAME_PLACE + (_SAME_PLACE - _FIRST_SAME_PLACE) * min(1.0, 2 * step / _STEPS)
-        pairs = mutual_neighbours(similarity.apply(source), target, reach * diameter_m)
-        if len(pairs) < least_common or on_one_line(target[pairs[:, 1]]):
+        some = source[away <= radius]
+        pairs = mutual_neighbours(similarity.apply(some), target, reach * diameter_m)
+        step = min(step + 1, _STEPS // 2) if growing else step + 1
+        radius *= _WIDER
+        if len(pairs) < least_common or _spread_across(target[pairs[:, 1]]) < _LEAST_SPREAD * diameter_m:
+            if growing:
+                continue
             return None
-        similarity = estimate_similarity(source[pairs[:, 0]], target[pairs[:, 1]])
+        similarity = estimate_similarity(some[pairs[:, 0]], target[pairs[:, 1]])
         if not _is_plausible(similarity):
             return None
     return Registration(similarity, mutual_neighbours(similarity.apply(source), target, _SAME_PLACE * diameter_m))
@@ -103,14 +123,49 @@ def is_significant(
     return bool(len(found.pairs) >= by_chance + 3 * np.sqrt(by_chance + 1) + 2)
 
 
+def patches(places: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the fruits (n, k) around each of n, itself among them, and how far (n,) they reach."""
+    k = min(_PATCH, len(places))
+    away, near = map(np.asarray, cKDTree(places).query(places, k=k))
+    return near, away[:, -1]
+
+
+def are_covered(near: IntArray, matched: BoolArray) -> BoolArray:
+    """Say of patches (n, k) whether they have about as many `matched` (n,) fruits as those of matched ones usually."""
+    count = matched[near].sum(axis=1)
+    usual = float(np.median(count[matched])) if matched.any() else 0.0
+    return np.asarray(count >= max(_LEAST_MATCHED, _COVERED * usual))
+
+
+def uncovered(placed: FloatArray, target: FloatArray, pairs: IntArray) -> tuple[BoolArray, BoolArray]:
+    """Return which fruits (n,) and (m,) are where hardly any is matched, though both sides have fruits there.
+
+    `placed` (n, 3) are the source's in the target's frame; `pairs` (k, 2) those matched.
+    """
+    near, radius = patches(placed)
+    matched = np.zeros(len(placed), bool)
+    matched[pairs[:, 0]] = True
+    there = np.asarray(cKDTree(target).query_ball_point(placed, radius, return_length=True))
+    source = ~are_covered(near, matched) & (there >= _AS_MANY * near.shape[1])
+    away, nearest = map(np.asarray, cKDTree(placed).query(target))
+    return source, np.asarray(source[nearest] & (away <= radius[nearest]))
+
+
 def _best_registration(a: FloatArray, b: FloatArray, diameter_m: float, least_common: int) -> Registration | None:
     hypotheses = _best_hypotheses(a, b, cKDTree(b), diameter_m)
-    refined = [iterate_closest_points(start, a, b, diameter_m, least_common=least_common) for start in hypotheses]
+    refined = [
+        iterate_closest_points(start, a, b, diameter_m, least_common=least_common, around=place)
+        for start, place in hypotheses
+    ]
     return max((found for found in refined if found is not None), key=lambda found: len(found.pairs), default=None)
 
 
-def _best_hypotheses(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: float) -> list[Similarity]:
-    """Return the similarities of two points each that most of the points around these agree with."""
+def _best_hypotheses(
+    a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: float
+) -> list[tuple[Similarity, FloatArray]]:
+    """Return the similarities of two points each that most of the points around these agree with, and the places (3,)
+    of these in `a`.
+    """
     scales, headings, origins_a, origins_b, votes = [], [], [], [], []
     near = cKDTree(a)
     for first, second, to_first, to_second in _similar_pairs(a, b, diameter_m):
@@ -131,7 +186,7 @@ def _best_hypotheses(a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: fl
         return []
     best = np.argsort(-np.concatenate(votes), kind="stable")[:_REFINED]
     parts = (np.concatenate(values)[best] for values in (scales, headings, origins_a, origins_b))
-    return [_similarity(*values) for values in zip(*parts, strict=True)]
+    return [(_similarity(*values), values[2]) for values in zip(*parts, strict=True)]
 
 
 def _similar_pairs(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[int, int, IntArray, IntArray]]:
@@ -192,6 +247,11 @@ def mutual_neighbours(points: FloatArray, target: FloatArray, reach_m: float) ->
     back = np.asarray(cKDTree(points).query(target[nearest[near]])[1])
     mutual = near[back == near]
     return np.stack([mutual, nearest[mutual]], axis=1)
+
+
+def _spread_across(points: FloatArray) -> float:
+    """Return how far (root mean square) points (n, 3) are from the line along them, to the wider side."""
+    return float(np.linalg.svd(points - points.mean(0), compute_uv=False)[1] / np.sqrt(len(points)))
 
 
 def _is_plausible(similarity: Similarity) -> bool:

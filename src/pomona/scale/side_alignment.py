@@ -14,7 +14,14 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.fruit_geometry.discs import SeenFruits
 from pomona.geometry import Similarity
 from pomona.scale.placement import Placement
-from pomona.scale.registration import is_significant, iterate_closest_points, mutual_neighbours, register
+from pomona.scale.registration import (
+    Registration,
+    is_significant,
+    iterate_closest_points,
+    mutual_neighbours,
+    register,
+    uncovered,
+)
 from pomona.scale.report import PieceScale, SideTie, TiedBy
 from pomona.scale.upright import row_frame
 
@@ -29,6 +36,8 @@ _ROBUST_ROUNDS, _TAIL = 8, 2.0
 _SAME_FRUIT = 0.5
 # Fruits of two pieces have different sizes beyond this share and so many standard deviations.
 _SAME_SIZE, _CONTRADICTION = 0.03, 4.0
+# Sides are not tied where so large a share of their fruits does not meet though both sides have fruits there.
+_MOST_UNCOVERED = 0.25
 _SOURCES = ("markers", "control-points", "scale-bar", "gnss", "fruit-diameter")  # of metres, the best first
 
 
@@ -200,6 +209,8 @@ def _register_to(
     if found is None:
         placement.add_failure(idx, "too few of its fruits are seen from the other side as well")
         return False
+    if not _meets_all_along(placement, idx, sides[idx], target, found):
+        return False
     before, base = sides[idx], fixed[0]
     sides[idx] = before.moved(found.target_from_source)
     starts_from_gnss = idx in placement.in_world
@@ -211,6 +222,22 @@ def _register_to(
     placement.met |= {base, idx}
     placement.ties.append(_tie(placement, with_most, idx, "gnss" if starts_from_gnss else "fruits", sides, moved_m))
     return True
+
+
+def _meets_all_along(placement: Placement, idx: int, side: _Side, target: FloatArray, found: Registration) -> bool:
+    """Say whether a registration brings a piece's fruits together wherever both sides have some; tell where not."""
+    away = uncovered(found.target_from_source.apply(side.centers), target, found.pairs)
+    lost = max(float(each.mean()) for each in away)
+    if lost <= _MOST_UNCOVERED:
+        return True
+    placement.warn(
+        f"{placement.name_with_photos(idx)} was not tied to the other side by its fruits: {len(found.pairs)} of them "
+        f"are at one place from both, but where {100 * lost:.0f} % of its fruits are hardly any is, though both sides "
+        "have fruits there. One of the sides is probably bent. Markers that both see, at both ends and in between, "
+        "keep them straight and tie them"
+    )
+    placement.add_failure(idx, "its fruits meet those of the other side along a part of the row only")
+    return False
 
 
 def _marker_error_m(placement: Placement, idx: int) -> float:

@@ -283,8 +283,9 @@ def _warn_of_loose(placement: Placement, loose: Sequence[int], *, on_earth: bool
     if len(sides) > 1:
         placement.warn(
             f"Sides {' and '.join(sides)} have no common frame: they were set beside each other, and fruits seen from "
-            "both sides are counted twice. Too few fruits are seen from both sides to bring them together. Set up "
-            "markers of known places (`markers`) on each side, or count each side by itself"
+            "both sides are counted twice. Their fruits could not bring them together: too few are seen from both "
+            "sides, or a side is bent. Set up markers of known places (`markers`) on each side, or count each side by "
+            "itself"
         )
     pieces = [i for i in loose if not placement.is_main(i)]
     if pieces:
