@@ -3,8 +3,10 @@
 import csv
 import json
 import re
+import tracemalloc
 from dataclasses import dataclass, replace
 from datetime import date, datetime, timedelta
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,8 @@ from typer.testing import CliRunner
 
 import pomona
 from pomona.cameras import WorldFrame
-from pomona.change import Comparison, compare_surveys
+from pomona.change import Comparison, compare_surveys, constellation
+from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
 from pomona.cli.app import app
 from pomona.errors import InputError, SurveyError
@@ -250,6 +253,55 @@ def test_rows_without_anything_in_common_are_not_matched_by_force() -> None:
         found(EARLY, 1).centers_in_world, somewhere(2).apply(apart.centers_in_world), diameters,
         rigid=False, same_frame=False,
     ) is None  # fmt: skip
+
+
+def triangles_one_by_one(places: np.ndarray, diameter: float, partners: int) -> set[tuple[int, ...]]:
+    """The slow obvious way of `_triangles`: corners in the order of the sides opposite."""
+    found = set()
+    for i, place in enumerate(places):
+        away = np.linalg.norm(places - place, axis=1)
+        near = [j for j in np.argsort(away)[: 4 * partners] if away[j] > 3 * diameter][:partners]
+        for j, k in combinations(near, 2):
+            corners = sorted((i, int(j), int(k)), key=lambda c, e=(i, int(j), int(k)): opposite(places, c, e))
+            sides = [opposite(places, c, tuple(corners)) for c in corners]
+            one, other = places[corners[1]] - places[corners[0]], places[corners[2]] - places[corners[0]]
+            height = np.linalg.norm(np.cross(one, other)) / sides[2]
+            if sides[0] > 3 * diameter and height > 0.35 * sides[2]:
+                found.add(tuple(corners))
+    return found
+
+
+def opposite(places: np.ndarray, corner: int, corners: tuple[int, ...]) -> float:
+    one, other = (places[c] for c in corners if c != corner)
+    return float(np.linalg.norm(one - other))
+
+
+def test_triangles_are_those_of_looking_at_each_fruit(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = along(6)
+    monkeypatch.setattr(constellation, "_CORNERS_AT_A_TIME", 7)
+    monkeypatch.setattr(constellation, "_TRIANGLES_AT_A_TIME", 50)
+    found = [tuple(each) for each in constellation._triangles(places, 0.07, 6).tolist()]
+    assert len(found) == len(set(found)) > 200
+    assert set(found) == triangles_one_by_one(places, 0.07, 6)
+
+
+def test_memory_without_metres_is_that_of_a_part_of_the_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = along(13, per_m=20)
+    before, after = of_long_row(row, 1).centers_in_world, of_long_row(row, 2).centers_in_world
+    peaks_mb, found = [], []
+    for at_a_time in (10_000_000, 1000):
+        monkeypatch.setattr(constellation, "_VOTED_AT_A_TIME", at_a_time)
+        tracemalloc.start()
+        found.append(find_constellation(somewhere(0.4).apply(before), after, (0.028, 0.07), rigid=False))
+        peaks_mb.append(tracemalloc.get_traced_memory()[1] / 1e6)
+        tracemalloc.stop()
+    at_once, in_parts = found
+    assert at_once is not None
+    assert in_parts is not None
+    np.testing.assert_array_equal(at_once.pairs, in_parts.pairs)
+    assert 1 < peaks_mb[1] < 0.6 * peaks_mb[0]
+    # Triangles alone are some megabytes.
+    assert peaks_mb[1] < 25
 
 
 def test_too_few_fruits_the_same_survey_and_days_that_are_not_known_are_said() -> None:

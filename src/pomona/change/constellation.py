@@ -31,6 +31,8 @@ _NEIGHBOURS, _SAME_PLACE = 24, 0.4
 _AT_A_TIME, _MOST_HYPOTHESES, _REFINED, _ENOUGH = 25, 150_000, 6, 0.25
 # The registration must bring together this many times as many fruits as its mirror image does, and some more.
 _CLEARER, _MORE = 1.5, 4
+# Memory does not grow with the row where fruits, triangles and hypotheses are looked at by so many at a time.
+_CORNERS_AT_A_TIME, _TRIANGLES_AT_A_TIME, _VOTED_AT_A_TIME = 2_000, 200_000, 10_000
 # As few fruits are counted of what chance brings together.
 _LEAST_BY_CHANCE = 4
 
@@ -73,11 +75,16 @@ def _search(
     """Try triangles of `a`, in an order by chance, until clearly enough fruits come together; or `most`, for chance."""
     tree, near, best, tried = cKDTree(b), cKDTree(a), None, 0
     for triangles_a, triangles_b in _alike(a, b, diameters, rigid):
-        hypotheses = _Hypotheses.of(a[triangles_a], b[triangles_b], rigid)
-        votes = _votes(a, near, tree, triangles_a, hypotheses, diameters[1])
-        for k in np.argsort(-votes, kind="stable")[:_REFINED]:
-            place = hypotheses.of_target[k]
-            refined = _refined(hypotheses.at(int(k)), place, a, b, diameters[1], least_common)
+        parts = _parts(len(triangles_a), _VOTED_AT_A_TIME)
+        votes = np.concatenate([
+            _votes(a, near, tree, triangles_a[part], _Hypotheses.of(a[triangles_a[part]], b[triangles_b[part]], rigid),
+                   diameters[1])
+            for part in parts
+        ])  # fmt: skip
+        chosen = np.argsort(-votes, kind="stable")[:_REFINED]
+        hypotheses = _Hypotheses.of(a[triangles_a[chosen]], b[triangles_b[chosen]], rigid)
+        for k in range(len(chosen)):
+            refined = _refined(hypotheses.at(k), hypotheses.of_target[k], a, b, diameters[1], least_common)
             if refined is None or (best is not None and len(refined.pairs) <= len(best.pairs)):
                 continue
             if most is not None or is_significant(refined, a, b, diameters[1], least_common=least_common):
@@ -87,6 +94,10 @@ def _search(
         if (enough and most is None) or tried == most:
             break
     return _Found(best, tried)
+
+
+def _parts(count: int, at_a_time: int) -> list[slice]:
+    return [slice(start, start + at_a_time) for start in range(0, count, at_a_time)]
 
 
 def _refined(
@@ -115,12 +126,15 @@ def _alike(
     left = _MOST_HYPOTHESES
     for start in range(0, len(of_a), _AT_A_TIME):
         some = of_a[start : start + _AT_A_TIME]
-        fitting = cKDTree(_shapes(a, some, diameters[1], rigid)).query_ball_tree(shapes, 1.0)
+        # One by one: where scales are free, each is like thousands of a long row.
+        fitting = [
+            np.sort(np.asarray(shapes.query_ball_point(shape, 1.0), np.int64))
+            for shape in _shapes(a, some, diameters[1], rigid)
+        ]
         counts = np.array([len(each) for each in fitting])
         if counts.sum() == 0:
             continue
-        at_b = np.concatenate([np.sort(np.asarray(each, np.int64)) for each in fitting])
-        yield np.repeat(some, counts, axis=0), of_b[at_b]
+        yield np.repeat(some, counts, axis=0), of_b[np.concatenate(fitting)]
         left -= int(counts.sum())
         if left < 0:
             return
@@ -128,19 +142,38 @@ def _alike(
 
 def _triangles(points: FloatArray, diameter: float, partners: int) -> IntArray:
     """Return triangles (t, 3) of points and partners near them, corners in the order of the sides opposite."""
+    n, tree = len(points), cKDTree(points)
+    keys = np.unique(np.concatenate([
+        _keys_of_triangles(points, tree, np.arange(n)[part], _NEAREST * diameter, partners)
+        for part in _parts(n, _CORNERS_AT_A_TIME)
+    ]))  # fmt: skip
+    triangles = [_well_shaped(points, keys[part], diameter) for part in _parts(len(keys), _TRIANGLES_AT_A_TIME)]
+    return np.concatenate(triangles) if triangles else np.zeros((0, 3), np.int64)
+
+
+def _keys_of_triangles(
+    points: FloatArray, tree: cKDTree, owners: IntArray, nearest_allowed: float, partners: int
+) -> IntArray:
+    """Return a number for each triangle (t,) of points and two partners of theirs: its corners in order, base n."""
     n = len(points)
-    away, nearest = map(np.asarray, cKDTree(points).query(points, k=min(n, 4 * partners)))
-    far_enough = away > _NEAREST * diameter
+    away, nearest = map(np.asarray, tree.query(points[owners], k=min(n, 4 * partners)))
+    far_enough = away > nearest_allowed
     rank = np.cumsum(far_enough, axis=1)
     owner, column = np.nonzero(far_enough & (rank <= partners))
     corners = [
-        np.column_stack([np.full(len(first), i), mine[first], mine[second]])
-        for i, columns in enumerate(np.split(column, np.searchsorted(owner, np.arange(1, n))))
+        np.column_stack([np.full(len(first), owners[i]), mine[first], mine[second]])
+        for i, columns in enumerate(np.split(column, np.searchsorted(owner, np.arange(1, len(owners)))))
         for mine in [nearest[i, columns]]
         for first, second in [np.triu_indices(len(mine), 1)]
     ]
     found = np.sort(np.concatenate(corners), axis=1).astype(np.int64)
-    keys = np.unique((found[:, 0] * n + found[:, 1]) * n + found[:, 2])
+    keys: IntArray = np.unique((found[:, 0] * n + found[:, 1]) * n + found[:, 2])
+    return keys
+
+
+def _well_shaped(points: FloatArray, keys: IntArray, diameter: float) -> IntArray:
+    """Return those triangles (t, 3) of keys that fix a turn, corners in the order of the sides opposite."""
+    n = len(points)
     triangles = np.stack([keys // n**2, keys // n % n, keys % n], axis=1)
     sides = _sides(points, triangles)
     triangles = np.take_along_axis(triangles, np.argsort(sides, axis=1), axis=1)
