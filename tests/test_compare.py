@@ -20,7 +20,9 @@ from pomona.cameras import WorldFrame
 from pomona.change import Comparison, compare_surveys, constellation
 from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
+from pomona.change.page import _totals, _trees_table, _write_table
 from pomona.cli.app import app
+from pomona.cli.compare import _show
 from pomona.errors import InputError, SurveyError
 from pomona.formats.tables import read_fruits, write_fruits
 from pomona.fruits import Fruits, Observations
@@ -339,6 +341,25 @@ def test_a_pair_is_the_best_for_all_not_for_one() -> None:
     places = np.array([[0.0, 0, 0], [0.05, 0, 0], [5.0, 0, 0], [6.0, 0, 0]])
     target = np.array([[0.035, 0, 0], [0.085, 0, 0], [5.035, 0, 0], [9.0, 0, 0]])
     assert matched(places, target, 0.06).tolist() == [[0, 0], [1, 1], [2, 2]]
+
+
+def test_what_shrank_by_next_to_nothing_has_no_negative_zero(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = found(EARLY, 1)
+    comparison = compared(before, replace(before, diameters_m=before.diameters_m - 1e-6))  # 25 nm a day
+    assert -2e-6 < comparison.growth().value < 0
+    _show(comparison)
+    _write_table(tmp_path / "fruits.csv", comparison.columns())
+    _write_table(tmp_path / "trees.csv", comparison.tree_columns())
+    told = capsys.readouterr().out
+    figures = json.dumps(comparison.to_json())
+    assert "0.0 mm (0.0 to 0.0), 0.000 mm a day over 40 days" in told
+    for text in (told, figures, _totals(comparison), _trees_table(comparison), *(
+        path.read_text() for path in tmp_path.glob("*.csv")
+    )):  # fmt: skip
+        assert not re.search(r"-0(\.0*)?(?![.\d])", text)
+        assert "0.0" in text
 
 
 def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:

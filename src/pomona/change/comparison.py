@@ -191,4 +191,4 @@ def _picked(values: FloatArray, idx: IntArray) -> FloatArray:
 
 
 def _known(value: float, digits: int) -> float | None:
-    return round(value, digits) if np.isfinite(value) else None
+    return round(value, digits) + 0.0 if np.isfinite(value) else None  # not -0.0

@@ -94,20 +94,20 @@ def _unit_of_page(found: Comparison, after: ReportData) -> float:
 
 
 def _days_later(found: Comparison) -> str:
-    return f", {found.days:.0f} days later" if math.isfinite(found.days) else ""
+    return f", {found.days:z.0f} days later" if math.isfinite(found.days) else ""
 
 
 def _totals(found: Comparison) -> str:
     before, after = found.states
     growth, gone = found.growth(), found.gone()
     unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
-    per_day = f", {factor * growth.value / found.days:.2f} {unit} a day" if math.isfinite(found.days) else ""
-    span = f"{factor * growth.low:.1f} to {factor * growth.high:.1f} {unit} (95 %)"
+    per_day = f", {factor * growth.value / found.days:z.2f} {unit} a day" if math.isfinite(found.days) else ""
+    span = f"{factor * growth.low:z.1f} to {factor * growth.high:z.1f} {unit} (95 %)"
     missed = before.count("out of view")
     return "".join(
         [
             card("In both", f"{len(found.pairs):,}", f"of {len(before):,} and {len(after):,} fruits", "main"),
-            card("Growth", f"{factor * growth.value:.1f} <small>{unit}</small>", span + per_day),
+            card("Growth", f"{factor * growth.value:z.1f} <small>{unit}</small>", span + per_day),
             card("Not found again", f"{before.count('gone'):,}", f"and {missed:,} that no photo shows the place of"),
             card("Really gone, about", f"{gone.value:.0f}", f"{gone.low:.0f} to {gone.high:.0f} (95 %); {_HIDDEN}"),
             card("New", f"{after.count('new'):,}", "which the first survey missed"),
@@ -130,7 +130,7 @@ def _growth_chart(found: Comparison) -> str:
         return column_chart([], Axis(name="no fruit was measured in both surveys"))
     edges = bin_edges(values)
     middle = float(np.median(values))
-    mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
+    mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:z.3g} {unit}")
     return column_chart(
         bars_of(values, edges, unit, "leaf"), Axis(name=f"growth, {unit}", ticks=ticks_at(edges)), mark=mark
     )
@@ -149,7 +149,7 @@ def _sizes_figure(found: Comparison) -> str:
     for k, low in enumerate(edges[:-1]):
         mine = growth[known][group == k]
         value = float(np.median(mine)) if len(mine) else 0.0
-        bars.append(Bar(max(value, 0.0), f"from {low:.4g} {unit}: {value:.3g} {unit}, {len(mine)} fruits", "leaf"))
+        bars.append(Bar(max(value, 0.0), f"from {low:.4g} {unit}: {value:z.3g} {unit}, {len(mine)} fruits", "leaf"))
     title = caption("Growth by size before", f"median, {unit}")
     return title + column_chart(bars, Axis(name=f"diameter before, {unit}", ticks=ticks_at(edges)))
 
@@ -186,7 +186,7 @@ def _trees_table(found: Comparison) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value:.1f}" if math.isfinite(value) else "–"
+    return f"{value:z.1f}" if math.isfinite(value) else "–"
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ def _write_table(path: Path, columns: dict[str, Any]) -> None:
 
     def cell(name: str, value: Any) -> object:
         if isinstance(value, float):
-            return f"{value:.{_DIGITS.get(name, 2)}f}" if math.isfinite(value) else ""
+            return f"{value:z.{_DIGITS.get(name, 2)}f}" if math.isfinite(value) else ""
         return "" if name.endswith("_id") and value == 0 else value
 
     lists = [[cell(name, value) for value in np.asarray(values).tolist()] for name, values in columns.items()]
