@@ -135,7 +135,8 @@ def test_markers_that_are_never_seen(fakes: Fakes, tmp_path: Path, monkeypatch: 
 
 def test_a_markers_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match=r"`markers`: .*nowhere\.csv does not exist"):
-        RunOptions(markers=tmp_path / "nowhere.csv")
+        run([make_photos(tmp_path / "photos")], tmp_path / "out", RunOptions(markers=tmp_path / "nowhere.csv"))
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

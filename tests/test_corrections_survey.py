@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import pomona
 from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
 from pomona.cli.app import app
 from pomona.corrections import apply, read_corrections
@@ -21,7 +22,7 @@ from pomona.errors import FormatError
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
-from pomona.pipeline import go_on
+from pomona.pipeline import RunOptions, go_on, run
 from pomona.pipeline.reopen import bring_up_to_date, last_found
 from pomona.pipeline.results import scene_cloud
 from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
@@ -100,6 +101,29 @@ def test_each_kind_is_done_and_kept_at_once(scene: Scene) -> None:
     assert desk.ask("move", moved, tree=3) == f"Fruit {moved} moved to tree 3. 16 fruits"
     assert sorted(filter(None, desk.corrector.state.fruits)) == ["added", "merged", "moved", "split", "split"]
     assert not list(scene.survey.glob(".*"))
+
+
+def test_what_a_survey_was_made_with_may_be_gone(scene: Scene, tmp_path: Path) -> None:
+    weights, counts = tmp_path / "pairs.csv", tmp_path / "counts.csv"
+    weights.write_text("diameter_mm,weight_g\n" + "".join(f"{d},{2 * d}\n" for d in range(60, 90, 5)))
+    counts.write_text("tree,count\n1,50\n")
+    inputs = tmp_path / "masks.json", tmp_path / "cameras"
+    shutil.copy(scene.masks, inputs[0])
+    shutil.copytree(scene.cameras, inputs[1])
+    files = {"detections": inputs[0], "cameras": inputs[1], "weights": weights, "hand_counts": counts}
+    run([scene.photos], scene.survey, RunOptions(**files, filter_false_positives=False))
+    (tmp_path / "away").mkdir()
+    for path in files.values():
+        path.rename(tmp_path / "away" / path.name)
+    desk = Desk.of(scene)
+    before = read_fruits(scene.survey / "fruits.csv")
+    desk.ask("delete", desk.fruit(GRID[FALSE_ONE]))
+    survey = pomona.open(scene.survey)
+    assert len(survey.fruits) == len(before) - 1
+    kept = [before.ids.tolist().index(id_) for id_ in survey.fruits.ids.tolist()]
+    np.testing.assert_array_equal(survey.fruits.weights_g, before.weights_g[kept])  # by the same pairs
+    assert survey.export("csv", tmp_path / "fruits.csv").is_file()
+    assert len(read_survey(scene.survey).fruits) == len(before) - 1
 
 
 def test_the_scene_stays_when_fruits_are_corrected(scene: Scene) -> None:

@@ -15,6 +15,7 @@ import pytest
 from pipeline_fakes import Fakes, make_photos
 from pomona.capture import KeyFrameOptions
 from pomona.dense.options import DenseOptions
+from pomona.errors import MissingFileError
 from pomona.filter.options import FilterOptions
 from pomona.filter.svm import shipped
 from pomona.fuse.object.options import ObjectOptions
@@ -208,6 +209,25 @@ def test_a_moved_file_is_the_same_file(fakes: Fakes, photos: Path, tmp_path: Pat
     assert redone(photos, tmp_path / "out", RunOptions(markers=markers)) == []
     markers.write_text("id,x,y,z\n0,0,0,1\n1,1,0,1\n2,0,0,3\n")
     assert redone(photos, tmp_path / "out", RunOptions(markers=markers)) == ["scale"]
+
+
+def test_tables_that_are_gone_change_nothing(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    writers = (write_markers, write_positions, weighed_pairs, write_trunks, counted_trees, copied_machine)
+    given = {name: path for write in writers for name, path in write(tmp_path).items()}
+    run([photos], tmp_path / "out", RunOptions(**given))
+    for path in given.values():
+        path.unlink()
+    again = go_on(tmp_path / "out", changed={"packing": "60,70"})
+    assert [stage.name for stage in again.stages if not stage.kept] == ["report"]
+    assert sum("is no longer there: the survey's own copy" in warning for warning in again.warnings) == len(given)
+    options = SurveyFolder.open(tmp_path / "out").get("options")
+    assert options["markers"] == given["markers"].as_posix()  # as it was said
+    with pytest.raises(MissingFileError, match=r"`markers`: .*mistyped\.csv does not exist"):
+        run([photos], tmp_path / "out", RunOptions(markers=tmp_path / "mistyped.csv"))
+    with pytest.raises(MissingFileError, match=r"`markers`: .*markers\.csv does not exist"):
+        run([photos], tmp_path / "out", RunOptions(**given), overwrite=True)
+    given["markers"].write_text("id,x,y,z\n0,0,0,1\n1,1,0,1\n2,0,0,3\n")
+    assert [s.name for s in go_on(tmp_path / "out").stages if not s.kept][:1] == ["scale"]
 
 
 def test_a_photo_is_digested_once(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,10 +40,10 @@ METHODS: tuple[str, ...] = get_args(Method)
 VARIANTS: tuple[str, ...] = get_args(Variant)
 ENGINES: tuple[str, ...] = get_args(Engine)
 
-# Options that name a file or folder, which must exist.
-_FILES = (
-    "detections", "cameras", "markers", "gcp", "positions", "weights", "trees", "hand_counts", "filter_model",
-)  # fmt: skip
+# Options that name a small file, of which a survey keeps a copy.
+TABLES = ("markers", "gcp", "positions", "weights", "trees", "hand_counts", "filter_model")
+# Options that name a file or folder, which must exist when a run begins.
+_FILES = ("detections", "cameras", *TABLES)
 # The paper's 3 cm were chosen for apples of 75 mm; other fruits have their own size.
 _EPS_DIAMETERS = 0.4
 
@@ -76,7 +76,8 @@ class RunOptions:
     options of single stages, for those who know them; what the options above say goes before, but `paper` is taken as
     it is.
 
-    The files named must exist: raises `MissingFileError`, and `InputError` for values that are unknown.
+    Raises `InputError` for values that are unknown. The files named are looked for by `check_files` alone: a survey is
+    read back wherever they are by then.
     """
 
     sides: str = "auto"
@@ -138,17 +139,14 @@ class RunOptions:
         if self.fruit is not None:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
         for name in _FILES:
-            path = getattr(self, name)
-            if path is None:
-                continue
-            object.__setattr__(self, name, Path(path).expanduser().resolve())
-            if not is_there(getattr(self, name)):
-                raise MissingFileError(f"`{name}`: {path} does not exist")
+            if (path := getattr(self, name)) is not None:
+                object.__setattr__(self, name, Path(path).expanduser().resolve())
         if self.model is not None:
             from pomona.segment.load import located
 
             object.__setattr__(self, "model", located(self.model, Path.cwd()))
-        _ = self.of_stages  # wrong values are said before any work is done
+        # Wrong values are said before any work is done; the table of weights is not read for that.
+        _ = self.of_stages if self.weights is None else replace(self, weights=None)
 
     @property
     def kind(self) -> FruitKind:
@@ -236,10 +234,14 @@ class RunOptions:
         )
 
     def check_files(self) -> None:
-        """Read the small files named, and look up names, so that a mistake is said before hours of work.
+        """Look for the files named, read the small ones, and look up names: a mistake is said before hours of work.
 
         Raises `InputError`, `FormatError` or `MissingFileError`.
         """
+        for name in _FILES:
+            path = getattr(self, name)
+            if path is not None and not is_there(path):
+                raise MissingFileError(f"`{name}`: {path} does not exist")
         if self.model is not None and self.model.endswith((".onnx", ".pt", ".pth")) and not Path(self.model).is_file():
             raise MissingFileError(f"`model` {self.model}: no such file")
         if self.marker_dictionary != RunOptions.marker_dictionary:
@@ -250,6 +252,11 @@ class RunOptions:
                 raise InputError(
                     f"`marker_dictionary`: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
                 )
+        self._read_tables()
+        if self.filter_model is not None:
+            self._check_filter_model(self.filter_model)
+
+    def _read_tables(self) -> None:
         if self.markers is not None:
             from pomona.scale.control_points import surveyed_markers
 
@@ -262,6 +269,8 @@ class RunOptions:
             from pomona.scale.control_points import read_control_points
 
             read_control_points(self.gcp)
+        if self.weights is not None:
+            _ = self.allometry
         if self.trees is not None:
             from pomona.planting import read_trunks
 
@@ -270,24 +279,25 @@ class RunOptions:
             from pomona.yields import read_hand_counts
 
             read_hand_counts(self.hand_counts)
-        if self.filter_model is not None:
-            from pomona.filter import (
-                CODE_FEATURE_NAMES,
-                FEATURE_NAMES,
-                LOOKED_FEATURE_NAMES,
-                VIEW_FEATURE_NAMES,
-                LinearSvm,
-            )
 
-            of_points = CODE_FEATURE_NAMES if self.variant == "published-code" else FEATURE_NAMES
-            of_views = (LOOKED_FEATURE_NAMES, VIEW_FEATURE_NAMES) if self.second_look else (VIEW_FEATURE_NAMES,)
-            expected = (of_points,) if self.method == "paper" else of_views
-            found = LinearSvm.load(self.filter_model).names
-            if found not in expected:
-                raise InputError(
-                    f"`filter_model` {self.filter_model}: `method` {self.method} expects a machine trained on "
-                    f"{', '.join(expected[0])}; found one of {', '.join(found)}"
-                )
+    def _check_filter_model(self, path: Path) -> None:
+        from pomona.filter import (
+            CODE_FEATURE_NAMES,
+            FEATURE_NAMES,
+            LOOKED_FEATURE_NAMES,
+            VIEW_FEATURE_NAMES,
+            LinearSvm,
+        )
+
+        of_points = CODE_FEATURE_NAMES if self.variant == "published-code" else FEATURE_NAMES
+        of_views = (LOOKED_FEATURE_NAMES, VIEW_FEATURE_NAMES) if self.second_look else (VIEW_FEATURE_NAMES,)
+        expected = (of_points,) if self.method == "paper" else of_views
+        found = LinearSvm.load(path).names
+        if found not in expected:
+            raise InputError(
+                f"`filter_model` {path}: `method` {self.method} expects a machine trained on "
+                f"{', '.join(expected[0])}; found one of {', '.join(found)}"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """Return the options as `survey.json` holds them."""

@@ -16,6 +16,7 @@ from pomona.pipeline.scene import SCENE
 from pomona.pipeline.sources import sources_of
 from pomona.pipeline.stage import SurveyContext
 from pomona.pipeline.stages import Stages, stages_of
+from pomona.pipeline.tables import with_kept_tables
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
 
@@ -73,7 +74,7 @@ def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress
     records = survey.records
     if "results" not in records:
         raise SurveyError(f"{survey.folder} has no fruits that can be corrected: `pomona report` finishes it first")
-    options = RunOptions.from_json(survey.get("options", {}))
+    options = with_kept_tables(survey, RunOptions.from_json(survey.get("options", {})))
     if "scene" not in records:  # of an older version: without the photos none can be made
         options = replace(options, scene=False)
     photos = _photos(survey)

@@ -10,6 +10,7 @@ from pomona.errors import InputError, SurveyError
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.summary import Summary, summarise
+from pomona.pipeline.tables import checked_options, keep_tables, tables_gone
 from pomona.progress import Progress, Recorder, Silent
 from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
@@ -38,7 +39,7 @@ def run(
     options = options or RunOptions()
     if until not in STAGES:
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
-    options.check_files()
+    used = checked_options(options, Path(out), overwrite=overwrite)
     paths = [Path(path).expanduser().resolve() for path in photos]
     survey = SurveyFolder.create(Path(out), overwrite=overwrite)
     with disk_errors(survey.folder), survey.locked():
@@ -46,10 +47,13 @@ def run(
             survey.clear()
         log = EventLog(survey, progress or Silent(), on_stage=on_stage)
         with log, disk_errors(survey.folder):  # the log tells of a full disk in the same words
-            return _run(paths, survey, options, log, until=until)
+            return _run(paths, survey, options, used, log, until=until)
 
 
-def _run(paths: Sequence[Path], survey: SurveyFolder, options: RunOptions, log: EventLog, *, until: str) -> Summary:
+def _run(
+    paths: Sequence[Path], survey: SurveyFolder, given: RunOptions, options: RunOptions, log: EventLog, *, until: str
+) -> Summary:
+    """Run with `options`: those `given`, which the survey notes, with its copies of tables that are gone."""
     # Imported here, as they bring the engines: `pomona --help` has to be quick.
     from pomona.corrections import read_corrections
     from pomona.pipeline.runner import Runner
@@ -58,16 +62,19 @@ def _run(paths: Sequence[Path], survey: SurveyFolder, options: RunOptions, log: 
     from pomona.pipeline.stages import stages_of
 
     recorder = Recorder(log)
+    for table in tables_gone(given, options):
+        recorder.warn(table)
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
-    survey.check(sources=paths, options=options.to_json())
+    survey.check(sources=paths, options=given.to_json())
     log.stage("photos")
     least = 1 if until in ("segment", "select") else 2
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     # Only now: a survey goes on with the photos and options that it has where these cannot be used.
+    keep_tables(survey, options)
     survey.note(
         sources=paths,
-        options=options.to_json(),
+        options=given.to_json(),
         photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],
         skipped=[{"name": name, "reason": reason} for name, reason in skipped],
     )

@@ -12,6 +12,7 @@ from pomona.export.survey import SurveySource
 from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
+from pomona.pipeline.tables import checked_options
 from pomona.progress import Progress
 from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits
@@ -91,6 +92,7 @@ def run_adapted(
     Raises what `run` and `adapt` raise, and `MissingExtraError` without the extra `train`.
     """
     learn = learning()
+    checked_options(options, out, overwrite=overwrite)
     survey = SurveyFolder.create(out, overwrite=overwrite)
     if not overwrite and survey.adapted_model.is_file():
         options = replace(options, model=str(survey.adapted_model))

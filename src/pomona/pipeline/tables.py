@@ -1,0 +1,67 @@
+"""The small tables that a survey was made with: it keeps copies, and goes on with these once the tables are gone."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pomona.errors import PomonaError
+from pomona.formats.files import is_there
+from pomona.pipeline.options import TABLES, RunOptions
+from pomona.survey import SurveyFolder
+from pomona.survey.files import write_file
+
+
+def keep_tables(survey: SurveyFolder, options: RunOptions) -> None:
+    """Copy the tables of a run into its survey, in place of those of the run before."""
+    for name in TABLES:
+        table, kept = getattr(options, name), _kept(survey, name)
+        if table is not None and kept is not None and table.samefile(kept):
+            continue
+        if kept is not None:
+            kept.unlink()
+        if table is not None and table.is_file():  # under its own name, which results speak of
+            write_file(survey.work("given") / name / table.name, partial(_copy, table))
+
+
+def with_kept_tables(survey: SurveyFolder, options: RunOptions) -> RunOptions:
+    """Return the options with the survey's copy of each table that it was made with, where that is gone."""
+    before, found = survey.get("options") or {}, dict[str, Any]()
+    for name in TABLES:
+        table, kept = getattr(options, name), _kept(survey, name)
+        if table is None or kept is None or is_there(table):
+            continue
+        if before.get(name) == table.as_posix():  # any other that is not there was mistaken
+            found[name] = kept
+    return replace(options, **found) if found else options
+
+
+def checked_options(options: RunOptions, out: Path, *, overwrite: bool) -> RunOptions:
+    """Return options with which a run of the survey in folder `out` can begin: those given, with the tables it kept.
+
+    Nothing is written. Raises as `RunOptions.check_files` does.
+    """
+    if not overwrite:
+        with suppress(PomonaError):  # there is none, or the run says what is wrong with it
+            options = with_kept_tables(SurveyFolder.open(out), options)
+    options.check_files()
+    return options
+
+
+def tables_gone(given: RunOptions, used: RunOptions) -> list[str]:
+    """Return what is said of the tables in `given` in whose place a survey's copies are `used`."""
+    gone = [(name, getattr(given, name)) for name in TABLES if getattr(given, name) != getattr(used, name)]
+    return [f"`{name}`: {table} is no longer there: the survey's own copy of it is used" for name, table in gone]
+
+
+def _kept(survey: SurveyFolder, name: str) -> Path | None:
+    kept = sorted((survey.folder / "work" / "given" / name).glob("[!.]*"))
+    return kept[0] if kept else None
+
+
+def _copy(table: Path, path: Path) -> None:
+    shutil.copyfile(table, path)
