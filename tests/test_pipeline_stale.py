@@ -21,7 +21,7 @@ from pomona.filter.svm import shipped
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.paper.options import PaperOptions
 from pomona.measure import MeasureOptions
-from pomona.pipeline import STAGES, RunOptions, code, go_on, run
+from pomona.pipeline import STAGES, RunOptions, code, go_on, run, segment_only
 from pomona.pipeline.code import engine_versions
 from pomona.pipeline.select import SelectOptions
 from pomona.pipeline.stage import Stage
@@ -228,6 +228,20 @@ def test_tables_that_are_gone_change_nothing(fakes: Fakes, photos: Path, tmp_pat
         run([photos], tmp_path / "out", RunOptions(**given), overwrite=True)
     given["markers"].write_text("id,x,y,z\n0,0,0,1\n1,1,0,1\n2,0,0,3\n")
     assert [s.name for s in go_on(tmp_path / "out").stages if not s.kept][:1] == ["scale"]
+
+
+def test_masks_alone_leave_the_other_options_of_a_survey(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    given, markers = given_detections(tmp_path), write_markers(tmp_path)["markers"]
+    run([photos], tmp_path / "out", RunOptions(**given, markers=markers, method="paper", score_threshold=0.4))
+    segment_only([photos], tmp_path / "out", changed={"sides": "none"})
+    options = RunOptions.from_json(SurveyFolder.open(tmp_path / "out").get("options"))
+    expected = RunOptions(markers=markers, method="paper", score_threshold=0.4, sides="none")
+    assert options == expected  # but for the masks that were given
+    assert fakes.calls["tiles"] > 0
+    assert go_on(tmp_path / "out").fruits == 1
+    assert redone(photos, tmp_path / "out", expected) == []
+    segment_only([photos], tmp_path / "out", changed={"score_threshold": 0.6}, overwrite=True)
+    assert RunOptions.from_json(SurveyFolder.open(tmp_path / "out").get("options")) == RunOptions(score_threshold=0.6)
 
 
 def test_a_photo_is_digested_once(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

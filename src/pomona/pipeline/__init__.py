@@ -2,7 +2,7 @@
 
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import METHODS, RunOptions
-from pomona.pipeline.run import go_on, run
+from pomona.pipeline.run import go_on, run, segment_only
 from pomona.pipeline.summary import StageTime, Summary
 
-__all__ = ["METHODS", "STAGES", "RunOptions", "StageTime", "Summary", "go_on", "run"]
+__all__ = ["METHODS", "STAGES", "RunOptions", "StageTime", "Summary", "go_on", "run", "segment_only"]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import InputError, SurveyError
+from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.summary import Summary, summarise
@@ -95,6 +96,28 @@ def _run(
     summary = summarise(survey, len(loaded), skipped, tuple(recorder.warnings), settled=runner.settled, ran=runner.ran)
     survey.note(summary=summary.to_json(), warnings=summary.warnings)
     return summary
+
+
+def segment_only(
+    photos: Sequence[Path],
+    out: Path,
+    progress: Progress | None = None,
+    *,
+    changed: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
+    on_stage: Callable[[str], None] = lambda name: None,
+) -> Summary:
+    """Find the fruits in each photo with a segmenter, and no more; a survey in `out` keeps its other options.
+
+    `changed` are options that are to be other than they were. Raises what `run` raises.
+    """
+    known: dict[str, Any] = {}
+    if not overwrite:
+        with suppress(PomonaError):  # there is none, or the run says what is wrong with it
+            known = SurveyFolder.open(Path(out)).get("options") or {}
+    # Masks that were given are not those of a segmenter.
+    options = RunOptions.from_json({**known, "detections": None, "classes": None, **(changed or {})})
+    return run(photos, out, options, progress, until="select", overwrite=overwrite, on_stage=on_stage)
 
 
 def go_on(
