@@ -18,7 +18,7 @@ import pomona
 from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
 from pomona.cli.app import app
 from pomona.corrections import apply, read_corrections
-from pomona.errors import FormatError
+from pomona.errors import FormatError, SurveyError
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits, read_observations
 from pomona.fruits import FruitCloud
@@ -124,6 +124,17 @@ def test_what_a_survey_was_made_with_may_be_gone(scene: Scene, tmp_path: Path) -
     np.testing.assert_array_equal(survey.fruits.weights_g, before.weights_g[kept])  # by the same pairs
     assert survey.export("csv", tmp_path / "fruits.csv").is_file()
     assert len(read_survey(scene.survey).fruits) == len(before) - 1
+
+
+def test_a_corrected_survey_whose_run_was_stopped_says_so(scene: Scene) -> None:
+    desk = Desk.of(scene)
+    desk.ask("delete", desk.fruit(GRID[FALSE_ONE]))
+    survey = SurveyFolder.open(scene.survey)
+    cloud = survey.record_of("dense")
+    assert cloud is not None
+    survey.set_record("dense", replace(cloud, finished=False))
+    with pytest.raises(SurveyError, match=r"was not finished: it got to stage 'dense'.*`pomona report"):
+        pomona.open(scene.survey)
 
 
 def test_the_scene_stays_when_fruits_are_corrected(scene: Scene) -> None:

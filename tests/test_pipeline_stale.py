@@ -6,12 +6,13 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import pytest
 
+import pomona
 from pipeline_fakes import Fakes, make_photos
 from pomona.capture import KeyFrameOptions
 from pomona.dense.options import DenseOptions
@@ -27,13 +28,18 @@ from pomona.pipeline.select import SelectOptions
 from pomona.pipeline.stage import Stage
 from pomona.pipeline.stages import stages_of
 from pomona.planting import PlantingOptions
+from pomona.progress import Recorder, Silent
 from pomona.report import ContactSheetOptions, ReportOptions
 from pomona.scale.options import ScaleOptions
+from pomona.scale.report import Placed
 from pomona.scene import DenseSceneOptions
 from pomona.second_look import SecondLookOptions
 from pomona.segment.photo_detections import SegmentOptions
 from pomona.sfm.options import SfmOptions
+from pomona.sfm.pieces import Reconstruction
 from pomona.survey import SurveyFolder
+from pomona.survey.unfinished import unfinished, unfinished_in_words
+from pomona.view import read_survey
 from pomona.yields import YieldOptions
 
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "pomona"
@@ -242,6 +248,68 @@ def test_masks_alone_leave_the_other_options_of_a_survey(fakes: Fakes, photos: P
     assert redone(photos, tmp_path / "out", expected) == []
     segment_only([photos], tmp_path / "out", changed={"score_threshold": 0.6}, overwrite=True)
     assert RunOptions.from_json(SurveyFolder.open(tmp_path / "out").get("options")) == RunOptions(score_threshold=0.6)
+
+
+OLDER = ("cloud.laz", "contact_sheet.jpg", "fruits.csv", "fruits.geojson")
+
+
+@pytest.mark.parametrize("stage", ["fuse", "measure"])
+def test_a_changed_run_that_was_stopped_is_told_of(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    out = tmp_path / "out"
+    run([photos], out)
+    assert unfinished(SurveyFolder.open(out)) is None
+    monkeypatch.setattr(fakes, "_place", lambda *given, **more: placed_anew(fakes, *given, **more))
+    fakes.install(monkeypatch)
+    fakes.raising[stage] = (fakes.calls[stage] + 1, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        run([photos], out, RunOptions(scale_bar=(0, 1, 0.85)))
+    survey, warned = SurveyFolder.open(out), Recorder(Silent())
+    found = unfinished(survey)
+    assert found is not None
+    assert (found.stage, set(OLDER) - set(found.older)) == (stage, set())
+    assert "cameras" not in found.older
+    opened = pomona.open(out, progress=warned)
+    assert len(opened.fruits) == 1  # as the run before left them
+    (said,) = warned.warnings
+    assert f"was not finished: it got to stage '{stage}'" in said
+    assert f"`pomona report {out}`" in said
+    assert said in read_survey(out).warnings
+    kept = {s.name for s in go_on(out).stages if s.kept}
+    assert {"segment", "select", "sfm", "scale"} <= kept
+    assert stage not in kept
+    assert unfinished(SurveyFolder.open(out)) is None
+    assert not unfinished_in_words(SurveyFolder.open(out))
+
+
+def placed_anew(fakes: Fakes, reconstruction: Reconstruction, *given: Any, **more: Any) -> Placed:
+    """Cameras in a frame twice as large."""
+    placed = Fakes._place(fakes, reconstruction, *given, **more)
+    return replace(
+        placed, cameras=replace(placed.cameras, cam_from_world=placed.cameras.cam_from_world * [1.0, 1.0, 1.0, 2.0])
+    )
+
+
+def test_stages_one_by_one_leave_later_results_older(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    go_on_until = {"changed": {"fruit_diameter_m": 0.06}, "until": "scale"}
+    run([photos], out, until="scale")
+    assert unfinished(SurveyFolder.open(out)) is None  # later stages have not been run yet
+    run([photos], out)
+    monkeypatch.setattr(fakes, "_place", lambda *given, **more: placed_anew(fakes, *given, **more))
+    fakes.install(monkeypatch)
+    go_on(out, **go_on_until)
+    found = unfinished(SurveyFolder.open(out))
+    assert found is not None
+    assert found.stage == "fuse"
+    assert "fruits.csv" in found.older
+    records = json.loads((out / "survey.json").read_text())
+    records["stages"]["fuse"]["made_from"] = {"results": "none", "fuse": "itself"}  # a hostile one ends, too
+    (out / "survey.json").write_text(json.dumps(records))
+    assert unfinished(SurveyFolder.open(out)) is not None
 
 
 def test_a_photo_is_digested_once(fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from pomona.export.survey import SurveySource, export_survey
 from pomona.pipeline.options import RunOptions
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
+from pomona.survey.unfinished import unfinished_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -154,7 +155,7 @@ def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress |
     """Open the survey in a folder that `pomona run` or `pomona.run` wrote.
 
     Its tables are first brought up to date with its corrections. `photos` is where its photos are, if they are not
-    where they were.
+    where they were; `progress` is warned where the last run was not finished, so that results are of different runs.
 
     Raises `MissingFileError` where there is none, and `SurveyError` where the folder holds something else.
     """
@@ -164,6 +165,8 @@ def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress |
     survey = SurveyFolder.open(Path(folder))
     if survey.record_of("results") is not None:
         bring_up_to_date(survey, progress)
+    if said := unfinished_in_words(survey):
+        progress.warn(said)
     return Survey(survey, photos_folder=None if photos is None else Path(photos), progress=progress)
 
 

@@ -18,6 +18,7 @@ from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import content_key, digest, file_digest
 from pomona.survey.files import disk_errors, flush_name, flush_to_disk
 from pomona.survey.record import Meter, now
+from pomona.survey.unfinished import unfinished_in_words
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
@@ -144,6 +145,16 @@ class Runner:
             [own_key(stage, self._options), {name: self._token(source) for name, source in stage.inputs.items()}]
         )
 
+    def _made_from(self, stage: Stage[Any]) -> dict[str, str]:
+        """What stands for the stages and facts that a stage takes, directly or through stages without a store."""
+        found: dict[str, str] = {}
+        for source in stage.inputs.values():
+            if isinstance(source, Fact):
+                found[f"{source.stage.name}: {source.name}"] = digest(self._token(source))
+            elif isinstance(source, Stage):
+                found |= self._made_from(source) if source.store is None else {source.name: self.ensure(source).token}
+        return found
+
     def _arguments(self, stage: Stage[Any], progress: Progress) -> dict[str, Any]:
         given = {name: self._input(source) for name, source in stage.inputs.items()}
         if stage.options:
@@ -184,9 +195,17 @@ class Runner:
         earlier_s, earlier_used_s = (before.wall_s, before.processor_s) if before and goes_on else (0.0, 0.0)
         self._keep_edited(before)
         meter, recorder = Meter(), Recorder(self._progress)
-        unfinished = StageRecord(fingerprint=fingerprint, finished=False, outputs=before.outputs if before else {})
+        unfinished = StageRecord(
+            fingerprint=fingerprint,
+            finished=False,
+            wall_s=earlier_s,
+            processor_s=earlier_used_s,
+            outputs=before.outputs if before else {},
+            made_from=self._made_from(stage),
+        )
         try:
             with disk_errors(self._survey.folder):
+                self._survey.set_record(stage.name, unfinished)  # for a run that ends without a word
                 value, outputs, info = self._computed(stage, recorder)
         except BaseException:
             spent_s, used_s = earlier_s + meter.wall_s, earlier_used_s + meter.processor_s
@@ -202,6 +221,7 @@ class Runner:
             warnings=tuple(recorder.warnings),
             outputs=outputs,
             info=info,
+            made_from=unfinished.made_from,
         )
         with disk_errors(self._survey.folder):
             self._survey.set_record(stage.name, done)
@@ -243,6 +263,9 @@ class Runner:
             self._progress.warn(f"{path.name} was changed since Pomona wrote it: kept as {aside.name}")
 
     def _lost(self, stage: Stage[Any]) -> SurveyError:
+        record = self._survey.record_of(stage.name)
+        if record is not None and not record.finished:
+            return SurveyError(unfinished_in_words(self._survey))
         return SurveyError(
             f"{self._survey.folder} lacks what stage '{stage.name}' keeps in work/, or it was changed, or written by "
             "another version of Pomona: use `pomona run` with the photos again, which makes it"

@@ -25,7 +25,8 @@ class StageRecord:
     """A stage that ran: from what (`fingerprint` of options and inputs), what it wrote (path in the folder → digest).
 
     `token` stands for the result in the fingerprints of later stages. `info` are the stage's facts, `engines` the
-    versions of the outside packages it ran with.
+    versions of the outside packages it ran with. `made_from` has the tokens of the stages, and digests of the facts
+    ("stage: fact"), that it took: None in surveys of older versions.
     A stage that was stopped has `finished` False; its `wall_s` and `processor_s` (of all threads and processes) count
     when it goes on with the same fingerprint.
     """
@@ -40,6 +41,7 @@ class StageRecord:
     warnings: tuple[str, ...] = ()
     outputs: Mapping[str, str] = field(default_factory=dict)
     info: Mapping[str, Any] = field(default_factory=dict)
+    made_from: Mapping[str, str] | None = None
 
     @property
     def token(self) -> str:
@@ -57,8 +59,8 @@ class StageRecord:
 
         Raises `TypeError` or `ValueError` where it is none.
         """
-        for name in ("outputs", "info", "engines"):
-            if not isinstance(values.get(name, {}), dict):
+        for name in ("outputs", "info", "engines", "made_from"):
+            if not isinstance(values.get(name) or {}, dict):
                 raise TypeError(f"{name}: expected an object, found {values[name]!r:.60}")
         if not isinstance(values.get("fingerprint"), str):
             raise TypeError("fingerprint: expected a text")

@@ -13,6 +13,7 @@ from pomona.progress import Progress, Silent
 from pomona.report import ReportData, StageTime, engines_of, settings_in_words
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.reader import SurveyReader
+from pomona.survey.unfinished import unfinished_in_words
 from pomona.trees import Trees, Trunks
 from pomona.view.masks import MasksByPhoto
 
@@ -57,7 +58,7 @@ def page_data(survey: SurveyReader) -> ReportData:
         crop=survey.crop,
         segments=survey.segments,
         stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
-        warnings=tuple(files.get("warnings", ())),
+        warnings=tuple(filter(None, (unfinished_in_words(files), *files.get("warnings", ())))),
         settings=settings_in_words(files.get("options") or {}),
         engines=engines_of(record.engines for record in records.values()),
         version=__version__,
