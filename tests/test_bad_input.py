@@ -39,6 +39,18 @@ def test_one_photo(fakes: Fakes, tmp_path: Path) -> None:
         run([make_photos(tmp_path / "photos", 1)], tmp_path / "out")
 
 
+def test_too_few_photos_of_every_side_are_said_before_any_is_looked_at(fakes: Fakes, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="found 2 photos that can be used, expected at least 3"):
+        run([make_photos(tmp_path / "two", 2)], tmp_path / "out")
+    sides = [make_photos(tmp_path / side, 2, seed=k) for k, side in enumerate(("east", "west"))]
+    with pytest.raises(InputError, match="from 3 photos that overlap or more; found: east has 2, west has 2"):
+        run(sides, tmp_path / "out")
+    assert not fakes.calls
+    assert run(sides, tmp_path / "out", until="select").detections == 4
+    make_photos(tmp_path / "west", 3, seed=1)
+    assert run(sides, tmp_path / "out").fruits == 1
+
+
 def test_one_photo_is_enough_for_its_masks(fakes: Fakes, tmp_path: Path) -> None:
     assert run([make_photos(tmp_path / "photos", 1)], tmp_path / "out", until="select").detections == 1
 

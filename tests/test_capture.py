@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pillow_heif
@@ -35,16 +37,16 @@ def write_photo(
     path: Path,
     size: tuple[int, int] = (60, 40),
     *,
-    seed: int = 0,
+    seed: int | None = None,
     camera: str = "Canon EOS 60D",
     focal_mm: float | None = 24.0,
     orientation: int = 1,
     seconds: int | None = None,
     taken_px: tuple[int, int] | None = None,
 ) -> Path:
-    """Write a photo of blocks of colour with EXIF, its format by its suffix."""
+    """Write a photo of blocks of colour (None: those of its path) with EXIF, its format by its suffix."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    image = painted(size, seed)
+    image = painted(size, crc32(str(path).encode()) if seed is None else seed)
     exif = Image.Exif()
     exif[0x0112] = orientation
     if camera:
@@ -62,7 +64,7 @@ def write_photo(
 
 def test_orders_photos_naturally_and_ignores_other_files(tmp_path: Path) -> None:
     for name in ("IMG_10.JPG", "IMG_9.jpeg", "img_11.Png", "IMG_2.tif"):
-        write_photo(tmp_path / name, seed=len(name))
+        write_photo(tmp_path / name)
     write_photo(tmp_path / ".hidden.jpg")
     (tmp_path / "notes.txt").write_text("no photo")
     (tmp_path / "markers.csv").write_text("id,x,y,z")
@@ -83,13 +85,89 @@ def test_orders_photos_by_time_of_capture_where_all_have_one(tmp_path: Path) -> 
 def test_two_folders_are_two_sides_and_give_names(tmp_path: Path) -> None:
     for side in ("east", "west"):
         for i in range(3):
-            write_photo(tmp_path / side / f"IMG_{i}.jpg", seed=i)
+            write_photo(tmp_path / side / f"IMG_{i}.jpg")
     together, apart = load_photos([tmp_path]), load_photos([tmp_path / "west", tmp_path / "east"])
     assert together.names[:2] == ("east/IMG_0.jpg", "east/IMG_1.jpg")
     assert together.sides == ("east", "west")
     assert set(apart.names) == set(together.names)
     assert apart.sides == ("west", "east")
     assert load_photos([tmp_path], sides="none").sides == ("row",)
+    files = [tmp_path / side / f"IMG_{i}.jpg" for side in ("west", "east") for i in range(3)]
+    progress = Silent()
+    named = load_photos([*files, *files[:1]], progress=progress)  # as `east/*.jpg west/*.jpg` does
+    assert (named.names, named.sides) == (apart.names, apart.sides)
+    assert not progress.warnings
+
+
+@pytest.mark.parametrize(
+    ("folders", "told"),
+    [
+        (("east", "west"), False),
+        (("Links", "Rechts"), False),
+        (("lado izquierda", "lado derecha"), False),
+        (("gauche", "droite"), False),
+        (("fila7_sinistra", "fila7_destra"), False),
+        (("Reihe 3 Ost", "Reihe 3 West"), False),
+        (("monday", "tuesday"), True),
+        (("originals", "edited"), True),
+    ],
+)
+def test_what_was_taken_for_sides_is_said(tmp_path: Path, folders: tuple[str, str], told: bool) -> None:
+    for k, side in enumerate(folders):
+        for i in range(3):
+            write_photo(tmp_path / side / f"IMG_{i}.jpg", seed=3 * k + i)
+    progress = Silent()
+    assert set(load_photos([tmp_path], progress=progress).sides) == set(folders)
+    said = [warning for warning in progress.warnings if "taken as the two sides" in warning]
+    assert len(said) == told
+    assert all(f"'{folder}'" in warning for warning in said for folder in folders)
+    assert all("taken as" not in warning for warning in _told([tmp_path / folder for folder in folders]))
+
+
+def _told(sources: list[Path], **options: Any) -> list[str]:
+    progress = Silent()
+    load_photos(sources, progress=progress, **options)
+    return progress.warnings
+
+
+def test_words_for_sides_in_other_languages() -> None:
+    for pair in (("links", "rechts"), ("izquierda", "derecha"), ("gauche", "droite"), ("sinistra", "destra")):
+        names = [f"reihe3_{side}_{k}.jpg" for side in pair for k in range(3)]
+        assert sides_by_names(names) == (pair[0],) * 3 + (pair[1],) * 3
+
+
+def test_photos_further_down_are_found(tmp_path: Path) -> None:
+    card, archive = tmp_path / "card", tmp_path / "archive"
+    for i in range(3):
+        write_photo(card / "DCIM" / "100CANON" / f"IMG_{i}.jpg", seed=i)
+        for side in ("east", "west"):
+            write_photo(archive / "2026" / "row7" / side / f"IMG_{i}.jpg", seed=i + 3 * (side == "west"))
+    photos = load_photos([card])
+    assert photos.sides == ("row",)
+    assert photos.names[0] == "DCIM/100CANON/IMG_0.jpg"
+    photos = load_photos([archive])
+    assert photos.sides == ("east", "west")
+    assert photos.names[0] == "2026/row7/east/IMG_0.jpg"
+    # Two folders whose photos lie deeper still are the sides, and what is further down beside photos is not taken.
+    both = tmp_path / "both"
+    shutil.copytree(card, both / "left")
+    shutil.copytree(archive / "2026" / "row7" / "west", both / "right" / "DCIM" / "101CANON")
+    assert load_photos([both]).sides == ("left", "right")
+    write_photo(both / "left" / "IMG_9.jpg", seed=9)
+    assert load_photos([both], min_photos=1).names == ("left/IMG_9.jpg",)
+
+
+def test_files_that_are_no_photos_among_those_named_are_left_out(tmp_path: Path) -> None:
+    for i in range(3):
+        write_photo(tmp_path / f"IMG_{i}.jpg", seed=i)
+    (tmp_path / "notes.txt").write_text("windy")
+    write_photo(tmp_path / "thumbs" / "IMG_0.jpg", seed=7)
+    progress = Silent()
+    assert len(load_photos(sorted(tmp_path.iterdir()), progress=progress)) == 3
+    assert any("left out: notes.txt" in warning for warning in progress.warnings)
+    assert any(warning.endswith("photos beside them: thumbs") for warning in progress.warnings)
+    with pytest.raises(InputError, match=r"notes\.txt is neither a folder of photos nor a video"):
+        load_photos([tmp_path / "notes.txt"])
 
 
 def test_two_folders_of_one_name_are_told_apart_by_those_above(tmp_path: Path) -> None:
@@ -212,7 +290,7 @@ def test_damaged_files_are_skipped_named_and_warned_of(tmp_path: Path) -> None:
 def test_truncation_is_told_in_other_formats(tmp_path: Path, suffix: str) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
     for i in range(2):
-        _save(Image.fromarray(pixels), tmp_path / f"good{i}.{suffix}")
+        _save(Image.fromarray(pixels + np.uint8(i)), tmp_path / f"good{i}.{suffix}")
     whole = (tmp_path / f"good0.{suffix}").read_bytes()
     (tmp_path / f"cut.{suffix}").write_bytes(whole[: int(len(whole) * 0.8)])
     photos = load_photos([tmp_path])
@@ -227,18 +305,38 @@ def test_data_after_the_end_of_a_jpeg_is_no_damage(tmp_path: Path) -> None:
     assert len(load_photos([tmp_path])) == 2
 
 
-def test_mixed_cameras_sizes_copies_and_missing_exif_are_warned_of_once(tmp_path: Path) -> None:
+def test_copies_of_photos_are_left_out(tmp_path: Path) -> None:
+    for i in range(4):
+        write_photo(tmp_path / f"{i}.jpg", seed=i)
+    shutil.copy(tmp_path / "1.jpg", tmp_path / "1 (copy).jpg")
+    (tmp_path / "3.jpg").write_bytes(
+        (tmp_path / "2.jpg").read_bytes().replace(b"Canon", b"Canom")
+    )  # of one size, and another
+    progress = Silent()
+    photos = load_photos([tmp_path], progress=progress)
+    kept = set(photos.names)
+    assert {"0.jpg", "2.jpg", "3.jpg"} < kept
+    assert len(kept & {"1.jpg", "1 (copy).jpg"}) == 1
+    (skipped,) = photos.skipped
+    assert skipped.reason == f"a copy of {next(iter(kept & {'1.jpg', '1 (copy).jpg'}))}"
+    assert any("a copy of" in warning for warning in progress.warnings)
+    shutil.copy(tmp_path / "0.jpg", tmp_path / "00.jpg")
+    with pytest.raises(InputError, match=r"found 1 photo .*00\.jpg: a copy of 0\.jpg|0\.jpg: a copy of 00\.jpg"):
+        load_photos([tmp_path / "0.jpg", tmp_path / "00.jpg"])
+
+
+def test_mixed_cameras_sizes_and_missing_exif_are_warned_of_once(tmp_path: Path) -> None:
     write_photo(tmp_path / "1.jpg", seed=1)
     write_photo(tmp_path / "2.jpg", seed=2, focal_mm=35.0)
     write_photo(tmp_path / "3.jpg", (90, 60), seed=3, camera="NIKON D750")
     write_photo(tmp_path / "4.jpg", seed=4, camera="", focal_mm=None)
     write_photo(tmp_path / "5.jpg", seed=5, camera="", focal_mm=None)
-    shutil.copy(tmp_path / "5.jpg", tmp_path / "6.jpg")
+    write_photo(tmp_path / "6.jpg", seed=6, camera="", focal_mm=None)
     progress = Silent()
     photos = load_photos([tmp_path], progress=progress)
     assert len({photo.camera_key for photo in photos}) == 4
     assert [photo.focal_px is None for photo in photos] == [False, False, False, True, True, True]
-    for said in ("4 cameras or zooms", "3 of 6 photos say nothing of their focal length", "different sizes", "5.jpg ="):
+    for said in ("4 cameras or zooms", "3 of 6 photos say nothing of their focal length", "different sizes"):
         assert sum(said in warning for warning in progress.warnings) == 1
 
 
@@ -259,9 +357,8 @@ def test_cropped_photos_are_named_and_resized_ones_are_not(tmp_path: Path) -> No
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif"])
 def test_pixels_are_upright_at_any_size(tmp_path: Path, orientation: int, suffix: str) -> None:
-    for i in range(2):
-        write_photo(tmp_path / f"{i}.{suffix}", (96, 80), seed=3, orientation=orientation, camera="")
-    photo = load_photos([tmp_path]).items[0]
+    write_photo(tmp_path / f"0.{suffix}", (96, 80), seed=3, orientation=orientation, camera="")
+    photo = load_photos([tmp_path], min_photos=1).items[0]
     # Each orientation by EXIF's own words: where the stored first row and first column are in the upright photo.
     turn = {
         1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
@@ -291,9 +388,8 @@ def test_heic_is_read_upright_with_its_exif(tmp_path: Path) -> None:
     exif[0x0112], exif[0x010F], exif[0x0110] = 6, "Apple", "iPhone 12"
     exif.get_ifd(_DETAILS)[0xA405] = 26
     ramp = np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[None, :, None], 48, axis=0).repeat(3, axis=2)
-    for i in range(2):
-        _save(Image.fromarray(ramp), tmp_path / f"{i}.HEIC", exif=exif.tobytes())
-    photo = load_photos([tmp_path]).items[0]
+    _save(Image.fromarray(ramp), tmp_path / "0.HEIC", exif=exif.tobytes())
+    photo = load_photos([tmp_path], min_photos=1).items[0]
     assert (photo.width_px, photo.height_px) == (48, 64)
     pixels = read_pixels(photo).astype(int)
     assert pixels.shape == (64, 48, 3)
@@ -303,9 +399,8 @@ def test_heic_is_read_upright_with_its_exif(tmp_path: Path) -> None:
 
 def test_16_bit_grey_becomes_8_bit_colour(tmp_path: Path) -> None:
     grey = np.linspace(0, 65535, 64 * 64).reshape(64, 64).astype(np.uint16)
-    for i in range(2):
-        Image.fromarray(grey).save(tmp_path / f"{i}.tif")
-    pixels = read_pixels(load_photos([tmp_path]).items[0])
+    Image.fromarray(grey).save(tmp_path / "0.tif")
+    pixels = read_pixels(load_photos([tmp_path], min_photos=1).items[0])
     assert pixels.shape == (64, 64, 3)
     assert np.array_equal(pixels[:, :, 0], grey >> 8)
 
@@ -315,9 +410,8 @@ def test_16_bit_grey_becomes_8_bit_colour(tmp_path: Path) -> None:
 )
 def test_grey_of_other_depths_is_as_bright(tmp_path: Path, kind: type, brightest: float, expected: int) -> None:
     grey = np.linspace(0, brightest, 64 * 64).reshape(64, 64).astype(kind)
-    for i in range(2):
-        Image.fromarray(grey).save(tmp_path / f"{i}.tif")
-    pixels = read_pixels(load_photos([tmp_path]).items[0])[:, :, 0].astype(int)
+    Image.fromarray(grey).save(tmp_path / "0.tif")
+    pixels = read_pixels(load_photos([tmp_path], min_photos=1).items[0])[:, :, 0].astype(int)
     assert pixels.min() == 0
     assert pixels.max() == expected
     assert np.abs(pixels - np.linspace(0, 255, 64 * 64).reshape(64, 64)).max() <= 1

@@ -150,6 +150,11 @@ def test_evaluate(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert "F1" in pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "truth.csv").stdout
     scores = json.loads(pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "truth.csv", "--json").stdout)
     assert (scores["all"]["T"], scores["all"]["TP"], scores["all"]["R"]) == (2, 1, 0.5)
+    idle = pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "truth.csv", "--worst", 3, "--min-visible", 9)
+    assert "F1" in idle.stdout
+    assert "--worst does nothing without --pictures FOLDER" in idle.stderr
+    assert "--min-visible does nothing without --detections" in idle.stderr
+    assert "--photos" not in idle.stderr
     result = pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "nowhere.csv")
     assert result.exit_code == 1
 

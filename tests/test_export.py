@@ -114,6 +114,26 @@ def test_what_the_survey_has_is_copied(kind: str, part: str, values: Values, tmp
     assert (tmp_path / "copy").read_text() == f"the survey's {part}"
 
 
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("csv", "fruits.xlsx", r"`to` csv is written to a file ending in \.csv or \.txt\. Known are .*\.kml \(kml\)"),
+        ("gpkg", "fruits.kml", r"ending in \.gpkg; \.kml is of `to` kml\."),
+        ("las", "cloud.laz", r"ending in \.las; \.laz is of `to` laz\."),
+    ],
+)
+def test_a_suffix_of_something_else_is_refused(kind: str, name: str, said: str, values: Values, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        write_export(kind, values, tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
+def test_other_usual_suffixes_are_taken(values: Values, tmp_path: Path) -> None:
+    for kind, name in (("geojson", "fruits.JSON"), ("geoparquet", "fruits.geoparquet")):
+        write_export(kind, values, tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 100
+
+
 def test_an_unknown_format(values: Values, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"`to`: expected one of csv \(a table of fruits\), geojson .*, found 'xls'"):
         write_export("xls", values, tmp_path / "fruits.xls")

@@ -24,5 +24,7 @@ def test_words_follow_the_count() -> None:
 
 
 def test_an_unknown_kind_is_refused_with_those_that_are_known() -> None:
-    with pytest.raises(InputError, match=r"`fruit`: expected one of apple, pear, .* found 'durian'"):
+    with pytest.raises(
+        InputError, match=r"`fruit`: expected one of apple, pear, .* found 'durian'.*with `fruit_diameter_m`"
+    ):
         fruit_kind("durian")

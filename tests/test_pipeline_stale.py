@@ -139,7 +139,7 @@ GIVEN = [name for name in STAGES if name != "sfm"]
 # of the stages give the same whatever they get, so that what comes after them is kept.
 Change = dict[str, Any] | Callable[[Path], dict[str, Any]]
 TABLE: dict[str, tuple[Change, Change, list[str]]] = {
-    "sides": ({}, {"sides": "IMG_000[01]*,IMG_000[23]*"}, [name for name in STAGES if name != "select"]),
+    "sides": ({}, {"sides": "IMG_000[012]*,IMG_0003*"}, [name for name in STAGES if name != "select"]),
     "method": ({}, PAPER, [n for n in STAGES if n not in ("segment", "sfm", "second_look")]),
     "variant": (PAPER, {**PAPER, "variant": "text"}, ["fuse"]),
     "model": ({}, copied_weights, ["segment"]),

@@ -17,6 +17,7 @@ from pomona.errors import FormatError, MissingFileError, SurveyError
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused, Shown
 from pomona.survey import StageRecord, SurveyFolder
+from pomona.survey.commands import command_line
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import disk_errors, write_file
 from pomona.survey.fused import fused_path, read_fused, write_fused
@@ -190,6 +191,16 @@ def test_files_that_are_not_there_are_named_with_what_writes_them(tmp_path: Path
         survey.need(survey.fruits, survey.cameras, survey.detections)
 
 
+def test_commands_in_messages_can_be_pasted(tmp_path: Path) -> None:
+    survey = SurveyFolder.create(tmp_path / "row 7 (east)")
+    with pytest.raises(MissingFileError, match=r"`pomona reconstruct '.*/row 7 \(east\)'` writes it"):
+        survey.need(survey.cameras)
+    windows = r"C:\Users\Ana María\row & 7"
+    assert command_line(["pomona", "report", windows], "win32") == f'pomona report "{windows}"'
+    assert command_line(["pomona", "report", r"C:\row7"], "win32") == r"pomona report C:\row7"
+    assert command_line(["pomona", "report", "it's"], "linux") == "pomona report 'it'\"'\"'s'"
+
+
 @pytest.mark.parametrize("sides", [["photos"], ["photos/east", "photos/west"], ["photos/1/card", "photos/2/card"]])
 def test_one_photo_is_found_without_the_others(tmp_path: Path, sides: list[str]) -> None:
     for k, side in enumerate(sides):
@@ -197,6 +208,11 @@ def test_one_photo_is_found_without_the_others(tmp_path: Path, sides: list[str])
     photos = load_photos([tmp_path / side for side in sides])
     survey = SurveyFolder.create(tmp_path / "row")
     survey.note(sources=[tmp_path / side for side in sides])
+    files = sorted(path for side in sides for path in (tmp_path / side).iterdir())
+    named = SurveyFolder.create(tmp_path / "named")
+    named.note(sources=files)  # the photos named one by one, as the shell does it
+    for photo in load_photos(files):
+        assert photo_of(named, photo.name).path == photo.path
     for photo in photos:
         found = photo_of(survey, photo.name)
         assert (found.name, found.path, found.width_px) == (photo.name, photo.path, photo.width_px)

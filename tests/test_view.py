@@ -23,6 +23,7 @@ from pomona.progress import Silent
 from pomona.report import ReportData, ReportOptions
 from pomona.report.page import report_html
 from pomona.report.scene import SceneOptions, origin_of, survey_data
+from pomona.survey.digest import file_digest
 from pomona.view import FolderOptions, ViewServer, export_folder, read_survey, truth_data
 from pomona.view.masks import MasksByPhoto
 from pomona.view.pictures import Kept, straightened
@@ -183,6 +184,26 @@ def test_a_folder_of_other_photos_is_told_of(survey: Path, tmp_path: Path) -> No
     progress = Silent()
     read_survey(survey, photos=tmp_path / "others", progress=progress)
     assert any(said.startswith("8 of 8 photos were not found") for said in progress.warnings)
+
+
+def test_other_photos_of_the_same_names_are_told_of(survey: Path, tmp_path: Path) -> None:
+    own = tmp_path / "survey"
+    shutil.copytree(survey, own)
+    manifest = json.loads((own / "survey.json").read_text())
+    source = Path(manifest["sources"][0])
+    for entry in manifest["photos"]:
+        entry["digest"] = file_digest(source / entry["name"])
+    (own / "survey.json").write_text(json.dumps(manifest))
+    other = tmp_path / "other row"
+    shutil.copytree(source, other)
+    progress = Silent()
+    read_survey(own, photos=other, progress=progress)
+    assert not progress.warnings
+    for path in other.rglob("*.JPG"):
+        path.write_bytes(path.read_bytes() + b"\0")
+    read_survey(own, photos=other, progress=progress)
+    (said,) = progress.warnings
+    assert said.startswith(f"{other} has photos that are called as those of the survey and are not the same")
 
 
 def test_photos_may_have_been_moved(survey: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from pomona.app.folders import Folders
 from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions
 from pomona.survey import SurveyFolder
+from pomona.survey.commands import command_line
 
 # Options whose name is not that of the parameter, as in `pomona.cli.run`.
 _OTHER_NAMES = {"fruit_diameter_m": "fruit-diameter", "use_gnss": "gnss", "filter_false_positives": "filter"}
@@ -80,7 +80,7 @@ def equal_to(photos: Sequence[Path], out: Path, options: RunOptions, *, adapt: b
     given = str(photos[0]) if len(photos) == 1 else [str(photo) for photo in photos]
     values = [repr(given), repr(str(out)), *(f"{name}={value!r}" for name, value in said.items())]
     call = f"pomona.run({', '.join([*values, *(['adapt=True'] if adapt else [])])})"
-    command = shlex.join(["pomona", *run_arguments(photos, out, options, adapt=adapt)])
+    command = command_line(["pomona", *run_arguments(photos, out, options, adapt=adapt)])
     return Equal(command, f"import pomona\n\nsurvey = {call}\nsurvey.fruits.to_pandas()")
 
 
@@ -91,7 +91,7 @@ def equal_of_survey(survey: SurveyFolder) -> Equal:
     except PomonaError:
         folder = str(survey.folder)
         python = f"import pomona\n\nsurvey = pomona.open({folder!r})\nsurvey.fruits.to_pandas()"
-        return Equal(shlex.join(["pomona", "report", folder]), python)
+        return Equal(command_line(["pomona", "report", folder]), python)
 
 
 def begun_with(survey: SurveyFolder) -> tuple[list[Path], Path, RunOptions]:

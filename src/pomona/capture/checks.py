@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from filecmp import cmp
 from pathlib import Path
 
 from pomona.photos import Photo, Skipped
@@ -33,8 +33,7 @@ def warn_of(
     cropped: Sequence[str] = (),
     from_video: bool,
 ) -> None:
-    """Warn, once for each matter, of what was skipped or `cropped`, missing focal lengths, mixed cameras, zooms, sizes,
-    copies."""
+    """Warn, once for each matter, of what was skipped or `cropped`, missing focal lengths, mixed cameras and sizes."""
     if skipped:
         reasons = [f"{s.name} ({s.reason})" for s in skipped]
         progress.warn(
@@ -55,10 +54,6 @@ def warn_of(
             "Photos straight from the camera, not from a messenger or an editor, are better"
         )
     _warn_of_cameras(photos, progress)
-    copies = _copies(photos)
-    if copies:
-        pairs = [_listed(names, " = ", most=4) for names in copies]
-        progress.warn(f"{_count(len(copies), 'photo')} found more than once, with the same content: {_listed(pairs)}")
     for side in dict.fromkeys(photo.side for photo in photos):
         count = sum(photo.side == side for photo in photos)
         if len(photos) > 1 and count < _ADVISED_PHOTOS:
@@ -83,17 +78,21 @@ def _warn_of_cameras(photos: Sequence[Photo], progress: Progress) -> None:
         )
 
 
-def _copies(photos: Sequence[Photo]) -> list[list[str]]:
-    """Names of photos with the same size in bytes and the same first 64 KB."""
+def copies_of(photos: Sequence[Photo]) -> dict[str, str]:
+    """Return the photos that are copies, byte for byte, of one before them, by name, each with that one's name."""
     by_size: defaultdict[int, list[Photo]] = defaultdict(list)
     for photo in photos:
         by_size[photo.path.stat().st_size].append(photo)
-    by_content: defaultdict[tuple[int, bytes], list[str]] = defaultdict(list)
-    for size, same_size in by_size.items():
-        for photo in same_size if len(same_size) > 1 else ():
-            with photo.path.open("rb") as file:
-                by_content[size, hashlib.sha256(file.read(1 << 16)).digest()].append(photo.name)
-    return [names for names in by_content.values() if len(names) > 1]
+    copies: dict[str, str] = {}
+    for same_size in by_size.values():
+        firsts: list[Photo] = []
+        for photo in same_size:
+            first = next((other for other in firsts if cmp(other.path, photo.path, shallow=False)), None)
+            if first is None:
+                firsts.append(photo)
+            else:
+                copies[photo.name] = first.name
+    return copies
 
 
 def _count(count: int, noun: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,10 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".m
 
 # Folders that a camera makes by itself (DCF: 100CANON, 101_PANA): a change of folder there is no change of side.
 _CAMERA_FOLDER = re.compile(r"^\d{3}[A-Z0-9_]{5}$", re.IGNORECASE)
+
+
+# How far down photos are looked for where nothing else is: cards have DCIM/100CANON, and archives a folder around that.
+_MOST_LEVELS = 3
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ def list_photos(folder: Path) -> Listing:
     """Return the photo files of a folder, in natural order of their names.
 
     Photos in the folder itself come first; where there are none, those of its sub-folders are taken: two sub-folders
-    are two groups (the sides of the row), unless a camera made them. Hidden files and other files are left out.
+    are two groups (the sides of the row), unless a camera made them. Where these have none, either, it is what lies
+    further down. Hidden files and other files are left out.
 
     Raises `MissingFileError` when the folder is not there, and `InputError` when it holds no photo.
     """
@@ -48,25 +54,39 @@ def list_photos(folder: Path) -> Listing:
     here = _photos_in(folder)
     # A survey beside the photos that it is of has pictures, too.
     children = [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
-    below = {child.name: _photos_below(child) for child in children}
-    below = {name: files for name, files in below.items() if files}
+    below = {child.name: files for child in children if (files := _photos_below(child))}
     if here:
         left_out = [
             f"{folder}: photos in sub-folders ({', '.join(below)}) were left out, as there are photos beside them"
         ]
         return Listing(tuple(here), ("",) * len(here), tuple(left_out[: bool(below)] + _raw_notes(folder, here)))
+    notes: list[str] = []
+    if not below:
+        below = {child.name: files for child in children if (files := _photos_further_down(child))}
+        if len(below) == 1:
+            return list_photos(folder / next(iter(below)))
+        notes += [f"{folder}: photos were found more than one folder below, in {', '.join(below)}"]
     if not below:
         raise InputError(_nothing_found(folder))
-    names = list(below)
-    groups = names if len(names) == 2 and not all(_CAMERA_FOLDER.match(name) for name in names) else [""] * len(names)
-    notes: list[str] = []
-    if len(names) > 2 and not all(_CAMERA_FOLDER.match(name) for name in names):
+    names, are_sides = list(below), may_be_sides(list(below))
+    groups = names if are_sides else [""] * len(names)
+    if len(names) > 2 and not are_camera_folders(names):
         notes.append(
             f"{folder}: photos of {len(names)} sub-folders ({', '.join(names[:6])}) were taken as one side of a row; "
             "give two folders, or two sub-folders, for the two sides"
         )
     pairs = [(file, group) for sub, group in zip(names, groups, strict=True) for file in below[sub]]
     return Listing(tuple(file for file, _ in pairs), tuple(group for _, group in pairs), tuple(notes))
+
+
+def are_camera_folders(names: Sequence[str]) -> bool:
+    """Say whether a camera named all these folders by itself."""
+    return all(_CAMERA_FOLDER.match(name) for name in names)
+
+
+def may_be_sides(names: Sequence[str]) -> bool:
+    """Say whether folders of these names are the two sides of a row: there are two, and no camera named them."""
+    return len(names) == 2 and not are_camera_folders(names)
 
 
 def _visible(folder: Path) -> list[Path]:
@@ -86,6 +106,16 @@ def _photos_below(folder: Path) -> list[Path]:
         return []
 
 
+def _photos_further_down(folder: Path, levels: int = _MOST_LEVELS) -> list[Path]:
+    """The photos of the sub-folders of a folder that has none itself, or of theirs; none of surveys."""
+    try:
+        children = [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
+    except PermissionError:
+        return []
+    found = [_photos_below(child) or (levels > 1 and _photos_further_down(child, levels - 1)) for child in children]
+    return [photo for photos in found if photos for photo in photos]
+
+
 def _raw_notes(folder: Path, photos: list[Path]) -> list[str]:
     stems = {p.stem.casefold() for p in photos}
     raw = [p for p in _visible(folder) if p.suffix.lower() in RAW_SUFFIXES and p.stem.casefold() not in stems]
@@ -98,7 +128,7 @@ def _nothing_found(folder: Path) -> str:
     found = Counter(p.suffix.lower() or "no suffix" for p in _visible(folder) if p.is_file())
     listed = ", ".join(f"{count} × {suffix}" for suffix, count in found.most_common(5)) or "no files"
     message = (
-        f"{folder} holds no photo: looked for JPEG, PNG, TIFF and HEIC files, also one folder below; found {listed}"
+        f"{folder} holds no photo: looked for JPEG, PNG, TIFF and HEIC files, also in folders below; found {listed}"
     )
     if any(suffix in RAW_SUFFIXES for suffix in found):
         return f"{message}. Camera RAW files cannot be read: export them as JPEG"

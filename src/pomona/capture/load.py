@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from pomona.capture.checks import too_few, warn_of
+from pomona.capture.checks import copies_of, too_few, warn_of
 from pomona.capture.exif import Exif, focal_px, was_cropped
-from pomona.capture.files import VIDEO_SUFFIXES, list_photos, natural_key
+from pomona.capture.files import VIDEO_SUFFIXES, are_camera_folders, list_photos, may_be_sides, natural_key
 from pomona.capture.images import Header, read_header
 from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
-from pomona.errors import InputError, MissingFileError, as_text
+from pomona.errors import InputError, MissingFileError, as_text, few
 from pomona.formats.files import is_there
 from pomona.photos import PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
@@ -43,7 +44,8 @@ def load_photos(
 
     `sides` is `auto` (two folders or sub-folders, else names such as east_001 and west_001, else one side called
     "row"), `none` (one side), or two patterns `GLOB,GLOB`. Key frames of a video are written into `frames_dir`.
-    Photo files may be named one by one, too. Files that cannot be used are warned of and kept in `Photos.skipped`.
+    Photo files may be named one by one, too: those of two folders are of two sides. Files that cannot be used, and
+    copies of photos, are warned of and kept in `Photos.skipped`.
 
     Raises `MissingFileError` when a source is not there, `LostFileError` when a photo that was there is gone, and
     `InputError` when there is no photo, fewer than `min_photos`, a video that cannot be decoded, or a value of `sides`
@@ -64,10 +66,13 @@ def load_photos(
                 cropped.append(file.name)
         except InputError as reason:
             skipped.append(Skipped(as_text(file.name), str(reason)))
+    from_video = any(file.video for file in found)
+    copies = {} if from_video else copies_of(photos)
+    skipped += [Skipped(name, f"a copy of {first}") for name, first in copies.items()]
+    photos = [photo for photo in photos if photo.name not in copies]
     if len(photos) < min_photos:
         raise InputError(too_few(paths, photos, skipped, min_photos))
-    photos = _with_sides(photos, sides, progress)
-    from_video = any(file.video for file in found)
+    photos = _with_sides(photos, sides, progress, were_told=len(paths) == 2)
     warn_of(photos, skipped, progress, cropped=cropped, from_video=from_video)
     return Photos(_ordered(photos), tuple(skipped), from_video=from_video)
 
@@ -77,8 +82,9 @@ def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, 
     for path in paths:
         if not is_there(path):
             raise MissingFileError(f"{path} does not exist: expected a folder of photos or a video")
-    if paths and all(path.is_file() and path.suffix.lower() in PHOTO_SUFFIXES for path in paths):
-        return [_Found(path.name, path) for path in sorted(set(paths), key=lambda p: (natural_key(p.name), str(p)))]
+    paths = _without_strays(paths, progress)
+    if any(_is_photo(path) for path in paths):
+        return _of_files(paths, progress)
     if not 1 <= len(paths) <= 2:
         raise InputError(f"Expected a folder of photos, two folders (one per side) or a video, found {len(paths)}")
     if len(paths) == 1:
@@ -91,6 +97,54 @@ def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, 
         for path, label in zip(paths, labels, strict=True)
         for file in _of_source(path, label, frames_dir, options, progress)
     ]
+
+
+def _is_photo(path: Path) -> bool:
+    return path.suffix.lower() in PHOTO_SUFFIXES and path.is_file()
+
+
+def _without_strays(paths: list[Path], progress: Progress) -> list[Path]:
+    """Leave out files that are neither photos nor videos, which `photos/*` names as well, where others are there."""
+    strays = [path for path in paths if path.is_file() and not _is_photo(path) and not _may_be_video(path)]
+    used = [path for path in paths if path not in strays]
+    if not strays or not used:
+        return paths
+    progress.warn(f"Neither photos nor videos, and left out: {few([path.name for path in strays])}")
+    return used
+
+
+def _may_be_video(path: Path) -> bool:
+    try:
+        return path.suffix.lower() in VIDEO_SUFFIXES or is_video(path)
+    except OSError:  # what cannot be read
+        return False
+
+
+def _of_files(paths: list[Path], progress: Progress) -> list[_Found]:
+    """Photo files named one by one: as in their folder, or where these are two, as in the two sides of a row."""
+    named = {path.parent.resolve() / path.name: None for path in paths if _is_photo(path)}
+    files = sorted(named, key=lambda p: (natural_key(p.name), str(p)))
+    if others := [path.name for path in paths if not _is_photo(path)]:
+        progress.warn(f"Left out, as there are photos beside them: {few(others)}")
+    folders = list(dict.fromkeys(path.parent for path in named))
+    if len(folders) == 1:
+        return [_Found(file.name, file) for file in files]
+    if len(folders) == 2:
+        labels = dict(zip(folders, _labels(folders), strict=True))
+        sides = may_be_sides([folder.name for folder in folders])
+        return [
+            _Found(f"{labels[file.parent]}/{file.name}", file, labels[file.parent] if sides else "")
+            for folder in folders
+            for file in files
+            if file.parent == folder
+        ]
+    above = Path(os.path.commonpath(folders))
+    if not are_camera_folders([folder.name for folder in folders]):
+        progress.warn(
+            f"Photos of {len(folders)} folders ({few([folder.name for folder in folders])}) were taken as one side of "
+            "a row; give those of two folders for the two sides"
+        )
+    return [_Found(file.relative_to(above).as_posix(), file) for file in files]
 
 
 def _labels(paths: list[Path]) -> list[str]:
@@ -158,7 +212,8 @@ def _camera(exif: Exif) -> str:
     return " ".join(part for part in parts if part)
 
 
-def _with_sides(photos: list[Photo], option: str, progress: Progress) -> list[Photo]:
+def _with_sides(photos: list[Photo], option: str, progress: Progress, *, were_told: bool) -> list[Photo]:
+    """Say of each photo of which side it is; `were_told`: a person gave the two folders."""
     names = [photo.name for photo in photos]
     groups = [photo.side for photo in photos]
     chosen: Sequence[str] = [ONE_SIDE] * len(photos)
@@ -166,6 +221,12 @@ def _with_sides(photos: list[Photo], option: str, progress: Progress) -> list[Ph
         chosen = sides_by_globs(names, option)
     elif option == "auto" and len(set(groups)) == 2:
         chosen = groups
+        one, other = dict.fromkeys(groups)
+        if not were_told and not are_known_pair((one, other)):
+            progress.warn(
+                f"Photos lie in the folders '{one}' and '{other}': taken as the two sides of the row. "
+                "If they are not, use `sides` none"
+            )
     elif option == "auto" and (by_names := sides_by_names(names)):
         chosen = by_names
         one, other = dict.fromkeys(by_names)

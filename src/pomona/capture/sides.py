@@ -19,7 +19,9 @@ _SIDE_WORDS = tuple(
     set(pair.split("/"))
     for pair in (
         "east/west", "north/south", "left/right", "front/back", "e/w", "n/s", "l/r", "a/b", "est/oest", "este/oeste",
-        "est/ouest", "ost/west", "nord/sud", "nord/süd", "norte/sur",
+        "est/ouest", "ost/west", "osten/westen", "nord/sud", "nord/süd", "norden/süden", "norte/sur",
+        "links/rechts", "vorne/hinten", "izquierda/derecha", "izq/der", "izda/dcha", "gauche/droite", "sinistra/destra",
+        "sx/dx", "esquerda/direita", "leste/oeste",
     )
 )  # fmt: skip
 # Words with which cameras, phones and programs begin every name: a change of camera is no change of side.
@@ -36,10 +38,7 @@ def sides_by_names(names: Sequence[str]) -> tuple[str, ...] | None:
     There are two sides where a word of every name takes exactly two values, each in at least three photos: known pairs
     such as east and west anywhere in the name, any other pair at its beginning (except words that cameras begin with).
     """
-    tokens = [
-        re.findall(r"[^\W\d_]+|\d+", PurePosixPath(unicodedata.normalize("NFC", name)).stem.casefold())
-        for name in names
-    ]
+    tokens = [_words(PurePosixPath(name).stem) for name in names]
     for position in range(min((len(t) for t in tokens), default=0)):
         words = [t[position] for t in tokens]
         counts = Counter(words)
@@ -51,8 +50,14 @@ def sides_by_names(names: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def are_known_pair(sides: Sequence[str]) -> bool:
-    """Say whether two names are a pair such as east and west, rather than just two words."""
-    return set(sides) in _SIDE_WORDS
+    """Say whether two names have a pair of words such as east and west, rather than just any two."""
+    one, other = (set(_words(side)) for side in sides)
+    return any({word, against} in _SIDE_WORDS for word in one for against in other)
+
+
+def _words(name: str) -> list[str]:
+    """The words and numbers in a name, in lower case, however its accents are encoded."""
+    return re.findall(r"[^\W\d_]+|\d+", unicodedata.normalize("NFC", name).casefold())
 
 
 def check_option(option: str) -> None:

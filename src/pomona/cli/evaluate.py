@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +13,8 @@ from rich.console import Console
 from pomona.cli import options as shared
 from pomona.cli.evaluate_detections import Pictures, evaluate_detections
 from pomona.cli.evaluate_mistakes import evaluate_mistakes
+from pomona.cli.failures import say
+from pomona.cli.progress import TerminalProgress
 
 if TYPE_CHECKING:
     from pomona.evaluate.fruits import Scores
@@ -61,6 +64,16 @@ _PHOTOS = Annotated[
 ]
 
 
+_LEAST_SIZE_PX = 12.0
+
+
+def _warn_of_idle(options: Mapping[str, tuple[bool, str, bool]]) -> None:
+    """Say which options that were given do nothing, as the one they go with was not: (given, of which, is there)."""
+    for option, (given, needed, is_there) in options.items():
+        if given and not is_there:
+            say("Warning", "bold yellow", f"{option} does nothing without {needed}")
+
+
 def show_scores(scores: Scores) -> None:
     """Print scores as a table on stdout."""
     from pomona.evaluate.tables import fruits_table
@@ -73,7 +86,7 @@ def evaluate(
     truth: _TRUTH,
     match: _MATCH = "auto",
     detections: _DETECTIONS = False,
-    min_size: _MIN_SIZE = 12.0,
+    min_size: _MIN_SIZE = _LEAST_SIZE_PX,
     min_visible: _MIN_VISIBLE = 0,
     pictures: _PICTURES = None,
     worst: _WORST = None,
@@ -88,6 +101,15 @@ def evaluate(
     """
     import pomona
 
+    _warn_of_idle(
+        {
+            "--worst": (worst is not None, "--pictures FOLDER", pictures is not None),
+            "--photos": (photos is not None, "--pictures FOLDER", pictures is not None),
+            "--min-size": (min_size != _LEAST_SIZE_PX, "--detections", detections),
+            "--min-visible": (min_visible != 0, "--detections", detections),
+            "--outcomes": (outcomes, "--json", as_json),
+        }
+    )
     if detections:
         from pomona.evaluate.detections import EvaluateDetectionsOptions
 
@@ -102,7 +124,8 @@ def evaluate(
         page = Pictures(folder=pictures, worst=worst, photos=photos)
         evaluate_mistakes(survey, truth, of_fruits, page, outcomes=outcomes, as_json=as_json)
         return
-    scores = pomona.open(survey).evaluate(truth, match=match)
+    with TerminalProgress() as progress:
+        scores = pomona.open(survey, progress=progress).evaluate(truth, match=match)
     if as_json:
         typer.echo(json.dumps(scores.to_json(outcomes=outcomes), indent=1))
     else:

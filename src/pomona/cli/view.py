@@ -10,6 +10,7 @@ import typer
 from pomona.cli import options as shared
 from pomona.cli.page import NoBrowser, Port, serve_page
 from pomona.cli.progress import TerminalProgress
+from pomona.survey.commands import command_line
 
 _PHOTOS = Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder of the photos, if they were moved.")]
 _TRUTH = Annotated[
@@ -43,4 +44,5 @@ def view(
     serve_page(server, no_browser=no_browser)
     if server.changed:
         pomona.open(survey)
-        typer.echo(f"The tables are corrected; `pomona report {survey}` writes the report again.", err=True)
+        command = command_line(["pomona", "report", survey])
+        typer.echo(f"The tables are corrected; `{command}` writes the report again.", err=True)

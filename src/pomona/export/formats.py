@@ -17,6 +17,9 @@ Content = Literal["fruits", "cloud", "masks", "cameras", "scene"]
 """What an export is of; "scene": cameras, cloud and fruits, to look at."""
 
 
+_MORE_SUFFIXES = {"csv": (".txt",), "geojson": (".json",), "geoparquet": (".geoparquet",)}
+
+
 @dataclass(frozen=True)
 class ExportFormat:
     """One format: `file_name` is its file's, or its folder's where there is no suffix; `needs` must have been written.
@@ -36,6 +39,11 @@ class ExportFormat:
         """Whether it is written as a folder."""
         return not Path(self.file_name).suffix
 
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """The suffixes, in lower case, by which other programs know its file; none of a folder."""
+        return (Path(self.file_name).suffix, *_MORE_SUFFIXES.get(self.kind, ())) if not self.is_folder else ()
+
 
 def export_format(kind: str) -> ExportFormat:
     """Return the format of a kind; raises `InputError` where there is none."""
@@ -45,14 +53,31 @@ def export_format(kind: str) -> ExportFormat:
     return EXPORT_FORMATS[kind]
 
 
+def check_suffix(chosen: ExportFormat, path: Path) -> None:
+    """Raise `InputError` for a file that other programs would take for something else by its name."""
+    suffix = path.suffix.lower()
+    if chosen.is_folder or not suffix or suffix in chosen.suffixes:
+        return
+    fitting = [each for each in EXPORT_FORMATS.values() if suffix in each.suffixes]
+    of_others = f"; {suffix} is of `to` {' or '.join(each.kind for each in fitting)}" if fitting else ""
+    known = ", ".join(
+        f"{' or '.join(each.suffixes)} ({each.kind})" for each in EXPORT_FORMATS.values() if each.suffixes
+    )
+    raise InputError(
+        f"`out` {path}: `to` {chosen.kind} is written to a file ending in {' or '.join(chosen.suffixes)}{of_others}. "
+        f"Known are {known}; {', '.join(each.kind for each in EXPORT_FORMATS.values() if each.is_folder)} are folders"
+    )
+
+
 def write_export(kind: str, source: ExportSource, path: Path) -> None:
     """Write results to `path` in one of `EXPORT_FORMATS`; a file is complete or not there.
 
-    Raises `InputError` for an unknown kind, or where the results lack what the format needs (a place on Earth for KML),
-    `SurveyError` where the disk is full or write-protected, and `MissingExtraError` where an optional package is
-    not installed.
+    Raises `InputError` for an unknown kind, a suffix of something else, or where the results lack what the format needs
+    (a place on Earth for KML), `SurveyError` where the disk is full or write-protected, and `MissingExtraError` where
+    an optional package is not installed.
     """
     chosen = export_format(kind)
+    check_suffix(chosen, path)
     with disk_errors(path.parent):
         if chosen.is_folder:
             chosen.write(source, path)

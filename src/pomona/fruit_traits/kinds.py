@@ -60,5 +60,6 @@ def fruit_kind(name: str) -> FruitKind:
         if wanted in (kind.name, kind.plural):
             return kind
     raise InputError(
-        f"`fruit`: expected one of {', '.join(FRUIT_KINDS)}, found '{name}'; of another fruit, give its usual diameter"
+        f"`fruit`: expected one of {', '.join(FRUIT_KINDS)}, found '{name}'; of another fruit, "
+        "leave it out and give how wide it usually is with `fruit_diameter_m`"
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import InputError, PomonaError, SurveyError
+from pomona.photos import Photos
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.summary import Summary, summarise
@@ -68,8 +69,12 @@ def _run(
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
     survey.check(sources=paths, options=given.to_json())
     log.stage("photos")
-    least = 1 if until in ("segment", "select") else 2
+    places_photos = until not in ("segment", "select") and options.cameras is None
+    of_stages = options.of_stages
+    least = of_stages.sfm.min_piece_photos if places_photos else 1
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
+    if places_photos:
+        _check_sides(loaded, least)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     # Only now: a survey goes on with the photos and options that it has where these cannot be used.
     keep_tables(survey, options)
@@ -81,7 +86,7 @@ def _run(
     )
     runner = Runner(
         SurveyContext(survey, loaded),
-        options.of_stages,
+        of_stages,
         sources_of(loaded, digests, corrections),
         progress=recorder,
         on_stage=log.stage,
@@ -96,6 +101,17 @@ def _run(
     summary = summarise(survey, len(loaded), skipped, tuple(recorder.warnings), settled=runner.settled, ran=runner.ran)
     survey.note(summary=summary.to_json(), warnings=summary.warnings)
     return summary
+
+
+def _check_sides(photos: Photos, least: int) -> None:
+    """Raise `InputError` where no side of the row has enough photos to be placed, before any is looked at."""
+    counts = {side: len(photos.of_side(side)) for side in photos.sides}
+    if max(counts.values()) < least:
+        found = ", ".join(f"{side} has {count}" for side, count in counts.items())
+        raise InputError(
+            f"Each side of a row is placed by itself, from {least} photos that overlap or more; found: {found}. Take "
+            "more photos of a side, or, where all are of one side, use `sides` none"
+        )
 
 
 def segment_only(

@@ -12,6 +12,7 @@ from typing import Any
 
 from pomona import __version__
 from pomona.errors import FormatError, MissingFileError, SurveyError, as_text
+from pomona.survey.commands import command_line
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors, part_of, write_file
 from pomona.survey.locks import lock
@@ -99,7 +100,7 @@ class SurveyFolder:
         """Raise `MissingFileError` for the first of its files that is not there, naming the command that writes it."""
         for path in paths:
             if not path.exists():
-                command = _WRITERS[path.name].format(survey=self.folder)
+                command = _WRITERS[path.name].format(survey=command_line([self.folder]))
                 raise MissingFileError(f"{path} does not exist: `{command}` writes it")
 
     @property

@@ -58,6 +58,8 @@ def _places(survey: SurveyFolder, name: str) -> Iterator[Path]:
     if len(sources) == 1:
         yield sources[0] / name
     for source, number in zip(sources, numbers, strict=True) if len(sources) > 1 else ():
+        if source.name == Path(inside).name and side in source.parent.parts:  # a photo that was named itself
+            yield source
         if side in source.parts or side in (source.stem, number):
             yield source / inside
     yield survey.folder / "work" / "frames" / name

@@ -15,6 +15,7 @@ from pomona.errors import PomonaError, SurveyError, few
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos, Skipped
 from pomona.progress import Progress, Silent
+from pomona.survey.digest import file_digest
 from pomona.survey.folder import SurveyFolder
 from pomona.survey.fused import fused_path, read_fused
 from pomona.survey.photos import photos_of, placeholder
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from pomona.survey.record import StageRecord
 
 _Fact = TypeVar("_Fact")
+_LOOKED_AT = 4  # photos of a folder that is said to be the survey's: another row's differ in all
 
 
 class SurveyReader:
@@ -166,7 +168,21 @@ class SurveyReader:
             return Photos(())
         if names and len(found) == 0:  # other photos are there
             self._warn_of_missing(list(names), len(names))
+        if self._photos_folder is not None:
+            self._warn_of_others(found)
         return found
+
+    def _warn_of_others(self, found: Photos) -> None:
+        """Cameras count from the same name on: a few photos of the folder given are held against their digests."""
+        known = {entry["name"]: entry.get("digest") for entry in self.files.get("photos", ())}
+        those = [photo for photo in found if known.get(photo.name) and photo.path.is_file()]
+        looked_at = those[:: max(1, len(those) // _LOOKED_AT)]
+        others = [photo.name for photo in looked_at if file_digest(photo.path) != known[photo.name]]
+        if others:
+            self._progress.warn(
+                f"{self._photos_folder} has photos that are called as those of the survey and are not the same: "
+                f"{few(others)} of {len(looked_at)} that were compared. Say with `photos` where the survey's own are"
+            )
 
     def _warn_of_missing(self, missing: list[str], count: int) -> None:
         self._progress.warn(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from pomona.survey.commands import command_line
 from pomona.survey.digest import digest
 from pomona.survey.events import run_status
 from pomona.survey.folder import SurveyFolder
@@ -49,7 +50,7 @@ def unfinished_in_words(survey: SurveyFolder) -> str:
         return f"A run is working on {survey.folder} (stage '{status.stage}'){older}"
     return (
         f"The last run of {survey.folder} was not finished: it got to stage '{found.stage}'{older}. What was finished "
-        f"is kept: `pomona report {survey.folder}`, or the same `pomona run` again, goes on there"
+        f"is kept: `{command_line(['pomona', 'report', survey.folder])}`, or the same `pomona run` again, goes on there"
     )
 
 
