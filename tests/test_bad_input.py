@@ -241,7 +241,7 @@ def test_unknown_option_values(options: dict[str, object], message: str) -> None
     ("options", "message"),
     [
         ({"sides": "left"}, "left"),
-        ({"model": "magic"}, r"Model 'magic': expected a file ending in \.onnx"),
+        ({"model": "magic"}, r"`model` 'magic': expected a file ending in \.onnx"),
         ({"marker_dictionary": "DICT_9"}, "DICT_9"),
     ],
 )

@@ -313,7 +313,7 @@ def test_copies_of_photos_are_left_out(tmp_path: Path) -> None:
         (tmp_path / "2.jpg").read_bytes().replace(b"Canon", b"Canom")
     )  # of one size, and another
     progress = Silent()
-    photos = load_photos([tmp_path], progress=progress)
+    photos = load_photos([tmp_path], leave_out_copies=True, progress=progress)
     kept = set(photos.names)
     assert {"0.jpg", "2.jpg", "3.jpg"} < kept
     assert len(kept & {"1.jpg", "1 (copy).jpg"}) == 1
@@ -322,7 +322,8 @@ def test_copies_of_photos_are_left_out(tmp_path: Path) -> None:
     assert any("a copy of" in warning for warning in progress.warnings)
     shutil.copy(tmp_path / "0.jpg", tmp_path / "00.jpg")
     with pytest.raises(InputError, match=r"found 1 photo .*00\.jpg: a copy of 0\.jpg|0\.jpg: a copy of 00\.jpg"):
-        load_photos([tmp_path / "0.jpg", tmp_path / "00.jpg"])
+        load_photos([tmp_path / "0.jpg", tmp_path / "00.jpg"], leave_out_copies=True)
+    assert len(load_photos([tmp_path])) == 6  # whoever looks for photos by name finds all
 
 
 def test_mixed_cameras_sizes_and_missing_exif_are_warned_of_once(tmp_path: Path) -> None:

@@ -113,6 +113,25 @@ def test_ctrl_c_says_how_to_go_on(fakes: Fakes, photos: Path, tmp_path: Path) ->
     assert fakes.calls["sfm"] == 1
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
+def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
+    code = (
+        "import os, signal, time, pomona.cli as cli; signal.signal(signal.SIGTERM, cli._stop); "
+        "import pomona.sfm.engine\n"
+        "try: os.kill(os.getpid(), signal.SIGTERM); time.sleep(10)\n"
+        "except KeyboardInterrupt: print('stopped')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.stdout.strip(), done.stderr, done.returncode) == ("stopped", "", 0)
+
+
+def test_a_model_that_nothing_answers_to_is_told_of_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    result = pomona("run", photos, "--out", tmp_path / "out", "--model", "yolo")
+    assert result.exit_code == 1
+    assert "--model 'yolo': expected a file ending in .onnx, .pt or .pth, or open:WORDS" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_our_own_mistakes_have_no_bare_traceback(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     fakes.raising["fuse"] = 1, ZeroDivisionError("division by zero")
     result = pomona("run", photos, "--out", tmp_path / "out")
@@ -142,6 +161,16 @@ def test_stages_need_a_survey(tmp_path: Path) -> None:
         result = pomona(command, tmp_path)
         assert result.exit_code == 1
         assert "is not a survey" in result.stderr
+
+
+def test_what_is_not_there_is_not_called_something_else(photos: Path, tmp_path: Path) -> None:
+    assert "nowhere does not exist: expected a survey" in pomona("view", tmp_path / "nowhere").stderr
+    (tmp_path / "tables").mkdir()
+    folder = pomona("run", photos, "--out", tmp_path / "out", "--markers", tmp_path / "tables")
+    assert "tables: a folder; expected a table with the columns id,x,y,z" in folder.stderr
+    app = pomona("app", "--no-browser", "--photos", tmp_path / "nowhere")
+    assert app.exit_code == 1
+    assert "nowhere: expected a folder to choose photos from" in app.stderr
 
 
 def test_evaluate(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -3,8 +3,21 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+
+
+@contextmanager
+def own_signals() -> Iterator[None]:
+    """Import pycolmap inside: it would print a trace of its own where the program is told to end (SIGTERM)."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    if before is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, before)
 
 
 @cache
@@ -16,7 +29,8 @@ def what_is_missing() -> str:
 @cache
 def what_colmap_lacks() -> str:
     """Say in words what COLMAP lacks for a GPU here, "" where it has one."""
-    import pycolmap
+    with own_signals():
+        import pycolmap
 
     return reason_against(pycolmap.has_cuda, shutil.which("nvidia-smi"))
 

@@ -24,7 +24,7 @@ def check_photos(paths: Sequence[Path], *, one_side: bool) -> PhotoCheck:
     if any(path.is_file() for path in paths):
         raise InputError("Choose the folder that the photos are in, not a photo")
     heard = Silent()
-    photos = capture.load_photos(paths, sides="none" if one_side else "auto", progress=heard)
+    photos = capture.load_photos(paths, sides="none" if one_side else "auto", leave_out_copies=True, progress=heard)
     seen = look_at(photos)
     found = problems_of(seen)
     days = sorted(photo.taken_at.date() for photo in photos if photo.taken_at is not None)

@@ -25,7 +25,13 @@ class Folders:
 
     @classmethod
     def usual(cls, more: Sequence[Path] = ()) -> Folders:
-        """Return the folders of the person, of cards and shared disks, and those named besides."""
+        """Return the folders of the person, of cards and shared disks, and those named besides.
+
+        Raises `InputError` for one of these that is no folder.
+        """
+        for folder in more:
+            if not folder.expanduser().is_dir():
+                raise InputError(f"`photos` {folder}: expected a folder to choose photos from, but there is none")
         return cls([Path.home(), *(Path(place) for place in _MOUNTS if Path(place).is_dir()), *more])
 
     def allowed(self, path: Path) -> Path:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from filecmp import cmp
 from pathlib import Path
 
 from pomona.photos import Photo, Skipped
 from pomona.progress import Progress
 
+_HEAD_BYTES = 1 << 16  # where these differ, as they do for photos of one size that are not copies, no more is read
 _ADVISED_PHOTOS = 3  # of a side: two rays place a fruit, a third checks it
 
 
@@ -83,16 +84,25 @@ def copies_of(photos: Sequence[Photo]) -> dict[str, str]:
     by_size: defaultdict[int, list[Photo]] = defaultdict(list)
     for photo in photos:
         by_size[photo.path.stat().st_size].append(photo)
+    firsts: dict[tuple[int, bytes, bytes], str] = {}
     copies: dict[str, str] = {}
-    for same_size in by_size.values():
-        firsts: list[Photo] = []
-        for photo in same_size:
-            first = next((other for other in firsts if cmp(other.path, photo.path, shallow=False)), None)
-            if first is None:
-                firsts.append(photo)
-            else:
-                copies[photo.name] = first.name
+    for size, same_size in by_size.items():
+        by_head: defaultdict[bytes, list[Photo]] = defaultdict(list)
+        for photo in same_size if len(same_size) > 1 else ():
+            by_head[_sha256(photo.path, _HEAD_BYTES)].append(photo)
+        for head, alike in by_head.items():
+            for photo in alike if len(alike) > 1 else ():
+                first = firsts.setdefault((size, head, _sha256(photo.path)), photo.name)
+                if first != photo.name:
+                    copies[photo.name] = first
     return copies
+
+
+def _sha256(path: Path, head_bytes: int = -1) -> bytes:
+    with path.open("rb") as file:
+        if head_bytes >= 0:
+            return hashlib.sha256(file.read(head_bytes)).digest()
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def _count(count: int, noun: str) -> str:

@@ -38,14 +38,16 @@ def load_photos(
     frames_dir: Path | None = None,
     min_photos: int = 2,
     key_frames: KeyFrameOptions | None = None,
+    leave_out_copies: bool = False,
     progress: Progress | None = None,
 ) -> Photos:
     """Return the photos of a folder, of two folders (the sides of a row), or the key frames of a video.
 
     `sides` is `auto` (two folders or sub-folders, else names such as east_001 and west_001, else one side called
     "row"), `none` (one side), or two patterns `GLOB,GLOB`. Key frames of a video are written into `frames_dir`.
-    Photo files may be named one by one, too: those of two folders are of two sides. Files that cannot be used, and
-    copies of photos, are warned of and kept in `Photos.skipped`.
+    Photo files may be named one by one, too: those of two folders are of two sides. Files that cannot be used are
+    warned of and kept in `Photos.skipped`; with `leave_out_copies`, so are copies of photos, byte for byte, which are
+    no further sightings of their fruits.
 
     Raises `MissingFileError` when a source is not there, `LostFileError` when a photo that was there is gone, and
     `InputError` when there is no photo, fewer than `min_photos`, a video that cannot be decoded, or a value of `sides`
@@ -67,7 +69,7 @@ def load_photos(
         except InputError as reason:
             skipped.append(Skipped(as_text(file.name), str(reason)))
     from_video = any(file.video for file in found)
-    copies = {} if from_video else copies_of(photos)
+    copies = copies_of(photos) if leave_out_copies and not from_video else {}
     skipped += [Skipped(name, f"a copy of {first}") for name, first in copies.items()]
     photos = [photo for photo in photos if photo.name not in copies]
     if len(photos) < min_photos:

@@ -21,6 +21,7 @@ from pomona.dense.scene import Scene
 from pomona.dense.views import View
 from pomona.errors import FormatError
 from pomona.formats.cameras.colmap import write_colmap
+from pomona.gpu import own_signals
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, track
@@ -32,7 +33,8 @@ def depth_maps(scene: Scene, progress: Progress) -> Iterator[Callable[[int], Dep
 
     The workspace is temporary and goes when the context is left.
     """
-    import pycolmap
+    with own_signals():
+        import pycolmap
 
     with tempfile.TemporaryDirectory(prefix="pomona-patchmatch-") as name:
         folder = Path(name)

@@ -96,7 +96,8 @@ def read_small_table(
     """
     wanted = f"a table with the columns {','.join(columns)}"
     if not path.is_file():
-        raise MissingFileError(f"{option} {path}: no such file; expected {wanted}")
+        found = "a folder" if path.is_dir() else "no such file"
+        raise MissingFileError(f"{option} {path}: {found}; expected {wanted}")
     text = _decoded(path.read_bytes())
     if text is None:
         named = ",".join(columns)

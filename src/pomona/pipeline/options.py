@@ -244,6 +244,10 @@ class RunOptions:
                 raise MissingFileError(f"`{name}`: {path} does not exist")
         if self.model is not None and self.model.endswith((".onnx", ".pt", ".pth")) and not Path(self.model).is_file():
             raise MissingFileError(f"`model` {self.model}: no such file")
+        if self.model is not None and self.detections is None:
+            from pomona.segment.load import check_name
+
+            check_name(self.model)
         if self.marker_dictionary != RunOptions.marker_dictionary:
             from pomona.scale.aruco import dictionary_names
 

@@ -41,6 +41,7 @@ def load_photos(
         frames_dir=survey.work("frames"),
         min_photos=min_photos,
         key_frames=options.key_frames,
+        leave_out_copies=True,
         progress=progress,
     )
     if options.positions is not None:

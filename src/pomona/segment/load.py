@@ -41,16 +41,27 @@ def load_segmenter(model: str | Path | None = None, *, score_floor: float | None
         from pomona.segment.mask_rcnn import MaskRcnnSegmenter
 
         return MaskRcnnSegmenter(path, score_floor=score_floor)
+    check_name(model)
     name, colon, argument = str(model).partition(":")
     if name == OPEN_VOCABULARY:
         from pomona.segment.open_vocabulary import OpenVocabularySegmenter
 
         return OpenVocabularySegmenter.named(argument, score_floor=score_floor)
-    plugins = {entry.name: entry for entry in entry_points(group=PLUGIN_GROUP)}
-    if name in plugins:
-        return _plugin(plugins[name], argument if colon else None)
+    return _plugin(_plugins()[name], argument if colon else None)
+
+
+def check_name(model: str | Path) -> None:
+    """Raise `InputError` for a model that is neither a model file by its suffix nor a name that is known here."""
+    path, _ = _file_and_classes(model)
+    plugins, name = _plugins(), str(model).partition(":")[0]
+    if path.suffix in (".onnx", ".pt", ".pth") or name in (OPEN_VOCABULARY, *plugins):
+        return
     names = f", or one of the installed segmenters: {', '.join(sorted(plugins))}" if plugins else ""
-    raise InputError(f"Model '{model}': expected a file ending in .onnx, .pt or .pth, or open:WORDS{names}")
+    raise InputError(f"`model` '{model}': expected a file ending in .onnx, .pt or .pth, or open:WORDS{names}")
+
+
+def _plugins() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=PLUGIN_GROUP)}
 
 
 def files_of(model: str | Path | None) -> tuple[Path, ...]:

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
 import numpy as np
-import pycolmap
 
 from pomona.arrays import Array, ByteArray, FloatArray, IntArray
-from pomona.gpu import what_colmap_lacks
+from pomona.gpu import own_signals, what_colmap_lacks
 from pomona.sfm.epipolar import DescribedPoints
 from pomona.sfm.options import SfmOptions
+
+with own_signals():
+    import pycolmap
 
 if TYPE_CHECKING:
     from pomona.sfm.features import Features

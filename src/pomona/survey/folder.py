@@ -12,6 +12,7 @@ from typing import Any
 
 from pomona import __version__
 from pomona.errors import FormatError, MissingFileError, SurveyError, as_text
+from pomona.formats.files import is_there
 from pomona.survey.commands import command_line
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors, part_of, write_file
@@ -92,6 +93,8 @@ class SurveyFolder:
         """
         folder = Path(folder).expanduser().resolve()
         path = folder / MANIFEST
+        if not is_there(folder):
+            raise MissingFileError(f"{folder} does not exist: expected a survey, a folder that `pomona run` wrote")
         if not path.is_file():
             raise MissingFileError(f"{folder} is not a survey: expected a folder that `pomona run` wrote ({MANIFEST})")
         return cls(folder, read_manifest(path))
