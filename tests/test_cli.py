@@ -116,13 +116,15 @@ def test_ctrl_c_says_how_to_go_on(fakes: Fakes, photos: Path, tmp_path: Path) ->
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
 def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
     code = (
-        "import os, signal, time, pomona.cli as cli; signal.signal(signal.SIGTERM, cli._stop); "
+        "import multiprocessing, os, signal, time, pomona.cli as cli; cli._stop_when_told(); "
         "import pomona.sfm.engine\n"
+        "other = multiprocessing.get_context('fork').Process(target=time.sleep, args=(10,)); other.start(); "
+        "other.terminate(); other.join(); print(other.exitcode, flush=True)\n"
         "try: os.kill(os.getpid(), signal.SIGTERM); time.sleep(10)\n"
         "except KeyboardInterrupt: print('stopped')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.stdout.strip(), done.stderr, done.returncode) == ("stopped", "", 0)
+    assert (done.stdout.split(), done.stderr, done.returncode) == (["-15", "stopped"], "", 0)
 
 
 def test_a_model_that_nothing_answers_to_is_told_of_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
@@ -171,6 +173,24 @@ def test_what_is_not_there_is_not_called_something_else(photos: Path, tmp_path: 
     app = pomona("app", "--no-browser", "--photos", tmp_path / "nowhere")
     assert app.exit_code == 1
     assert "nowhere: expected a folder to choose photos from" in app.stderr
+
+
+def test_wrong_inputs_of_finished_surveys_redo_nothing(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    pomona("run", photos, "--out", out)
+    calls = dict(fakes.calls)
+    again = pomona("run", out, "--out", tmp_path / "other")
+    assert f"{out} is a survey: give the folder of its photos, {photos}" in again.stderr
+    truth = pomona("report", out, "--truth", tmp_path / "nowhere.csv", "--packing", "60,70")
+    assert (truth.exit_code, truth.stdout) == (1, "")
+    assert "nowhere.csv" in truth.stderr
+    classes = pomona("report", out, "--packing", "big")
+    assert classes.stderr.startswith("Error: --packing: expected one of apples")
+    (tmp_path / "truth.csv").write_text(TRUTH)
+    pictures = pomona("evaluate", out, "--truth", tmp_path / "truth.csv", "--pictures", out)
+    assert "is a survey: choose another folder" in pictures.stderr
+    assert not (out / "index.html").exists()
+    assert fakes.calls == calls
 
 
 def test_evaluate(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -15,14 +15,21 @@ from typing import NoReturn
 def main() -> None:
     """Run `pomona`."""
     _speak_utf8()
-    signal.signal(signal.SIGTERM, _stop)  # what queues of clusters and a computer that shuts down send
+    _stop_when_told()
     from pomona.cli.app import app
 
     app()
 
 
+def _stop_when_told() -> None:
+    """End as by Ctrl-C at SIGTERM, which queues of clusters and a computer that shuts down send: the survey says where
+    it was stopped. Processes that are forked off end silently."""
+    signal.signal(signal.SIGTERM, _stop)
+    if sys.platform != "win32":
+        os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
+
+
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
-    """End as by Ctrl-C: the survey says where it was stopped."""
     raise KeyboardInterrupt
 
 

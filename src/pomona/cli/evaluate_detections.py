@@ -14,6 +14,7 @@ from rich.console import Console
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
 from pomona.survey import SurveyFolder
+from pomona.survey.manifest import MANIFEST
 
 if TYPE_CHECKING:
     from pomona.evaluate.detections import DetectionScores, DetectionTruth, EvaluateDetectionsOptions, FoundDetections
@@ -32,6 +33,8 @@ class Pictures:
     def __post_init__(self) -> None:
         if self.worst is not None and self.worst < 1:
             raise InputError(f"--worst: expected at least 1 photo, found {self.worst}")
+        if (self.folder / MANIFEST).is_file():
+            raise InputError(f"--pictures {self.folder} is a survey: choose another folder, such as a new one in it")
 
 
 def evaluate_detections(

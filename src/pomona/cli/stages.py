@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +11,9 @@ from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.summary import show
 from pomona.pipeline import go_on
+
+if TYPE_CHECKING:
+    from pomona.evaluate.fruits import Truth
 
 _DIAMETER = Annotated[float | None, typer.Option(metavar="METRES", help="Diameter of an average fruit.")]
 _DICTIONARY = Annotated[str | None, typer.Option(metavar="NAME", help="ArUco dictionary of the markers.")]
@@ -83,15 +86,17 @@ def report(
     as_json: shared.Json = False,
 ) -> None:
     """Write the report of a survey again; missing stages are run first."""
+    from pomona.evaluate.fruits import read_truth
     from pomona.report.pdf import write_pdf
     from pomona.survey import SurveyFolder
 
+    true_fruits = None if truth is None else read_truth(truth)  # a mistake in it is said before any stage is run
     _go_on(survey, "report", _given({"packing": packing}), as_json)
     files = SurveyFolder.open(survey)
     page, made = files.report, []
-    if truth is not None:
+    if true_fruits is not None:
         page = files.truth_report
-        _write_truth_report(survey, truth, page)
+        _write_truth_report(survey, true_fruits, page)
         made.append(page)
     if pdf:
         write_pdf(page, files.pdf)
@@ -101,13 +106,12 @@ def report(
             typer.echo(str(path))
 
 
-def _write_truth_report(survey: Path, truth: Path, path: Path) -> None:
-    from pomona.evaluate.fruits import read_truth
+def _write_truth_report(survey: Path, true_fruits: Truth, path: Path) -> None:
     from pomona.report import write_report
     from pomona.survey.files import write_file
     from pomona.view.reading import read_survey
 
-    true_fruits, data = read_truth(truth), read_survey(survey)
+    data = read_survey(survey)
     write_file(path, lambda part: write_report(data, part, truth=true_fruits))
 
 

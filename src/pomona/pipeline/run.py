@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -132,7 +133,8 @@ def segment_only(
         with suppress(PomonaError):  # there is none, or the run says what is wrong with it
             known = SurveyFolder.open(Path(out)).get("options") or {}
     # Masks that were given are not those of a segmenter.
-    options = RunOptions.from_json({**known, "detections": None, "classes": None, **(changed or {})})
+    kept = RunOptions.from_json({**known, "detections": None, "classes": None})
+    options = replace(kept, **(changed or {}))
     return run(photos, out, options, progress, until="select", overwrite=overwrite, on_stage=on_stage)
 
 
@@ -153,5 +155,5 @@ def go_on(
     sources, options = survey.get("sources"), survey.get("options")
     if not sources or options is None:
         raise SurveyError(f"{survey.folder} does not say of which photos it is: use `pomona run PHOTOS --out` first")
-    known = RunOptions.from_json({**options, **(changed or {})})
+    known = replace(RunOptions.from_json(options), **(changed or {}))
     return run([Path(p) for p in sources], survey.folder, known, progress, until=until, on_stage=on_stage)

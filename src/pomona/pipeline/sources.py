@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.corrections import Corrections
-from pomona.errors import InputError
+from pomona.errors import InputError, PomonaError, few
 from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import SourceValue
@@ -18,6 +18,7 @@ from pomona.progress import Progress, track
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest, file_digest, is_digest, plain
 from pomona.survey.files import write_file
+from pomona.survey.manifest import MANIFEST
 
 # What is known of a photo's file, and says nothing of the photo.
 _OF_FILE = ("path", "file_state")
@@ -35,6 +36,8 @@ def load_photos(
     for path in paths:
         if path.is_dir() and path.resolve() == survey.folder:
             raise InputError(f"{path} is the survey itself: give the folder of the photos")
+        if (path / MANIFEST).is_file():
+            raise InputError(f"{path} is a survey: give the folder of its photos{_known_photos(path)}")
     photos = capture.load_photos(
         paths,
         sides=options.sides,
@@ -53,6 +56,15 @@ def load_photos(
 
         read_control_points(options.gcp, photos)  # a mistake in it is said before hours of work
     return photos, _digests(survey, photos, progress)
+
+
+def _known_photos(folder: Path) -> str:
+    """Where another survey says that its photos are; "" where it does not."""
+    try:
+        sources = SurveyFolder.open(folder).get("sources") or []
+    except PomonaError:
+        return ""
+    return f", {few(sources, 2)}" if sources else ""
 
 
 def sources_of(photos: Photos, digests: Mapping[str, str], corrections: Corrections) -> dict[Source, SourceValue]:
