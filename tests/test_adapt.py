@@ -223,7 +223,7 @@ def test_surveys_without_a_model_that_learns_are_refused(tmp_path: Path) -> None
     survey.files.note(options={"model": "mask_rcnn.pt"})
     with pytest.raises(InputError, match=r"`model` is mask_rcnn.pt, expected the shipped one or a .onnx"):
         model_of(survey)
-    with pytest.raises(MissingFileError, match="is not a survey"):
+    with pytest.raises(MissingFileError, match="nothing does not exist: expected a survey"):
         pomona.adapt(tmp_path / "nothing", tmp_path / "mine.onnx")
 
 

@@ -26,7 +26,19 @@ def _stop_when_told() -> None:
     it was stopped. Processes that are forked off end silently."""
     signal.signal(signal.SIGTERM, _stop)
     if sys.platform != "win32":
-        os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
+        # Held back meanwhile: a new process that is told before it has its own way of ending would go on.
+        told = {signal.SIGTERM}
+        os.register_at_fork(
+            before=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, told),
+            after_in_parent=lambda: signal.pthread_sigmask(signal.SIG_UNBLOCK, told),
+            after_in_child=_end_silently,
+        )
+
+
+def _end_silently() -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
