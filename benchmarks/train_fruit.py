@@ -2,6 +2,7 @@
 
 python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weights CHECKPOINT.pt | fruit.onnx]
         [--steps N] [--learning-rate RATE] [--crop PX] [--batch N] [--leafy SHARE] [--shaded SHARE] [--phones SHARE]
+        [--pasted SHARE]
 
 TILES is what `benchmarks/fruit_tiles.py` wrote.
 """
@@ -51,11 +52,16 @@ def main() -> None:
     parser.add_argument("--leafy", type=float, default=0.0, help="share of rendered crops with leaves before fruits")
     parser.add_argument("--shaded", type=float, default=0.0, help="share of crops with shade")
     parser.add_argument("--phones", type=float, default=0.0, help="share of crops like frames of a phone's video")
+    parser.add_argument("--pasted", type=float, default=0.0, help="share of crops with fruits of other photos")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     rows = sorted(arguments.rows.glob("[sq][0-9][0-9][0-9]")) if arguments.rows else []
     augment = AugmentOptions(
-        crop_px=arguments.crop, leafy=arguments.leafy, shaded=arguments.shaded, phones=arguments.phones
+        crop_px=arguments.crop,
+        leafy=arguments.leafy,
+        shaded=arguments.shaded,
+        phones=arguments.phones,
+        copy_paste=arguments.pasted,
     )
     fit = replace(
         FitOptions(),
