@@ -1,7 +1,7 @@
 """Draw rough pictures of fruits of every kind, with exact masks and whole-fruit circles, to train segmenters on.
 
 python benchmarks/quick_pictures.py OUT FIRST LAST [--tiles TILES] [--seed N] [--per-scene N]
-        [--leaves FROM TO]
+        [--leaves FROM TO] [--kinds KIND=SHARE ...]
 
 OUT/images, OUT/truth/masks and OUT/truth/circles of the scenes FIRST to LAST; a run that was stopped goes on, and
 the same numbers give the same pictures. TILES is what `benchmarks/fruit_tiles.py` wrote: parts of its photos to train
@@ -38,13 +38,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--per-scene", type=int, default=PictureOptions().per_scene)
     parser.add_argument("--leaves", type=float, nargs=2, default=(1.0, 1.0), help="times as large as the kind's")
+    parser.add_argument("--kinds", nargs="+", metavar="KIND=SHARE", help="instead of the usual shares of kinds")
     arguments = parser.parse_args()
+    shares = SHARES if arguments.kinds is None else {k: float(v) for k, v in (a.split("=") for a in arguments.kinds)}
     foliage: list[Path] = []
     for labels in sorted(arguments.tiles.glob("train/*/*.json")) if arguments.tiles else []:
         foliage += sorted((labels.parent / "images").iterdir())[::EVERY_NTH_TILE]
     options = PictureOptions(
-        kinds=tuple(SHARES),
-        shares=tuple(SHARES.values()),
+        kinds=tuple(shares),
+        shares=tuple(shares.values()),
         per_scene=arguments.per_scene,
         leaf_growth=tuple(arguments.leaves),
         foliage=tuple(foliage),
