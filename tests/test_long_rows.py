@@ -17,7 +17,7 @@ from pomona.adjustment.covariance import covariance, focal_sds
 from pomona.adjustment.normal_equations import normal_equations
 from pomona.adjustment.selected_inverse import SelectedInverse
 from pomona.adjustment.weights import Landmark, Weights, weighted
-from pomona.arrays import BoolArray, FloatArray, IntArray, groups
+from pomona.arrays import BoolArray, Float32Array, FloatArray, IntArray, among, groups
 from pomona.cameras import Cameras
 from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.options import DenseOptions
@@ -25,15 +25,27 @@ from pomona.errors import FormatError
 from pomona.filter.options import FilterOptions
 from pomona.filter.view_features import seen_shares
 from pomona.fruit_geometry.spheres import Spheres
-from pomona.fruits import Fruits
+from pomona.fruits import Fruits, Observations
 from pomona.geometry import estimate_similarity
+from pomona.intrinsics import Intrinsics
 from pomona.measure.allometry import STORY_APPLES
+from pomona.measure.neighbours import edges_of_others
+from pomona.measure.spheroid_fit import Evidence as SpheroidEvidence
+from pomona.measure.spheroid_fit import Prior as SpheroidPrior
+from pomona.measure.spheroid_fit import fit_spheroids
+from pomona.measure.spheroids import Spheroids
 from pomona.planting.summary import trees_of
 from pomona.planting.trunk_table import read_trunks
+from pomona.second_look import SecondLookOptions
+from pomona.second_look.evidence import Evidence, find_sights
+from pomona.second_look.explained import unexplained
+from pomona.second_look.peaks import Peaks
 from pomona.sfm.models import Model
 from pomona.sfm.seams import worst_seam
 from pomona.sfm.selection import FULL_WEIGHT, take
 from pomona.trees import Trunks
+from pomona.yields.encounters import encounters_of
+from pomona.yields.options import YieldOptions
 from scale_scenes import bent, photographed
 
 ROW = cameras_in_a_row(60)  # 9 m
@@ -342,3 +354,157 @@ def test_the_first_of_two_trunks_at_one_place_is_named(tmp_path: Path) -> None:
     table.write_text("id,x,y\n5,0,0\n6,1,0\n7,2,0\n8,1.004,0\n9,2,0.001\n")
     with pytest.raises(FormatError, match="trees 6 and 8 stand at the same place"):
         read_trunks(table)
+
+
+def some_evidence(spheres: Spheres, cameras: Cameras) -> Evidence:
+    """What photos of a row show, which is noise: only what is taken from it matters here."""
+    random = np.random.default_rng(5)
+    near = np.argsort(np.linalg.norm(spheres.centers_in_world[:, None] - cameras.centers_in_world, axis=2), axis=1)[
+        :, :4
+    ]
+    sphere_idx = np.repeat(np.arange(len(spheres)), 4)
+    sights = find_sights(spheres, sphere_idx, near.ravel(), cameras, SecondLookOptions())
+    maps = random.uniform(0, 1, (len(sights.sphere_idx), 36, 36)).astype(np.float32)
+    return Evidence(sights, 12 / sights.radii_px, maps, 2.0, Peaks.none(len(maps)))
+
+
+def maps_by_all_fruits(
+    evidence: Evidence, spheres: Spheres, seen: FloatArray, cameras: Cameras, options: SecondLookOptions, own: bool
+) -> Float32Array:
+    """What `unexplained` leaves of all maps, by asking every fruit in every photo."""
+    sights, maps = evidence.sights, evidence.maps.copy()
+    middles = np.arange(36) + 0.5 - 18
+    for k, (sphere, photo) in enumerate(zip(sights.sphere_idx.tolist(), sights.photo_idx.tolist(), strict=True)):
+        xy_px, depths = cameras.project(photo, spheres.centers_in_world)
+        for i in np.flatnonzero((seen >= options.plain) & (depths > 0)).tolist():
+            x, y = (xy_px[i] - sights.centers_px[k]) * evidence.scales[k] / evidence.cell_px
+            if max(abs(x), abs(y)) >= 36 or (i == sphere and not own):
+                continue
+            radius_px = cameras.intrinsics_of(photo).focal_px * spheres.radii_m[i] / depths[i]
+            width = options.peak_width * radius_px * evidence.scales[k] / evidence.cell_px
+            away2 = (middles - x) ** 2 + (middles[:, None] - y) ** 2
+            maps[k] *= 1 - min(1, seen[i] / options.sure) * np.exp(-away2 / (2 * width**2))
+    return maps
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_what_fruits_explain_is_found_among_those_near_a_photos_sights(
+    own: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lenses, random, options = row_of_two_lenses(), np.random.default_rng(6), SecondLookOptions()
+    bent_lens = Intrinsics("SIMPLE_RADIAL", 320, 240, np.array([400.0, 160, 120, 0.25]))
+    some = {name: getattr(lenses, name)[::4] for name in ("photos", "intrinsics_idx", "cam_from_world")}
+    cameras = replace(lenses, intrinsics=(bent_lens, lenses.intrinsics[1]), **some)
+    centers = np.column_stack([random.uniform(-20, 20, 250), random.uniform(-0.2, 2, 250), random.normal(0, 0.2, 250)])
+    spheres, seen = Spheres(centers, random.uniform(0.03, 0.04, 250)), random.uniform(0, 0.6, 250)
+    monkeypatch.setattr("pomona.second_look.explained._BLOCK", 8)
+    evidence = some_evidence(spheres, cameras)
+    wanted = maps_by_all_fruits(evidence, spheres, seen, cameras, options, own)
+    asked, project = [], Cameras.project
+
+    def counted(self: Cameras, photo_idx: int, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+        asked.append(len(points_in_world))
+        return project(self, photo_idx, points_in_world)
+
+    monkeypatch.setattr(Cameras, "project", counted)
+    left = unexplained(evidence, spheres, seen, cameras, options, own=own)
+    assert 5 < np.mean(asked) < 0.6 * (seen >= options.plain).sum()
+    assert left.maps is evidence.maps  # of a long row they are gigabytes
+    found = evidence.maps.copy()
+    left.peaks.take_from(found, np.arange(len(found)))
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
+    assert 0.2 < (np.abs(wanted - evidence.maps) > 0.05).any((1, 2)).mean() <= 1  # of sights, something is explained
+
+
+def test_values_among_others_are_those_that_all_have() -> None:
+    random = np.random.default_rng(7)
+    values, others = random.integers(-5, 40, 60), np.unique(random.integers(0, 30, 12))
+    assert (among(values, others) == np.isin(values, others)).all()
+    assert 0 < among(values, others).sum() < 60
+    assert not among(values, np.zeros(0, np.int64)).any()
+
+
+def touched_from_all_sides(count: int) -> tuple[Spheroids, SpheroidEvidence]:
+    """Bodies side by side, rays that pass near each of them from five places, and points on every third."""
+    random, radius = np.random.default_rng(8), 0.035
+    centers = np.column_stack([np.arange(count) * 0.06, random.normal(0, 0.02, count), random.normal(0, 0.02, count)])
+    bodies = Spheroids(
+        centers, random.uniform(0.9, 1.1, count) * radius, np.ones(count), np.zeros((count, 2)), np.eye(3)
+    )
+    of = np.repeat(np.arange(count), 5)
+    eyes = centers[of] + np.tile(
+        [[-0.6, -2, 0], [-0.3, -2, 0.1], [0, -2, 0], [0.3, -2, -0.1], [0.6, -2, 0]], (count, 1)
+    )
+    turns = random.uniform(0, 2 * np.pi, (len(of), 8))
+    off = radius * np.stack([np.cos(turns), np.zeros(turns.shape), np.sin(turns)], axis=2)
+    rays = centers[of, None] + off - eyes[:, None]
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    rays[(of % 3 == 0) & (np.arange(len(of)) % 5 == 0)] = 0
+    places = np.where((rays == 0).all(2, keepdims=True), centers[of, None] + off, eyes[:, None])
+    noise = np.full(len(of), 0.02 * radius)
+    weights, nothing = np.full(turns.shape, 0.4), np.zeros(turns.shape)
+    return bodies, SpheroidEvidence(of, places, rays, weights, noise, np.ones(len(of)), nothing)
+
+
+def test_fruits_are_fitted_in_parts_as_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    bodies, evidence = touched_from_all_sides(23)
+    prior = SpheroidPrior(radius_m=0.035, radius_sd=0.3, ratio=1.0, ratio_sd=0.1, tilt_sd=0.3, place_radii=1.0)
+    found, edges, sizes = [], [], []
+    distances = Spheroids.distances
+
+    def watched(self: Spheroids, eyes: FloatArray, rays: FloatArray, of: IntArray) -> tuple[FloatArray, FloatArray]:
+        sizes[-1] = max(sizes[-1], len(of))
+        return distances(self, eyes, rays, of)
+
+    monkeypatch.setattr(Spheroids, "distances", watched)
+    for together in (1000, 5):
+        monkeypatch.setattr("pomona.measure.spheroid_fit._TOGETHER", together)
+        monkeypatch.setattr("pomona.measure.neighbours._TOGETHER", together)
+        sizes.append(0)
+        edges.append(edges_of_others(bodies, evidence))
+        found.append(fit_spheroids(bodies, replace(evidence, others=edges[-1]), prior))
+    assert sizes[1] < 0.3 * sizes[0]
+    np.testing.assert_allclose(edges[1], edges[0])
+    assert 0.1 < (edges[0] > 0).mean() < 0.9
+    for name in ("covariances", "own_sds", "distances_m", "touching"):
+        np.testing.assert_allclose(getattr(found[1], name), getattr(found[0], name), rtol=1e-9, atol=1e-12)
+    for name in ("centers", "radii", "ratios", "tilts"):
+        a, b = (getattr(fitted.spheroids, name) for fitted in found)
+        np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-12)
+    assert 1e-5 < np.abs(found[0].spheroids.centers - bodies.centers).max() < 0.03
+
+
+def encounters_by_all_photos(
+    fruits: Fruits, observations: Observations, cameras: Cameras
+) -> tuple[BoolArray, BoolArray]:
+    """Which photo saw which fruit (n, p), and which could have, by asking every photo for every fruit."""
+    places, eyes = fruits.centers_in_world, cameras.centers_in_world
+    seen = np.zeros((len(fruits), len(cameras)), bool)
+    for fruit_id, photo in zip(observations.fruit_id.tolist(), observations.photo, strict=True):
+        seen[fruit_id - 1, cameras.photos.index(photo)] = True
+    away = np.linalg.norm(places[:, None] - eyes, axis=2)
+    could = away < 1.5 * np.median(away[seen])
+    for j in range(len(cameras)):
+        xy_px, _ = cameras.project(j, places)
+        could[:, j] &= ((xy_px > 0) & (xy_px < [320, 240])).all(1)
+    return seen, could | seen
+
+
+def test_photos_that_could_have_seen_a_fruit_are_found_among_those_near_it() -> None:
+    cameras, random, count = row_of_two_lenses(), np.random.default_rng(9), 120
+    centers = np.column_stack(
+        [random.uniform(-5, 5, count), random.normal(0, 0.3, count), random.normal(0, 0.4, count)]
+    )
+    away = np.linalg.norm(centers[:, None] - cameras.centers_in_world, axis=2)
+    fruit_idx, photo_idx = np.nonzero((away < 1.7) & (random.random(away.shape) < 0.4))
+    again = np.arange(len(fruit_idx)) % 7 == 0  # two masks of one fruit in one photo count once
+    fruit_idx, photo_idx = (np.concatenate([idx, idx[again]]) for idx in (fruit_idx, photo_idx))
+    names = tuple(cameras.photos[j] for j in photo_idx)
+    observations = Observations(fruit_idx + 1, names, np.arange(len(names)), np.zeros((len(names), 2)))
+    views = np.bincount(fruit_idx, minlength=count)
+    fruits = Fruits(np.arange(1, count + 1), centers, np.full(count, 0.07), np.full(count, 0.9), views)
+    seen, could = encounters_by_all_photos(fruits, observations, cameras)
+    found = encounters_of(fruits, observations, cameras, options=YieldOptions(most_photos=1000))
+    assert found.seen.tolist() == seen.sum(1)[:, None].tolist()
+    assert found.photos.tolist() == could.sum(1)[:, None].tolist()
+    assert 1 < found.seen.mean() < found.photos.mean() < 0.3 * len(cameras)

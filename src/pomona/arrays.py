@@ -31,6 +31,14 @@ def places_within(counts: IntArray) -> IntArray:
     return np.asarray(np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts), np.int64)
 
 
+def among(values: IntArray, ordered: IntArray) -> BoolArray:
+    """Say of each value (n,) whether it is one of `ordered` (m,), which rise: unlike `np.isin`, without reading all."""
+    if len(ordered) == 0:
+        return np.zeros(len(values), bool)
+    places = np.minimum(np.searchsorted(ordered, values), len(ordered) - 1)
+    return np.asarray(ordered[places] == values, bool)
+
+
 def some_subsets(n: int, k: int, most: int) -> list[tuple[int, ...]]:
     """Return the subsets of `k` of 0 … `n` − 1, in rising order; where there are more than `most`, so many by chance.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import Array, FloatArray, IntArray, set_checked
+from pomona.arrays import Array, FloatArray, IntArray, among, set_checked
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.fruit_geometry.mask_outlines import depths_in_hull, outline_px
@@ -115,7 +115,7 @@ def mask_rays(
     for photo_idx, photo in enumerate(cameras.photos):
         found = detections.get(photo)
         if found is not None and wanted is not None:
-            found = found[np.isin(found.ids, wanted)]
+            found = found[among(found.ids, wanted)]
         if found is not None and len(found):
             parts.append(_of_photo(photo_idx, found, cameras, rays_per_mask, hull_slack))
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)] if parts else _nothing(rays_per_mask)

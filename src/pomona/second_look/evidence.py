@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
+from tempfile import TemporaryFile, gettempdir
+from typing import IO
 
 import cv2
 import numpy as np
@@ -21,6 +23,7 @@ from pomona.second_look.crops import CropPlaces, cut
 from pomona.second_look.likeness import SeenFruits, with_likeness
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
+from pomona.second_look.peaks import Peaks
 
 _LEAST_RADIUS_PX = 3.0  # of a fruit in a photo: in fewer pixels nothing is to be seen
 _COLOURED = 16  # photos of a survey that tell the colours of its fruits
@@ -53,18 +56,22 @@ class Sights:
 class Evidence:
     """Maps of k sights: `maps` (k, h, w), the probability of a fruit's centre at cells of `cell_px` of a crop.
 
-    The middle of a crop is at `sights.centers_px`; `scales` (k,) lead from the photo's pixels to the crop's.
+    The middle of a crop is at `sights.centers_px`; `scales` (k,) lead from the photo's pixels to the crop's. The maps
+    may be in a file; `peaks` in them are left out where they are read.
     """
 
     sights: Sights
     scales: FloatArray
     maps: Float32Array
     cell_px: float
+    peaks: Peaks
 
     def __post_init__(self) -> None:
         k = len(self.sights.sphere_idx)
         set_checked(self, "scales", (k,), np.float64)
         set_checked(self, "maps", (k, None, None), np.float32)
+        if len(self.peaks.bounds) != k + 1:
+            raise InputError(f"Evidence.peaks: expected those of {k} sights, found {len(self.peaks.bounds) - 1}")
 
     def about(self, idx: IntArray, center_in_world: FloatArray, cameras: Cameras) -> MapsAbout:
         """Return what sights `idx` (m,) show about a point (3,) in front of their photos."""
@@ -78,7 +85,9 @@ class Evidence:
         slopes *= (scales * center_in_cam[:, 2])[:, None, None]
         half = np.array(self.maps.shape[:0:-1]) / 2
         cells = (xy_px - sights.centers_px[idx]) * scales[:, None] + half - 0.5
-        return MapsAbout(center_in_world, poses[:, :, :3], center_in_cam, slopes, cells, self.maps[idx])
+        maps = self.maps[idx]
+        self.peaks.take_from(maps, idx)
+        return MapsAbout(center_in_world, poses[:, :, :3], center_in_cam, slopes, cells, maps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,44 +122,6 @@ class MapsAbout:
             at = columns[k : k + 1], rows[k : k + 1]
             result[k] = cv2.remap(map_, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[0]
         return np.asarray(result, np.float64)
-
-
-def unexplained(
-    evidence: Evidence,
-    spheres: Spheres,
-    seen: FloatArray,
-    cameras: Cameras,
-    options: SecondLookOptions,
-    *,
-    own: bool = False,
-) -> Evidence:
-    """Return the evidence less what other fruits explain: each sight's map without the peaks of its neighbours.
-
-    Around the images of the spheres that are `seen` (n,), as probabilities, maps lose as much as is seen of these.
-    With `own`, what sights show of their own spheres is explained, too: `spheres` may then be others.
-    """
-    sights, maps = evidence.sights, evidence.maps.copy()
-    rows, columns = (np.arange(side) + 0.5 - side / 2 for side in maps.shape[1:])
-    plain = np.flatnonzero(np.nan_to_num(seen) >= options.plain)
-    strength = np.minimum(1, np.nan_to_num(seen) / options.sure)
-    for photo in np.unique(sights.photo_idx).tolist():
-        xy_px, depths = cameras.project(photo, spheres.centers_in_world[plain])
-        ahead = depths > 0
-        others, xy_px = plain[ahead], xy_px[ahead]
-        radii_px = cameras.intrinsics_of(photo).focal_px * spheres.radii_m[others] / depths[ahead]
-        for k in np.flatnonzero(sights.photo_idx == photo).tolist():
-            cells = (xy_px - sights.centers_px[k]) * (evidence.scales[k] / evidence.cell_px)
-            widths = options.peak_width * radii_px * evidence.scales[k] / evidence.cell_px
-            near = (np.abs(cells) < maps.shape[1]).all(1)
-            if not own:
-                near &= others != sights.sphere_idx[k]
-            for (x, y), width, share in zip(cells[near], widths[near], strength[others[near]], strict=True):
-                across, down = (
-                    np.exp(-((columns - x) ** 2) / (2 * width**2)),
-                    np.exp(-((rows - y) ** 2) / (2 * width**2)),
-                )
-                maps[k] *= 1 - share * down[:, None] * across
-    return Evidence(sights, evidence.scales, maps, evidence.cell_px)
 
 
 def find_sights(
@@ -200,8 +171,7 @@ def _in_pictures(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, ca
     order = np.lexsort((sphere_idx, photo_idx))
     sphere_idx, photo_idx = sphere_idx[order], photo_idx[order]
     centers, radii = np.zeros((len(order), 2)), np.zeros(len(order))
-    for photo in np.unique(photo_idx).tolist():
-        mine = np.flatnonzero(photo_idx == photo)
+    for photo, mine in groups(photo_idx):
         intrinsics = cameras.intrinsics_of(photo)
         xy_px, depths = cameras.project(photo, spheres.centers_in_world[sphere_idx[mine]])
         inside = (depths > 0) & (xy_px > 0).all(1) & (xy_px < [intrinsics.width_px, intrinsics.height_px]).all(1)
@@ -217,42 +187,57 @@ def look(
 ) -> Evidence:
     """Return what photos show at the sights; without those of photos that cannot be decoded, of which it warns.
 
-    `seen` tells the colours of this survey's fruits. Raises `MissingFileError` naming a photo that is gone.
+    `seen` tells the colours of this survey's fruits. Maps go to a temporary file, which the system reads from as it has
+    memory: of a long row they are gigabytes. Raises `MissingFileError` naming a photo that is gone.
     """
     scales = network.radius_px / np.maximum(sights.radii_px, 1e-9)
-    cells = network.side_px // network.stride
-    maps = np.zeros((len(scales), cells, cells), np.float32)
     looked = np.zeros(len(scales), dtype=bool)
-    by_name, photo_indices = photos.by_name(), np.unique(sights.photo_idx)
+    by_name, of_photo = photos.by_name(), dict(groups(sights.photo_idx))
 
     def smaller_copy(photo_idx: int) -> ByteArray:
         photo = by_name[cameras.photos[photo_idx]]
-        scale = min(1.0, _FINER * float(np.median(scales[sights.photo_idx == photo_idx])))
+        scale = min(1.0, _FINER * float(np.median(scales[of_photo[photo_idx]])))
         return read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
 
-    progress.start("looking again", len(photo_indices))
+    progress.start("looking again", len(of_photo))
     of_survey = ColourCounts.none()
-    for photo_idx in _spread(photo_indices, cameras):
+    for photo_idx in _spread(list(of_photo), cameras):
         with contextlib.suppress(InputError):
             of_survey += seen.colours_in(cameras.photos[photo_idx], smaller_copy(photo_idx))
-    for photo_idx in photo_indices.tolist():
-        mine = np.flatnonzero(sights.photo_idx == photo_idx)
-        photo = by_name[cameras.photos[photo_idx]]
-        try:
-            pixels = smaller_copy(photo_idx)
-        except InputError as error:
-            progress.warn(f"{photo.name} is not looked at again: {error}")
-        else:
-            liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
-            places = CropPlaces(sights.centers_px[mine], scales[mine])
-            maps[mine] = network.centers(cut(liked, places, network.side_px, photo.width_px))
-            looked[mine] = True
-        progress.advance()
-    return Evidence(sights[looked], scales[looked], maps[looked], float(network.stride))
+    with TemporaryFile() as file:
+        for photo_idx, mine in of_photo.items():  # in the order of the sights
+            photo = by_name[cameras.photos[photo_idx]]
+            try:
+                pixels = smaller_copy(photo_idx)
+            except InputError as error:
+                progress.warn(f"{photo.name} is not looked at again: {error}")
+            else:
+                liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
+                places = CropPlaces(sights.centers_px[mine], scales[mine])
+                _write(network.centers(cut(liked, places, network.side_px, photo.width_px)), file)
+                looked[mine] = True
+            progress.advance()
+        maps = _maps_in(file, int(looked.sum()), network.side_px // network.stride)
+    return Evidence(sights[looked], scales[looked], maps, float(network.stride), Peaks.none(len(maps)))
 
 
-def _spread(photo_indices: IntArray, cameras: Cameras) -> list[int]:
+def _write(maps: Float32Array, file: IO[bytes]) -> None:
+    try:
+        file.write(np.ascontiguousarray(maps, np.float32).data)
+        file.flush()
+    except OSError as error:  # a full disk: the file has no name
+        error.filename = gettempdir()
+        raise
+
+
+def _maps_in(file: IO[bytes], count: int, cells: int) -> Float32Array:
+    """Return the maps (count, cells, cells) that a file holds, without reading them; it may be closed then."""
+    shape = (count, cells, cells)
+    return np.memmap(file, np.float32, "r", shape=shape) if count else np.zeros(shape, np.float32)
+
+
+def _spread(photo_indices: list[int], cameras: Cameras) -> list[int]:
     """Return some photos, from one end of the survey to the other, the same ones in whatever order cameras are."""
-    ordered = sorted(photo_indices.tolist(), key=lambda photo_idx: cameras.photos[photo_idx])
+    ordered = sorted(photo_indices, key=lambda photo_idx: cameras.photos[photo_idx])
     picked = np.linspace(0, len(ordered) - 1, min(_COLOURED, len(ordered))).round().astype(int)
     return [ordered[k] for k in picked]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import ByteArray, IntArray, set_checked
+from pomona.arrays import ByteArray, IntArray, among, set_checked
 from pomona.detections import SurveyDetections
 from pomona.fruit_traits.colours import ColourCounts, FruitColours
 from pomona.label_image import paint_labels
@@ -19,12 +19,13 @@ _MOST_NATS = 4.0
 
 @dataclass(frozen=True, eq=False)
 class SeenFruits:
-    """The detections of a survey, and the ids (n,) of those that are of fruits."""
+    """The detections of a survey, and the ids (n,) of those that are of fruits, which it sorts."""
 
     detections: SurveyDetections
     fruit_detection_ids: IntArray
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "fruit_detection_ids", np.unique(self.fruit_detection_ids))
         set_checked(self, "fruit_detection_ids", (None,), np.int64)
 
     def colours_in(self, photo: str, pixels: ByteArray) -> ColourCounts:
@@ -34,7 +35,7 @@ class SeenFruits:
             nothing = np.zeros(pixels.shape[:2], bool)
             return ColourCounts.of(pixels, nothing, ~nothing)
         label = paint_labels(found, pixels.shape[1], pixels.shape[0])
-        of_fruit = np.concatenate([[False], np.isin(found.ids, self.fruit_detection_ids)])
+        of_fruit = np.concatenate([[False], among(found.ids, self.fruit_detection_ids)])
         return ColourCounts.of(pixels, of_fruit[label], label == 0)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pomona.cameras import Cameras
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.suppression import away_from, suppress_overlapping
-from pomona.second_look.evidence import Evidence, unexplained
+from pomona.second_look.evidence import Evidence
+from pomona.second_look.explained import unexplained
 from pomona.second_look.grid_search import GridSearch
 from pomona.second_look.looked import Looked
 from pomona.second_look.options import SecondLookOptions

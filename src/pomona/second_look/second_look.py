@@ -20,7 +20,8 @@ from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look.competition import compete
-from pomona.second_look.evidence import find_sights, look, unexplained, well_spread
+from pomona.second_look.evidence import find_sights, look, well_spread
+from pomona.second_look.explained import unexplained
 from pomona.second_look.likeness import SeenFruits
 from pomona.second_look.looked import Looked
 from pomona.second_look.network import CentersNetwork

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -39,18 +40,23 @@ def fit_spheres(
     `radius_m` with a standard deviation, as a share, of `radius_spread` (by default that of the options).
     """
     spread = options.radius_spread if radius_spread is None else radius_spread
+    blocks = _in_blocks(spheres, matches, masks, radius_m, options, spread)
+    fitted = [_fitted(block, equations, radius_m, options.radius_range, rounds) for block, equations in blocks]
+    return Spheres.joined([spheres[:0], *fitted])
+
+
+def _in_blocks(
+    spheres: Spheres, matches: Matches, masks: MaskRays, radius_m: float, options: ObjectOptions, spread: float
+) -> Iterator[tuple[Spheres, _Equations]]:
+    """Yield the spheres, so many at once, with the equations of these."""
     order = np.argsort(matches.sphere_idx, kind="stable")
     edges = np.arange(0, len(spheres) + _TOGETHER, _TOGETHER)
     bounds = np.searchsorted(matches.sphere_idx[order], edges)
-    fitted = [spheres[:0]]
     for first, low, high in zip(edges[:-1], bounds[:-1], bounds[1:], strict=True):
         mine = matches[order[low:high]]
+        mine = replace(mine, sphere_idx=mine.sphere_idx - first)
         block = spheres[first : first + _TOGETHER]
-        equations = _Equations(
-            block, replace(mine, sphere_idx=mine.sphere_idx - first), masks, radius_m, options, spread
-        )
-        fitted.append(_fitted(block, equations, radius_m, options.radius_range, rounds))
-    return Spheres.joined(fitted)
+        yield block, _Equations(block, mine, masks, radius_m, options, spread)
 
 
 def _fitted(
@@ -90,10 +96,12 @@ def place_covariances(
     spheres: Spheres, matches: Matches, masks: MaskRays, radius_m: float, options: ObjectOptions
 ) -> FloatArray:
     """Return the covariances (n, 3, 3), in square metres, of the centres that `fit_spheres` gives."""
-    normal, _ = _Equations(spheres, matches, masks, radius_m, options, options.radius_spread).at(spheres)
-    normal[:, [0, 1, 2], [0, 1, 2]] += 1 / _UNKNOWN**2
-    result: FloatArray = radius_m**2 * np.linalg.inv(normal)[:, :3, :3]
-    return result
+    found = [np.zeros((0, 3, 3))]
+    for block, equations in _in_blocks(spheres, matches, masks, radius_m, options, options.radius_spread):
+        normal, _ = equations.at(block)
+        normal[:, [0, 1, 2], [0, 1, 2]] += 1 / _UNKNOWN**2
+        found.append(radius_m**2 * np.linalg.inv(normal)[:, :3, :3])
+    return np.concatenate(found)
 
 
 class _Equations:
