@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -11,6 +13,7 @@ from pomona.measure.spheroids import Spheroids
 
 _NEAR = 20.0  # radii: fruits farther apart are not told from each other, however they lie in a photo
 _BESIDE = 1.6, 1.3  # radii of the fruit and of the other: as far apart in a photo as masks may still hold both
+_TOGETHER = 256  # fruits whose neighbours are looked at together: bounds memory
 
 
 def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
@@ -20,9 +23,19 @@ def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
     noise has it; inside it there may be any, a leaf's in front of both, say. Points have none.
     """
     result = np.zeros(evidence.weights.shape)
-    groups, others, nearer = _beside_each_other(spheroids, evidence)
+    tree, reach_m = cKDTree(spheroids.centers), _NEAR * float(np.median(spheroids.radii))
+    for first in range(0, len(spheroids), _TOGETHER):
+        near = tree.query_ball_point(spheroids.centers[first : first + _TOGETHER], reach_m, return_sorted=True)
+        _add_edges(result, spheroids, evidence, *_beside_each_other(spheroids, evidence, first, near.tolist()))
+    return result
+
+
+def _add_edges(
+    result: FloatArray, spheroids: Spheroids, evidence: Evidence, groups: IntArray, others: IntArray, nearer: FloatArray
+) -> None:
+    """Add to how likely rays (g, k) are along an edge what fruits (m,) have by groups (m,), as far away as `nearer`."""
     if len(groups) == 0:
-        return result
+        return
     k = result.shape[1]
     distances, _ = spheroids.distances(
         evidence.eyes[groups].reshape(-1, 3), evidence.rays[groups].reshape(-1, 3), np.repeat(others, k)
@@ -31,24 +44,26 @@ def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
     bell = np.exp(-0.5 * off**2) / (evidence.noises_m[groups, None] * np.sqrt(2 * np.pi))
     inside = np.where(off < 0, 1 / spheroids.radii[evidence.of[groups], None], 0.0)
     np.add.at(result, groups, np.maximum(bell, inside))
-    return result
 
 
-def _beside_each_other(spheroids: Spheroids, evidence: Evidence) -> tuple[IntArray, IntArray, FloatArray]:
+def _beside_each_other(
+    spheroids: Spheroids, evidence: Evidence, first: int, near: list[list[int]]
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Return groups (m,) of rays, and fruits (m,) that lie beside their own, or before or behind it, in the photo.
 
-    And how many times as far away as these their own is (m,).
+    And how many times as far away as these their own is (m,). The groups are those of the fruits from `first` on, one
+    for each list of those `near` it, itself among them.
     """
     centers, radii = spheroids.centers, spheroids.radii
-    pairs = cKDTree(centers).query_pairs(_NEAR * float(np.median(radii)), output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    pairs = pairs[np.lexsort(pairs.T[::-1])]
-    groups = np.flatnonzero(np.abs(evidence.rays).sum(axis=(1, 2)) > 0)
-    bounds = np.searchsorted(pairs[:, 0], np.arange(len(spheroids) + 1))
-    firsts, counts = bounds[evidence.of[groups]], np.diff(bounds)[evidence.of[groups]]
-    # All neighbours of each group's fruit: `firsts`, `firsts` + 1, …
-    others = pairs[np.repeat(firsts, counts) + places_within(counts), 1]
+    low, high = np.searchsorted(evidence.of, [first, first + len(near)]).tolist()
+    groups = low + np.flatnonzero(np.abs(evidence.rays[low:high]).sum(axis=(1, 2)) > 0)
+    lengths, place = np.array([len(each) for each in near]), evidence.of[groups] - first
+    counts, starts = lengths[place], (np.cumsum(lengths) - lengths)[place]
+    # All that are near each group's fruit: from `starts` on, as many as `counts`.
+    others = np.array(list(chain.from_iterable(near)), np.int64)[np.repeat(starts, counts) + places_within(counts)]
     groups = np.repeat(groups, counts)
+    apart_from_own = others != evidence.of[groups]
+    groups, others = groups[apart_from_own], others[apart_from_own]
     own = evidence.of[groups]
     eyes = evidence.eyes[groups, 0]
     sights, others_m = _unit(centers[others] - eyes)

@@ -1,6 +1,6 @@
 """Spheroids fitted to the outlines of masks and to points on the fruits, where much is hidden or wrong.
 
-Each fruit is fitted by itself, all of them at once. A ray along an outline touches the fruit, or is the edge of
+Each fruit is fitted by itself, many of them at once. A ray along an outline touches the fruit, or is the edge of
 something before it and passes anywhere inside, or the edge of another fruit that the mask holds, too, or ends at:
 expectation–maximisation over all three, with Gauss–Newton steps in between.
 What is known beforehand (size, height to width, how stalks lean) has its place in the equations.
@@ -8,6 +8,7 @@ What is known beforehand (size, height to width, how stalks lean) has its place 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.measure.spheroids import Spheroids
 
 _ROUNDS = 24
+_TOGETHER = 256  # fruits fitted at once: bounds memory
 _FIRST_NOISE, _NARROWER = 0.25, 0.75  # radii: rays so far off may touch in the first round; then ever fewer
 _LONGEST_STEP = 0.3  # radii, or logarithms
 # Of rays that do not touch, so many pass inside: behind a fruit's outline there is seldom more of its mask.
@@ -50,6 +52,15 @@ class Evidence:
         set_checked(self, "noises_m", (g,), np.float64)
         set_checked(self, "trust", (g,), np.float64)
         set_checked(self, "others", (g, k), np.float64)
+
+    def of_fruits(self, first: int, last: int) -> Evidence:
+        """Return what is seen of the fruits from `first` to before `last`, numbered anew."""
+        low, high = np.searchsorted(self.of, [first, last])
+        own = slice(int(low), int(high))
+        return Evidence(
+            self.of[own] - first, self.eyes[own], self.rays[own], self.weights[own], self.noises_m[own],
+            self.trust[own], self.others[own],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,12 +105,24 @@ class Fitted:
     distances_m: FloatArray
     touching: FloatArray
 
+    @classmethod
+    def joined(cls, parts: Sequence[Fitted]) -> Fitted:
+        """Return the fruits of all parts, at least one, one part after the other."""
+        names = ("covariances", "own_sds", "distances_m", "touching")
+        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        return cls(Spheroids.joined([part.spheroids for part in parts]), *columns)
+
 
 def fit_spheroids(start: Spheroids, evidence: Evidence, prior: Prior) -> Fitted:
     """Return the spheroids that the evidence, each of which has a group at least, speaks for.
 
     Fits begin with wide noise, so that they find what most rays agree on.
     """
+    parts = (slice(first, first + _TOGETHER) for first in range(0, max(len(start), 1), _TOGETHER))
+    return Fitted.joined([_fit(start[part], evidence.of_fruits(part.start, part.stop), prior) for part in parts])
+
+
+def _fit(start: Spheroids, evidence: Evidence, prior: Prior) -> Fitted:
     spheroids = start
     shares, all_of_it = np.full(len(evidence.of), _TOUCH_FIRST), np.ones(len(evidence.of))
     wide = _FIRST_NOISE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,15 @@ class Spheroids:
     def __len__(self) -> int:
         return len(self.centers)
 
-    def __getitem__(self, selection: BoolArray | IntArray) -> Spheroids:
+    @classmethod
+    def joined(cls, parts: Sequence[Spheroids]) -> Spheroids:
+        """Return the spheroids of all parts, at least one, which have one frame, one part after the other."""
+        centers, radii, ratios, tilts = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("centers", "radii", "ratios", "tilts")
+        )
+        return cls(centers, radii, ratios, tilts, parts[0].frame)
+
+    def __getitem__(self, selection: BoolArray | IntArray | slice) -> Spheroids:
         of = self.centers[selection], self.radii[selection], self.ratios[selection], self.tilts[selection]
         return Spheroids(*of, self.frame)
 
