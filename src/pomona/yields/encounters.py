@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
@@ -74,21 +75,23 @@ def encounters_of(
     """
     options, line = options or YieldOptions(), row_line(fruits.centers_in_world)
     seen = _seen(fruits, observations, cameras)
-    could = _in_picture(fruits, cameras, seen) | seen
+    could = seen.with_all_of(_in_picture(fruits, cameras, seen))
     _, stands = line.along_across(cameras.centers_in_world)
     sides = [stands < 0, stands >= 0]
-    sides = [side for side in sides if (side & could.any(axis=0)).sum() >= _FEWEST_PHOTOS] or [stands == stands]
+    photos = np.unique(could.photo_idx)
+    sides = [side for side in sides if side[photos].sum() >= _FEWEST_PHOTOS] or [stands == stands]
     size = size_of_fruits(fruits.diameters_m, FruitSize())
     offsets = line.along_across(fruits.centers_in_world)[1] / DEPTH_UNIT_M
     depths = np.stack([-np.sign(stands[side].mean()) * offsets for side in sides], axis=1)
     steps = np.nan_to_num(np.log(fruits.diameters_m / size.diameter_m) / _SIZE_STEP)
-    usual = max(float(np.median(could[:, side].sum(axis=1))) for side in sides)
+    in_all = [(seen.counts(side, len(fruits)), could.counts(side, len(fruits))) for side in sides]
+    usual = max(float(np.median(could_here)) for _, could_here in in_all)
     share = min(1.0, options.most_photos / max(usual, 1.0))
-    counts = [_thinned(seen[:, side].sum(axis=1), could[:, side].sum(axis=1), share) for side in sides]
+    counts = [_thinned(seen_here, could_here, share) for seen_here, could_here in in_all]
     views = fruits.views if candidate_views is None else candidate_views
     return Encounters(
         np.stack([seen_here for seen_here, _ in counts], axis=1),
-        np.stack([photos for _, photos in counts], axis=1),
+        np.stack([could_here for _, could_here in counts], axis=1),
         depths,
         np.clip(steps, -_MOST_STEPS, _MOST_STEPS),
         kept_shares(fruits.views, views, share),
@@ -116,30 +119,60 @@ def kept_shares(views: IntArray, candidate_views: IntArray, share: float = 1.0) 
     return np.asarray(thinned[: enough[0]] if len(enough) else thinned)
 
 
-def _seen(fruits: Fruits, observations: Observations, cameras: Cameras) -> BoolArray:
-    """Return which photo saw which fruit (n, p)."""
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """k pairs of a fruit and a photo, each once, in order: of a long row few photos are near a fruit."""
+
+    fruit_idx: IntArray
+    photo_idx: IntArray
+
+    @classmethod
+    def of(cls, fruit_idx: IntArray, photo_idx: IntArray) -> _Pairs:
+        """Return pairs that come in any order, and more than once."""
+        order = np.lexsort((photo_idx, fruit_idx))
+        fruit_idx, photo_idx = fruit_idx[order], photo_idx[order]
+        first = np.ones(len(order), bool)
+        first[1:] = (np.diff(fruit_idx) > 0) | (np.diff(photo_idx) > 0)
+        return cls(fruit_idx[first], photo_idx[first])
+
+    def with_all_of(self, other: _Pairs) -> _Pairs:
+        """Return the pairs of both."""
+        return _Pairs.of(
+            np.concatenate([self.fruit_idx, other.fruit_idx]), np.concatenate([self.photo_idx, other.photo_idx])
+        )
+
+    def counts(self, photos: BoolArray, fruits: int) -> IntArray:
+        """Return how many of some photos (p,) each fruit (n,) is paired with."""
+        return np.bincount(self.fruit_idx[photos[self.photo_idx]], minlength=fruits)
+
+
+def _seen(fruits: Fruits, observations: Observations, cameras: Cameras) -> _Pairs:
+    """Return which photo saw which fruit."""
     fruit_of = {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
     photo_of = {photo: j for j, photo in enumerate(cameras.photos)}
-    seen = np.zeros((len(fruits), len(cameras)), bool)
-    pairs = zip(observations.fruit_id.tolist(), observations.photo, strict=True)
-    for fruit, photo in ((fruit_of.get(i), photo_of.get(name)) for i, name in pairs):
-        if fruit is not None and photo is not None:
-            seen[fruit, photo] = True
-    return seen
+    pairs = [
+        (fruit_of[fruit_id], photo_of[photo])
+        for fruit_id, photo in zip(observations.fruit_id.tolist(), observations.photo, strict=True)
+        if fruit_id in fruit_of and photo in photo_of
+    ]
+    fruit_idx, photo_idx = np.array(pairs, np.int64).reshape(-1, 2).T
+    return _Pairs.of(fruit_idx, photo_idx)
 
 
-def _in_picture(fruits: Fruits, cameras: Cameras, seen: BoolArray) -> BoolArray:
-    """Return in which photos the middle of each fruit lies (n, p), unless these were taken from much farther away."""
-    in_picture, away = np.zeros(seen.shape, bool), np.zeros(seen.shape, np.float32)
-    for j, center in enumerate(cameras.centers_in_world):
-        xy_px, _ = cameras.project(j, fruits.centers_in_world)
+def _in_picture(fruits: Fruits, cameras: Cameras, seen: _Pairs) -> _Pairs:
+    """Return in which photos the middle of each fruit lies, unless these were taken from much farther away."""
+    places, eyes = fruits.centers_in_world, cameras.centers_in_world
+    away = np.linalg.norm(places[seen.fruit_idx] - eyes[seen.photo_idx], axis=1)
+    reach_m = _FARTHER * float(np.median(away)) if len(away) else np.inf
+    near = cKDTree(places).query_ball_point(eyes, reach_m, return_sorted=True)
+    found = [(np.zeros(0, np.int64), np.zeros(0, np.int64))]
+    for j, idx in enumerate(np.array(each, np.int64) for each in near):
+        xy_px, _ = cameras.project(j, places[idx])
         lens = cameras.intrinsics_of(j)
-        in_picture[:, j] = ((xy_px > 0) & (xy_px < [lens.width_px, lens.height_px])).all(axis=1)
-        away[:, j] = np.linalg.norm(fruits.centers_in_world - center, axis=1)
-    if not seen.any():
-        return in_picture
-    near: BoolArray = away < _FARTHER * np.median(away[seen])
-    return in_picture & near
+        idx = idx[((xy_px > 0) & (xy_px < [lens.width_px, lens.height_px])).all(axis=1)]
+        found.append((idx, np.full(len(idx), j)))
+    fruit_idx, photo_idx = (np.concatenate(column) for column in zip(*found, strict=True))
+    return _Pairs.of(fruit_idx, photo_idx)
 
 
 def _thinned(seen: IntArray, photos: IntArray, share: float) -> tuple[IntArray, IntArray]:
