@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import BoolArray, IntArray
+from pomona.arrays import BoolArray, IntArray, groups
 from pomona.fruit_geometry.mask_rays import MaskRays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.gating import best_in_photo, possible_matches
@@ -76,7 +76,8 @@ def _as_one(spheres: Spheres, matches: Matches, pairs: IntArray) -> tuple[Sphere
     """Return a sphere between each pair's, and the matches of both as its own."""
     support = matches.support(len(spheres))[pairs][:, :, None]
     middle = (spheres.centers_in_world[pairs] * support).sum(1) / np.maximum(support.sum(1), 1e-12)
-    parts = [np.flatnonzero(np.isin(matches.sphere_idx, pair)) for pair in pairs]
+    none, own = np.zeros(0, np.int64), dict(groups(matches.sphere_idx))
+    parts = [np.sort(np.concatenate([own.get(i, none), own.get(j, none)])) for i, j in pairs.tolist()]
     of = np.repeat(np.arange(len(pairs)), [len(part) for part in parts])
     mine = matches[np.concatenate(parts)]
     return Spheres(middle, spheres.radii_m[pairs].mean(1)), Matches(of, mine.mask_idx, mine.misfits, mine.shares)
