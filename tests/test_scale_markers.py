@@ -252,6 +252,23 @@ def test_markers_on_one_line_take_the_tilt_from_the_cameras(monkeypatch: pytest.
     assert "on one line" in progress.warnings[0]
 
 
+def test_markers_along_a_long_row_fix_its_tilt_unless_their_line_is_as_straight_as_they_are_exact() -> None:
+    row = photographed("west", length_m=80.0, photos=150, points=300)
+    stations = list(enumerate(np.linspace(0, 80, 8)))
+    spread = {2 * k + high: (x, 0.9 * (k % 2) - 0.45, 0.5 + 1.5 * high) for k, x in stations for high in (0, 1)}
+    placed_to_m = np.random.default_rng(0).normal(0, 0.005, (len(spread), 3))
+    line = {2 * k + high: placed_to_m[2 * k + high] + (x + high, -0.45, 1.2) for k, x in stations for high in (0, 1)}
+    piece = as_piece(row, "west").cameras
+
+    fit, held = (fit_markers(piece, sighted([row], places), places) for places in (spread, line))
+
+    assert isinstance(fit, MarkerFit)
+    assert isinstance(held, MarkerFit)
+    assert fit.up_is_known
+    assert 0.0001 < rms_m(piece.transformed(fit.world_from_piece), row) < 0.005
+    assert not held.up_is_known
+
+
 def test_a_side_without_markers_is_set_beside_with_a_warning(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     show_markers(monkeypatch, sighted([EAST], PLACES))
     progress = Silent()

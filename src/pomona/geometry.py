@@ -9,8 +9,11 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray, set_checked, some_subsets
 from pomona.errors import InputError
 
-# Points count as lying on one line where their spread across it is less than this share of the spread along it.
-_LINE_RATIO = 0.04
+# Points lie on one line where their spread across it is less than this share of the spread along it, unless they are so
+# exact that they tell a turn about it to this angle all the same: people hold cameras no more exactly than that.
+_LINE_RATIO, _EXACT_TURN = 0.04, np.radians(1)
+# People place markers to this.
+PLACED_SD_M = 0.005
 # Where there are more triples, a random sample of so many bounds the time.
 _MOST_TRIPLES = 2000
 
@@ -81,24 +84,23 @@ def estimate_similarity(
 
 
 def robust_similarity(
-    points_in_source: FloatArray, points_in_target: FloatArray, *, noise_m: float = 0.005
+    points_in_source: FloatArray, points_in_target: FloatArray, *, noise_m: float = PLACED_SD_M
 ) -> tuple[Similarity, BoolArray]:
     """Return `target_from_source` of n ≥ 3 pairs (n, 3) and which pairs (n,) agree with it.
 
     Every three pairs propose one; that with the least median residual separates inliers from outliers (least median of
     squares, Rousseeuw 1984), and the inliers are fitted by least squares. With three pairs all are taken as inliers.
-    Residuals up to three times `noise_m`, in the target's units, never make an outlier: 5 mm is what a person can place
-    markers to.
+    Residuals up to three times `noise_m`, in the target's units, never make an outlier.
 
     Raises `InputError` when fewer than three pairs are given, or when they lie on one line in either frame.
     """
     n = len(points_in_source)
-    if n < 3 or on_one_line(points_in_target):
+    if n < 3 or on_one_line(points_in_target, noise_m):
         raise InputError(f"A place in space needs three markers that are not on one line, found {n} on one")
     inliers = np.ones(n, bool)
     if n > 3:
         triples = some_subsets(n, 3, _MOST_TRIPLES)
-        proposed = (_residuals_of(points_in_source, points_in_target, list(triple)) for triple in triples)
+        proposed = (_residuals_of(points_in_source, points_in_target, list(triple), noise_m) for triple in triples)
         residuals = [each for each in proposed if each is not None]
         if not residuals:
             raise InputError(f"A place in space needs three markers that are not on one line; of {n}, no three are")
@@ -107,19 +109,27 @@ def robust_similarity(
         best = min(residuals, key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
         sigma = 1.4826 * float(np.sort(best)[rank - 1 : rank + 1].mean())
         inliers = best < 3 * max(sigma, noise_m)
-        if inliers.sum() < 3 or on_one_line(points_in_target[inliers]):
+        if inliers.sum() < 3 or on_one_line(points_in_target[inliers], noise_m):
             inliers = np.ones(n, bool)
     return estimate_similarity(points_in_source[inliers], points_in_target[inliers]), inliers
 
 
-def on_one_line(points: FloatArray) -> bool:
-    """Say whether points (n, 3) lie on one line, or so nearly that they do not fix a rotation about it."""
-    singular = np.linalg.svd(points - points.mean(0), compute_uv=False)
-    return len(points) < 3 or bool(singular[1] < _LINE_RATIO * singular[0])
+def on_one_line(points: FloatArray, noise: float) -> bool:
+    """Say whether points (n, 3) lie on one line, or so nearly that they do not fix a rotation about it.
+
+    `noise` is the standard deviation of a coordinate, in the points' units.
+    """
+    if len(points) < 3:
+        return True
+    along, across = np.linalg.svd(points - points.mean(0), compute_uv=False)[:2]
+    return bool(across < _LINE_RATIO * along and noise > _EXACT_TURN * across)
 
 
-def _residuals_of(source: FloatArray, target: FloatArray, triple: list[int]) -> FloatArray | None:
-    if on_one_line(target[triple]) or on_one_line(source[triple]):
+def _residuals_of(source: FloatArray, target: FloatArray, triple: list[int], noise_m: float) -> FloatArray | None:
+    sizes = [float(np.linalg.norm(points[triple] - points[triple].mean(0))) for points in (source, target)]
+    if min(sizes) == 0 or on_one_line(target[triple], noise_m):
+        return None
+    if on_one_line(source[triple], noise_m * sizes[0] / sizes[1]):
         return None
     similarity = estimate_similarity(source[triple], target[triple])
     return np.asarray(np.linalg.norm(similarity.apply(source) - target, axis=1))

@@ -17,7 +17,7 @@ from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, ScaleSource, WorldFrame, concatenate, split
 from pomona.errors import InputError
-from pomona.geometry import Similarity, on_one_line, robust_similarity
+from pomona.geometry import PLACED_SD_M, Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.accuracy import warn_of_vague_places
 from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
@@ -235,7 +235,8 @@ def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping
         return f"{len(ids)} of the markers were seen well in two or more photos, expected at least 3"
     source = np.array([found[i].triangulated.point for i in ids])
     target = np.array([places[i] for i in ids])
-    up_is_known = not on_one_line(target)
+    noise_m = _noise_m(found, target)
+    up_is_known = not on_one_line(target, noise_m)
     try:
         if up_is_known:
             similarity, inliers = robust_similarity(source, target)
@@ -263,6 +264,17 @@ def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping
     return _with_seen_once(cameras, fit, [s for s in sightings if s.marker_id in failed], places)
 
 
+def _noise_m(found: Mapping[int, TriangulatedMarker], target: FloatArray) -> float:
+    """The standard deviation of a coordinate of markers at places (n, 3): of where they were set, and are seen."""
+    points = np.array([marker.triangulated.point for marker in found.values()])
+    sizes = [float(np.linalg.norm(each - each.mean(0))) for each in (points, target)]
+    if sizes[0] == 0:
+        return float("inf")
+    variances = [np.trace(marker.triangulated.covariance) / 3 for marker in found.values()]
+    seen_m = _center_sd_px(list(found.values())) * float(np.sqrt(np.mean(variances))) * sizes[1] / sizes[0]
+    return float(np.hypot(PLACED_SD_M, seen_m))
+
+
 def _with_seen_once(
     cameras: Cameras, fit: MarkerFit, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
 ) -> MarkerFit:
@@ -273,13 +285,13 @@ def _with_seen_once(
     here = by_marker([s for s in sightings if s.photo in cameras.photos])
     once = [seen[0] for seen in here.values() if len(seen) == 1]
     fixed = fit
-    if not fit.up_is_known and not on_one_line(
-        np.array([places[i] for i in [*fit.used, *(s.marker_id for s in once)]])
-    ):
+    at = {i: places[i] for i in fit.used}
+    noise_m = _noise_m(fit.used, np.array(list(at.values())))
+    if not fit.up_is_known and not on_one_line(np.array([*at.values(), *(places[s.marker_id] for s in once)]), noise_m):
         fixed = replace(fit, world_from_piece=_turned(cameras, fit, once, places), up_is_known=True)
     errors_px = reprojection_errors_px(cameras.transformed(fixed.world_from_piece), once, places)
     agree = {s.marker_id: s for s, e in zip(once, errors_px, strict=True) if e < tolerance_px(cameras)}
-    if fixed is not fit and on_one_line(np.array([places[i] for i in [*fit.used, *agree]])):
+    if fixed is not fit and on_one_line(np.array([*at.values(), *(places[i] for i in agree)]), noise_m):
         return fit
     unused = {i: why for i, why in fit.unused.items() if i not in agree}
     return replace(fixed, unused=unused, seen_once=tuple(agree.values()))
