@@ -152,6 +152,33 @@ def test_a_point_measured_wrongly_is_told_by_its_name(tmp_path: Path) -> None:
     assert any(re.search(r"point point_3 was left out: seen 0\.(3[5-9]|4[0-5])", text) for text in progress.warnings)
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "WGS84 UTM 31N",
+        "wgs84 utm 31n",
+        "epsg:32631",
+        "+proj=utm +zone=31 +ellps=WGS84 +datum=WGS84 +units=m +no_defs",
+        "'+proj=utm +zone=31 +datum=WGS84 +units=m +no_defs=True'",
+    ],
+)
+def test_control_points_have_every_first_line_of_opendronemap(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "gcp_list.txt"
+    lines = [line for line in gcp_lines("EPSG:32631") if line.startswith("EPSG") or "000.jpg" in line]
+    path.write_text("\r\n".join([header, *lines[1:]]) + "\r\n")
+    found = read_control_points(path, photos_of(EAST))
+    assert found.frame is not None
+    assert found.frame.origin[:2] == (pytest.approx(LATITUDE, abs=1e-4), pytest.approx(LONGITUDE, abs=1e-4))
+
+
+def test_control_points_of_the_southern_half_of_the_earth(tmp_path: Path) -> None:
+    path = tmp_path / "gcp_list.txt"
+    path.write_text("WGS84 UTM 18S\n500000 5900000 30 100 100 000.jpg A\n500001 5900000 30 200 100 000.jpg B\n")
+    found = read_control_points(path, photos_of(EAST))
+    assert found.frame is not None
+    assert found.frame.origin[:2] == (pytest.approx(-37.05, abs=0.02), pytest.approx(-75.0, abs=1e-3))
+
+
 def test_wrong_control_points_say_where_and_what(tmp_path: Path) -> None:
     photos, path = photos_of(EAST), tmp_path / "gcp_list.txt"
     good = [line for line in gcp_lines() if line.startswith("EPSG") or "000.jpg" in line]
@@ -163,6 +190,7 @@ def test_wrong_control_points_say_where_and_what(tmp_path: Path) -> None:
 
     refused(good[:1], FormatError, "expected a line with the CRS")
     refused(["EPSG:99999", *good[1:]], InputError, "gcp_list.txt: expected a coordinate system, such as EPSG:32631")
+    refused(["WGS84 UTM 61N", *good[1:]], InputError, "expected a coordinate system, .* found WGS84 UTM 61N")
     refused([*good, "1 2 3"], FormatError, rf"line {len(good) + 1}: expected x y z column row photo")
     refused([*good, "1 2 here 4 5 000.jpg A"], FormatError, "expected five numbers")
     refused([*good, "1 2 nan 4 5 000.jpg A"], FormatError, "expected finite numbers")

@@ -6,6 +6,7 @@ its place, its pixel (from the photo's upper left corner), the photo's file name
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,8 @@ from pomona.scale.marker_table import Markers, check_apart, read_markers
 _LEAST_COLUMNS = 6
 # A point is a plate without a size: its corners lie so many pixels about it.
 _POINT = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+# How OpenDroneMap itself writes the first line; PROJ knows its other forms.
+_UTM = re.compile(r"WGS ?84 UTM (?:zone )?(\d{1,2}) ?([NS])", re.IGNORECASE)
 _SAME_PLACE_M = 1e-3  # lines of one point without a name have the same place
 
 
@@ -96,9 +99,18 @@ def _read(path: Path) -> tuple[str, list[_Line]]:
     rows = [(k, row.split()) for k, row in enumerate(text.splitlines(), start=1)]
     rows = [(k, cells) for k, cells in rows if cells and not cells[0].startswith("#")]
     if len(rows) < 2:
-        raise FormatError(f"{path}: expected a line with the CRS, such as EPSG:32631, then lines of points")
-    crs = " ".join(rows[0][1])
-    return crs, [_line(path, number, cells) for number, cells in rows[1:]]
+        raise FormatError(
+            f"{path}: expected a line with the CRS, such as EPSG:32631 or WGS84 UTM 31N, then lines of points"
+        )
+    return _crs(" ".join(rows[0][1])), [_line(path, number, cells) for number, cells in rows[1:]]
+
+
+def _crs(header: str) -> str:
+    """The first line as PROJ understands it: WGS84 UTM 31N is EPSG:32631, and text for PROJ may be in quotes."""
+    utm = _UTM.fullmatch(header)
+    if utm is not None and 1 <= int(utm[1]) <= 60:
+        return f"EPSG:{326 if utm[2].upper() == 'N' else 327}{int(utm[1]):02d}"
+    return header.strip("'\"")
 
 
 def _line(path: Path, number: int, cells: list[str]) -> _Line:
