@@ -196,6 +196,25 @@ def test_photos_that_few_points_hold_are_named() -> None:
     assert note.startswith("The places of 1 photos are uncertain: west/007.jpg (±")
 
 
+def test_photos_that_two_or_three_points_see_have_no_known_place() -> None:
+    """As cameras of other programs come with hardly any points: what is lost in rounding is said to be unknown."""
+    told = []
+    for seed in range(12):
+        row, random = photographed("west", photos=5, points=60, noise_px=0.0, seed=seed), np.random.default_rng(seed)
+        seen = [np.flatnonzero(row.track_photo_idx == i) for i in range(5)]
+        kept = np.sort(np.concatenate([random.permutation(mine)[:3] for mine in seen]))
+        tracks = {name: getattr(row, name)[kept] for name in ("track_point_idx", "track_photo_idx", "track_xy_px")}
+        sparse = replace(row, **tracks)
+        sds_m = free_center_sds(sparse, [None])
+        assert (~(sds_m < 0.02)).sum() >= 3  # two may hold each other
+        placement = Placement([Piece("west", sparse, 0.3)], Silent())
+        warn_of_vague_places(placement, sparse.photos, sds_m, fruit_diameter_m=0.075)
+        told += [note for note in placement.notes if "unknown" in note]
+        assert "nan" not in " ".join(placement.notes)
+    assert len(told) >= 6
+    assert all(note.startswith("The places of ") for note in told)
+
+
 def test_a_marker_that_one_photo_sees_says_how_a_piece_is_turned_about_the_line_of_two() -> None:
     # The row leans by 5 degrees about the line of markers 0 and 1, which people who hold cameras level do not show.
     axis = np.subtract(PLACES[1], PLACES[0]) / np.linalg.norm(np.subtract(PLACES[1], PLACES[0]))

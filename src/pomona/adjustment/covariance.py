@@ -21,6 +21,8 @@ _VAGUE = (1e-10, 1e-8, 1e-6)
 _ROUNDS = 4
 # Eigenvalues of a point's normal equations below this share of the largest are of directions that no photo tells.
 _SINGULAR = 1e-9
+# So few centres fit each other by a similarity whatever they are.
+_FIT_ALWAYS = 2
 # What is left of equations below this share of what they were is rounding.
 _ROUNDING = 1e-12
 _UNSEEN = np.zeros(0, np.int64)
@@ -30,7 +32,9 @@ _UNSEEN = np.zeros(0, np.int64)
 class Covariance:
     """Covariances of each of n photos' centres (n, 3, 3) and of each of q known points (q, 3, 3).
 
-    In a frame that nothing fixes, centres vary about the similarity that fits all of its cameras best. `scale_sd`: how
+    In a frame that nothing fixes, centres vary about the similarity that fits all of its cameras best. Where that
+    says nothing of a centre, as in a frame of two photos, or where photos see two or three points and only rounding is
+    left, it is NaN. `scale_sd`: how
     far off lengths among the cameras may be, as a share; NaN for fewer than two, and where nothing fixes their frame.
     It is the standard deviation of the scale of the similarity that fits the cameras' true centres best.
     """
@@ -113,10 +117,15 @@ def covariance(cameras: Cameras, weights: Weights) -> Covariance:
     centers = 6 * np.arange(n)[:, None] + np.array([3, 4, 5])
     q = len(weights.known_idx)
     places = inverse.size - 3 * q + np.arange(3 * q).reshape(-1, 3)
-    gauge = _gauge(cameras, np.asarray(weights.free_frames))
+    free_frames = np.asarray(weights.free_frames)
+    gauge = _gauge(cameras, free_frames)
     of_centers = inverse.blocks(centers)
     if gauge.shape[1]:
         of_centers = _about_the_best(inverse, of_centers, gauge, centers)
+        for frame, inside in groups(free_frames):
+            known = np.isfinite(of_centers[inside, 0, 0])
+            if frame >= 0 and known.sum() <= _FIT_ALWAYS:
+                of_centers[inside] = np.nan
     scale_sd = float("nan") if gauge.shape[1] else _scale_sd(inverse, cameras, centers)
     return Covariance(of_centers, inverse.blocks(places), scale_sd)
 
@@ -134,7 +143,8 @@ def _scale_sd(inverse: _Inverse, cameras: Cameras, centers: IntArray) -> float:
 def _about_the_best(inverse: _Inverse, of_centers: FloatArray, gauge: FloatArray, centers: IntArray) -> FloatArray:
     """Covariances (n, 3, 3) of centres about the similarity that fits them best, where `gauge` (3n, g) moves them all.
 
-    Centres that are known less well than the middle one weigh less, or one would make all the others look vague.
+    Centres that are known less well than the middle one weigh less, or one would make all the others look vague; those
+    of which only rounding is left do not count, and have NaN.
     """
     found, weights = of_centers, np.ones(len(gauge))
     moved = gauge.reshape(len(centers), 3, -1)
@@ -148,7 +158,12 @@ def _about_the_best(inverse: _Inverse, of_centers: FloatArray, gauge: FloatArray
         own = np.einsum("nig,gh,njh->nij", moved, of_fit, moved)
         found = of_centers - crossed - crossed.transpose(0, 2, 1) + own
         variances = np.trace(found, axis1=1, axis2=2)
-        weights = np.repeat(1 / np.sqrt(np.maximum(variances, np.median(variances))), 3)
+        is_known = np.isfinite(variances) & (variances > 0)
+        found[~is_known] = np.nan
+        if not is_known.any():
+            break
+        least = np.median(variances[is_known])
+        weights = np.repeat(np.where(is_known, 1 / np.sqrt(np.maximum(variances, least)), 0.0), 3)
     return found
 
 

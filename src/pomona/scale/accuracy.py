@@ -92,7 +92,10 @@ def _accuracy(found: Covariance) -> Accuracy:
 
 
 def free_center_sds(cameras: Cameras, focals: Sequence[tuple[float, float] | None]) -> FloatArray:
-    """Return how exactly (n,), in the cameras' units, photos are placed beside each other, where nothing ties them."""
+    """Return how exactly (n,), in the cameras' units, photos are placed beside each other, where nothing ties them.
+
+    NaN of those of which their points do not tell.
+    """
     seeing, weights = weighted(
         cameras, noise_px=feature_noise_px(cameras), focals=focals, free_frames=frames_of(cameras)
     )
@@ -120,9 +123,10 @@ def warn_of_vague_places(
 
 
 def _run_of_photos(names: Sequence[str], sds_mm: FloatArray) -> str:
-    """Photos in a row, with how uncertain the worst of them is."""
+    """Photos in a row, with how uncertain the worst of them is; nothing is known of one whose points do not hold it."""
     ends = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
-    return f"{ends} (± {sds_mm.max():.0f} mm)"
+    worst_mm = sds_mm.max()
+    return f"{ends} ({'by how much is unknown' if np.isnan(worst_mm) else f'± {worst_mm:.0f} mm'})"
 
 
 def warn_of_vague_scale(placement: Placement, accuracy: Accuracy) -> None:
