@@ -29,6 +29,24 @@ def test_an_empty_folder(fakes: Fakes, tmp_path: Path) -> None:
         run([tmp_path / "photos"], tmp_path / "out")
 
 
+def test_a_run_that_is_refused_leaves_nothing_where_nothing_was(fakes: Fakes, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "empty").mkdir()
+    for out in (tmp_path / "some" / "out", tmp_path / "empty"):
+        for photos in (tmp_path / "photos", make_photos(tmp_path / "two", 2)):
+            with pytest.raises(InputError, match=r"holds no photo|found 2 photos"):
+                run([photos], out)
+            assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "photos", "two"]
+            assert not list((tmp_path / "empty").iterdir())
+    # A survey that was there stays as it is.
+    good = make_photos(tmp_path / "good", 3)
+    run([good], tmp_path / "out")
+    with pytest.raises(InputError, match="holds no photo"):
+        run([tmp_path / "photos"], tmp_path / "out")
+    assert (tmp_path / "out" / "fruits.csv").is_file()
+    assert SurveyFolder.open(tmp_path / "out").get("sources") == [str(good)]
+
+
 def test_a_folder_that_is_not_there(fakes: Fakes, tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="does not exist"):
         run([tmp_path / "photos"], tmp_path / "out")

@@ -37,7 +37,7 @@ def run(
     whole, and the next run goes on with the stage that was stopped.
 
     Raises errors of `pomona.errors`: for photos and options that cannot be used, photos that cannot be placed, a
-    folder that holds something else, a full disk.
+    folder that holds something else, a full disk. Where photos cannot be used, no new folder is left.
     """
     options = options or RunOptions()
     if until not in STAGES:
@@ -45,12 +45,16 @@ def run(
     used = checked_options(options, Path(out), overwrite=overwrite)
     paths = [Path(path).expanduser().resolve() for path in photos]
     survey = SurveyFolder.create(Path(out), overwrite=overwrite)
-    with disk_errors(survey.folder), survey.locked():
-        if overwrite:
-            survey.clear()
-        log = EventLog(survey, progress or Silent(), on_stage=on_stage)
-        with log, disk_errors(survey.folder):  # the log tells of a full disk in the same words
-            return _run(paths, survey, options, used, log, until=until)
+    try:
+        with disk_errors(survey.folder), survey.locked():
+            if overwrite:
+                survey.clear()
+            log = EventLog(survey, progress or Silent(), on_stage=on_stage)
+            with log, disk_errors(survey.folder):  # the log tells of a full disk in the same words
+                return _run(paths, survey, options, used, log, until=until)
+    except PomonaError:
+        survey.withdraw()
+        raise
 
 
 def _run(

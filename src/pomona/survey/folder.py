@@ -49,6 +49,8 @@ class SurveyFolder:
     def __init__(self, folder: Path, manifest: dict[str, Any]) -> None:
         self.folder = folder
         self._manifest = manifest
+        # Of a survey that was made here: the folders that were not there, the innermost first.
+        self._made: tuple[Path, ...] | None = None
 
     @classmethod
     def create(cls, folder: Path, *, overwrite: bool = False) -> SurveyFolder:
@@ -80,6 +82,8 @@ class SurveyFolder:
                 if not overwrite:
                     raise
         survey = cls(folder, _new_manifest())
+        if MANIFEST not in present:
+            survey._made = tuple(path for path in (folder, *folder.parents) if not path.exists())
         folder.mkdir(parents=True, exist_ok=True)
         survey._write()
         return survey
@@ -300,6 +304,16 @@ class SurveyFolder:
                 path.unlink(missing_ok=True)
         self._manifest = _new_manifest()
         self._write()
+
+    def withdraw(self) -> None:
+        """Leave nothing where nothing was: remove a survey that this run made, and that has no photos yet."""
+        if self._made is None or self.get("sources"):
+            return
+        shutil.rmtree(self.folder / "work", ignore_errors=True)
+        with contextlib.suppress(OSError):  # something else came into them in the meantime
+            self.manifest_path.unlink(missing_ok=True)
+            for folder in self._made:
+                folder.rmdir()
 
     def _write(self) -> None:
         self._manifest["changed"] = now()
