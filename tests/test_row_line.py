@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pomona.geometry import row_axis
-from pomona.row_line import row_line
+from pomona.row_line import row_line, walk_of
 
 
 def bent_row(
@@ -49,6 +49,20 @@ def test_a_bent_row_is_followed(sagitta_m: float, turned_deg: float) -> None:
     assert np.sqrt(((found_across - across) ** 2).mean()) < 0.08
     assert np.std(found_along - along) < 0.05
     assert np.ptp(found_along) == pytest.approx(np.ptp(along), abs=0.1)
+
+
+def test_the_walk_has_a_direction_there_and_back_but_not_around_a_tree() -> None:
+    along, angle = np.linspace(0, 4, 9), np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    there = np.column_stack([along * 0.6, along * 0.8 - 2.5, np.ones(9)])
+    walk = walk_of(np.concatenate([there, there[::-1] + np.array([2.4, -1.8, 0])]))
+    assert walk is not None
+    assert np.abs(walk) == pytest.approx([0.6, 0.8], abs=1e-6)
+    assert walk_of(np.column_stack([np.cos(angle), np.sin(angle), np.ones(24)])) is None
+    assert walk_of(there[:1]) is None
+    # A row has a direction of its own.
+    points = np.random.default_rng(0).uniform([0, -0.5, 0], [6, 0.5, 2], (100, 3))
+    assert abs(row_line(points, walk).axis[0]) > 0.99
+    assert row_line(points / [6, 1, 1], walk).axis == pytest.approx(walk)
 
 
 def test_places_on_the_line_come_back() -> None:

@@ -251,6 +251,19 @@ def test_sides_are_told_by_where_cameras_stand() -> None:
 
 
 @pytest.mark.parametrize("sides", [1, 2])
+def test_sides_of_a_single_round_tree_are_those_of_the_walk(sides: int) -> None:
+    found, depths = [], []
+    for seed in range(8):
+        fruits, observations, cameras, _ = grown(seed, sides, photos=5)
+        as_wide_as_long = fruits.centers_in_world * [0.6, 1, 1] + [0.2, 0, 0]
+        encounters = encounters_of(replace(fruits, centers_in_world=as_wide_as_long), observations, cameras)
+        found.append(encounters.sides)
+        depths.append(abs(np.corrcoef(encounters.depths[:, 0], as_wide_as_long[:, 1])[0, 1]))
+    assert found == [sides] * 8
+    assert min(depths) > 0.999
+
+
+@pytest.mark.parametrize("sides", [1, 2])
 def test_small_fruits_hang_as_deep_in_the_crown_as_large_ones(sides: int) -> None:
     """Cherries where apples hung are as hard to see: what hides them are the same leaves."""
     fruits, observations, cameras, _ = grown(17, sides, leaves=0.8)

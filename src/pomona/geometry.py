@@ -12,6 +12,8 @@ from pomona.errors import InputError
 # Points lie on one line where their spread across it is less than this share of the spread along it, unless they are so
 # exact that they tell a turn about it to this angle all the same: people hold cameras no more exactly than that.
 _LINE_RATIO, _EXACT_TURN = 0.04, np.radians(1)
+# Points that are spread less than so many times farther one way than across it are round, as a tree's crown is.
+_LONGISH = 1.5
 # People place markers to this.
 PLACED_SD_M = 0.005
 # Where there are more triples, a random sample of so many bounds the time.
@@ -154,12 +156,16 @@ def offsets_from_rays(points: FloatArray, origins: FloatArray, rays: FloatArray)
     return offsets
 
 
-def row_axis(points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+def row_axis(points_in_world: FloatArray, walk: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Return a place (2,) amid n points (n, 3) of a row, z up, and the unit direction (2,) along it.
 
-    Along it the larger coordinate grows; trees are numbered that way.
+    That is the direction of the `walk` (2,) along it, if it is known, where the points are about as wide as long, as on
+    a single tree. Along it the larger coordinate grows; trees are numbered that way.
     """
     flat = points_in_world[:, :2]
     origin = np.median(flat, axis=0)
-    axis = np.linalg.svd(flat - origin, full_matrices=False)[2][0]
+    _, sizes, directions = np.linalg.svd(flat - origin, full_matrices=False)
+    axis = directions[0]
+    if walk is not None and sizes[0] < _LONGISH * sizes[-1]:
+        axis = walk
     return origin, axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)

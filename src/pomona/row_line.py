@@ -21,6 +21,8 @@ _HIGHEST_DEGREE = 6
 _SURELY = 14.0  # by so much the criterion falls where a row is bent: of straight rows one in a hundred may seem so
 _BENEATH_NOTICE = 0.02  # bends of such a share of the row's width are none
 _KNOTS = 512  # of the table of lengths along the line
+# Longer steps than so many usual ones are between two walks; so much of the length of steps is of one direction.
+_JUMP, _WALKED = 3.0, 0.3
 _STEPS = 10  # to the nearest place on the line: each doubles the digits that are right
 
 
@@ -97,12 +99,30 @@ class RowLine:
         return np.asarray(np.interp(inside, known, length) + beyond)
 
 
-def row_line(points_in_world: FloatArray) -> RowLine:
+def walk_of(centers_in_world: FloatArray) -> FloatArray | None:
+    """Return the main unit direction (2,) of steps from photo to photo (n, 3), z up; None where they have none.
+
+    Steps of two sides, there and back, are of one direction; those far longer than usual are between two walks.
+    """
+    steps = np.diff(centers_in_world[:, :2], axis=0)
+    lengths = np.hypot(*steps.T)
+    usual = np.median(lengths) if len(lengths) else 0.0
+    mine = (lengths > 0) & (lengths <= _JUMP * usual)
+    # Angles are doubled, so that opposite directions are the same (Mardia and Jupp 2000, section 1.1).
+    doubled = (steps[mine] @ [1, 1j]) ** 2 / np.where(mine, lengths, 1.0)[mine]
+    if not mine.any() or abs(doubled.sum()) < _WALKED * lengths[mine].sum():
+        return None
+    half = np.angle(doubled.sum()) / 2
+    return np.array([np.cos(half), np.sin(half)])
+
+
+def row_line(points_in_world: FloatArray, walk: FloatArray | None = None) -> RowLine:
     """Return the middle line of n points (n, 3) of a row, z up: bent where the row is for certain, else straight.
 
-    Along it the larger coordinate grows, as along `row_axis`, which it is where the row is straight.
+    Along it the larger coordinate grows, as along `row_axis`, which it is where the row is straight; see there for
+    `walk`.
     """
-    straight = RowLine(*row_axis(points_in_world), np.zeros(1), np.array([-1.0, 1.0]))
+    straight = RowLine(*row_axis(points_in_world, walk), np.zeros(1), np.array([-1.0, 1.0]))
     chord, aside = straight.along_across(points_in_world)
     stretches = _stretches(chord, aside)
     if len(stretches) < _STRETCHES_A_TERM:

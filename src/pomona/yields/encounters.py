@@ -11,7 +11,7 @@ from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
-from pomona.row_line import row_line
+from pomona.row_line import row_line, walk_of
 from pomona.yields.options import YieldOptions
 
 DEPTH_UNIT_M = 0.3
@@ -73,7 +73,8 @@ def encounters_of(
 
     Sides are those of the row's middle line, whatever photos are called.
     """
-    options, line = options or YieldOptions(), row_line(fruits.centers_in_world)
+    options = options or YieldOptions()
+    line = row_line(fruits.centers_in_world, walk_of(cameras.centers_in_world))
     seen = _seen(fruits, observations, cameras)
     could = seen.with_all_of(_in_picture(fruits, cameras, seen))
     _, stands = line.along_across(cameras.centers_in_world)

@@ -18,7 +18,7 @@ from pomona.fruits import Fruits, Observations
 from pomona.intervals import Interval
 from pomona.measure.allometry import Allometry, total_weight
 from pomona.progress import Progress, Silent
-from pomona.row_line import row_line
+from pomona.row_line import RowLine, row_line, walk_of
 from pomona.trees import Trees
 from pomona.yields.detectability import Detectability, fit_detectability
 from pomona.yields.encounters import Encounters, encounters_of
@@ -71,6 +71,7 @@ def estimate_crop(
     counts = None if options.hand_counts is None else read_hand_counts(options.hand_counts)
     if not cameras.frame.metric or len(np.unique(observations.fruit_id)) < options.fewest_fruits:
         return Estimate(None, fruits, trees, RowSegments.empty())
+    line = row_line(fruits.centers_in_world, walk_of(cameras.centers_in_world))
     encounters = encounters_of(fruits, observations, cameras, candidate_views, options)
     detectability = fit_detectability(encounters, options.most_fitted)
     rng = np.random.default_rng(options.seed)
@@ -83,10 +84,10 @@ def estimate_crop(
         if found is not None:
             ratio, draws, covers = found.ratio, draws.calibrated(found), covers + _CALIBRATED
     return Estimate(
-        _crop(fruits, encounters, draws, covers, ratio, allometry),
+        _crop(fruits, line, encounters, draws, covers, ratio, allometry),
         replace(fruits, stands_for=draws.expected),
         _of_trees(fruits, trees, draws),
-        _segments(fruits, draws, options.segment_m),
+        _segments(fruits, line, draws, options.segment_m),
     )
 
 
@@ -171,6 +172,7 @@ def _reality(fruits: Fruits) -> FloatArray:
 
 def _crop(
     fruits: Fruits,
+    line: RowLine,
     encounters: Encounters,
     draws: _Draws,
     covers: str,
@@ -179,7 +181,7 @@ def _crop(
 ) -> Crop:
     total: FloatArray = draws.counts.sum(axis=1, dtype=float)
     everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
-    length = float(np.ptp(row_line(fruits.centers_in_world).along_across(fruits.centers_in_world)[0]))
+    length = float(np.ptp(line.along_across(fruits.centers_in_world)[0]))
     shares = _stands_for_measured(fruits, draws)
     return Crop(
         seen=Interval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
@@ -246,9 +248,8 @@ def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:
     )
 
 
-def _segments(fruits: Fruits, draws: _Draws, length_m: float) -> RowSegments:
+def _segments(fruits: Fruits, line: RowLine, draws: _Draws, length_m: float) -> RowSegments:
     """Return parts of the row of one length, the last as long as what is left of it."""
-    line = row_line(fruits.centers_in_world)
     along_m, _ = line.along_across(fruits.centers_in_world)
     first = float(along_m.min())
     number = ((along_m - first) / length_m).astype(int)
