@@ -16,6 +16,7 @@ from pomona.pipeline import RunOptions
 from pomona.progress import Silent
 from pomona.scale import ScaleOptions, place_in_world
 from pomona.scale.control_points import read_control_points, surveyed_markers
+from pomona.scale.gnss import in_local_metres
 from pomona.sfm import Reconstruction
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted
 
@@ -177,6 +178,16 @@ def test_control_points_of_the_southern_half_of_the_earth(tmp_path: Path) -> Non
     found = read_control_points(path, photos_of(EAST))
     assert found.frame is not None
     assert found.frame.origin[:2] == (pytest.approx(-37.05, abs=0.02), pytest.approx(-75.0, abs=1e-3))
+
+
+def test_places_on_both_sides_of_the_date_line_are_neighbours() -> None:
+    """On Taveuni, the 180th meridian goes through gardens."""
+    degrees = np.array([[179.99997, -16.8, 30], [-179.99998, -16.8, 31], [-179.99999, -16.80001, 30]])
+    points, frame = in_local_metres(degrees, "EPSG:4326", "a table")
+    assert frame.origin[:2] == (pytest.approx(-16.8, abs=1e-6), pytest.approx(-179.99999, abs=1e-6))
+    east_m = 0.00001 * 111_320 * np.cos(np.radians(16.8))
+    np.testing.assert_allclose(points[:, 0], [-4 * east_m, east_m, 0], atol=0.02)
+    assert np.ptp(points[:, 1]) == pytest.approx(1.107, abs=0.02)
 
 
 def test_wrong_control_points_say_where_and_what(tmp_path: Path) -> None:

@@ -129,7 +129,11 @@ def local_frame(photos: Sequence[Photo]) -> LocalFrame | None:
 def _frame_amid(
     latitudes_deg: Sequence[float], longitudes_deg: Sequence[float], heights_m: Sequence[float]
 ) -> LocalFrame:
-    latitude, longitude = (round(float(np.median(degrees)), 7) for degrees in (latitudes_deg, longitudes_deg))
+    # Longitudes about the first one: 179.9999 and -179.9999 are neighbours.
+    turns = np.round((np.asarray(longitudes_deg) - longitudes_deg[0]) / 360)
+    about_first = float(np.median(np.asarray(longitudes_deg) - 360 * turns))
+    latitude = round(float(np.median(latitudes_deg)), 7)
+    longitude = round(about_first - 360 * float(np.round(about_first / 360)), 7)
     height = round(float(np.median(heights_m)), 2) if len(heights_m) else 0.0
     return LocalFrame(local_crs(latitude, longitude), (latitude, longitude, height))
 
