@@ -250,6 +250,16 @@ def test_masks_alone_leave_the_other_options_of_a_survey(fakes: Fakes, photos: P
     assert RunOptions.from_json(SurveyFolder.open(tmp_path / "out").get("options")) == RunOptions(score_threshold=0.6)
 
 
+def test_masks_need_no_cameras(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    gone = tmp_path / "cameras"
+    assert run([photos], tmp_path / "out", RunOptions(cameras=gone), until="select").detections > 0
+    again = segment_only([photos], tmp_path / "out", changed={"score_threshold": 0.4})
+    assert again.detections > 0
+    assert RunOptions.from_json(SurveyFolder.open(tmp_path / "out").get("options")).cameras == gone
+    with pytest.raises(MissingFileError, match=r"`cameras`: .* does not exist"):
+        go_on(tmp_path / "out")
+
+
 OLDER = ("cloud.laz", "contact_sheet.jpg", "fruits.csv", "fruits.geojson")
 
 

@@ -19,6 +19,9 @@ from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
 from pomona.survey.files import disk_errors
 
+# Stages that look at photos one by one, wherever these were taken.
+_OF_PHOTOS = ("segment", "select")
+
 
 def run(
     photos: Sequence[Path],
@@ -42,7 +45,7 @@ def run(
     options = options or RunOptions()
     if until not in STAGES:
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
-    used = checked_options(options, Path(out), overwrite=overwrite)
+    used = checked_options(options, Path(out), overwrite=overwrite, places_photos=until not in _OF_PHOTOS)
     paths = [Path(path).expanduser().resolve() for path in photos]
     survey = SurveyFolder.create(Path(out), overwrite=overwrite)
     try:
@@ -74,7 +77,7 @@ def _run(
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
     survey.check(sources=paths, options=given.to_json())
     log.stage("photos")
-    places_photos = until not in ("segment", "select") and options.cameras is None
+    places_photos = until not in _OF_PHOTOS and options.cameras is None
     of_stages = options.of_stages
     least = of_stages.sfm.min_piece_photos if places_photos else 1
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)

@@ -40,15 +40,15 @@ def with_kept_tables(survey: SurveyFolder, options: RunOptions) -> RunOptions:
     return replace(options, **found) if found else options
 
 
-def checked_options(options: RunOptions, out: Path, *, overwrite: bool) -> RunOptions:
+def checked_options(options: RunOptions, out: Path, *, overwrite: bool, places_photos: bool = True) -> RunOptions:
     """Return options with which a run of the survey in folder `out` can begin: those given, with the tables it kept.
 
-    Nothing is written. Raises as `RunOptions.check_files` does.
+    A run that places no photos needs no `cameras`. Nothing is written. Raises as `RunOptions.check_files` does.
     """
     if not overwrite:
         with suppress(PomonaError):  # there is none, or the run says what is wrong with it
             options = with_kept_tables(SurveyFolder.open(out), options)
-    options.check_files()
+    (options if places_photos else replace(options, cameras=None)).check_files()
     return options
 
 
