@@ -15,6 +15,7 @@ import pytest
 
 import pomona
 from pipeline_fakes import Fakes
+from pomona.cameras import Cameras
 from pomona.capture.quality import quality_of
 from pomona.errors import InputError, MissingFileError
 from pomona.geometry import estimate_similarity
@@ -124,6 +125,17 @@ def test_coverage_of_a_row() -> None:
     assert extent.max() <= covered.length_m <= np.linalg.norm(extent)
     assert covered.well_seen == pytest.approx(1 / 3)
     assert np.isnan(coverage_of(cameras, fruits[np.zeros(0, int)]).well_seen)
+
+
+def test_coverage_of_a_bent_row_goes_along_it() -> None:
+    angle = np.linspace(-0.53, 0.53, 121)  # 60 m of chord and 8 m of sagitta: 2.8 m more along it
+    eyes = np.column_stack([59.3 * np.sin(angle), 59.3 * (1 - np.cos(angle)), np.full(121, 1.5)])
+    few, fruits = row_cameras(5), row_fruits(12)
+    poses = np.concatenate([np.tile(np.eye(3), (121, 1, 1)), -eyes[:, :, None]], axis=2)
+    names = tuple(f"{k:03}.jpg" for k in range(121))
+    lenses = np.zeros(121, np.int64)
+    row = Cameras(names, few.intrinsics, lenses, poses, frame=few.frame)
+    assert coverage_of(row, fruits).length_m == pytest.approx(59.3 * 1.06, abs=0.3)
 
 
 # Places that grow

@@ -8,6 +8,7 @@ import numpy as np
 
 from pomona.cameras import Cameras
 from pomona.fruits import Fruits
+from pomona.row_line import row_line, walk_of
 
 # Two rays place a fruit, a third checks it.
 _ENOUGH_VIEWS = 3
@@ -29,6 +30,5 @@ def coverage_of(cameras: Cameras, fruits: Fruits) -> Coverage:
     centers = cameras.centers_in_world
     if len(centers) < 2 or not cameras.frame.metric:
         return Coverage(float("nan"), float("nan"), well_seen)
-    about = centers - centers.mean(axis=0)
-    along = np.sort(about @ np.linalg.svd(about, full_matrices=False)[2][0])
+    along = np.sort(row_line(centers, walk_of(centers)).along_across(centers)[0])
     return Coverage(float(along[-1] - along[0]), float(np.median(np.diff(along))), well_seen)
