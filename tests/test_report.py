@@ -21,7 +21,7 @@ from pomona.evaluate.fruits import Truth
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
-from pomona.report.axes import row_axes, seen_from
+from pomona.report.axes import places_along, row_axes, seen_from
 from pomona.report.columns import as_bytes
 from pomona.report.page import page_html, report_html
 from pomona.report.plots import bin_edges, heights
@@ -166,6 +166,21 @@ def test_chosen_packing_classes_come_first(data: ReportData, text: str) -> None:
     assert first is not None
     assert first.groups() == ("50 60 65 70 75 80 85 90", "apples, 5 mm")
     assert '<option data-edges="61 72.5">own</option>' in report_html(replace(data, packing="61,72.5"))
+
+
+@pytest.mark.parametrize("sagitta_m", [0.0, 4.0, 8.0])
+def test_places_along_a_row_follow_its_bend(sagitta_m: float) -> None:
+    rng, data = np.random.default_rng(0), row_report(count=600, scene_points=0)
+    along, across = np.sort(rng.uniform(-30, 30, 600)), rng.uniform(-0.5, 0.5, 600)
+    bend = 8 * sagitta_m / 60**2
+    xy = np.column_stack([along, across])
+    if bend:
+        radius = 1 / bend - across
+        xy = np.column_stack([radius * np.sin(along * bend), 1 / bend - radius * np.cos(along * bend)])
+    centers = np.column_stack([xy, rng.uniform(1, 2, 600)])
+    places = places_along(replace(data, fruits=replace(data.fruits, centers_in_world=centers)))
+    assert places.min() == 0
+    assert places == pytest.approx(along - along[0], abs=0.4)
 
 
 def test_broken_numbers_of_plots_can_be_written_as_the_reader_does(text: str) -> None:

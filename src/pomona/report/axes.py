@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, checked
 from pomona.report.data import ReportData
+from pomona.row_line import row_line
 
 # So many sightings say from which side most were made.
 _DIRECTIONS = 1000
@@ -41,6 +42,14 @@ def row_axes(data: ReportData) -> RowAxes:
         if beyond < 0:
             toward = -toward
     return RowAxes(along, toward)
+
+
+def places_along(data: ReportData) -> FloatArray:
+    """Return how far (n,) each of n ≥ 1 fruits is along the row from the first one, as the row bends."""
+    axes, centers = row_axes(data), data.fruits.centers_in_world
+    line = row_line(centers, axes.along[:2])
+    places = axes.along_row(centers) if line.is_straight else line.along_across(centers)[0]
+    return np.asarray(places - places.min())
 
 
 def scene_points(data: ReportData) -> FloatArray:

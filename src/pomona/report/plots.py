@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
-from pomona.report.axes import row_axes
+from pomona.report.axes import places_along, row_axes
 from pomona.report.data import ReportData
 from pomona.report.svg import Axis, Bar, Dot, column_chart, dot_chart, nice_step, number, row_chart
 
@@ -78,15 +78,13 @@ def packing(data: ReportData) -> str:
 
 def row_map(data: ReportData) -> str:
     """Return the fruits seen from the side: along the row and by height, as large as they are, by tree."""
-    axes = row_axes(data)
-    centers = data.fruits.centers_in_world
-    order = np.argsort(-np.abs(centers @ axes.toward), kind="stable")[:_MOST_ON_MAP]
-    places = axes.along_row(centers)
+    centers, places = data.fruits.centers_in_world, places_along(data)
+    order = np.argsort(-np.abs(centers @ row_axes(data).toward), kind="stable")[:_MOST_ON_MAP]
     sizes = np.where(np.isfinite(data.fruits.diameters_m), data.fruits.diameters_m, np.nan)
     usual = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.07
     dots = [
         Dot(
-            float(places[i] - places.min()),
+            float(places[i]),
             float(centers[i, 2]),
             float(sizes[i] if np.isfinite(sizes[i]) else usual) / 2,
             f"fruit {data.fruits.ids[i]}",
@@ -116,9 +114,7 @@ def by_tree(data: ReportData) -> str:
 
 def along_row(data: ReportData) -> str:
     """Return how many fruits hang along the row, from its first fruit on."""
-    places = row_axes(data).along_row(data.fruits.centers_in_world)
-    places = places - places.min()
-    unit = _length_unit(data)
+    places, unit = places_along(data), _length_unit(data)
     edges = bin_edges(places, _MOST_BINS)
     chart = column_chart(
         bars_of(places, edges, unit, "leaf"), Axis(name=f"{unit} from the first fruit", ticks=ticks_at(edges))
