@@ -16,7 +16,7 @@ class FruitKind:
     """A kind of fruit: its usual widest diameter, density and shape, and the words for one and for many.
 
     Diameters are metres, densities g/cm³; `height_to_width` is that of the ellipsoid as wide as the fruit with its
-    volume.
+    volume. `weights` names those of the shipped segmenter's weights that find it best.
     """
 
     name: str
@@ -24,6 +24,7 @@ class FruitKind:
     density_g_cm3: float
     height_to_width: float
     plural: str
+    weights: str = "fruit"
 
     def counted(self, count: int) -> str:
         """Return a number of these fruits in words: `1 pear`, `12 pears`."""
@@ -35,9 +36,9 @@ class FruitKind:
 _KINDS = (
     FruitKind("apple", 0.075, 0.92, 0.97, "apples"),
     FruitKind("pear", 0.065, 1.00, 1.25, "pears"),
-    FruitKind("orange", 0.075, 0.95, 0.97, "oranges"),
-    FruitKind("mandarin", 0.060, 0.90, 0.85, "mandarins"),
-    FruitKind("lemon", 0.058, 0.95, 1.25, "lemons"),
+    FruitKind("orange", 0.075, 0.95, 0.97, "oranges", "citrus"),
+    FruitKind("mandarin", 0.060, 0.90, 0.85, "mandarins", "citrus"),
+    FruitKind("lemon", 0.058, 0.95, 1.25, "lemons", "citrus"),
     FruitKind("peach", 0.070, 0.97, 0.97, "peaches"),
     FruitKind("plum", 0.042, 1.03, 1.05, "plums"),
     FruitKind("cherry", 0.025, 1.05, 0.92, "cherries"),

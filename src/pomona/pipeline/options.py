@@ -154,6 +154,15 @@ class RunOptions:
         return FRUIT_KINDS["apple"] if self.fruit is None else fruit_kind(self.fruit)
 
     @property
+    def segmenter(self) -> str | None:
+        """What finds the fruits: the model named, or the shipped weights that know the kind; None: the usual ones."""
+        if self.model is not None or self.kind.weights == FruitKind.weights:
+            return self.model
+        from pomona.segment.load import shipped_weights
+
+        return str(shipped_weights(self.kind.weights))
+
+    @property
     def usual_diameter_m(self) -> float:
         """How wide fruits are taken to be: what was given, else what is usual of the kind."""
         return self.kind.diameter_m if self.fruit_diameter_m is None else self.fruit_diameter_m

@@ -74,11 +74,11 @@ def _choice(options: StageOptions) -> SegmentChoice:
 
     run = options.run
     return SegmentChoice(
-        model=Model(run.model, files_of(run.model)),
+        model=Model(run.segmenter, files_of(run.segmenter)),
         # The file keeps weak detections with their scores, so that another threshold needs no other file.
         options=replace(options.segment, score_threshold=None),
         lowest_score=None if run.detections else _lowest_score(options),
-        engines={name: version_of(name) for name in engines_of(run.model)},
+        engines={name: version_of(name) for name in engines_of(run.segmenter)},
         given=run.detections,
         classes=run.classes,
     )
@@ -90,7 +90,7 @@ def _lowest_score(options: StageOptions) -> float | None:
         return None
     from pomona.segment import load_segmenter
 
-    usual = options.segment.kept_share * load_segmenter(options.run.model).traits.score_threshold
+    usual = options.segment.kept_share * load_segmenter(options.run.segmenter).traits.score_threshold
     return asked if asked < usual else None
 
 

@@ -27,14 +27,12 @@ def load_segmenter(model: str | Path | None = None, *, score_floor: float | None
 
     Raises `MissingFileError`, `FormatError`, `MissingExtraError`, or `InputError` for a name that nothing answers to.
     """
-    if model is None:
-        if not SHIPPED_WEIGHTS.is_file():
-            raise MissingFileError(
-                f"The weights that Pomona ships are missing: expected {SHIPPED_WEIGHTS}; reinstall the package "
-                "or name a model file"
-            )
-        model = SHIPPED_WEIGHTS
+    model = SHIPPED_WEIGHTS if model is None else model
     path, classes = _file_and_classes(model)
+    if path.parent == SHIPPED_WEIGHTS.parent and not path.is_file():
+        raise MissingFileError(
+            f"The weights that Pomona ships are missing: expected {path}; reinstall the package or name a model file"
+        )
     if path.suffix == ".onnx":
         return _load_onnx(path, classes, score_floor)
     if path.suffix in (".pt", ".pth"):
@@ -62,6 +60,11 @@ def check_name(model: str | Path) -> None:
 
 def _plugins() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=PLUGIN_GROUP)}
+
+
+def shipped_weights(name: str) -> Path:
+    """Return the file of shipped weights of a name, as `FruitKind.weights` has it."""
+    return SHIPPED_WEIGHTS.with_stem(name)
 
 
 def files_of(model: str | Path | None) -> tuple[Path, ...]:

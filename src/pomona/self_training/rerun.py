@@ -60,7 +60,7 @@ def found_fruits(survey: SurveySource) -> FoundFruits:
 
 
 def model_of(survey: SurveySource) -> Path | None:
-    """Return the model file that a survey was made with; None: the shipped one.
+    """Return the model file that a survey was made with; None: the usual shipped one.
 
     Raises `InputError` where its detections came from something that cannot learn.
     """
@@ -70,7 +70,8 @@ def model_of(survey: SurveySource) -> Path | None:
     model = options.get("model")
     if model is not None and Path(model).suffix != ".onnx":
         raise InputError(f"{survey.folder}: its `model` is {model}, expected the shipped one or a .onnx")
-    return None if model is None else Path(model)
+    used = model or RunOptions(fruit=options.get("fruit")).segmenter
+    return None if used is None else Path(used)
 
 
 def run_adapted(
