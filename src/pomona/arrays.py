@@ -39,6 +39,13 @@ def among(values: IntArray, ordered: IntArray) -> BoolArray:
     return np.asarray(ordered[places] == values, bool)
 
 
+def weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    """Return the value of n ≥ 1 (n,) up to which half of the weights (n,) are."""
+    order = np.argsort(values, kind="stable")
+    cumulated = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
+
+
 def some_subsets(n: int, k: int, most: int) -> list[tuple[int, ...]]:
     """Return the subsets of `k` of 0 … `n` − 1, in rising order; where there are more than `most`, so many by chance.
 

@@ -34,9 +34,9 @@ class Covariance:
 
     In a frame that nothing fixes, centres vary about the similarity that fits all of its cameras best. Where that
     says nothing of a centre, as in a frame of two photos, or where photos see two or three points and only rounding is
-    left, it is NaN. `scale_sd`: how
-    far off lengths among the cameras may be, as a share; NaN for fewer than two, and where nothing fixes their frame.
-    It is the standard deviation of the scale of the similarity that fits the cameras' true centres best.
+    left, it is NaN. `scale_sd`: how far off lengths among the cameras may be, as a share; NaN for fewer than two, and
+    where nothing fixes their frame. It is the standard deviation of the scale of the similarity that fits the cameras'
+    true centres best.
     """
 
     centers_in_world: FloatArray

@@ -52,8 +52,7 @@ def list_photos(folder: Path) -> Listing:
     if not folder.exists():
         raise MissingFileError(f"{folder} does not exist: expected a folder of photos or a video")
     here = _photos_in(folder)
-    # A survey beside the photos that it is of has pictures, too.
-    children = [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
+    children = _sub_folders(folder)
     below = {child.name: files for child in children if (files := _photos_below(child))}
     if here:
         left_out = [
@@ -98,6 +97,11 @@ def _photos_in(folder: Path) -> list[Path]:
     return [p for p in _visible(folder) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
 
 
+def _sub_folders(folder: Path) -> list[Path]:
+    """The folders in a folder, without surveys: one beside the photos that it is of has pictures, too."""
+    return [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
+
+
 def _photos_below(folder: Path) -> list[Path]:
     """The photos of a sub-folder; none of one that may not be read, as disks have for themselves."""
     try:
@@ -109,7 +113,7 @@ def _photos_below(folder: Path) -> list[Path]:
 def _photos_further_down(folder: Path, levels: int = _MOST_LEVELS) -> list[Path]:
     """The photos of the sub-folders of a folder that has none itself, or of theirs; none of surveys."""
     try:
-        children = [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
+        children = _sub_folders(folder)
     except PermissionError:
         return []
     found = [_photos_below(child) or (levels > 1 and _photos_further_down(child, levels - 1)) for child in children]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,10 +134,8 @@ def segment_only(
 
     `changed` are options that are to be other than they were. Raises what `run` raises.
     """
-    known: dict[str, Any] = {}
-    if not overwrite:
-        with suppress(PomonaError):  # there is none, or the run says what is wrong with it
-            known = SurveyFolder.open(Path(out)).get("options") or {}
+    survey = None if overwrite else SurveyFolder.find(out)
+    known = {} if survey is None else survey.get("options") or {}
     # Masks that were given are not those of a segmenter.
     kept = RunOptions.from_json({**known, "detections": None, "classes": None})
     options = replace(kept, **(changed or {}))

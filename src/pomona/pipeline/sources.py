@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.corrections import Corrections
-from pomona.errors import InputError, PomonaError, few
+from pomona.errors import InputError, few
 from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import SourceValue
@@ -60,10 +60,8 @@ def load_photos(
 
 def _known_photos(folder: Path) -> str:
     """Where another survey says that its photos are; "" where it does not."""
-    try:
-        sources = SurveyFolder.open(folder).get("sources") or []
-    except PomonaError:
-        return ""
+    survey = SurveyFolder.find(folder)
+    sources = [] if survey is None else survey.get("sources") or []
     return f", {few(sources, 2)}" if sources else ""
 
 

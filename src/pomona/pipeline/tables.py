@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import PomonaError
 from pomona.formats.files import is_there
 from pomona.pipeline.options import TABLES, RunOptions
 from pomona.survey import SurveyFolder
@@ -45,9 +43,8 @@ def checked_options(options: RunOptions, out: Path, *, overwrite: bool, places_p
 
     A run that places no photos needs no `cameras`. Nothing is written. Raises as `RunOptions.check_files` does.
     """
-    if not overwrite:
-        with suppress(PomonaError):  # there is none, or the run says what is wrong with it
-            options = with_kept_tables(SurveyFolder.open(out), options)
+    if not overwrite and (survey := SurveyFolder.find(out)) is not None:
+        options = with_kept_tables(survey, options)
     (options if places_photos else replace(options, cameras=None)).check_files()
     return options
 

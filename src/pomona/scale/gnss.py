@@ -9,7 +9,7 @@ import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
-from pomona.arrays import BoolArray, FloatArray, some_subsets
+from pomona.arrays import BoolArray, FloatArray, some_subsets, weighted_median
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError, few
 from pomona.geometry import Similarity, estimate_similarity, robust_similarity
@@ -294,14 +294,8 @@ def _robust_upright(
     on_ground = estimate_upright_similarity(here[good], there[good], z, scale, worth[good])
     above = target[good, 2] - on_ground.apply(level[good])[:, 2]
     high = np.isfinite(above)
-    up_m = _weighted_median(above[high], worth[good][high]) if high.any() else -on_ground.apply(level)[:, 2].mean()
+    up_m = weighted_median(above[high], worth[good][high]) if high.any() else -on_ground.apply(level)[:, 2].mean()
     return Similarity(1.0, np.eye(3), up_m * z).compose(on_ground).compose(leveling), good
-
-
-def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
-    order = np.argsort(values, kind="stable")
-    shares = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(shares, shares[-1] / 2)])
 
 
 def _scatter(

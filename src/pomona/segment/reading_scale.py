@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
+from pomona.arrays import ByteArray, FloatArray, weighted_median
 from pomona.detections import Detections
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import Photo, Photos
@@ -72,9 +72,7 @@ class _Widths:
 
     @property
     def median_px(self) -> float:
-        order = np.argsort(self.width_px)
-        cumulated = np.cumsum(self.weight[order])
-        return float(self.width_px[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
+        return weighted_median(self.width_px, self.weight)
 
 
 def reading_scales(

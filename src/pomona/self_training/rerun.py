@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pomona.errors import InputError, MissingExtraError, PomonaError
+from pomona.errors import InputError, MissingExtraError
 from pomona.export.survey import SurveySource
 from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, Summary
@@ -95,10 +94,7 @@ def run_adapted(
     """
     learn = learning()
     checked_options(options, out, overwrite=overwrite)
-    survey = None
-    if not overwrite:
-        with suppress(PomonaError):  # there is none, or the run says what is wrong with it
-            survey = SurveyFolder.open(out)
+    survey = None if overwrite else SurveyFolder.find(out)
     if survey is not None and survey.adapted_model.is_file():
         options = replace(options, model=str(survey.adapted_model))
         known = read_learnt(survey)

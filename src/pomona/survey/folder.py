@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona import __version__
-from pomona.errors import FormatError, MissingFileError, SurveyError, as_text
+from pomona.errors import FormatError, MissingFileError, PomonaError, SurveyError, as_text
 from pomona.formats.files import is_there
 from pomona.survey.commands import command_line
 from pomona.survey.digest import plain
@@ -102,6 +102,14 @@ class SurveyFolder:
         if not path.is_file():
             raise MissingFileError(f"{folder} is not a survey: expected a folder that `pomona run` wrote ({MANIFEST})")
         return cls(folder, read_manifest(path))
+
+    @classmethod
+    def find(cls, folder: Path) -> SurveyFolder | None:
+        """Return the survey in a folder; None where there is none, or none that can be read: a run says why."""
+        try:
+            return cls.open(folder)
+        except PomonaError:
+            return None
 
     def need(self, *paths: Path) -> None:
         """Raise `MissingFileError` for the first of its files that is not there, naming the command that writes it."""
