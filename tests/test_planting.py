@@ -15,6 +15,7 @@ from pomona.measure.allometry import STORY_APPLES, weigh
 from pomona.planting import PlantingOptions, find_trunks, on_trees, read_trunks
 from pomona.planting.summary import trees_of
 from pomona.progress import Silent
+from pomona.row_line import row_line
 from pomona.trees import Trees, Trunks
 
 
@@ -75,6 +76,20 @@ def test_trees_of_a_bent_row_are_found(options: PlantingOptions) -> None:
     tree_ids = on_trees(bent, trunks).tree_ids
     assert (tree_ids == 0).mean() < 0.01
     assert (tree_ids == true).mean() > 0.95
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_distance_is_that_at_which_fruits_gather_most(seed: int) -> None:
+    """Distances one by one, each by all fruits, are the slow way to it."""
+    rng = np.random.default_rng(seed)
+    fruits, _ = row(int(rng.integers(4, 30)), rng.uniform(0.7, 3.0), seed=seed)
+    along_m = row_line(fruits.centers_in_world).along_across(fruits.centers_in_world)[0]
+    first_m, length_m = along_m.min(), np.ptp(along_m)
+    tried_m = length_m / np.arange(length_m / min(8.0, length_m / 2.5), length_m / 0.5, 1 / 16)
+    vectors = np.array([np.exp(2j * np.pi * (along_m - first_m) / spacing_m).mean() for spacing_m in tried_m])
+    turns = 2j * np.pi * length_m / tried_m
+    gathered = np.abs(vectors - (np.exp(turns) - 1) / turns)
+    assert find_trunks(fruits).spacing_m == pytest.approx(tried_m[np.argmax(gathered)])
 
 
 def test_trees_are_numbered_along_the_row_whatever_the_order_of_fruits() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import fft
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray
@@ -22,6 +23,7 @@ from pomona.row_line import RowLine, row_line
 from pomona.trees import Trunks
 
 _TRIED_A_PERIOD = 16  # so many distances are tried between two which differ by one tree over the row's length
+_BINS_A_PERIOD = 64  # of the shortest distance
 _FEWEST_TREES = 3  # of fewer, no distance can be read off
 _STRAY = 0.15  # of the fruits that trees usually have: fewer are no tree
 _CLEARLY = 1.25  # by so much another distance must fit better than a given one to be said
@@ -118,8 +120,27 @@ class _Row:
         tried = self.spacings(options)
         if not len(tried):
             return None
-        best = float(tried[np.argmax([self.gathered(s) for s in tried])])
+        best = float(tried[np.argmax(self._gathered_all(tried))])
         return best if self.chance(best) * len(tried) <= options.chance else None
+
+    def _gathered_all(self, tried_m: FloatArray) -> FloatArray:
+        """Return `gathered` of all distances (m,) of `spacings`.
+
+        Each needs all fruits, and the longer the row, the more there are of both: the mean vectors of all are one
+        Fourier transform of the fruits, counted in bins much shorter than any distance.
+        """
+        trees = self.length_m / tried_m
+        share = (self.along_m - self.along_m.min()) / self.length_m
+        bins = _TRIED_A_PERIOD * _BINS_A_PERIOD * int(np.ceil(trees.max()))
+        bin_idx = (share / _TRIED_A_PERIOD * bins).astype(np.int64)
+        # Distances begin with one of which no whole number makes up the row: what it turns fruits by is taken first.
+        turned = np.exp(-2j * np.pi * trees[0] * share) / len(share)
+        counts = np.bincount(bin_idx, turned.real, bins) + 1j * np.bincount(bin_idx, turned.imag, bins)
+        steps = np.arange(len(tried_m))
+        vectors = fft(counts)[steps] * np.exp(-1j * np.pi * steps / bins)  # from the bins' edges to their middles
+        even = (np.exp(-2j * np.pi * trees) - 1) / (-2j * np.pi * trees)
+        gathered: FloatArray = np.abs(vectors - even)
+        return gathered
 
     def trunks(self, spacing_m: float, source: str) -> Trunks:
         """Return trunks at this distance along the whole row, numbered from 1; in a shorter row, one in its middle.
