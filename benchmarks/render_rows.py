@@ -1,6 +1,7 @@
 """Render the project's own rows. Each is skipped where its folder is there already, and goes on where it was stopped.
 
 python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
+python benchmarks/render_rows.py dense OUT FIRST LAST        the same, in dense crowns and deep shade
 python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
 python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
 python benchmarks/render_rows.py held-out OUT                OUT/h00, h01: two photos a side, to measure on
@@ -12,13 +13,14 @@ import sys
 from pathlib import Path
 
 from pomona.synth import RowOptions, render_row
-from pomona.synth.presets import DEMO, HELD_OUT, ROWS, training_options
+from pomona.synth.presets import DEMO, HELD_OUT, ROWS, dense_options, training_options
 
 
 def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:
-    if kind == "training":
+    if kind in ("training", "dense"):
         first, last = (int(n) for n in numbers)
-        return {f"s{n:03d}": training_options(n) for n in range(first, last + 1)}
+        of_number = training_options if kind == "training" else dense_options
+        return {f"s{n:03d}": of_number(n) for n in range(first, last + 1)}
     return {"demo": {"demo": DEMO}, "rows": ROWS, "held-out": HELD_OUT}[kind]
 
 

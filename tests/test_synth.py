@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, SurveyError
 from pomona.synth import LIGHTS, VARIETIES, RowOptions, render, render_row, truth
@@ -13,7 +14,7 @@ from pomona.synth.cameras import RowCamera, row_cameras
 from pomona.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
 from pomona.synth.layout import lay_out_row
 from pomona.synth.meshes import fruit, ground, hedge, plate
-from pomona.synth.presets import DEMO, ROWS, training_options
+from pomona.synth.presets import DEMO, ROWS, dense_options, training_options
 
 SMALL = RowOptions(seed=3, trees=2, fruits_per_tree=20, leaves_per_tree=200, photos_per_side=5)
 
@@ -40,6 +41,17 @@ def test_the_hedge_on_the_horizon_is_far_beyond_both_ends_of_a_row_of_any_length
         assert np.linalg.norm(rim, axis=1).min() == pytest.approx(45)
         assert np.linalg.norm(rim - [length_m, 0], axis=1).min() == pytest.approx(30)
         assert earth[:, 0].max() == pytest.approx(rim[:, 0].max() + 15)
+
+
+def test_leaves_grow_as_long_and_as_far_about_as_asked():
+    def off_wood_m(**leaves: float) -> float:
+        row = lay_out_row(replace(SMALL, **leaves))
+        wood = cKDTree(np.concatenate([line for wood in row.woods for line in wood.lines]))
+        return float(np.median(wood.query(np.concatenate([tree.vertices for tree in row.foliage]))[0]))
+
+    usual = off_wood_m()
+    assert 1.3 * usual < off_wood_m(leaf_length_m=0.156) < 2.2 * usual
+    assert 1.3 * usual < off_wood_m(leaf_scatter_m=0.08) < 3.0 * usual
 
 
 def test_cameras_do_not_depend_on_the_fruits():
@@ -206,7 +218,8 @@ def test_ids_survive_being_colours():
      ({"distance_m": -1.0}, "distance_m"), ({"seed": -1}, "seed"), ({"jpeg_quality": 0}, "jpeg_quality"),
      ({"trees": 100, "fruits_per_tree": 1000}, "65535"), ({"photos_round_end": -1}, "photos_round_end"),
      ({"photos_round_end": 3, "sides": ("west", "east")}, "east then west"), ({"wind_m": 0.01}, "rough"),
-     ({"wind_m": float("nan"), "rough": True}, "wind_m")],
+     ({"wind_m": float("nan"), "rough": True}, "wind_m"), ({"leaf_length_m": 0.0}, "leaf_length_m"),
+     ({"leaf_scatter_m": -0.1}, "leaf_scatter_m"), ({"exposure": float("inf")}, "exposure")],
 )  # fmt: skip
 def test_wrong_options_are_named(wrong, said):
     with pytest.raises(InputError, match=said):
@@ -215,11 +228,15 @@ def test_wrong_options_are_named(wrong, said):
 
 def test_presets_share_no_seed_and_cover_varieties_and_lights():
     scenes = [training_options(n) for n in range(40)]
-    seeds = [s.seed for s in scenes] + [DEMO.seed] + [r.seed for r in ROWS.values()]
+    dense = [dense_options(n) for n in range(40)]
+    seeds = [s.seed for s in scenes + dense] + [DEMO.seed] + [r.seed for r in ROWS.values()]
     assert len(set(seeds)) == len(seeds)
     assert {s.variety for s in scenes} == set(VARIETIES)
     assert {s.light for s in scenes} == set(LIGHTS)
     assert scenes[7] == training_options(7)
+    assert {s.variety for s in dense} == set(VARIETIES)
+    assert min(s.leaves_per_tree for s in dense) > max(s.leaves_per_tree for s in scenes)
+    assert dense[7] == dense_options(7)
 
 
 def test_without_blender_the_extra_is_named(monkeypatch, tmp_path):

@@ -53,9 +53,9 @@ class BlenderStage:
         cycles.samples, cycles.max_bounces = self._options.samples, 4
         cycles.seed = self._options.seed * 1000 + photo_idx
         cycles.pixel_filter_type, cycles.filter_width = "BLACKMAN_HARRIS", 1.5
-        cycles.use_denoising = self._denoiser is not None
+        cycles.use_denoising = self._denoiser is not None and not self._options.grainy
         scene.view_settings.view_transform, scene.view_settings.look = "AgX", "AgX - Medium High Contrast"
-        scene.view_settings.exposure = LIGHTS[self._options.light].exposure
+        scene.view_settings.exposure = LIGHTS[self._options.light].exposure + self._options.exposure
         scene.world.node_tree.nodes["Background"].mute = False
         self._render(camera, path)
 

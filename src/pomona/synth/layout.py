@@ -67,9 +67,7 @@ def lay_out_row(options: RowOptions) -> Row:
         fruits, spurs = _later(fruits, spurs, options)
     stems = _stems(spurs, fruits)
     plates = place_plates(options)
-    foliage = tuple(
-        _grow_leaves(wood, fruits, options.leaves_per_tree, options.rng(200 + i)) for i, wood in enumerate(woods)
-    )
+    foliage = tuple(_grow_leaves(wood, fruits, options, options.rng(200 + i)) for i, wood in enumerate(woods))
     bark = tuple(_bark(wood) for wood in woods)
     return Row(woods, foliage, bark, fruits, stems, plates, _posts(options, plates), _grass(options))
 
@@ -234,14 +232,15 @@ def _stem(spur: FloatArray, top: FloatArray) -> Mesh:
 # ---- leaves and grass ------------------------------------------------------------------------------------------------
 
 
-def _grow_leaves(wood: Wood, fruits: Fruits, count: int, rng: np.random.Generator) -> Mesh:
+def _grow_leaves(wood: Wood, fruits: Fruits, options: RowOptions, rng: np.random.Generator) -> Mesh:
     """Grow rosettes of leaves on branches and shoots; leaves that would pierce a fruit are left out."""
+    count = options.leaves_per_tree
     rosettes = max(1, count // 5)
     spurs, along = _Twigs(wood.lines[1:]).draw(rosettes, rng)
-    bases = np.repeat(spurs, 5, axis=0)[:count] + rng.normal(0, 0.012, (min(count, 5 * rosettes), 3))
+    bases = np.repeat(spurs, 5, axis=0)[:count] + rng.normal(0, options.leaf_scatter_m, (min(count, 5 * rosettes), 3))
     ahead = 0.7 * np.repeat(along, 5, axis=0)[:count] + rng.normal(0, 0.8, bases.shape) + [0, 0, -0.15]
     up = rng.normal([0, 0, 1.0], 0.45, bases.shape)
-    length = np.clip(rng.normal(0.078, 0.016, len(bases)), 0.035, 0.12)
+    length = options.leaf_length_m / 0.078 * np.clip(rng.normal(0.078, 0.016, len(bases)), 0.035, 0.12)
     size = np.column_stack([length, length * rng.uniform(0.45, 0.62, len(bases))])
     curl = np.column_stack([rng.uniform(-0.05, 0.45, len(bases)), rng.uniform(0.05, 0.8, len(bases))])
     if len(fruits.ids):

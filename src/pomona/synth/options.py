@@ -75,7 +75,10 @@ class RowOptions:
     fruit_diameter_m: float = 0.075
     fruit_diameter_sd_m: float = 0.005
     leaves_per_tree: int = 4000
+    leaf_length_m: float = 0.078
+    leaf_scatter_m: float = 0.012  # how far leaves grow from where their rosette does (standard deviation)
     light: str = "sun"
+    exposure: float = 0.0  # stops more than is usual in this light
     sun_azimuth_deg: float | None = None  # clockwise from +y; None: drawn from the seed
     sides: tuple[Side, ...] = ("east", "west")
     photos_per_side: int = 17
@@ -100,6 +103,7 @@ class RowOptions:
     grow_sd_m: float = 0.0  # and how different fruits are in it
     drop_share: float = 0.0  # of fruits that are gone since, from 0 to below 1
     samples: int = 32
+    grainy: bool = False  # path tracing leaves its noise in the shade, as sensors do in the dark
     threads: int = 1
     jpeg_quality: int = 90
 
@@ -109,7 +113,15 @@ class RowOptions:
         for name in counts:
             if getattr(self, name) < 1:
                 raise InputError(f"`{name}` is {getattr(self, name)}; expected at least 1")
-        lengths = ("spacing_m", "fruit_diameter_m", "step_m", "distance_m", "camera_height_m", "marker_size_m")
+        lengths = (
+            "spacing_m",
+            "fruit_diameter_m",
+            "step_m",
+            "distance_m",
+            "camera_height_m",
+            "marker_size_m",
+            "leaf_length_m",
+        )
         for name in lengths:
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"`{name}` is {getattr(self, name)}; expected a length above 0 m")
@@ -119,6 +131,11 @@ class RowOptions:
             raise InputError("`seed`, `fruits_per_tree` and `leaves_per_tree` must not be negative")
         if self.trees * self.fruits_per_tree > 65535:
             raise InputError("A row can hold 65535 fruits at most, since masks are 16-bit; ask for fewer")
+        if not (np.isfinite([self.leaf_scatter_m, self.exposure]).all() and self.leaf_scatter_m >= 0):
+            raise InputError(
+                f"`leaf_scatter_m` and `exposure` are {self.leaf_scatter_m} and {self.exposure}; expected 0 m or more, "
+                "and a number of stops"
+            )
         if not 1 <= self.jpeg_quality <= 100:
             raise InputError(f"`jpeg_quality` is {self.jpeg_quality}; expected 1 to 100")
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
 
-_TRAINING = 77_000  # seeds of training rows start here, so that no demo or test row shares their trees
+# Seeds of training rows start here, so that no demo or test row shares their trees.
+_TRAINING, _DENSE = 77_000, 78_000
 
 
 def training_options(number: int) -> RowOptions:
@@ -44,6 +45,23 @@ def training_options(number: int) -> RowOptions:
         markers=markers,
         samples=8,
         jpeg_quality=92,
+    )
+
+
+def dense_options(number: int) -> RowOptions:
+    """Return the options of the `number`-th training scene of dense crowns: deep shade, grain, small leaves."""
+    rng = np.random.default_rng([number, _DENSE])
+    sunny = ("noon", "sun", "low-sun")
+    return replace(
+        training_options(number),
+        seed=_DENSE + number,
+        leaves_per_tree=int(rng.integers(6_000, 15_000)),
+        leaf_length_m=float(rng.uniform(0.05, 0.085)),
+        leaf_scatter_m=float(rng.uniform(0.02, 0.12)),
+        light=sunny[number % 3] if rng.random() < 0.75 else "overcast",
+        exposure=float(rng.uniform(-1.5, 0.3)),
+        grainy=bool(rng.random() < 0.8),
+        samples=int(rng.integers(6, 13)),
     )
 
 
