@@ -3,12 +3,12 @@
 python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--widths A B C D]
     [--radius PIXELS] [--side PIXELS]
 
-A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth. Around every fruit of which
-something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the fruit's centre and size by chance.
-Targets are Gaussians about the centres of all fruits of about that size in a crop. Beside the colours, crops have a
-channel that says how like these are to those of some of the picture's fruits, as if a segmenter had found them. OUT.pt
-is a checkpoint, every 100 steps: a run that was stopped goes on from it. The network written is the running mean of the
-weights; the last fortieth of the crops is measured on, not trained on.
+A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; one that is given twice counts
+twice. Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the
+fruit's centre and size by chance. Targets are Gaussians about the centres of all fruits of about that size in a crop.
+Beside the colours, crops have a channel that says how like these are to those of some of the picture's fruits, as if a
+segmenter had found them. OUT.pt is a checkpoint, every 100 steps: a run that was stopped goes on from it. The network
+written is the running mean of the weights; the last fortieth of the crops is measured on, not trained on.
 """
 
 import argparse
@@ -33,6 +33,7 @@ from pomona.second_look.crops import CropPlaces, cut
 from pomona.second_look.likeness import with_likeness
 from pomona.second_look.network import CHANNELS, KIND
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.train.center import is_quick_in_bfloat16
 
 STRIDE = 2
 PATCH_SIDES = 2  # crops are cut out of patches so many times larger, turned and moved
@@ -46,6 +47,7 @@ MOST_FRUITS = 24  # in a patch
 # As a segmenter finds fruits: of those of which so much is seen, such a share, with masks so much too large or small.
 FOUND_SEEN, FOUND_SHARE, FOUND_OFF_PX = 0.3, (0.4, 1.0), 1
 BATCH, RATE, WARM_UP, HELD_OUT = 64, 2e-3, 100, 40
+QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(torch.device("cpu"))
 
 Widths = tuple[int, int, int, int]
 
@@ -277,7 +279,9 @@ def fit(
             group["lr"] = RATE * min(1, step / WARM_UP) * (0.5 * (1 + math.cos(math.pi * step / steps)) + 0.01)
         some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH)))
         crops, targets, weights = crops_of(patches[some], labels[some], how, varied=True)
-        loss = loss_of(net(crops), targets, weights)
+        with torch.autocast("cpu", torch.bfloat16, enabled=QUICK_IN_BFLOAT16):
+            logits = net(crops)
+        loss = loss_of(logits.float(), targets, weights)
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(net.parameters(), 5.0)

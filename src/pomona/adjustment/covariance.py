@@ -114,7 +114,7 @@ def focal_sds(cameras: Cameras, weights: Weights) -> FloatArray:
 def covariance(cameras: Cameras, weights: Weights) -> Covariance:
     """Return how uncertain adjusted cameras are; the wrong observations among their tracks count little (Cauchy)."""
     inverse, n = _Inverse.of(cameras, weights), len(cameras)
-    centers = 6 * np.arange(n)[:, None] + np.array([3, 4, 5])
+    centers = _centers(n)
     q = len(weights.known_idx)
     places = inverse.size - 3 * q + np.arange(3 * q).reshape(-1, 3)
     free_frames = np.asarray(weights.free_frames)
@@ -126,18 +126,38 @@ def covariance(cameras: Cameras, weights: Weights) -> Covariance:
             known = np.isfinite(of_centers[inside, 0, 0])
             if frame >= 0 and known.sum() <= _FIT_ALWAYS:
                 of_centers[inside] = np.nan
-    scale_sd = float("nan") if gauge.shape[1] else _scale_sd(inverse, cameras, centers)
+    scale_sd = float("nan") if gauge.shape[1] else inverse.sd_of(_share_of_scale(inverse.size, cameras))
     return Covariance(of_centers, inverse.blocks(places), scale_sd)
 
 
-def _scale_sd(inverse: _Inverse, cameras: Cameras, centers: IntArray) -> float:
+def length_sd(cameras: Cameras, weights: Weights, ends: tuple[int, int]) -> float:
+    """Return how far off lengths among the cameras may be, as a share, if the length between two points gives them.
+
+    `ends` number two of the known points, whose places should be hardly known. It is the standard deviation of the
+    ratio of that length to the scale of the similarity that fits the cameras' true centres best: nothing else needs
+    to fix their frame. NaN where the cameras stand in one place.
+    """
+    inverse = _Inverse.of(cameras, weights)
+    one, other = (weights.known_places[end] for end in ends)
+    share = _share_of_scale(inverse.size, cameras)
+    for end, arm in zip(ends, (one - other, other - one), strict=True):
+        first = inverse.size - 3 * (len(weights.known_idx) - end)
+        share[first : first + 3, 0] = -arm / (arm @ arm)
+    return inverse.sd_of(share)
+
+
+def _share_of_scale(size: int, cameras: Cameras) -> FloatArray:
+    """Return (size, 1): how the scale that fits all centres best, as a share, changes with each parameter."""
     arms = cameras.centers_in_world - cameras.centers_in_world.mean(0)
     spread = float((arms**2).sum())
-    if spread == 0:
-        return float("nan")
-    share = np.zeros((inverse.size, 1))
-    share[centers.ravel(), 0] = arms.ravel() / spread
-    return float(np.sqrt(share[:, 0] @ inverse.solve(share)[:, 0]))
+    share = np.zeros((size, 1))
+    share[_centers(len(cameras)).ravel(), 0] = arms.ravel() / spread if spread > 0 else np.nan
+    return share
+
+
+def _centers(n: int) -> IntArray:
+    """Return the parameters (n, 3) of photos' centres."""
+    return np.asarray(6 * np.arange(n)[:, None] + np.array([3, 4, 5]))
 
 
 def _about_the_best(inverse: _Inverse, of_centers: FloatArray, gauge: FloatArray, centers: IntArray) -> FloatArray:
@@ -205,6 +225,12 @@ class _Inverse:
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the inverse times a right side (p, c)."""
         return np.asarray(self.scaled.solve(right / self.sizes[:, None]) / self.sizes[:, None])
+
+    def sd_of(self, change: FloatArray) -> float:
+        """Return the standard deviation of what changes so much (p, 1) with each parameter; NaN where it is NaN."""
+        if np.isnan(change).any():
+            return float("nan")
+        return float(np.sqrt(change[:, 0] @ self.solve(change)[:, 0]))
 
 
 def _nodes(cameras: Cameras, known: int) -> IntArray:

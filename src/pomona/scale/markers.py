@@ -49,7 +49,7 @@ _LEAST_MIRRORED = 2
 # some, about so many photos are looked at.
 _CLEARLY, _MIRRORED_PHOTOS = 2, 24
 # Cameras that stood nearer to or farther from the markers than this speak for a table in other units.
-_PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
+PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
 
 
 def find_sightings(
@@ -159,7 +159,7 @@ def _refine(
         more = False
         for idx, fit in fits.items():
             doubted = [sighting for marker in fit.doubted.values() for sighting in marker.sightings]
-            seen = _known_points(adjusted.cameras, doubted, places, math.inf, sd_px)
+            seen = as_landmarks(adjusted.cameras, doubted, places, math.inf, sd_px)
             within = markers_within_bends(adjusted, seen, focals)
             fits[idx], more = fit.using(within), more or bool(within)
         if not more:
@@ -182,7 +182,7 @@ def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
 def _check_units(placement: Placement, idx: int, places: dict[int, FloatArray], centers: FloatArray) -> None:
     middle = np.mean(list(places.values()), axis=0)
     distance = float(np.median(np.linalg.norm(centers - middle, axis=1)))
-    low, high = _PLAUSIBLE_DISTANCE_M
+    low, high = PLAUSIBLE_DISTANCE_M
     if not low < distance < high:
         placement.warn(
             f"{placement.name(idx)}: by the markers' places the camera stood {distance:.3g} m from them; are the "
@@ -271,7 +271,7 @@ def _noise_m(found: Mapping[int, TriangulatedMarker], target: FloatArray) -> flo
     if sizes[0] == 0:
         return float("inf")
     variances = [np.trace(marker.triangulated.covariance) / 3 for marker in found.values()]
-    seen_m = _center_sd_px(list(found.values())) * float(np.sqrt(np.mean(variances))) * sizes[1] / sizes[0]
+    seen_m = center_sd_px_of(list(found.values())) * float(np.sqrt(np.mean(variances))) * sizes[1] / sizes[0]
     return float(np.hypot(PLACED_SD_M, seen_m))
 
 
@@ -335,9 +335,9 @@ def refine(
     # Three numbers for each marker and piece, of which a similarity of each piece takes seven.
     freedom = max(1, 3 * sum(len(fit.used) for fit in fits) - 7 * len(fits))
     sigma_m = max(_LEAST_SIGMA_M, float(np.sqrt(sum(f.rms_m**2 * len(f.used) for f in fits) / freedom)))
-    center_sd_px = _center_sd_px([marker for fit in fits for marker in fit.used.values()])
+    center_sd_px = center_sd_px_of([marker for fit in fits for marker in fit.used.values()])
     for _ in range(_ROUNDS):
-        known = _known_points(shared, sightings, places, sigma_m, center_sd_px)
+        known = as_landmarks(shared, sightings, places, sigma_m, center_sd_px)
         refined = adjust(shared, noise_px=noise_px, landmarks=list(known.values()), focals=focals)
         if not _is_better(refined, before, sightings, places):
             break
@@ -345,27 +345,28 @@ def refine(
         seen = [triangulate_markers(refined, fit.sightings)[0] for fit in fits]
         offsets_m = np.array([offset for found in seen for offset in _offsets_m(found, places).values()])
         fitted_m = max(_LEAST_SIGMA_M, float(np.sqrt((offsets_m**2).sum() / freedom)))
-        fitted_px = _center_sd_px([marker for found in seen for marker in found.values()])
+        fitted_px = center_sd_px_of([marker for found in seen for marker in found.values()])
         if fitted_m > _ENOUGH * sigma_m and fitted_px > _ENOUGH * center_sd_px:
             break
         sigma_m, center_sd_px = fitted_m, fitted_px
     return Adjusted(best, known)
 
 
-def _center_sd_px(seen: Sequence[TriangulatedMarker]) -> float:
+def center_sd_px_of(seen: Sequence[TriangulatedMarker]) -> float:
     """Return the standard deviation of a coordinate of a plate's centre, as photos agree on where plates are."""
     counts = np.array([int(marker.triangulated.inliers.sum()) for marker in seen])
     squares = np.array([marker.triangulated.rms_px**2 for marker in seen]) * counts
     return max(CENTER_SD_PX, float(np.sqrt(squares.sum() / max(1, (2 * counts - 3).sum()))))
 
 
-def _known_points(
+def as_landmarks(
     cameras: Cameras,
     sightings: Sequence[Sighting],
     places: Mapping[int, FloatArray],
     sigma_m: float,
     center_sd_px: float,
 ) -> dict[int, Landmark]:
+    """Return the markers sighted as landmarks, by id, known to be at their places to `sigma_m`."""
     index = {name: i for i, name in enumerate(cameras.photos)}
     return {
         marker_id: Landmark(
@@ -418,58 +419,3 @@ def _is_better(
         reprojection_errors_px(refined, sightings, places),
     )
     return bool((seen**2).mean() < (seen_before**2).mean() and is_no_worse(refined, before))
-
-
-def scale_by_bar(placement: Placement, sightings: Sequence[Sighting], options: ScaleOptions) -> None:
-    """Give metres from the scale bar to every piece that sees both of its markers."""
-    if options.scale_bar is None:
-        return
-    for idx in placement.unscaled():
-        piece = placement.pieces[idx]
-        found = _seen_bar(piece.cameras, sightings, options.scale_bar)
-        if isinstance(found, str):
-            placement.add_failure(idx, found)
-            if placement.is_main(idx):
-                placement.warn(f"{placement.name(idx)} has no scale from the scale bar: {found}")
-            continue
-        metres_per_unit = options.scale_bar[2] / found.length
-        placement.set_scale(idx, "scale-bar", metres_per_unit, scale_sd=found.length_sd / found.length)
-        placement.markers += [
-            MarkerResidual(end.marker_id, piece.side, len(end.sightings), float("nan"), end.triangulated.rms_px)
-            for end in found.ends
-        ]
-        distance_m = metres_per_unit * found.distance
-        if not _PLAUSIBLE_DISTANCE_M[0] < distance_m < _PLAUSIBLE_DISTANCE_M[1]:
-            placement.contradict(
-                f"{placement.name(idx)}: by the scale bar the camera stood {distance_m:.3g} m from it; is "
-                f"{options.scale_bar[2]:g} its length in metres?"
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class _SeenBar:
-    """The ends of a scale bar in a piece, in whose units all lengths are, and from how far photos see it (median)."""
-
-    ends: tuple[TriangulatedMarker, TriangulatedMarker]
-    length: float
-    length_sd: float
-    distance: float
-
-
-def _seen_bar(cameras: Cameras, sightings: Sequence[Sighting], bar: tuple[int, int, float]) -> _SeenBar | str:
-    """Return the scale bar as a piece sees it, or why it gives no scale."""
-    one, other, _ = bar
-    found, failed = triangulate_markers(cameras, [s for s in sightings if s.marker_id in (one, other)])
-    for marker_id in (one, other):
-        if marker_id not in found:
-            return f"marker {marker_id} of the scale bar: {failed.get(marker_id, 'not seen in any photo')}"
-    ends = found[one], found[other]
-    a, b = ends[0].triangulated, ends[1].triangulated
-    length = float(np.linalg.norm(a.point - b.point))
-    if length <= 0:
-        return "both markers of the scale bar are seen in one place"
-    along = (a.point - b.point) / length
-    length_sd = _center_sd_px(ends) * float(np.sqrt(along @ (a.covariance + b.covariance) @ along))
-    photos = [cameras.photos.index(sighting.photo) for end in ends for sighting in end.sightings]
-    away = np.linalg.norm(cameras.centers_in_world[photos] - (a.point + b.point) / 2, axis=1)
-    return _SeenBar(ends, length, length_sd, float(np.median(away)))

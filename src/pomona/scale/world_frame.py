@@ -25,12 +25,13 @@ from pomona.scale.control_points import ControlPoints, read_control_points, surv
 from pomona.scale.fruit_landmarks import adjust_on_fruits
 from pomona.scale.fruit_size import scale_by_fruit_size
 from pomona.scale.gnss import place_by_gnss
-from pomona.scale.markers import find_sightings, place_by_markers, scale_by_bar
+from pomona.scale.markers import find_sightings, place_by_markers
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
 from pomona.scale.plates import check_plates
 from pomona.scale.report import Placed, ScaleReport
 from pomona.scale.resection import resect
+from pomona.scale.scale_bar import scale_by_bar
 from pomona.scale.side_alignment import FindFruits, align_sides
 from pomona.scale.upright import row_frame
 from pomona.scale.walk import check_walk
@@ -79,7 +80,7 @@ def place_in_world(
     frame = place_by_markers(placement, photos, markers, sightings, options) if markers is not None else None
     if frame is not None and control is not None:
         frame = control.in_world(frame)
-    scale_by_bar(placement, plates, options)
+    scale_by_bar(placement, plates, photos.by_name(), options)
     if frame is None and options.use_gnss:
         frame = place_by_gnss(placement, photos, options)
     scale_by_fruit_size(placement, detections, options)

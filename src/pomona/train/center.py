@@ -82,7 +82,7 @@ class CenterLearner:
         pixels, targets = batch
         device = next(network.parameters()).device
         image = pixels.to(device).float().contiguous(memory_format=torch.channels_last)
-        with torch.autocast(device.type, dtype=torch.bfloat16, enabled=_is_quick_in_bfloat16(device)):
+        with torch.autocast(device.type, dtype=torch.bfloat16, enabled=is_quick_in_bfloat16(device)):
             outputs = network(image)
         moved = Targets(**{name: value.to(device) for name, value in vars(targets).items()})
         return total_loss(Outputs(*(maps.float() for maps in outputs)), moved)
@@ -122,8 +122,11 @@ def maps_of(network: FruitNet, tile: ByteArray) -> Maps:
     return Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE, circle.numpy())
 
 
-def _is_quick_in_bfloat16(device: torch.device) -> bool:
-    # Processors without instructions for it, as most laptops have, take five times as long as in float32.
+def is_quick_in_bfloat16(device: torch.device) -> bool:
+    """Say whether a device computes in bfloat16 itself.
+
+    Processors without instructions for it, as most laptops have, take five times as long as in float32.
+    """
     if device.type != "cpu":
         return True
     capabilities = getattr(torch.cpu, "get_capabilities", None)  # older PyTorch does not say
