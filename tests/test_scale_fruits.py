@@ -272,8 +272,8 @@ def test_gnss_is_a_start_which_fruits_make_exact() -> None:
 
 
 def test_a_side_on_earth_keeps_its_place_where_the_other_sees_a_scale_bar(monkeypatch: pytest.MonkeyPatch) -> None:
-    bar = {7: (0.2, -0.4, 1.0), 8: (1.2, -0.4, 1.0)}
-    show_markers(monkeypatch, sighted([WEST], bar))
+    bar, seen_west = {7: (0.2, -0.4, 1.0), 8: (1.2, -0.4, 1.0)}, photographed("west", seed=2, points=2500)
+    show_markers(monkeypatch, sighted([seen_west], bar))
     metres_too_long = 1.04
     at = dict(zip(EAST.photos, metres_too_long * EAST.centers_in_world, strict=True))
     photos = Photos(
@@ -281,10 +281,10 @@ def test_a_side_on_earth_keeps_its_place_where_the_other_sees_a_scale_bar(monkey
             replace(p, gnss=Gnss(41.5 + at[p.name][1] / 111_060, 0.8 + at[p.name][0] / 83_480, 200.0 + at[p.name][2]))
             if p.name in at
             else p
-            for p in photos_of(EAST, WEST)
+            for p in photos_of(EAST, seen_west)
         )
     )
-    east, west = as_piece(EAST, "east", 1), as_piece(WEST, "west", 2)
+    east, west = as_piece(EAST, "east", 1), as_piece(seen_west, "west", 2)
     alone = place_in_world(Reconstruction((east,)), photos).cameras
 
     placed = place_in_world(
@@ -302,7 +302,7 @@ def test_a_side_on_earth_keeps_its_place_where_the_other_sees_a_scale_bar(monkey
     np.testing.assert_allclose(east_then.cam_from_world[:, :, :3], alone.cam_from_world[:, :, :3], atol=1e-6)
     assert _between(EAST, alone).scale == pytest.approx(metres_too_long, rel=0.01)
     assert _between(EAST, east_then).scale == pytest.approx(1.0, rel=0.01)
-    assert 0 < relative_error_m(east_then, placed.cameras.of_photos(WEST.photos)) < 0.06
+    assert 0 < relative_error_m(east_then, placed.cameras.of_photos(seen_west.photos)) < 0.06
     (of_bar,) = {scale.scale_sd for scale in placed.report.pieces}
     assert 0 < of_bar < 0.005
 
