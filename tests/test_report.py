@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.capture.quality import Problems
 from pomona.errors import InputError
@@ -25,6 +26,7 @@ from pomona.report.axes import places_along, row_axes, seen_from
 from pomona.report.columns import as_bytes
 from pomona.report.page import page_html, report_html
 from pomona.report.plots import bin_edges, heights
+from pomona.report.quality import quality
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import kept_of_each
 from pomona.report.svg import Axis, Dot, dot_chart, nice_step
@@ -33,7 +35,7 @@ from pomona.report.truth import counts_by_tree
 from pomona.scale import ScaleReport, SideTie
 from pomona.scale.report import Accuracy
 from pomona.sfm.pieces import Unregistered
-from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_report, unpacked, values_in
+from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_photos, row_report, unpacked, values_in
 
 _VOID = {"meta", "br", "input", "link", "img"}
 
@@ -522,3 +524,48 @@ def test_a_chart_of_many_dots_is_a_few_shapes() -> None:
     assert (few.count("<circle"), few.count("<title>"), few.count("<path")) == (50, 50, 0)
     assert (many.count("<circle"), many.count("<title>"), many.count("<path")) == (0, 0, 2)
     assert many.count("M") == 3000
+
+
+def _walked(xy: FloatArray, side: str = "row") -> ReportData:
+    """A report of photos taken at places (n, 2), one after another, of one side."""
+    poses = [looking(np.array([x, y, 1.4]), np.array([x, y + 3, 1.5])) for x, y in xy]
+    cameras = replace(
+        row_cameras(1),
+        photos=tuple(f"{side}/IMG_{i:03d}.JPG" for i in range(len(xy))),
+        intrinsics_idx=np.zeros(len(xy), np.int64),
+        cam_from_world=np.array(poses),
+    )
+    return ReportData(title="", photos=row_photos(cameras), cameras=cameras, fruits=row_fruits(0))
+
+
+def _steps_in_words(data: ReportData) -> str:
+    section = quality(data)
+    return section[section.index("steps of the walk") :]
+
+
+@pytest.mark.parametrize("turned_deg", [30, 90, 150])
+def test_gaps_of_a_walk_are_found_as_the_row_bends(turned_deg: float) -> None:
+    turns = np.radians(turned_deg) * (np.linspace(0, 1, 81) - 0.5)
+    on_arc = 40 / np.radians(turned_deg) * np.column_stack([np.sin(turns), 1 - np.cos(turns)])
+    assert re.search(r">0\.(49|5) m as a rule", _steps_in_words(_walked(on_arc)))
+    assert "would close the gap" not in _steps_in_words(_walked(on_arc))
+    gap = _walked(np.delete(on_arc, [4, 5, 6], axis=0))
+    assert "nothing lies between row/IMG_003.JPG and row/IMG_004.JPG" in _steps_in_words(gap)
+
+
+@pytest.mark.parametrize("length_m", [4.0, 30.0])
+def test_a_row_walked_there_and_back_in_one_folder_has_no_gap(length_m: float) -> None:
+    x = np.arange(0, length_m, 0.5)
+    there = np.column_stack([x, np.full(len(x), -3.0)])
+    data = _walked(np.concatenate([there, there[::-1] * [1, -1]]))
+    assert np.abs(row_axes(data).along) == pytest.approx([1, 0, 0], abs=1e-6)
+    assert "0.5 m as a rule, 0.5 m at most" in _steps_in_words(data)
+    assert "would close the gap" not in _steps_in_words(data)
+
+
+def test_photos_at_several_heights_are_no_steps() -> None:
+    rng = np.random.default_rng(0)
+    stops = np.repeat(np.column_stack([np.arange(12.0), np.zeros(12)]), 3, axis=0)
+    data = _walked(stops + rng.normal(0, 0.02, stops.shape))
+    assert re.search(r">(0\.9\d|1) m as a rule, 1 m at most", _steps_in_words(data))
+    assert "would close the gap" not in _steps_in_words(data)

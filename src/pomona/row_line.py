@@ -116,6 +116,17 @@ def walk_of(centers_in_world: FloatArray) -> FloatArray | None:
     return np.array([np.cos(half), np.sin(half)])
 
 
+def usual_step(lengths: FloatArray) -> float:
+    """Return the usual one of the steps between photos, of `lengths` (n ≥ 1): half of the way is walked in longer ones.
+
+    So neither photos from one place, as at two heights, nor places that are passed again make it short. The longest
+    step is left out: it may be a gap.
+    """
+    ordered = np.sort(lengths)[: max(1, len(lengths) - 1)]
+    way = np.cumsum(ordered)
+    return float(ordered[np.searchsorted(way, way[-1] / 2)])
+
+
 def row_line(points_in_world: FloatArray, walk: FloatArray | None = None) -> RowLine:
     """Return the middle line of n points (n, 3) of a row, z up: bent where the row is for certain, else straight.
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, checked
 from pomona.report.data import ReportData
-from pomona.row_line import row_line
+from pomona.row_line import row_line, usual_step
 
 # So many sightings say from which side most were made.
 _DIRECTIONS = 1000
+_JUMP = 3.0  # usual steps: longer ones lead to another walk
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +32,8 @@ class RowAxes:
 def row_axes(data: ReportData) -> RowAxes:
     """Return the row's axes: the main horizontal direction of the cameras' path, or of the fruits where it has none."""
     fruits, centers = data.fruits.centers_in_world, data.cameras.centers_in_world
-    sides = _paths(data)
-    along = _main_direction(sides if len(sides) > 1 else fruits)
+    sides = _by_side(data)
+    along = walk_direction(sides) if len(centers) > 1 else _main_direction(fruits)
     # Of the two directions, the one in which the larger coordinate grows.
     along = along * (np.sign(along[np.argmax(np.abs(along))]) or 1.0)
     toward = np.array([along[1], -along[0], 0.0])
@@ -46,10 +47,26 @@ def row_axes(data: ReportData) -> RowAxes:
 
 def places_along(data: ReportData) -> FloatArray:
     """Return how far (n,) each of n ≥ 1 fruits is along the row from the first one, as the row bends."""
-    axes, centers = row_axes(data), data.fruits.centers_in_world
-    line = row_line(centers, axes.along[:2])
-    places = axes.along_row(centers) if line.is_straight else line.along_across(centers)[0]
+    places = along_bend(data.fruits.centers_in_world, row_axes(data).along)
     return np.asarray(places - places.min())
+
+
+def along_bend(points_in_world: FloatArray, along: FloatArray) -> FloatArray:
+    """Return how far (n,) points (n, 3) are along their row, as it bends; `along` (3,) is its direction if it does not.
+
+    Lengths count from anywhere.
+    """
+    line = row_line(points_in_world, along[:2])
+    return np.asarray(points_in_world @ along if line.is_straight else line.along_across(points_in_world)[0])
+
+
+def walk_direction(walks: Sequence[FloatArray]) -> FloatArray:
+    """Return the main horizontal direction (3,) of walks, the places (n, 3) of their photos in order.
+
+    Where a walk leads to another one, as from one side of the row to the other, the way between them does not count.
+    """
+    parts = [part for walk in walks for part in _without_jumps(walk)]
+    return _main_direction(np.concatenate([part - part.mean(axis=0) for part in parts]))
 
 
 def scene_points(data: ReportData) -> FloatArray:
@@ -102,14 +119,18 @@ def sightings_idx(data: ReportData) -> tuple[IntArray, IntArray, IntArray]:
     return rows, order[place[rows]], camera[rows]
 
 
-def _paths(data: ReportData) -> FloatArray:
-    """The cameras' centres, each side about its own middle, so that two sides of a row make one direction."""
+def _by_side(data: ReportData) -> list[FloatArray]:
+    """The cameras' centres (n, 3) of each side."""
     side_of = {photo.name: photo.side for photo in data.photos}
     sides = np.array([side_of.get(name, "") for name in data.cameras.photos])
-    centers = data.cameras.centers_in_world.copy()
-    for side in np.unique(sides):
-        centers[sides == side] -= centers[sides == side].mean(axis=0)
-    return centers
+    return [data.cameras.centers_in_world[sides == side] for side in np.unique(sides)]
+
+
+def _without_jumps(walk: FloatArray) -> list[FloatArray]:
+    """The parts of a walk (n ≥ 1, 3) between steps that are far longer than usual."""
+    steps = np.hypot(*np.diff(walk[:, :2], axis=0).T)
+    jumps = np.flatnonzero(steps > _JUMP * usual_step(steps)) + 1 if len(steps) else np.zeros(0, np.int64)
+    return np.split(walk, jumps)
 
 
 def _main_direction(points: FloatArray) -> FloatArray:

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pomona.errors import few
+from pomona.report.axes import along_bend, walk_direction
 from pomona.report.data import ReportData
 from pomona.report.tables import plain_table
 from pomona.report.totals import exactness, scale_source
+from pomona.row_line import usual_step
 
 # A step along a side so many times the usual one is a gap.
 _GAP = 2.5
@@ -95,11 +97,14 @@ def _gaps(data: ReportData) -> Iterator[tuple[str, str, str]]:
 
 
 def _largest_step(data: ReportData, names: Sequence[str]) -> tuple[str, str, float, float]:
-    """Return the photos before and after the largest step along a side, its length, and the median of all steps."""
+    """Return the photos before and after the largest step along a side, its length, and that of the usual one.
+
+    Steps are those along the row, as it bends, in whatever order photos were taken.
+    """
     places = dict(zip(data.cameras.photos, data.cameras.centers_in_world, strict=True))
     centers = np.array([places[name] for name in names])
-    along = centers @ np.linalg.svd(centers - centers.mean(0), full_matrices=False)[2][0]
+    along = along_bend(centers, walk_direction([centers]))
     order = np.argsort(along, kind="stable")
     steps = np.diff(along[order])
     k = int(steps.argmax())
-    return names[order[k]], names[order[k + 1]], float(steps[k]), float(np.median(steps))
+    return names[order[k]], names[order[k + 1]], float(steps[k]), usual_step(steps)
