@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
+from pomona.fruits import FruitCloud, Observations
 from pomona.report import write_report
 from pomona.report.pdf import write_pdf
+from pomona.trees import Trees
 from report_scenes import row_report
 
 _SOFTWARE_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -206,3 +208,19 @@ def test_without_webgl_it_says_so_and_the_table_works(browser: Any, report: Path
     assert opened.page.locator("#fruits th").first.get_attribute("aria-sort") == "ascending"
     assert opened.said == []
     opened.page.close()
+
+
+def test_of_very_many_fruits_the_first_ones_are_printed_and_the_rest_is_told(browser: Any, tmp_path: Path) -> None:
+    data = replace(row_report(6000, scene_points=0), trees=Trees.empty(), observations=Observations.empty())
+    write_report(replace(data, cloud=FruitCloud.empty()), tmp_path / "many.html")
+    page = _open(browser, tmp_path / "many.html").page
+    page.emulate_media(media="print")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert "3,000 more fruits are not printed" in page.inner_text("#fruits tbody tr:last-child")
+    # As high as the rows that are there: with room for the others there would be a hundred empty pages more.
+    rows_px = page.evaluate("document.querySelector('#fruits tbody tr:nth-child(2)').offsetHeight * 3001")
+    assert page.evaluate("document.querySelector('#fruits').offsetHeight") < 1.1 * rows_px
+    page.emulate_media(media="screen")
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert page.locator("#fruits tbody tr").count() < 200
+    page.close()

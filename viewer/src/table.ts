@@ -2,6 +2,7 @@
 
 import { button, element } from "./dom";
 import type { SurveyData } from "./contract";
+import { localised } from "./locale";
 import type { Fruit } from "./payload";
 
 export type Order = "ascending" | "descending";
@@ -17,7 +18,7 @@ export interface Column {
 /** So many rows may all be in the page; of more, those in sight and some above and below. */
 const FEW = 200;
 const BEYOND = 20;
-/** As many are printed. */
+/** As many are printed: more would make hundreds of pages. */
 const PRINTED = 3000;
 const WIDEST = 12;
 
@@ -68,6 +69,7 @@ export class FruitTable {
   /** The row that the Tab key reaches, and from which the arrows go on. */
   private at = 0;
   private rowHeight = 29;
+  private onPaper = false;
 
   constructor(private readonly table: HTMLTableElement, data: SurveyData, fruits: Fruit[], private readonly onSelect: (id: number) => void) {
     this.box = table.parentElement!;
@@ -89,8 +91,12 @@ export class FruitTable {
     this.box.addEventListener("keydown", (event) => this.key(event));
     this.box.addEventListener("scroll", () => this.draw(), { passive: true });
     new ResizeObserver(() => this.draw()).observe(this.box);
-    window.addEventListener("beforeprint", () => this.draw([0, Math.min(this.rows.length, PRINTED)]));
-    window.addEventListener("afterprint", () => this.draw());
+    for (const event of ["beforeprint", "afterprint"] as const) {
+      window.addEventListener(event, () => {
+        this.onPaper = event === "beforeprint";
+        this.draw();
+      });
+    }
     this.draw();
     this.rowHeight = this.body.rows[0]?.offsetHeight || this.rowHeight;
     this.draw();
@@ -144,9 +150,14 @@ export class FruitTable {
     this.draw();
   }
 
-  /** Put the rows that are in sight into the page, and empty ones as high as what is above and below. */
-  private draw(range = rowsInSight(this.box.scrollTop, this.box.clientHeight, this.rowHeight, this.rows.length)): void {
-    const [first, end] = range;
+  /**
+   * Put the rows that are in sight into the page, and empty ones as high as what is above and below.
+   *
+   * On paper nothing scrolls: a line says there how many rows are left out.
+   */
+  private draw(): void {
+    const count = this.rows.length;
+    const [first, end] = this.onPaper ? [0, Math.min(count, PRINTED)] : rowsInSight(this.box.scrollTop, this.box.clientHeight, this.rowHeight, count);
     const wanted = this.rows.slice(first, end);
     const kept = new Set(wanted);
     // The keyboard stays in the table when its row leaves the page; before that, as the browser measures the page here.
@@ -160,10 +171,12 @@ export class FruitTable {
     const lines = wanted.map((fruit, i) => this.row(fruit, first + i));
     // Rows that stay are not moved, as they would lose the focus.
     const present = [...this.body.children];
-    const all = [space(first * this.rowHeight), ...lines, space((this.rows.length - end) * this.rowHeight)].filter((row) => row !== null);
+    const left = count - end;
+    const below = this.onPaper ? leftOut(left, this.columns.length) : space(left * this.rowHeight);
+    const all = [space(first * this.rowHeight), ...lines, below].filter((row) => row !== null);
     for (const row of present) if (!all.includes(row as HTMLTableRowElement)) row.remove();
     all.forEach((row, i) => this.body.children[i] !== row && this.body.insertBefore(row, this.body.children[i] ?? null));
-    this.table.setAttribute("aria-rowcount", String(this.rows.length + 1));
+    this.table.setAttribute("aria-rowcount", String(count + 1));
   }
 
   private row(fruit: Fruit, index: number): HTMLTableRowElement {
@@ -232,6 +245,16 @@ function space(height: number): HTMLTableRowElement | null {
   row.setAttribute("aria-hidden", "true");
   const cell = element("td");
   cell.style.height = `${height}px`;
+  row.append(cell);
+  return row;
+}
+
+/** The last row on paper, which says what is not there. */
+function leftOut(fruits: number, columns: number): HTMLTableRowElement | null {
+  if (fruits <= 0) return null;
+  const row = element("tr");
+  const cell = element("td", `${localised(fruits, 0)} more fruits are not printed: fruits.csv in the survey's folder has all.`, "text");
+  cell.colSpan = columns;
   row.append(cell);
   return row;
 }
