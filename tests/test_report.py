@@ -25,7 +25,7 @@ from pomona.report import ReportData, ReportOptions, engines_of, settings_in_wor
 from pomona.report.axes import places_along, row_axes, seen_from
 from pomona.report.columns import as_bytes
 from pomona.report.page import page_html, report_html
-from pomona.report.plots import bin_edges, heights
+from pomona.report.plots import bin_edges, heights, photos
 from pomona.report.quality import quality
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import kept_of_each
@@ -390,7 +390,9 @@ def test_nice_step(span: float, steps: int, expected: float) -> None:
     assert nice_step(span, steps) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("values", [[1.0], [2.0, 2.0], [0.0], [-3.0, 5.0, 7.5], list(np.linspace(60, 90, 500))])
+@pytest.mark.parametrize(
+    "values", [[1.0], [2.0, 2.0], [0.0], [-3.0, 5.0, 7.5], [0.3, 0.7, 1.1], list(np.linspace(60, 90, 500))]
+)
 def test_bins_hold_all_values(values: list[float]) -> None:
     edges = bin_edges(np.array(values))
     assert 2 <= len(edges) <= 40
@@ -434,6 +436,31 @@ def test_a_short_row_from_the_side_is_no_wider_than_the_charts_beside_it() -> No
     )
     assert '<svg class="plot"' in short
     assert '<svg class="plot map"' in long
+
+
+@pytest.mark.parametrize("length", [0.3, 1.8, 12.0, 200.0])
+def test_labels_of_the_row_from_the_side_do_not_overlap(length: float) -> None:
+    dots = [Dot(x, z, 0.04, "") for x in (0.0, length) for z in (0.5, 2.5)]
+    chart = dot_chart(dots, Axis(name="m from the first fruit"), Axis(name="z, m"))
+    numbers = re.findall(
+        r'<text x="([\d.]+)" y="([\d.]+)" text-anchor="(middle|end)">(?:<tspan[^>]*>)?-?[\d.]+<', chart
+    )
+    along = [float(x) for x, _, anchor, *_ in numbers if anchor == "middle"]
+    upward = [-float(y) for _, y, anchor, *_ in numbers if anchor == "end"]
+    assert along
+    assert np.diff(along).min(initial=100) > 25
+    assert np.diff(upward).min(initial=100) > 12
+    name = re.search(r'<text x="([\d.]+)"[^>]*>m from', chart)
+    width = re.search(r'viewBox="0 0 (\d+) ', chart)
+    assert name is not None
+    assert width is not None
+    half_px = 3 * len("m from the first fruit")
+    assert half_px < float(name[1]) < float(width[1]) - half_px
+
+
+def test_each_photo_has_one_number(data: ReportData) -> None:
+    few = replace(data, photos=Photos(data.photos.items[:5]))
+    assert re.findall(r">(\d)</text>", photos(few).split("</rect>")[-1]) == ["1", "2", "3", "4", "5"]
 
 
 def test_the_row_is_drawn_from_the_side_and_each_tree_has_a_bar(data: ReportData, text: str) -> None:

@@ -147,7 +147,8 @@ def photos(data: ReportData) -> str:
         bars.append(Bar(value, f"{name}: {number(value)}", _SIDE_COLOURS[sides.index(group[0].side) % 3]))
     named = ", ".join(side for side in sides if side)
     step = max(1, round(nice_step(len(items), 8)))
-    ticks = [(((i or 1) - 0.5) / per_bar, str(i or 1)) for i in range(0, len(items) + 1, step)]
+    numbers = sorted({max(1, i) for i in range(0, len(items) + 1, step)})
+    ticks = [((i - 0.5) / per_bar, str(i)) for i in numbers]
     axis = Axis(name="photo, in order" + (f" ({named})" if len(sides) > 1 else ""), ticks=ticks)
     return caption("Fruits seen in each photo") + column_chart(bars, axis)
 
@@ -164,6 +165,7 @@ def bin_edges(values: FloatArray, bins: int | None = None) -> FloatArray:
     first = np.floor(low / step + 1e-9)
     count = max(1, int(np.floor(high / step - first + 1e-9)) + 1)
     edges: FloatArray = (first + np.arange(count + 1)) * step
+    edges[0] = min(edges[0], low)  # 3 × 0.1 is more than 0.3
     return edges
 
 

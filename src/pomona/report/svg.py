@@ -14,6 +14,8 @@ _MOST_WITH_HINTS = 500  # discs: more would make pages slow
 _SMALLEST_DISC = 1.2
 _BROKEN = re.compile(r"-?\b\d+\.\d+\b")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34.0, 14.0, 18.0, 36.0
+_LABEL_WIDTH, _LABEL_HEIGHT = 40.0, 15.0  # room of a tick's number
+_LETTER_WIDTH = 7.0  # no letter of a name is wider on average
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
     scale = min((2 * WIDTH - _LEFT - _RIGHT) / max(right - left, 1e-9), _HIGHEST / max(high - low, 1e-9))
     width, height = scale * (right - left), scale * (high - low)
     parts = []
-    step = nice_step(high - low, 5)
+    step = nice_step(high - low, _steps_in(height, _LABEL_HEIGHT, 5))
     for i in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
         y = _TOP + height - scale * (i * step - low)
         parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{_LEFT + width:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
@@ -125,15 +127,22 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
     foot = _TOP + height
     circles = [(_LEFT + scale * (d.x - left), foot - scale * (d.y - low), scale * d.radius) for d in dots]
     parts += _discs(circles, dots)
-    step = nice_step(right - left, 12)
+    step = nice_step(right - left, _steps_in(width, _LABEL_WIDTH, 12))
     for i in range(math.ceil(left / step - 1e-9), math.floor(right / step + 1e-9) + 1):
         parts.append(_text(_LEFT + scale * (i * step - left), _TOP + height + 16, number(i * step)))
-    parts += [_text(_LEFT + width / 2, _TOP + height + 32, along.name), _text(2, 10, upward.name, "start")]
-    whole = _LEFT + width + _RIGHT
+    half_name = _LETTER_WIDTH * len(along.name) / 2
+    middle = max(_LEFT + width / 2, half_name)
+    parts += [_text(middle, _TOP + height + 32, along.name), _text(2, 10, upward.name, "start")]
+    whole = max(_LEFT + width + _RIGHT, middle + half_name)
     # A long row has a line of the page to itself; a short one is no larger than the charts beside it.
     classes, most_px = ("plot map", 1.6 * whole) if whole > WIDTH else ("plot", whole)
     view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{most_px:.0f}px"'
     return f'<svg class="{classes}" {view} role="img" aria-label="{escape(along.name)}">{"".join(parts)}</svg>'
+
+
+def _steps_in(length: float, label: float, most: int) -> int:
+    """How many steps an axis has room for, so that their labels do not overlap."""
+    return max(1, min(most, int(length / label)))
 
 
 def _discs(circles: Sequence[tuple[float, float, float]], dots: Sequence[Dot]) -> list[str]:
