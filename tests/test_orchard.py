@@ -18,6 +18,7 @@ from pomona.cli import wording
 from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.gpkg import read_layer
+from pomona.formats.tables import write_trees
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
 from pomona.orchard.folder import LAYERS, OrchardFolder
 from pomona.orchard.jobs import Outcome, Part, SurveyJob
@@ -30,6 +31,7 @@ from pomona.orchard.work import do_job
 from pomona.pipeline import STAGES
 from pomona.progress import Silent
 from pomona.survey import SurveyFolder
+from pomona.trees import Trees
 
 runner = CliRunner()
 
@@ -302,6 +304,28 @@ def test_tables_and_report_of_all_rows(tmp_path: Path) -> None:
     assert page.count("<line stroke=") == 1
     assert 'href="surveys/0000/report.html"' in page
     assert "<script" not in page
+
+
+def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    orchard = planned_rows(tmp_path, 2)
+    write_finished(orchard, fruits=40)
+    folder = OrchardFolder(Place(orchard.out))
+    bare = folder.survey("0001").path
+    write_trees(bare / "trees.csv", Trees.empty())
+    manifest = json.loads((bare / "survey.json").read_text())
+    manifest["stages"]["scale"]["info"]["frame"] = {"scale_source": "none", "approximate": True, "up_is_known": False}
+    manifest["stages"]["results"]["info"] |= {"crop": None, "weight": None}
+    (bare / "survey.json").write_text(json.dumps(manifest))
+    into = tmp_path / "tables"
+    into.mkdir()
+    write_tables(orchard, folder, into, Silent())
+    assert [row["diameter_mm"] is None for row in read_layer(into / "orchard.gpkg", "rows")] == [False, True]
+    write_page(orchard, into / "orchard.gpkg", tmp_path / "report.html", Silent())
+    page = (tmp_path / "report.html").read_text()
+    assert "10 fruits found on each" in page
+    assert "180 g each, without 41 in rows that have no weight" in page
+    assert "intervals, added, of 1 of the rows" in page
 
 
 def test_the_geopackage_opens_in_another_reader(tmp_path: Path) -> None:

@@ -42,8 +42,9 @@ Row = Mapping[str, Any]
 class Totals:
     """Figures of all rows, each by its newest finished survey; `surveys` and those that `failed` or are `missing`.
 
-    `all_fruits` are hidden ones too, of rows where that could be estimated; the ends are the sums of those of rows, as
-    errors of one orchard's surveys are alike.
+    `all_fruits` are hidden ones too, of the `rows_estimated` where that could be estimated; the ends are the sums of
+    those of rows, as errors of one orchard's surveys are alike. Of the `fruits` found, `fruits_on_trees` are in rows
+    whose trees are known, and `fruits_weighed` in those that have a weight.
     """
 
     rows: int
@@ -58,6 +59,9 @@ class Totals:
     all_high: float
     weight_kg: float
     length_m: float
+    rows_estimated: int
+    fruits_on_trees: int
+    fruits_weighed: int
 
 
 def write_page(orchard: Orchard, package: Path, page: Path, progress: Progress) -> Totals:
@@ -86,6 +90,7 @@ def _totals(package: Path) -> Totals:
     names = ("photos", "trees", "fruits", "all_fruits", "all_low", "all_high", "weight_kg", "length_m")
     sums = dict.fromkeys(names, 0.0)
     counts = {"rows": 0, "surveys": 0, "failed": 0, "missing": 0}
+    known = {"rows_estimated": 0, "fruits_on_trees": 0, "fruits_weighed": 0}
     for row in read_layer(package, "rows"):
         counts["surveys"] += 1
         counts["rows"] += row["newest"]
@@ -93,8 +98,12 @@ def _totals(package: Path) -> Totals:
             counts[row["state"]] += 1
         if row["newest"]:
             sums = {name: value + (row[name] or 0) for name, value in sums.items()}
+            known["rows_estimated"] += row["all_fruits"] is not None
+            known["fruits_on_trees"] += row["fruits"] if row["trees"] else 0
+            known["fruits_weighed"] += row["fruits"] if row["weight_kg"] is not None else 0
     return Totals(
         **counts,
+        **known,
         photos=round(sums["photos"]),
         trees=round(sums["trees"]),
         fruits=round(sums["fruits"]),
@@ -112,15 +121,19 @@ def _cards(totals: Totals) -> str:
         card("Fruits found", f"{totals.fruits:,}", "by the newest survey of each row", "main"),
     ]
     if totals.all_fruits:
-        span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}: the rows' 95 % intervals, added"
+        of_rows = "" if totals.rows_estimated == totals.rows else f", of {totals.rows_estimated:,} of the rows"
+        span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}: the rows' 95 % intervals, added{of_rows}"
         cards.append(card("All fruits, hidden ones too", f"{totals.all_fruits:,.0f}", span))
     if totals.weight_kg:
-        kilograms, each_g = totals.weight_kg, 1000 * totals.weight_kg / max(totals.fruits, 1)
+        kilograms, each_g = totals.weight_kg, 1000 * totals.weight_kg / max(totals.fruits_weighed, 1)
         in_tonnes = kilograms > 2000
         figure = f"{kilograms / 1000:,.2f} <small>t</small>" if in_tonnes else f"{kilograms:,.1f} <small>kg</small>"
-        cards.append(card("Weight of those found", figure, f"{each_g:.0f} g each"))
+        unweighed = totals.fruits - totals.fruits_weighed
+        without = f", without {unweighed:,} in rows that have no weight" if unweighed else ""
+        cards.append(card("Weight of those found", figure, f"{each_g:.0f} g each{without}"))
     if totals.trees:
-        cards.append(card("Trees", f"{totals.trees:,}", f"{totals.fruits / totals.trees:.0f} fruits found on each"))
+        on_each = totals.fruits_on_trees / totals.trees
+        cards.append(card("Trees", f"{totals.trees:,}", f"{on_each:.0f} fruits found on each"))
     cards.append(card("Photos", f"{totals.photos:,}", ""))
     return "".join(cards)
 

@@ -68,7 +68,8 @@ def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> 
     results = records["results"].info
     crop, weight = Crop.from_json(results.get("crop")), TotalWeight.from_json(results.get("weight"))
     ends, length = _ends(segments)
-    known = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
+    # Without a scale, sizes are in no unit.
+    known = fruits.diameters_m[np.isfinite(fruits.diameters_m) & frame.metric]
     cells = {
         **_head(planned, newest=newest),
         "state": "done",
