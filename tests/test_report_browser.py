@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -224,3 +225,15 @@ def test_of_very_many_fruits_the_first_ones_are_printed_and_the_rest_is_told(bro
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     assert page.locator("#fruits tbody tr").count() < 200
     page.close()
+
+
+def test_all_numbers_are_in_the_reader_s_language(browser: Any, tmp_path: Path) -> None:
+    write_report(row_report(1500, scene_points=0), tmp_path / "german.html")
+    context = browser.new_context(locale="de-DE")
+    page = context.new_page()
+    page.goto((tmp_path / "german.html").as_uri())
+    page.wait_for_selector("html.has-webgl, html.no-webgl", timeout=PATIENCE_MS)
+    read = "\n".join(page.inner_text(place) for place in (".totals", "#fruits", ".two", "#quality", ".hint"))
+    assert "1.500" in read
+    assert not re.search(r"\d,\d{3} (of|det|points)|\d\.\d{1,2}\b", read)
+    context.close()

@@ -2,6 +2,7 @@
 
 import { cropButton, drawOutlines } from "./crop";
 import { button, element } from "./dom";
+import { measured } from "./locale";
 import type { Fruit, Photo, Sighting } from "./payload";
 import type { PhotoSource, Seen } from "./source";
 
@@ -18,15 +19,15 @@ export interface CardWants {
 /** Pairs of label and text; what was not measured says why. */
 export function facts(fruit: Fruit, wants: Pick<CardWants, "metric" | "unit" | "origin">): [string, string][] {
   const missing = fruit.reason ? `not measured: ${fruit.reason}` : "not measured";
-  const size = (value: number): string => (wants.metric ? (1000 * value).toFixed(1) : value.toPrecision(3));
+  const size = (value: number): string => (wants.metric ? measured(1000 * value, 1) : value.toPrecision(3));
   const sizeUnit = wants.metric ? "mm" : wants.unit;
   const spread = Number.isFinite(fruit.diameterSd) ? ` ± ${size(fruit.diameterSd)}` : "";
-  const place = [fruit.x, fruit.y, fruit.z].map((v, axis) => (v + wants.origin[axis]!).toFixed(3)).join(", ");
+  const place = [fruit.x, fruit.y, fruit.z].map((v, axis) => measured(v + wants.origin[axis]!, 3)).join("; ");
   const pairs: [string, string][] = [
-    ["Score", fruit.score.toFixed(2)],
+    ["Score", measured(fruit.score, 2)],
     ["Diameter", Number.isFinite(fruit.diameter) ? `${size(fruit.diameter)}${spread} ${sizeUnit}` : missing],
   ];
-  if (Number.isFinite(fruit.weight)) pairs.push(["Weight", `${fruit.weight.toFixed(0)} g`]);
+  if (Number.isFinite(fruit.weight)) pairs.push(["Weight", `${measured(fruit.weight, 0)} g`]);
   if (fruit.tree) pairs.push(["Tree", String(fruit.tree)]);
   if (fruit.side) pairs.push(["Side", fruit.side]);
   pairs.push(["Seen in", `${fruit.views} photo${fruit.views === 1 ? "" : "s"}`], ["x, y, z", `${place} ${wants.unit}`]);

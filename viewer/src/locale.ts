@@ -4,6 +4,15 @@ export function localised(value: number, digits: number, locale?: string): strin
   return new Intl.NumberFormat(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
 }
 
+const formats = new Map<number, Intl.NumberFormat>();
+
+/** A measurement or a number of something, without marks between thousands. */
+export function measured(value: number, digits: number): string {
+  let format = formats.get(digits);
+  if (!format) formats.set(digits, (format = new Intl.NumberFormat(undefined, { minimumFractionDigits: digits, maximumFractionDigits: digits, useGrouping: false })));
+  return format.format(value);
+}
+
 /** A day such as 2026-08-12, without a time zone. */
 export function localisedDay(day: string, locale?: string): string {
   return new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeZone: "UTC" }).format(new Date(`${day}T00:00:00Z`));

@@ -2,7 +2,7 @@
 
 import { button, element } from "./dom";
 import type { SurveyData } from "./contract";
-import { localised } from "./locale";
+import { localised, measured } from "./locale";
 import type { Fruit } from "./payload";
 
 export type Order = "ascending" | "descending";
@@ -235,7 +235,7 @@ export class FruitTable {
 function written(column: Column, fruit: Fruit): string {
   const value = column.value(fruit);
   if (typeof value === "string") return value;
-  return Number.isNaN(value) ? "–" : value.toFixed(column.digits);
+  return Number.isNaN(value) ? "–" : measured(value, column.digits);
 }
 
 /** A row that stands for those that are not in the page. */

@@ -20,13 +20,14 @@ from pomona.report.columns import as_base64
 from pomona.report.contract import Source, SurveyData
 from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
+from pomona.report.html import about, amount
 from pomona.report.options import ReportOptions
 from pomona.report.plots import plots
 from pomona.report.quality import quality
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import detection_columns
 from pomona.report.tables import how_made, photos_table, trees_table
-from pomona.report.totals import amount, notices, stage_times, totals
+from pomona.report.totals import notices, stage_times, totals
 
 if TYPE_CHECKING:
     from pomona.evaluate.fruits import Truth
@@ -119,8 +120,8 @@ def page_html(data: ReportData, values: SurveyData, *, data_url: str = "", secti
         version=escape(data.version),
         style=_static("viewer.css"),
         script=script,
-        view_note=escape(_view_note(data, values)),
-        left_out=escape(_left_out(data, values)),
+        view_note=_view_note(data, values),
+        left_out=_left_out(data, values),
         **vars(sections),
         data_url=f' data-url="{escape(data_url)}"' if data_url else "",
         payload="" if data_url else as_base64(values),
@@ -193,21 +194,21 @@ def _colour_choices(data: ReportData) -> str:
 
 
 def _view_note(data: ReportData, values: SurveyData) -> str:
-    """How many points there are, how many of them are shown, and how large the grid's cells are."""
+    """How many points there are, how many of them are shown, and how large the grid's cells are, as HTML."""
     shown, total = values.scene.count + values.fruit_points.count, len(data.cloud)
-    points = f"{shown:,} of {total:,} points" if shown < total else f"{total:,} points"
-    return f"{points} · grid {values.view.grid:g} {values.unit}"
+    points = f"{amount(shown)} of {amount(total)} points" if shown < total else f"{amount(total)} points"
+    return f"{points} · grid {about(values.view.grid)} {values.unit}"
 
 
 def _left_out(data: ReportData, values: SurveyData) -> str:
-    """What a page that carries its data has less than there is; nothing where it has all, or asks a server."""
+    """What a page that carries its data has less than there is, as HTML; nothing where it has all, or asks a server."""
     seen = values.sightings
     if seen is None:
         return ""
     parts = []
     shown, total = values.scene.count + values.fruit_points.count, len(data.cloud)
     if shown < 0.99 * total:  # the others lie far outside
-        parts.append(f"{shown:,} of {total:,} points")
+        parts.append(f"{amount(shown)} of {amount(total)} points")
     counts = np.diff(seen.starts.astype(np.int64))
     known = len(sightings_idx(data)[0])
     if counts.sum() < known:
@@ -215,7 +216,7 @@ def _left_out(data: ReportData, values: SurveyData) -> str:
     of_fruit = np.repeat(np.arange(len(counts)), counts)
     with_crop = len(np.unique(of_fruit[np.diff(seen.crop_starts.astype(np.int64)) > 0]))
     if values.source == "report" and 0 < with_crop < len(counts):
-        parts.append(f"crops of photos of {with_crop:,} of {len(counts):,} fruits")
+        parts.append(f"crops of photos of {amount(with_crop)} of {amount(len(counts))} fruits")
     if not parts:
         return ""
     return f"This file is kept small: it has {', '.join(parts)}. The command pomona view SURVEY shows all."

@@ -12,6 +12,7 @@ from pomona.arrays import FloatArray
 from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.report.axes import places_along, row_axes
 from pomona.report.data import ReportData
+from pomona.report.html import Html, amount, as_html
 from pomona.report.svg import Axis, Bar, Dot, column_chart, dot_chart, nice_step, number, row_chart
 
 _MOST_BINS = 28  # more columns are too narrow to be told apart
@@ -47,7 +48,7 @@ def diameters(data: ReportData) -> str:
     mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
     bars = bars_of(values, edges, unit)
     unmeasured = len(data.fruits) - len(values)
-    note = f"{unmeasured} not measured" if unmeasured else ""
+    note = Html(f"{amount(unmeasured)} not measured") if unmeasured else ""
     return caption("Diameters", note) + column_chart(
         bars, Axis(name=f"diameter, {unit}", ticks=ticks_at(edges)), mark=mark
     )
@@ -92,7 +93,7 @@ def row_map(data: ReportData) -> str:
         )
         for i in order
     ]
-    left_out = f"{len(order):,} of {len(centers):,} fruits" if len(order) < len(centers) else ""
+    left_out = Html(f"{amount(len(order))} of {amount(len(centers))} fruits") if len(order) < len(centers) else ""
     unit = _length_unit(data)
     chart = dot_chart(dots, Axis(name=f"{unit} from the first fruit"), Axis(name=f"z, {unit}"))
     return caption("The row from the side", left_out) + chart
@@ -190,6 +191,6 @@ def _length_unit(data: ReportData) -> str:
 
 
 def caption(title: str, note: str = "") -> str:
-    """Return a figure's caption, with a note in small letters."""
-    small = f" <small>{escape(note)}</small>" if note else ""
+    """Return a figure's caption, with a note in small letters, escaped unless it is `Html`."""
+    small = f" <small>{as_html(note)}</small>" if note else ""
     return f"<figcaption>{escape(title)}{small}</figcaption>"

@@ -9,6 +9,7 @@ import numpy as np
 from pomona.errors import few
 from pomona.report.axes import along_bend, walk_direction
 from pomona.report.data import ReportData
+from pomona.report.html import Html, about, amount, as_html
 from pomona.report.tables import plain_table
 from pomona.report.totals import exactness, scale_source
 from pomona.row_line import usual_step
@@ -49,13 +50,13 @@ def _metres(data: ReportData) -> Iterator[tuple[str, str, str]]:
     if not frame.metric:
         yield "metres", "not known", "put up markers, or give the width of an average fruit"
         return
-    found = [scale_source(data), *(exactness(scale) if scale is not None else [])]
+    found = [as_html(scale_source(data)), *(exactness(scale) if scale is not None else [])]
     advice = "markers or a scale bar would give exact metres" if frame.approximate else ""
     if scale is not None and scale.contradictions:
         advice = scale.contradictions[0]
     elif scale is not None and scale.unseen_markers:
         advice = f"markers {', '.join(map(str, scale.unseen_markers))} were not seen: are they sharp and in the open?"
-    yield "metres", ", ".join(found), advice
+    yield "metres", Html(", ".join(found)), advice
 
 
 def _sides(data: ReportData) -> Iterator[tuple[str, str, str]]:
@@ -72,7 +73,8 @@ def _views(data: ReportData) -> Iterator[tuple[str, str, str]]:
         return
     views = data.fruits.views
     rarely = int((views < _FEW_VIEWS).sum())
-    found = f"{np.median(views):.0f} (median); {rarely} of {len(views)} {data.fruit_words} in fewer than {_FEW_VIEWS}"
+    of_all = f"{amount(rarely)} of {amount(len(views))} {as_html(data.fruit_words)}"
+    found = Html(f"{np.median(views):.0f} (median); {of_all} in fewer than {_FEW_VIEWS}")
     advice = "photos closer to each other see more of each fruit" if 4 * rarely > len(views) else ""
     yield "photos that saw each fruit", found, advice
     seeing = set(data.observations.photo)
@@ -93,7 +95,7 @@ def _gaps(data: ReportData) -> Iterator[tuple[str, str, str]]:
         called = f"steps of the walk, {side}" if side else "steps of the walk"
         wide = largest > _GAP * usual
         advice = f"nothing lies between {before} and {after}: photos there would close the gap" if wide else ""
-        yield called, f"{usual:.2g} {unit} as a rule, {largest:.2g} {unit} at most", advice
+        yield called, Html(f"{about(usual)} {unit} as a rule, {about(largest)} {unit} at most"), advice
 
 
 def _largest_step(data: ReportData, names: Sequence[str]) -> tuple[str, str, float, float]:

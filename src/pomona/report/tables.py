@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from pomona.report.data import ReportData
+from pomona.report.html import Html, about, amount, as_html
 
 
 def trees_table(data: ReportData) -> str:
@@ -14,23 +15,25 @@ def trees_table(data: ReportData) -> str:
     trees = data.trees
     if not len(trees):
         return ""
-    rows = [
+    metric = data.cameras.frame.metric
+    rows: list[Sequence[str]] = [
         (
             str(trees.ids[k]),
-            str(trees.fruits[k]),
-            f"{trees.fruits_low[k]} to {trees.fruits_high[k]}",
-            _number(trees.all_fruits[k], 0),
-            f"{trees.all_low[k]:.0f} to {trees.all_high[k]:.0f}" if math.isfinite(trees.all_low[k]) else "–",
-            _number(1000 * trees.diameters_m[k], 1),
-            _number(trees.weights_kg[k], 1),
-            f"{trees.weights_low_kg[k]:.1f} to {trees.weights_high_kg[k]:.1f}" if trees.weights_kg[k] > 0 else "–",
+            amount(trees.fruits[k]),
+            _span(trees.fruits_low[k], trees.fruits_high[k]),
+            amount(trees.all_fruits[k]),
+            _span(trees.all_low[k], trees.all_high[k]),
+            amount(1000 * trees.diameters_m[k], 1) if metric else about(trees.diameters_m[k], 3),
+            amount(trees.weights_kg[k], 1),
+            _span(trees.weights_low_kg[k], trees.weights_high_kg[k], 1) if trees.weights_kg[k] > 0 else "–",
         )
         for k in range(len(trees))
     ]
     on_none = int((data.fruits.tree_ids == 0).sum())
     if on_none:
-        rows.append(("none", str(on_none), *("",) * 6))
-    heads = ("tree", data.fruit_words, "95 %", "hidden ones too", "95 %", "median diameter mm", "weight kg", "95 %")
+        rows.append(("none", amount(on_none), *("",) * 6))
+    size = f"median diameter {'mm' if metric else 'units'}"
+    heads = ("tree", data.fruit_words, "95 %", "hidden ones too", "95 %", size, "weight kg", "95 %")
     note = "<p><small>The first interval is of what photos show; hidden fruits are in that of all.</small></p>"
     return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}{note}</div>'
 
@@ -45,8 +48,8 @@ def how_made(data: ReportData) -> str:
     return f'<div class="sheet"><h2>How it was made</h2><dl class="settings">{settings}</dl>{with_engines}</div>'
 
 
-def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "–"
+def _span(low: float, high: float, digits: int = 0) -> Html:
+    return Html(f"{amount(low, digits)} to {amount(high, digits)}") if math.isfinite(low) else Html("–")
 
 
 def photos_table(data: ReportData) -> str:
@@ -61,7 +64,8 @@ def photos_table(data: ReportData) -> str:
 
 
 def plain_table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: int = 99) -> str:
-    """Return a table of texts, all escaped; the first `numbers` columns but the first one are set as numbers."""
+    """Return a table of texts, escaped unless they are `Html`; the first `numbers` columns but the first one are set
+    as numbers."""
 
     def kind(i: int) -> str:
         return "number" if 0 < i <= numbers else "text"
@@ -73,7 +77,7 @@ def plain_table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers:
     body = "".join(
         "<tr>"
         + "".join(
-            f'<td class="{"text wide" if kind(i) == "text" else ""}">{escape(text)}</td>' for i, text in enumerate(row)
+            f'<td class="{"text wide" if kind(i) == "text" else ""}">{as_html(text)}</td>' for i, text in enumerate(row)
         )
         + "</tr>"
         for row in rows

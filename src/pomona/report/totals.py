@@ -10,6 +10,7 @@ import numpy as np
 
 from pomona.fruits import BOTH_SIDES
 from pomona.report.data import ReportData
+from pomona.report.html import Html, about, amount, as_html
 from pomona.scale.report import ScaleReport
 
 _SOURCES = {
@@ -49,19 +50,14 @@ def card(label: str, figure: str, more: str, kind: str = "") -> str:
     )
 
 
-def amount(value: float, digits: int = 0) -> str:
-    """Return a number as HTML, which the page's script writes as the reader's language does."""
-    return f'<data value="{value:.{digits}f}" data-digits="{digits}">{value:,.{digits}f}</data>'
-
-
 def _fruits(data: ReportData) -> str:
     parts = []
     if data.detections is not None:
-        parts.append(f"from {data.detections:,} detections")
+        parts.append(f"from {amount(data.detections)} detections")
     if len(data.fruits):
-        parts.append(f"seen {float(data.fruits.views.mean()):.1f} times each")
+        parts.append(f"seen {amount(float(data.fruits.views.mean()), 1)} times each")
     if data.corrections:
-        parts.append(f"{data.corrections:,} correction{'s' if data.corrections > 1 else ''} by hand")
+        parts.append(f"{amount(data.corrections)} correction{'s' if data.corrections > 1 else ''} by hand")
     return card(data.fruit_words.capitalize(), amount(len(data.fruits)), ", ".join(parts), "main")
 
 
@@ -72,7 +68,8 @@ def _crop(data: ReportData) -> str:
     every = data.crop.fruits
     parts = [f"{amount(every.low)} to {amount(every.high)} (95 %)"]
     if metre := data.crop.per_metre:
-        parts.append(f"{metre.value:.3g} a metre of row ({metre.low:.3g} to {metre.high:.3g})")
+        ends = f"{about(metre.low, 3)} to {about(metre.high, 3)}"
+        parts.append(f"{about(metre.value, 3)} a metre of row ({ends})")
     label = f"All {data.fruit_words}, hidden ones too"
     return card(label, amount(every.value), f"{', '.join(parts)}. {escape(every.covers.capitalize())}")
 
@@ -84,9 +81,9 @@ def _weight(data: ReportData) -> str:
         return ""
     digits = 1 if total.kg < 100 else 0
     parts = [f"{amount(total.low_kg, digits)} to {amount(total.high_kg, digits)} kg (95 %)"]
-    parts.append(f"{total.mean_g:.0f} g each by {escape(total.source)}")
+    parts.append(f"{amount(total.mean_g)} g each by {escape(total.source)}")
     if unweighed := len(data.fruits) - total.weighed:
-        parts.append(f"{unweighed:,} not measured")
+        parts.append(f"{amount(unweighed)} not measured")
     return card("Weight", f"{amount(total.kg, digits)} <small>kg</small>", ", ".join(parts))
 
 
@@ -95,7 +92,7 @@ def _diameter(data: ReportData) -> str:
     if not len(sizes):
         return card("Median diameter", "–", "none measured")
     if not data.cameras.frame.metric:
-        return card("Median diameter", f"{np.median(sizes):.3g} <small>units</small>", "no scale is known")
+        return card("Median diameter", f"{about(float(np.median(sizes)), 3)} <small>units</small>", "no scale is known")
     low, middle, high = 1000 * np.percentile(sizes, [25, 50, 75])
     return card(
         "Median diameter", f"{amount(middle, 1)} <small>mm</small>", f"half lie between {low:.0f} and {high:.0f} mm"
@@ -120,12 +117,12 @@ def _scale(data: ReportData) -> str:
     if not frame.metric:
         return card("Scale", '<span class="badge">not known</span>', "lengths are in arbitrary units")
     badge = '<span class="badge">approximate</span>' if frame.approximate else ""
-    more = [scale_source(data)]
+    more: list[Html] = [as_html(scale_source(data))]
     if data.scale is not None:
         more += exactness(data.scale)
     if data.scale is not None and not data.scale.sides_are_tied:
-        more.append("sides are not tied to each other")
-    said = escape(", ".join(more))
+        more.append(Html("sides are not tied to each other"))
+    said = ", ".join(more)
     if data.scale is not None and data.scale.contradictions:
         doubt = f"contradicted by {len(data.scale.contradictions)} of the notes below"
         said = f'<strong style="color: var(--apple)">{said}; {doubt}</strong>'
@@ -137,13 +134,14 @@ def scale_source(data: ReportData) -> str:
     return _SOURCES[data.cameras.frame.scale_source]
 
 
-def exactness(scale: ScaleReport) -> list[str]:
-    """Return how exact the cameras are: by what was not fitted where that is known, else by the fit."""
+def exactness(scale: ScaleReport) -> list[Html]:
+    """Return how exact the cameras are, as HTML: by what was not fitted where that is known, else by the fit."""
     if scale.accuracy is not None:
-        exact = f"± {100 * scale.accuracy.scale_sd:.2g} %, positions ± {scale.accuracy.position_sd_mm:.1f} mm"
-        check = scale.left_out_rms_mm
-        return [exact, *([f"markers left out in turn: {check:.1f} mm off"] if math.isfinite(check) else [])]
-    return [f"residual {scale.markers_rms_mm:.1f} mm"] if math.isfinite(scale.markers_rms_mm) else []
+        share, off_mm = about(100 * scale.accuracy.scale_sd), amount(scale.accuracy.position_sd_mm, 1)
+        exact, check_mm = Html(f"± {share} %, positions ± {off_mm} mm"), scale.left_out_rms_mm
+        checked = Html(f"markers left out in turn: {amount(check_mm, 1)} mm off")
+        return [exact, *([checked] if math.isfinite(check_mm) else [])]
+    return [Html(f"residual {amount(scale.markers_rms_mm, 1)} mm")] if math.isfinite(scale.markers_rms_mm) else []
 
 
 def _sides(data: ReportData) -> str:
@@ -153,7 +151,7 @@ def _sides(data: ReportData) -> str:
         return ""
     tie = max(ties, key=lambda tie: tie.fruits)
     seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
-    more = f"{seen_from_both:,} fruits seen from both, {tie.fruits:,} of them placed by each side alone"
+    more = f"{amount(seen_from_both)} fruits seen from both, {amount(tie.fruits)} of them placed by each side alone"
     return card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 
@@ -174,23 +172,25 @@ def stage_times(data: ReportData) -> str:
     longest = max(max(stage.wall_s for stage in data.stages), 1e-9)
     rows = []
     for stage in data.stages:
-        memory = f" <small>{stage.peak_memory_mb / 1000:.1f} GB</small>" if stage.peak_memory_mb is not None else ""
+        memory = (
+            f" <small>{amount(stage.peak_memory_mb / 1000, 1)} GB</small>" if stage.peak_memory_mb is not None else ""
+        )
         track = f'<span class="track"><i style="width:{100 * stage.wall_s / longest:.1f}%"></i></span>'
         time = f'<span class="time">{duration(stage.wall_s)}{memory}</span>'
         rows.append(f"<span>{escape(stage.name)}</span>{track}{time}")
     peaks = [stage.peak_memory_mb for stage in data.stages if stage.peak_memory_mb is not None]
-    memory = f", at most {max(peaks) / 1000:.1f} GB of memory" if peaks else ""
+    memory = f", at most {amount(max(peaks) / 1000, 1)} GB of memory" if peaks else ""
     total = f'<p class="note">{duration(sum(stage.wall_s for stage in data.stages))} in all{memory}</p>'
     return f'<div class="sheet"><h2>Time per stage</h2>{total}<div class="stages">{"".join(rows)}</div></div>'
 
 
-def duration(seconds: float) -> str:
-    """Return seconds as a person says them: 3.2 s, 48 s, 5 min 07 s, 2 h 05 min."""
+def duration(seconds: float) -> Html:
+    """Return seconds as a person says them, as HTML: 3.2 s, 48 s, 5 min 07 s, 2 h 05 min."""
     if seconds < 9.95:
-        return f"{seconds:.1f} s"
+        return Html(f"{amount(seconds, 1)} s")
     whole = round(seconds)
     if whole < 60:
-        return f"{whole} s"
+        return Html(f"{whole} s")
     if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+        return Html(f"{whole // 60} min {whole % 60:02d} s")
+    return Html(f"{whole // 3600} h {whole % 3600 // 60:02d} min")

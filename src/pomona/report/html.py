@@ -1,0 +1,34 @@
+"""Pieces of HTML: texts that are escaped unless they are HTML already, and numbers in the reader's language."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+
+class Html(str):
+    """Text that is HTML already, and is not escaped again."""
+
+
+def as_html(text: str) -> Html:
+    """Return a text as HTML."""
+    return text if isinstance(text, Html) else Html(escape(text))
+
+
+def amount(value: float, digits: int = 0) -> Html:
+    """Return a number, which the page's script writes as the reader's language does; a dash for one that is not known.
+
+    All numbers of four digits or with a fraction are written so: beside others, 1,234 would be taken for a fraction.
+    """
+    if not math.isfinite(value):
+        return Html("–")
+    return Html(f'<data value="{value:.{digits}f}" data-digits="{digits}">{value:,.{digits}f}</data>')
+
+
+def about(value: float, digits: int = 2) -> Html:
+    """Return a number rounded to so many digits that count, or to a whole one; see `amount`."""
+    if not math.isfinite(value):
+        return Html("–")
+    rounded = float(f"{value:.{digits}g}") if abs(value) < 10**digits else round(value)
+    _, _, fraction = f"{rounded:.10f}".rstrip("0").partition(".")
+    return amount(rounded, len(fraction))
