@@ -280,7 +280,7 @@ def fit(
         some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH)))
         crops, targets, weights = crops_of(patches[some], labels[some], how, varied=True)
         with torch.autocast("cpu", torch.bfloat16, enabled=QUICK_IN_BFLOAT16):
-            logits = net(crops)
+            logits = net(crops.contiguous(memory_format=torch.channels_last))
         loss = loss_of(logits.float(), targets, weights)
         optimiser.zero_grad()
         loss.backward()
