@@ -127,6 +127,16 @@ def test_coverage_of_a_row() -> None:
     assert np.isnan(coverage_of(cameras, fruits[np.zeros(0, int)]).well_seen)
 
 
+def test_the_step_of_a_row_walked_there_and_back_is_that_of_one_walk() -> None:
+    there, fruits = row_cameras(9), row_fruits(12)
+    names = (*there.photos, *(f"back-{name}" for name in there.photos[::-1]))
+    poses = np.concatenate([there.cam_from_world, there.cam_from_world[::-1]])
+    both = Cameras(names, there.intrinsics, np.zeros(len(names), np.int64), poses, frame=there.frame)
+    once, twice = coverage_of(there, fruits), coverage_of(both, fruits)
+    assert twice.length_m == pytest.approx(once.length_m)
+    assert twice.step_m == pytest.approx(once.step_m, rel=0.1)
+
+
 def test_coverage_of_a_bent_row_goes_along_it() -> None:
     angle = np.linspace(-0.53, 0.53, 121)  # 60 m of chord and 8 m of sagitta: 2.8 m more along it
     eyes = np.column_stack([59.3 * np.sin(angle), 59.3 * (1 - np.cos(angle)), np.full(121, 1.5)])
