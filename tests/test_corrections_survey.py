@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -238,7 +239,7 @@ def test_only_results_and_report_are_done_again_for_them(scene: Scene) -> None:
     summary = go_on(scene.survey, on_stage=heard.append)
     assert heard == ["photos", "results", "report"]
     assert (summary.fruits, summary.corrections) == (16, "5 applied")
-    assert "5 corrections by hand" in (scene.survey / "report.html").read_text()
+    assert "5 corrections by hand" in re.sub("</?data[^>]*>", "", (scene.survey / "report.html").read_text())
     assert read_survey(scene.survey).corrections == 5
     heard.clear()
     bring_up_to_date(SurveyFolder.open(scene.survey))
