@@ -1,12 +1,12 @@
 """The weights between a shipped model file and a training that went on from it, as a model file.
 
 python benchmarks/blend_weights.py BEGAN.onnx OUT.onnx CHECKPOINT.pt [CHECKPOINT.pt ...] --share 0.5 --threshold 0.42
-    [--seed 0]
+    [--foreground 0.57] [--seed 0]
 
 OUT has `--share` of the checkpoint's weights (best.pt, or last.pt: its running mean; of several, their mean) and the
 rest of BEGAN's (Wortsman 2022, robust fine-tuning and model soups). `--threshold` is the score of the blend that is to
-be 0.5 in the file; `--seed` is that of the training that first read BEGAN, on which hangs what a convolution and its
-norm have of a weight.
+be 0.5 in the file, `--foreground` the probability from which a pixel of it is fruit; `--seed` is that of the training
+that first read BEGAN, on which hangs what a convolution and its norm have of a weight.
 """
 
 import argparse
@@ -17,7 +17,8 @@ import torch
 
 from pomona.progress import Silent
 from pomona.train.blend import blended
-from pomona.train.center import CenterLearner
+from pomona.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner
+from pomona.train.export import export_onnx
 
 
 def mean_of(checkpoints: list[Path]) -> dict[str, torch.Tensor]:
@@ -35,6 +36,7 @@ def main() -> None:
     parser.add_argument("checkpoints", type=Path, nargs="+")
     parser.add_argument("--share", type=float, default=0.5)
     parser.add_argument("--threshold", type=float, default=0.5)
+    parser.add_argument("--foreground", type=float, default=0.5)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
@@ -45,7 +47,15 @@ def main() -> None:
     network = blended(began, learnt, arguments.share)
     # The head of circles was not in the file that it began from; its first weights mean nothing.
     network.heads[4].load_state_dict(learnt.heads[4].state_dict())
-    learner.export(network, arguments.out, threshold=arguments.threshold, weak=False, fruit_px=0.0)
+    export_onnx(
+        network,
+        arguments.out,
+        fruit_px=FRUIT_PX,
+        typical_fruit_px=TYPICAL_FRUIT_PX,
+        threshold=arguments.threshold,
+        foreground_threshold=arguments.foreground,
+        larger=LARGER,
+    )
 
 
 if __name__ == "__main__":

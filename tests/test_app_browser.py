@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 import sys
 import time
@@ -162,7 +163,8 @@ def test_from_an_empty_list_to_a_corrected_survey(page: Any, server: AppServer, 
     with (folder / "fruits.csv").open(newline="") as file:
         assert len(list(csv.DictReader(file))) == fruits - 1
     page.click("button:text-is('Bring up to date')")
-    _until(lambda: "1 correction" in (folder / "report.html").read_text(encoding="utf-8"), 120)
+    corrected = re.compile(r">1</data> correction by hand")
+    _until(lambda: corrected.search((folder / "report.html").read_text(encoding="utf-8")) is not None, 120)
 
     page.click("text=Close Pomona")
     page.click("dialog .main")
