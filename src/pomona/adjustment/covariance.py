@@ -116,7 +116,7 @@ def covariance(cameras: Cameras, weights: Weights) -> Covariance:
     inverse, n = _Inverse.of(cameras, weights), len(cameras)
     centers = _centers(n)
     q = len(weights.known_idx)
-    places = inverse.size - 3 * q + np.arange(3 * q).reshape(-1, 3)
+    places = _known_points(inverse.size, q)
     free_frames = np.asarray(weights.free_frames)
     gauge = _gauge(cameras, free_frames)
     of_centers = inverse.blocks(centers)
@@ -140,9 +140,9 @@ def length_sd(cameras: Cameras, weights: Weights, ends: tuple[int, int]) -> floa
     inverse = _Inverse.of(cameras, weights)
     one, other = (weights.known_places[end] for end in ends)
     share = _share_of_scale(inverse.size, cameras)
+    places = _known_points(inverse.size, len(weights.known_idx))
     for end, arm in zip(ends, (one - other, other - one), strict=True):
-        first = inverse.size - 3 * (len(weights.known_idx) - end)
-        share[first : first + 3, 0] = -arm / (arm @ arm)
+        share[places[end], 0] = -arm / (arm @ arm)
     return inverse.sd_of(share)
 
 
@@ -153,6 +153,11 @@ def _share_of_scale(size: int, cameras: Cameras) -> FloatArray:
     share = np.zeros((size, 1))
     share[_centers(len(cameras)).ravel(), 0] = arms.ravel() / spread if spread > 0 else np.nan
     return share
+
+
+def _known_points(size: int, q: int) -> IntArray:
+    """Return the parameters (q, 3) of known points, which come last."""
+    return np.asarray(size - 3 * q + np.arange(3 * q).reshape(-1, 3))
 
 
 def _centers(n: int) -> IntArray:

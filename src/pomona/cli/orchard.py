@@ -101,9 +101,8 @@ def _text(summary: OrchardSummary) -> str:
     totals = summary.totals
     lines = [f"{totals.fruits:,} fruits found in {totals.rows:,} rows"]
     if totals.all_fruits:
-        of_rows = "" if totals.rows_estimated == totals.rows else f", of {totals.rows_estimated:,} of the rows"
         span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}"
-        lines.append(f"  all fruit   {totals.all_fruits:,.0f} ({span}){of_rows}")
+        lines.append(f"  all fruit   {totals.all_fruits:,.0f} ({span}){totals.of_rows}")
     for name, ended in (("surveys", summary.surveys), ("dates", summary.comparisons)):
         if ended.made or ended.kept or ended.failed:
             lines.append(f"  {name:11} {ended.made:,} made, {ended.kept:,} kept, {ended.failed:,} failed")

@@ -63,6 +63,11 @@ class Totals:
     fruits_on_trees: int
     fruits_weighed: int
 
+    @property
+    def of_rows(self) -> str:
+        """Say of how many rows `all_fruits` are; nothing where they are of all."""
+        return "" if self.rows_estimated == self.rows else f", of {self.rows_estimated:,} of the rows"
+
 
 def write_page(orchard: Orchard, package: Path, page: Path, progress: Progress) -> Totals:
     """Write the page of the orchard whose tables are in `package`, and return the totals."""
@@ -121,8 +126,7 @@ def _cards(totals: Totals) -> str:
         card("Fruits found", f"{totals.fruits:,}", "by the newest survey of each row", "main"),
     ]
     if totals.all_fruits:
-        of_rows = "" if totals.rows_estimated == totals.rows else f", of {totals.rows_estimated:,} of the rows"
-        span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}: the rows' 95 % intervals, added{of_rows}"
+        span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}: the rows' 95 % intervals, added{totals.of_rows}"
         cards.append(card("All fruits, hidden ones too", f"{totals.all_fruits:,.0f}", span))
     if totals.weight_kg:
         kilograms, each_g = totals.weight_kg, 1000 * totals.weight_kg / max(totals.fruits_weighed, 1)

@@ -39,7 +39,7 @@ def scale_by_bar(
                 placement.warn(f"{placement.name(idx)} has no scale from the scale bar: {found}")
             continue
         metres_per_unit = options.scale_bar[2] / found.length
-        placement.set_scale(idx, "scale-bar", metres_per_unit, scale_sd=found.length_sd)
+        placement.set_scale(idx, "scale-bar", metres_per_unit, scale_sd=found.scale_sd)
         placement.markers += [
             MarkerResidual(end.marker_id, piece.side, len(end.sightings), float("nan"), end.triangulated.rms_px)
             for end in found.ends
@@ -56,12 +56,12 @@ def scale_by_bar(
 class _SeenBar:
     """The ends of a scale bar in a piece, in whose units lengths are, and from how far photos see it (median).
 
-    `length_sd` is how far off lengths in the piece may be that the bar's gives, as a share of them.
+    `scale_sd` is how far off lengths in the piece may be that the bar's gives, as a share of them.
     """
 
     ends: tuple[TriangulatedMarker, TriangulatedMarker]
     length: float
-    length_sd: float
+    scale_sd: float
     distance: float
 
 
@@ -81,20 +81,19 @@ def _seen_bar(
         return "both markers of the scale bar are seen in one place"
     seen_from = [cameras.photos.index(sighting.photo) for end in ends for sighting in end.sightings]
     away = np.linalg.norm(cameras.centers_in_world[seen_from] - (a + b) / 2, axis=1)
-    return _SeenBar(ends, length, _length_sd(cameras, ends, photos), float(np.median(away)))
+    return _SeenBar(ends, length, _scale_sd(cameras, ends, length, photos), float(np.median(away)))
 
 
-def _length_sd(
-    cameras: Cameras, ends: tuple[TriangulatedMarker, TriangulatedMarker], photos: Mapping[str, Photo]
+def _scale_sd(
+    cameras: Cameras, ends: tuple[TriangulatedMarker, TriangulatedMarker], length: float, photos: Mapping[str, Photo]
 ) -> float:
     """Return how far off the piece's lengths may be, as a share: by how the ends are seen, and from where.
 
     Cameras without points, as exact ones of another program are, are taken to be exact.
     """
-    a, b = (end.triangulated for end in ends)
-    length = float(np.linalg.norm(a.point - b.point))
     sd_px = center_sd_px_of(ends)
     if not can_be_adjusted(cameras):
+        a, b = (end.triangulated for end in ends)
         along = (a.point - b.point) / length
         return sd_px * float(np.sqrt(along @ (a.covariance + b.covariance) @ along)) / length
     places = {end.marker_id: end.triangulated.point for end in ends}

@@ -240,7 +240,9 @@ def _grow_leaves(wood: Wood, fruits: Fruits, options: RowOptions, rng: np.random
     bases = np.repeat(spurs, 5, axis=0)[:count] + rng.normal(0, options.leaf_scatter_m, (min(count, 5 * rosettes), 3))
     ahead = 0.7 * np.repeat(along, 5, axis=0)[:count] + rng.normal(0, 0.8, bases.shape) + [0, 0, -0.15]
     up = rng.normal([0, 0, 1.0], 0.45, bases.shape)
-    length = options.leaf_length_m / 0.078 * np.clip(rng.normal(0.078, 0.016, len(bases)), 0.035, 0.12)
+    length = (
+        options.leaf_length_m / RowOptions.leaf_length_m * np.clip(rng.normal(0.078, 0.016, len(bases)), 0.035, 0.12)
+    )
     size = np.column_stack([length, length * rng.uniform(0.45, 0.62, len(bases))])
     curl = np.column_stack([rng.uniform(-0.05, 0.45, len(bases)), rng.uniform(0.05, 0.8, len(bases))])
     if len(fruits.ids):
