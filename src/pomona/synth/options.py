@@ -103,7 +103,7 @@ class RowOptions:
     grow_sd_m: float = 0.0  # and how different fruits are in it
     drop_share: float = 0.0  # of fruits that are gone since, from 0 to below 1
     samples: int = 32
-    grainy: bool = False  # path tracing leaves its noise in the shade, as sensors do in the dark
+    grainy: bool = False  # path tracing leaves its noise in the shade, as sensors do in the dark; not in rough photos
     threads: int = 1
     jpeg_quality: int = 90
 

@@ -40,7 +40,8 @@ class QuickStage:
         """Draw a photo to a PNG file."""
         light, _ = self._draw(camera, _FINER, photo_idx)
         light = cv2.resize(light, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
-        Image.fromarray(_toned(light, self._lighting.exposure)).save(path, compress_level=1)
+        exposure = self._lighting.exposure + self._options.exposure
+        Image.fromarray(_toned(light, exposure)).save(path, compress_level=1)
 
     def mask(self, camera: RowCamera, path: Path, *, photo_idx: int) -> None:
         """Draw the fruits' ids as colours to a PNG file, what is seen in each pixel's centre."""
