@@ -28,9 +28,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pomona.capture import load_photos, read_pixels
+from pomona.fruit_crops.crops import CropPlaces, cut
+from pomona.fruit_crops.likeness import with_likeness
 from pomona.fruit_traits.colours import ColourCounts
-from pomona.second_look.crops import CropPlaces, cut
-from pomona.second_look.likeness import with_likeness
 from pomona.second_look.network import CHANNELS, KIND
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.train.center import is_quick_in_bfloat16

@@ -77,7 +77,7 @@ def test_a_wheel_of_the_sdist_works_without_the_repository(tmp_path: Path) -> No
     names = set(zipfile.ZipFile(wheel).namelist())
     needed = (
         "segment/weights/fruit.onnx", "segment/weights/citrus.onnx",
-        "second_look/weights/second_look.onnx", "filter/weights/object_svm.json",
+        "second_look/weights/second_look.onnx", "measure/weights/circles.onnx", "filter/weights/object_svm.json",
         "report/static/viewer.js", "report/static/viewer.css", "report/template.html", "orchard/page.html",
         "demo/markers.csv", "demo/truth/fruits.csv", "py.typed",
     )  # fmt: skip

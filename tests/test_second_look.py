@@ -18,6 +18,9 @@ from pomona.capture import read_pixels
 from pomona.capture.images import write_jpeg
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.fruit_crops.crops import CropPlaces, cut
+from pomona.fruit_crops.likeness import SeenFruits, with_likeness
+from pomona.fruit_crops.sights import well_spread
 from pomona.fruit_geometry.mask_rays import mask_rays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.colours import ColourCounts
@@ -28,9 +31,7 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
 from pomona.second_look.competition import compete
-from pomona.second_look.crops import CropPlaces, cut
-from pomona.second_look.evidence import find_sights, well_spread
-from pomona.second_look.likeness import SeenFruits, with_likeness
+from pomona.second_look.evidence import find_sights
 from pomona.second_look.looked import Looked
 from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter

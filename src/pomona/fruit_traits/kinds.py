@@ -26,6 +26,11 @@ class FruitKind:
     plural: str
     weights: str = "fruit"
 
+    @property
+    def is_round(self) -> bool:
+        """Whether the fruit is about a sphere: as wide from each side, within a sixth."""
+        return 5 / 6 <= self.height_to_width <= 6 / 5
+
     def counted(self, count: int) -> str:
         """Return a number of these fruits in words: `1 pear`, `12 pears`."""
         return f"{count} {self.name if count == 1 else self.plural}"

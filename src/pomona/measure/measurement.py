@@ -16,6 +16,9 @@ from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits
 from pomona.fuse import Fused
 from pomona.geometry import frame_along
 from pomona.measure.allometry import weigh
+from pomona.measure.circle_network import CirclesNetwork
+from pomona.measure.circle_options import CircleOptions
+from pomona.measure.circles import CircleTerms, circle_terms, see_circles
 from pomona.measure.neighbours import edges_of_others
 from pomona.measure.options import MeasureOptions
 from pomona.measure.spheroid_fit import Evidence, Fitted, Prior, fit_spheroids
@@ -47,6 +50,7 @@ def measure(
     cameras: Cameras,
     photos: Photos | None = None,
     *,
+    network: CirclesNetwork | None = None,
     options: MeasureOptions | None = None,
     progress: Progress | None = None,
 ) -> Fruits:
@@ -57,9 +61,10 @@ def measure(
     and order; centres (n, 3) and lengths (n,) are metres in the cameras' frame.
 
     A spheroid is fitted to the fruit's points and to the outlines of its masks together, first by itself, then with
-    what the well-seen fruits of the survey say of the others. `visibility` is the share of the fruit's disc that the
-    photo which shows most of it shows. A fruit that is hidden too far to be measured keeps its centre, and has NaN and
-    a reason.
+    what the well-seen fruits of the survey say of the others, and with the circles that `network` (by default the
+    shipped one) sees in `photos`, of round kinds of fruit that have no points. `visibility` is the share of the fruit's
+    disc that the photo which shows most of it shows. A fruit that is hidden too far to be measured keeps its centre,
+    and has NaN and a reason.
     """
     options = (options or MeasureOptions()).tied(with_points=len(fused.cloud) > 0)
     progress = progress or Silent()
@@ -74,10 +79,14 @@ def measure(
     )
     seen = _all_seen(fused, masks, options)
     widths_m, reasons = _first_widths(fused, seen, masks)
-    progress.start("measure", 2)
     fitting = np.array([not reason for reason in reasons])
     if fitting.any():
-        fitted = _fit(fused, seen, masks, cameras, widths_m / 2, fitting, options, progress)
+        circles = None
+        if photos is not None and options.circles is not None and options.kind.is_round and not seen.points:
+            circles = _circles(
+                fused, detections, cameras, photos, widths_m, fitting, network, options.circles, progress
+            )
+        fitted = _fit(fused, seen, masks, cameras, widths_m / 2, fitting, options, circles)
         fruits = _fruits(
             fused, fitted, fitting, reasons, _visibilities(fitted.spheroids, seen, masks, fitting), options
         )
@@ -138,7 +147,7 @@ def _fit(
     radii_m: FloatArray,
     fitting: BoolArray,
     options: MeasureOptions,
-    progress: Progress,
+    circles: CircleTerms | None,
 ) -> Fitted:
     """Return the spheroids of the fruits that can be fitted: by themselves, then with what all have in common."""
     n = int(fitting.sum())
@@ -162,15 +171,68 @@ def _fit(
     )
     evidence = _evidence(seen, masks, cameras, start, fitting, options)
     alone = fit_spheroids(start, evidence, prior)
-    progress.advance()
     if n >= options.fewest_clear:  # of fewer, noise is not told from what is wrong with a fruit
         evidence = _as_noisy_as_it_is(alone, evidence)
         if not seen.points:  # a cloud's clusters may be parts of one fruit, whose outline is then none of another's
             evidence = replace(evidence, others=edges_of_others(alone.spheroids, evidence))
         alone = fit_spheroids(start, evidence, prior)
-        alone = fit_spheroids(start, evidence, _prior_of_all(alone, prior, options))
-    progress.advance()
-    return alone
+        if circles is not None and options.circles is not None:
+            circles = _levelled(circles, alone, options.circles.level_of_outlines, options)
+            alone = fit_spheroids(start, evidence, prior, circles)
+        prior = _prior_of_all(alone, prior, options)
+    elif circles is None:
+        return alone
+    return fit_spheroids(start, evidence, prior, circles)
+
+
+def _circles(
+    fused: Fused,
+    detections: SurveyDetections,
+    cameras: Cameras,
+    photos: Photos,
+    widths_m: FloatArray,
+    fitting: BoolArray,
+    network: CirclesNetwork | None,
+    options: CircleOptions,
+    progress: Progress,
+) -> CircleTerms:
+    """Return what photos show of the fruits that can be fitted, as they see it."""
+    number = np.full(len(fitting), -1)
+    number[fitting] = np.arange(fitting.sum())
+    place_of = dict(zip(fused.fruits.ids.tolist(), number.tolist(), strict=True))
+    fruit_idx = np.array([place_of.get(i, -1) for i in fused.observations.fruit_id.tolist()], np.int64)
+    seen = see_circles(
+        fused.fruits.centers_in_world[fitting],
+        float(np.median(widths_m[fitting])) / 2,
+        fruit_idx,
+        fused.observations,
+        detections,
+        photos,
+        cameras,
+        network or CirclesNetwork(),
+        options,
+        progress,
+    )
+    return circle_terms(seen, options)
+
+
+def _levelled(circles: CircleTerms, alone: Fitted, level_of_outlines: float, options: MeasureOptions) -> CircleTerms:
+    """Return the circles of radii as outlines have them, of the fruits together whose outlines are clear."""
+    off = circles.log_radii(alone.spheroids.centers) - np.log(alone.spheroids.radii)
+    clear = _clear(alone, options) & np.isfinite(off)
+    if clear.sum() < options.fewest_clear:
+        return circles
+    level = float(np.median(off[clear]))
+    own = 1 / circles.precisions[clear, 3, 3]
+    spread2 = ((off[clear] - level) / _MEDIAN_OF_BELL) ** 2
+    noise2 = float(np.median(spread2 / (own + alone.covariances[clear, 3, 3])))
+    return circles.lower_by(level_of_outlines * level).doubted(max(noise2, 1.0))
+
+
+def _clear(alone: Fitted, options: MeasureOptions) -> BoolArray:
+    """Return which fruits' widths are known best."""
+    sds = np.sqrt(alone.covariances[:, 3, 3])
+    return np.asarray(sds <= max(options.clear_sd, float(np.percentile(sds, 100 * options.clear_share))))
 
 
 def _evidence(
@@ -247,8 +309,7 @@ def _as_noisy_as_it_is(fitted: Fitted, evidence: Evidence) -> Evidence:
 def _prior_of_all(alone: Fitted, prior: Prior, options: MeasureOptions) -> Prior:
     """Return what the fruits that are seen well say of the others: how wide, and how high for that, they are."""
     variances = alone.covariances[:, 3, 3]
-    sds = np.sqrt(variances)
-    clear = sds <= max(options.clear_sd, float(np.percentile(sds, 100 * options.clear_share)))
+    clear = _clear(alone, options)
     if clear.sum() < options.fewest_clear:
         return prior
     logs = np.log(alone.spheroids.radii[clear])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from pomona.errors import InputError
 from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind
 from pomona.measure.allometry import STORY_APPLES, Allometry
+from pomona.measure.circle_options import CircleOptions
 
 TIE_OF_POINTS = 5.0
 """In radii: points of a cloud say themselves where a fruit is."""
@@ -29,7 +30,8 @@ class MeasureOptions:
     the fusion has them as by a standard deviation of `place_radii`; None: 5 where fruits have points of a cloud,
     else 0.3. A diameter outside `smallest` to `largest` median diameters of the survey is no measurement, nor is
     one that what is seen of the fruit itself tells with a standard deviation above `largest_sd` as a share.
-    `relative_sd` is what a spheroid leaves unsaid of a fruit, as a share. `allometry` gives weights.
+    `relative_sd` is what a spheroid leaves unsaid of a fruit, as a share. `circles` says how circles that photos show
+    count, None that none do. `allometry` gives weights.
     """
 
     rays_per_photo: int = 24
@@ -52,6 +54,7 @@ class MeasureOptions:
     largest: float = 2.0
     largest_sd: float = 0.08
     relative_sd: float = 0.004
+    circles: CircleOptions | None = field(default_factory=CircleOptions)
     allometry: Allometry = STORY_APPLES
 
     def __post_init__(self) -> None:

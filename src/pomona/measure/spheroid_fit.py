@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.measure.circles import CircleTerms
 from pomona.measure.spheroids import Spheroids
 
 _ROUNDS = 24
@@ -113,22 +114,27 @@ class Fitted:
         return cls(Spheroids.joined([part.spheroids for part in parts]), *columns)
 
 
-def fit_spheroids(start: Spheroids, evidence: Evidence, prior: Prior) -> Fitted:
-    """Return the spheroids that the evidence, each of which has a group at least, speaks for.
+def fit_spheroids(start: Spheroids, evidence: Evidence, prior: Prior, circles: CircleTerms | None = None) -> Fitted:
+    """Return the spheroids that the evidence, each of which has a group at least, and circles speak for.
 
     Fits begin with wide noise, so that they find what most rays agree on.
     """
+    circles = CircleTerms.none(len(start)) if circles is None else circles
     parts = (slice(first, first + _TOGETHER) for first in range(0, max(len(start), 1), _TOGETHER))
-    return Fitted.joined([_fit(start[part], evidence.of_fruits(part.start, part.stop), prior) for part in parts])
+    return Fitted.joined(
+        [_fit(start[part], evidence.of_fruits(part.start, part.stop), prior, circles[part]) for part in parts]
+    )
 
 
-def _fit(start: Spheroids, evidence: Evidence, prior: Prior) -> Fitted:
+def _fit(start: Spheroids, evidence: Evidence, prior: Prior, circles: CircleTerms) -> Fitted:
     spheroids = start
     shares, all_of_it = np.full(len(evidence.of), _TOUCH_FIRST), np.ones(len(evidence.of))
     wide = _FIRST_NOISE
     for _ in range(_ROUNDS):
         noises_m = np.maximum(evidence.noises_m, wide * start.radii[evidence.of])
         normal, gradient, _, touching = _equations(spheroids, start, evidence, prior, noises_m, shares, all_of_it)
+        normal[:, :4, :4] += circles.precisions
+        gradient[:, :4] += circles.at(spheroids)
         shares = _shares(touching, evidence)
         steps = -np.linalg.solve(normal, gradient[:, :, None])[:, :, 0]
         sized = np.concatenate([steps[:, :3] / start.radii[:, None], steps[:, 3:]], axis=1)
@@ -139,6 +145,7 @@ def _fit(start: Spheroids, evidence: Evidence, prior: Prior) -> Fitted:
     normal, _, distances_m, touching = _equations(
         spheroids, start, evidence, prior, evidence.noises_m, shares, shares * evidence.trust
     )
+    normal[:, :4, :4] += circles.precisions
     covariances = np.linalg.inv(normal)
     own = np.maximum(1 / covariances[:, 3, 3] - prior.radius_sd**-2, 1e-12)
     return Fitted(spheroids, covariances, own**-0.5, distances_m, touching)

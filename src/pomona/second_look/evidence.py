@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from tempfile import TemporaryFile, gettempdir
 from typing import IO
@@ -11,45 +10,18 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, groups, set_checked
+from pomona.arrays import Float32Array, FloatArray, IntArray, groups, set_checked
 from pomona.cameras import Cameras
-from pomona.capture import read_pixels
 from pomona.errors import InputError
+from pomona.fruit_crops.cutting import crops_by_photo
+from pomona.fruit_crops.likeness import SeenFruits
+from pomona.fruit_crops.sights import Sights, sights_of
 from pomona.fruit_geometry.spheres import Spheres
-from pomona.fruit_traits.colours import ColourCounts
 from pomona.photos import Photos
 from pomona.progress import Progress
-from pomona.second_look.crops import CropPlaces, cut
-from pomona.second_look.likeness import SeenFruits, with_likeness
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
 from pomona.second_look.peaks import Peaks
-
-_LEAST_RADIUS_PX = 3.0  # of a fruit in a photo: in fewer pixels nothing is to be seen
-_COLOURED = 16  # photos of a survey that tell the colours of its fruits
-_FINER = 1.25  # photos are decoded with pixels so many times finer than most of their crops'
-
-
-@dataclass(frozen=True, eq=False)
-class Sights:
-    """k pairs of a sphere and a photo that should show it, sorted by photo; its image there."""
-
-    sphere_idx: IntArray
-    photo_idx: IntArray
-    centers_px: FloatArray
-    radii_px: FloatArray
-
-    def __post_init__(self) -> None:
-        k = len(self.sphere_idx)
-        set_checked(self, "sphere_idx", (k,), np.int64)
-        set_checked(self, "photo_idx", (k,), np.int64)
-        set_checked(self, "centers_px", (k, 2), np.float64)
-        set_checked(self, "radii_px", (k,), np.float64)
-
-    def __getitem__(self, selection: BoolArray) -> Sights:
-        return Sights(
-            self.sphere_idx[selection], self.photo_idx[selection], self.centers_px[selection], self.radii_px[selection]
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,41 +117,7 @@ def find_sights(
         near = near[cosines > np.cos(np.radians(options.near_deg))]
         spheres_of.append(np.full(len(near), i))
         photos_of.append(near)
-    return _in_pictures(spheres, np.concatenate(spheres_of), np.concatenate(photos_of), cameras)
-
-
-def well_spread(sights: Sights, spheres: Spheres, cameras: Cameras, most: int) -> Sights:
-    """Return the sights, of each sphere at most so many, which look at it from directions as far apart as all do.
-
-    Photos from nearly one place show the same leaves, and tell no more together than one.
-    """
-    eyes, kept = cameras.centers_in_world, np.ones(len(sights.sphere_idx), dtype=bool)
-    for i, mine in groups(sights.sphere_idx):
-        if len(mine) <= most:
-            continue
-        directions = spheres.centers_in_world[i] - eyes[sights.photo_idx[mine]]
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        directions -= directions.mean(0)
-        along = directions @ np.linalg.svd(directions, full_matrices=False)[2][0]
-        order = mine[np.argsort(along, kind="stable")]
-        kept[mine] = False
-        kept[order[np.linspace(0, len(order) - 1, most).round().astype(int)]] = True
-    return sights[kept]
-
-
-def _in_pictures(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras) -> Sights:
-    order = np.lexsort((sphere_idx, photo_idx))
-    sphere_idx, photo_idx = sphere_idx[order], photo_idx[order]
-    centers, radii = np.zeros((len(order), 2)), np.zeros(len(order))
-    for photo, mine in groups(photo_idx):
-        intrinsics = cameras.intrinsics_of(photo)
-        xy_px, depths = cameras.project(photo, spheres.centers_in_world[sphere_idx[mine]])
-        inside = (depths > 0) & (xy_px > 0).all(1) & (xy_px < [intrinsics.width_px, intrinsics.height_px]).all(1)
-        centers[mine] = np.where(inside[:, None], xy_px, 0)
-        radii_px = intrinsics.focal_px * spheres.radii_m[sphere_idx[mine]] / np.maximum(depths, 1e-9)
-        radii[mine] = np.where(inside, radii_px, 0)
-    shown = radii >= _LEAST_RADIUS_PX
-    return Sights(sphere_idx[shown], photo_idx[shown], centers[shown], radii[shown])
+    return sights_of(spheres, np.concatenate(spheres_of), np.concatenate(photos_of), cameras)
 
 
 def look(
@@ -192,31 +130,11 @@ def look(
     """
     scales = network.radius_px / np.maximum(sights.radii_px, 1e-9)
     looked = np.zeros(len(scales), dtype=bool)
-    by_name, of_photo = photos.by_name(), dict(groups(sights.photo_idx))
-
-    def smaller_copy(photo_idx: int) -> ByteArray:
-        photo = by_name[cameras.photos[photo_idx]]
-        scale = min(1.0, _FINER * float(np.median(scales[of_photo[photo_idx]])))
-        return read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
-
-    progress.start("looking again", len(of_photo))
-    of_survey = ColourCounts.none()
-    for photo_idx in _spread(list(of_photo), cameras):
-        with contextlib.suppress(InputError):
-            of_survey += seen.colours_in(cameras.photos[photo_idx], smaller_copy(photo_idx))
+    progress.start("looking again", len(np.unique(sights.photo_idx)))
     with TemporaryFile() as file:
-        for photo_idx, mine in of_photo.items():  # in the order of the sights
-            photo = by_name[cameras.photos[photo_idx]]
-            try:
-                pixels = smaller_copy(photo_idx)
-            except InputError as error:
-                progress.warn(f"{photo.name} is not looked at again: {error}")
-            else:
-                liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
-                places = CropPlaces(sights.centers_px[mine], scales[mine])
-                _write(network.centers(cut(liked, places, network.side_px, photo.width_px)), file)
-                looked[mine] = True
-            progress.advance()
+        for mine, crops in crops_by_photo(sights, scales, network.side_px, seen, photos, cameras, progress):
+            _write(network.centers(crops), file)
+            looked[mine] = True
         maps = _maps_in(file, int(looked.sum()), network.side_px // network.stride)
     return Evidence(sights[looked], scales[looked], maps, float(network.stride), Peaks.none(len(maps)))
 
@@ -234,10 +152,3 @@ def _maps_in(file: IO[bytes], count: int, cells: int) -> Float32Array:
     """Return the maps (count, cells, cells) that a file holds, without reading them; it may be closed then."""
     shape = (count, cells, cells)
     return np.memmap(file, np.float32, "r", shape=shape) if count else np.zeros(shape, np.float32)
-
-
-def _spread(photo_indices: list[int], cameras: Cameras) -> list[int]:
-    """Return some photos, from one end of the survey to the other, the same ones in whatever order cameras are."""
-    ordered = sorted(photo_indices, key=lambda photo_idx: cameras.photos[photo_idx])
-    picked = np.linspace(0, len(ordered) - 1, min(_COLOURED, len(ordered))).round().astype(int)
-    return [ordered[k] for k in picked]

@@ -8,6 +8,8 @@ import numpy as np
 
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_crops.likeness import SeenFruits
+from pomona.fruit_crops.sights import well_spread
 from pomona.fruit_geometry.mask_rays import mask_rays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
@@ -20,9 +22,8 @@ from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look.competition import compete
-from pomona.second_look.evidence import find_sights, look, well_spread
+from pomona.second_look.evidence import find_sights, look
 from pomona.second_look.explained import unexplained
-from pomona.second_look.likeness import SeenFruits
 from pomona.second_look.looked import Looked
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions

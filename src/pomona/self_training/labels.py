@@ -16,6 +16,7 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.detections import SurveyDetections
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
+from pomona.fruit_crops.likeness import SeenFruits
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.colours import FruitColours
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
@@ -25,7 +26,6 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions
 from pomona.second_look.evidence import find_sights, look
-from pomona.second_look.likeness import SeenFruits
 from pomona.self_training.colours import COLOURS_PX, disc_of, likely_in, pixels_in_copy, visible_part
 from pomona.self_training.marked import SAME_FRUIT, boxes_of, labels_of_marks, overlaps
 from pomona.self_training.options import AdaptOptions

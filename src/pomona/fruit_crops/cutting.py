@@ -1,0 +1,67 @@
+"""Crops at the images of fruits, photo by photo."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from pomona.arrays import ByteArray, FloatArray, IntArray, groups
+from pomona.cameras import Cameras
+from pomona.capture import read_pixels
+from pomona.errors import InputError
+from pomona.fruit_crops.crops import CropPlaces, cut
+from pomona.fruit_crops.likeness import SeenFruits, with_likeness
+from pomona.fruit_crops.sights import Sights
+from pomona.fruit_traits.colours import ColourCounts
+from pomona.photos import Photos
+from pomona.progress import Progress
+
+_COLOURED = 16  # photos of a survey that tell the colours of its fruits
+_FINER = 1.25  # photos are decoded with pixels so many times finer than most of their crops'
+
+
+def crops_by_photo(
+    sights: Sights,
+    scales: FloatArray,
+    side_px: int,
+    seen: SeenFruits,
+    photos: Photos,
+    cameras: Cameras,
+    progress: Progress,
+) -> Iterator[tuple[IntArray, ByteArray]]:
+    """Yield for one photo after another, in the order of the sights, which of these it has, and their crops.
+
+    `scales` (k,) lead from the photos' pixels to the crops' (m, side_px, side_px, 4), whose fourth channel is how like
+    the colours are to those of this survey's fruits, as `seen` tells them. `progress` advances once a photo. A photo
+    that cannot be decoded is left out with a warning; raises `MissingFileError` naming one that is gone.
+    """
+    by_name, of_photo = photos.by_name(), dict(groups(sights.photo_idx))
+
+    def smaller_copy(photo_idx: int) -> ByteArray:
+        photo = by_name[cameras.photos[photo_idx]]
+        scale = min(1.0, _FINER * float(np.median(scales[of_photo[photo_idx]])))
+        return read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+
+    of_survey = ColourCounts.none()
+    for photo_idx in _spread(list(of_photo), cameras):
+        with contextlib.suppress(InputError):
+            of_survey += seen.colours_in(cameras.photos[photo_idx], smaller_copy(photo_idx))
+    for photo_idx, mine in of_photo.items():
+        photo = by_name[cameras.photos[photo_idx]]
+        try:
+            pixels = smaller_copy(photo_idx)
+        except InputError as error:
+            progress.warn(f"{photo.name} is not looked at again: {error}")
+        else:
+            liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
+            yield mine, cut(liked, CropPlaces(sights.centers_px[mine], scales[mine]), side_px, photo.width_px)
+        progress.advance()
+
+
+def _spread(photo_indices: list[int], cameras: Cameras) -> list[int]:
+    """Return some photos, from one end of the survey to the other, the same ones in whatever order cameras are."""
+    ordered = sorted(photo_indices, key=lambda photo_idx: cameras.photos[photo_idx])
+    picked = np.linspace(0, len(ordered) - 1, min(_COLOURED, len(ordered))).round().astype(int)
+    return [ordered[k] for k in picked]

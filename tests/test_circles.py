@@ -1,0 +1,197 @@
+"""Circles of whole fruits in photos: as equations, as the shipped network sees them, and in the measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+
+from fuse_scenes import cameras_in_a_row, detections_of
+from pomona.arrays import ByteArray, Float32Array, FloatArray
+from pomona.cameras import Cameras
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.fruit_crops.likeness import with_likeness
+from pomona.fruit_traits.colours import ColourCounts
+from pomona.fruit_traits.kinds import FRUIT_KINDS
+from pomona.fuse.object import fuse
+from pomona.measure import MeasureOptions, measure
+from pomona.measure.circle_network import SHIPPED, CirclesNetwork
+from pomona.measure.circle_options import CircleOptions
+from pomona.measure.circles import CircleTerms, SeenCircles, circle_terms
+from pomona.measure.spheroids import Spheroids
+from pomona.second_look.network import SHIPPED as SECOND_LOOK
+from test_second_look import half_hidden, photos_of
+
+CAMERAS = cameras_in_a_row(6, step_m=0.1)
+CENTERS = np.array([[-0.25, 0.0, 0.1], [0.0, 0.05, -0.15], [0.22, -0.05, 0.05]])
+RADII_M = np.array([0.034, 0.04, 0.037])
+USUAL_M = 0.037
+
+
+def seen_from(cameras: Cameras, photo_idx: Sequence[int], assumed: FloatArray) -> SeenCircles:
+    """What an exact network would see of the fruits, in crops about places where they are not quite."""
+    of, which = (a.ravel() for a in np.meshgrid(np.arange(len(CENTERS)), photo_idx))
+    poses = cameras.cam_from_world[which]
+    true, thought = (
+        np.einsum("kij,kj->ki", poses[:, :, :3], places[of]) + poses[:, :, 3] for places in (CENTERS, assumed)
+    )
+    offsets = (true[:, :2] / true[:, 2:] - thought[:, :2] / thought[:, 2:]) * thought[:, 2:] / USUAL_M
+    log_ratios = np.log(RADII_M[of] / true[:, 2]) - np.log(USUAL_M / thought[:, 2])
+    eyes = cameras.centers_in_world[which]
+    return SeenCircles(of, assumed, USUAL_M, poses[:, :, :3], eyes, offsets, log_ratios, np.full((len(of), 3), 0.05))
+
+
+def solved(terms: CircleTerms) -> FloatArray:
+    result: FloatArray = terms.starts + np.linalg.solve(terms.precisions, terms.pulls[:, :, None])[:, :, 0]
+    return result
+
+
+def test_exact_circles_have_fruits_where_they_are_and_as_wide() -> None:
+    off = USUAL_M * np.array([[0.2, 0.3, -0.2], [-0.2, -0.3, 0.1], [-0.1, 0.4, 0.2]])
+    found = solved(circle_terms(seen_from(CAMERAS, range(6), CENTERS + off), CircleOptions()))
+    assert np.linalg.norm(found[:, :3] - CENTERS, axis=1).max() < 0.02 * USUAL_M
+    np.testing.assert_allclose(np.exp(found[:, 3]), RADII_M, rtol=0.005)
+
+
+def test_from_one_place_a_width_is_known_only_for_a_distance() -> None:
+    terms = circle_terms(seen_from(CAMERAS, [2], CENTERS), CircleOptions())
+    values = np.linalg.eigvalsh(terms.precisions)
+    assert (values[:, 0] < 1e-6 * values[:, 1]).all()
+    np.testing.assert_allclose(np.exp(terms.log_radii(CENTERS)), RADII_M, rtol=1e-9)
+    farther = CENTERS + 0.1 * (CENTERS - CAMERAS.centers_in_world[2])
+    np.testing.assert_allclose(np.exp(terms.log_radii(farther)), 1.1 * RADII_M, rtol=0.01)
+
+
+def test_photos_say_less_together_than_each_alone_and_gradients_fit() -> None:
+    seen = seen_from(CAMERAS, range(6), CENTERS)
+    alone, together = (circle_terms(seen, CircleOptions(together=share)) for share in (0.0, 1.0))
+    np.testing.assert_allclose(alone.precisions, 6 * together.precisions, atol=1e-6)
+    n = len(CENTERS)
+    at = Spheroids(CENTERS, RADII_M, np.ones(n), np.zeros((n, 2)), np.eye(3))
+    sizes = np.abs(alone.precisions).sum(axis=2)
+    assert (np.abs(alone.at(at)) < 1e-9 * sizes).all()
+    lower = alone.lower_by(0.1)
+    np.testing.assert_allclose(lower.log_radii(CENTERS), np.log(RADII_M) - 0.1)
+    np.testing.assert_allclose(lower.doubted(4).log_radii(CENTERS), np.log(RADII_M) - 0.1)
+    assert np.isnan(CircleTerms.none(2).log_radii(CENTERS[:2])).all()
+
+
+@pytest.mark.parametrize("colour", [(200, 40, 40), (190, 170, 60)], ids=["red", "yellow"])
+@pytest.mark.parametrize("wide", [0.85, 1.0, 1.15])
+def test_the_shipped_network_measures_a_plain_round_fruit(colour: tuple[int, int, int], wide: float) -> None:
+    network = CirclesNetwork()
+    side, radius_px = network.side_px, network.radius_px
+    background = np.random.default_rng(1).integers(20, 70, (side, side, 3), np.uint8)
+    background[:, :, 1] += 20
+    columns, rows = np.arange(side) + 0.5, np.arange(side)[:, None] + 0.5
+    at = np.array([0.2, -0.15])
+    away = np.hypot(*(np.broadcast_arrays(columns - side / 2 - at[0] * radius_px, rows - side / 2 - at[1] * radius_px)))
+    away = away / (wide * radius_px)
+    lit = np.sqrt(np.clip(1 - away**2, 0, 1))[:, :, None]
+    pixels = np.where(away[:, :, None] < 1, np.array(colour) * (0.35 + 0.65 * lit), background).astype(np.uint8)
+    counts = ColourCounts.of(pixels, away < 1, away > 1)
+    crop = with_likeness(np.asarray(cv2.GaussianBlur(pixels, (3, 3), 0), np.uint8), counts, counts)
+    (circle,) = network.circles(crop[None])
+    assert np.hypot(*(circle[:2] - at)) < 0.12
+    assert abs(circle[2] - np.log(wide)) < 0.1
+    assert ((np.exp(circle[3:]) > 0.01) & (np.exp(circle[3:]) < 0.3)).all()
+
+
+class Exact(CirclesNetwork):
+    """Sees the blue discs of these tests' photos exactly, as large and far off as they are."""
+
+    def __init__(self) -> None:
+        self.radius_px, self.side_px = 18.0, 72
+
+    def circles(self, crops: ByteArray) -> Float32Array:
+        found = []
+        for crop in crops[:, :, :, 2] > 128:
+            rows, columns = np.nonzero(crop)
+            radius = np.sqrt(len(rows) / np.pi)
+            middle = np.array([columns.mean(), rows.mean()]) + 0.5 - self.side_px / 2
+            found.append([*middle / self.radius_px, np.log(radius / self.radius_px), -3.5, -3.5, -3.5])
+        return np.array(found, np.float32)
+
+
+class Told:
+    """Progress that keeps what it was told."""
+
+    def __init__(self) -> None:
+        self.started: list[tuple[str, int | None]] = []
+        self.advanced = 0
+
+    def start(self, label: str, total: int | None = None) -> None:
+        self.started.append((label, total))
+
+    def advance(self, units: int = 1) -> None:
+        self.advanced += units
+
+    def warn(self, message: str) -> None:
+        raise AssertionError(message)
+
+
+def test_photos_measure_fruits_whose_masks_do_not(tmp_path: Path) -> None:
+    widths_m = 2 * RADII_M
+    photos = photos_of(CAMERAS, tmp_path, CENTERS, widths_m)
+    detections = half_hidden(CAMERAS, detections_of(CAMERAS, CENTERS, widths_m))
+    fused = fuse(detections, CAMERAS)
+    progress = Told()
+    alone = measure(fused, detections, CAMERAS)
+    looked = measure(fused, detections, CAMERAS, photos, network=Exact(), progress=progress)
+    assert progress.started == [("measure", 6)]
+    assert progress.advanced == 6
+    assert "hidden too far" in alone.reasons[2]
+    assert looked.reasons == ("", "", "")
+    nearest = np.linalg.norm(fused.fruits.centers_in_world[:, None] - CENTERS[None], axis=2).argmin(1)
+    before_m, off_m = (np.linalg.norm(f.centers_in_world - CENTERS[nearest], axis=1) for f in (alone, looked))
+    assert before_m.max() > 0.03
+    assert off_m.max() < 0.006
+    # Their masks are narrower than what they show of the fruits, and still count.
+    measured = ~np.isnan(alone.diameters_m)
+    assert (looked.diameters_m > alone.diameters_m)[measured].all()
+    assert (looked.diameters_m < widths_m[nearest]).all()
+    assert (looked.diameter_sds_m > 0.0002).all()
+
+
+@pytest.mark.parametrize("kind", ["pear", "lemon"])
+def test_long_fruits_and_measures_without_circles_go_by_outlines_alone(tmp_path: Path, kind: str) -> None:
+    photos = photos_of(CAMERAS, tmp_path, CENTERS, 2 * RADII_M)
+    detections = detections_of(CAMERAS, CENTERS, 2 * RADII_M)
+    fused = fuse(detections, CAMERAS)
+    for options in (MeasureOptions(kind=FRUIT_KINDS[kind]), MeasureOptions(circles=None)):
+        looked, alone = (measure(fused, detections, CAMERAS, p, options=options) for p in (photos, None))
+        np.testing.assert_array_equal(looked.diameters_m, alone.diameters_m)
+        np.testing.assert_array_equal(looked.centers_in_world, alone.centers_in_world)
+
+
+def test_a_photo_that_is_gone_is_named(tmp_path: Path) -> None:
+    photos = photos_of(CAMERAS, tmp_path, CENTERS, 2 * RADII_M)
+    detections = detections_of(CAMERAS, CENTERS, 2 * RADII_M)
+    (tmp_path / CAMERAS.photos[2]).unlink()
+    with pytest.raises(MissingFileError, match=CAMERAS.photos[2]):
+        measure(fuse(detections, CAMERAS), detections, CAMERAS, photos)
+
+
+def test_another_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"circles.*second-look"):
+        CirclesNetwork(SECOND_LOOK)
+    with pytest.raises(MissingFileError, match=r"none\.onnx"):
+        CirclesNetwork(Path("none.onnx"))
+    model = onnx.load(str(SHIPPED))
+    next(entry for entry in model.metadata_props if entry.key == "pomona.channels").value = "3"
+    onnx.save(model, str(tmp_path / "colours_alone.onnx"))
+    with pytest.raises(FormatError, match=r"pomona\.channels = 4, found 3"):
+        CirclesNetwork(tmp_path / "colours_alone.onnx")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"most_photos": 0}, {"least_sd": 0.0}, {"together": 1.5}, {"level_of_outlines": -0.1}]
+)
+def test_wrong_options_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        replace(CircleOptions(), **wrong)  # type: ignore[arg-type]
