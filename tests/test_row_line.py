@@ -59,6 +59,16 @@ def test_the_walk_has_a_direction_there_and_back_but_not_around_a_tree() -> None
     assert np.abs(walk) == pytest.approx([0.6, 0.8], abs=1e-6)
     assert walk_of(np.column_stack([np.cos(angle), np.sin(angle), np.ones(24)])) is None
     assert walk_of(there[:1]) is None
+
+
+def test_several_photos_at_each_stop_do_not_hide_the_steps_between() -> None:
+    """Five photos at each stop, a hand's breadth about it: most steps are short ones in any direction."""
+    along = np.array([0.8, 0.6, 0.0])
+    stops = np.arange(10)[:, None, None] * along
+    photos = (stops + np.random.default_rng(0).normal(0, 0.04, (10, 5, 3))).reshape(-1, 3)
+    walk = walk_of(photos)
+    assert walk is not None
+    assert abs(walk @ along[:2]) > 0.995
     # A row has a direction of its own.
     points = np.random.default_rng(0).uniform([0, -0.5, 0], [6, 0.5, 2], (100, 3))
     assert abs(row_line(points, walk).axis[0]) > 0.99

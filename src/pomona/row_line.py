@@ -106,7 +106,7 @@ def walk_of(centers_in_world: FloatArray) -> FloatArray | None:
     """
     steps = np.diff(centers_in_world[:, :2], axis=0)
     lengths = np.hypot(*steps.T)
-    usual = np.median(lengths) if len(lengths) else 0.0
+    usual = usual_step(lengths) if len(lengths) else 0.0
     mine = (lengths > 0) & (lengths <= _JUMP * usual)
     # Angles are doubled, so that opposite directions are the same (Mardia and Jupp 2000, section 1.1).
     doubled = (steps[mine] @ [1, 1j]) ** 2 / np.where(mine, lengths, 1.0)[mine]
