@@ -47,9 +47,8 @@ def judged(row: RowFolder, svm: filters.LinearSvm | None, second_look: bool) -> 
         fused = object.fuse(some, seen_by)
         if second_look:
             fused = look_again(fused, some, photos, seen_by)
-        fruits = measure(
-            filters.apply_to_views(fused, some, seen_by, svm, options=_KEEP_ALL), some, seen_by, options=options.measure
-        )
+        judged = filters.apply_to_views(fused, some, seen_by, svm, options=_KEEP_ALL)
+        fruits = measure(judged, some, seen_by, photos, options=options.measure)
         pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
         scores.append(fruits.scores)
         true.append(np.isin(np.arange(len(fruits)), pairs[:, 0]))

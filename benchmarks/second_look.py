@@ -61,7 +61,7 @@ def main() -> None:
         seconds = (time.process_time() - began) / len(names)
         for label, fruits in (("no", fused), ("yes", looked)):
             kept = filters.apply_to_views(fruits, detections, cameras)
-            measured = measure(kept, detections, cameras, options=options.measure)
+            measured = measure(kept, detections, cameras, photos, options=options.measure)
             scores = evaluate_fruits(measured, truth).visible
             assert scores is not None
             off_mm = 1e3 * scores.center_median_m / arguments.scale

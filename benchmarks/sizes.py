@@ -1,62 +1,59 @@
 """Measured diameters against those of rendered rows, for docs/lab/sizes.md.
 
-python benchmarks/sizes.py ROW [ROW ...] [--survey SURVEY=ROW ...]
+python benchmarks/sizes.py ROW [ROW ...] [--survey SURVEY=ROW ...] [--outlines-alone]
 
 Each ROW is a rendered row's folder: fruits are joined and measured from its true masks and true cameras. Each SURVEY
 is a folder of `pomona run` on a row: the fruits of its fruits.csv are measured again, from its detections and cameras.
 A fruit's true diameter is that of the true fruit at most half a diameter away; its width between callipers is 0.6 %
-less, since the generator's fruits are uneven.
+less, since the generator's fruits are uneven. With --outlines-alone photos are not looked at.
 """
 
 import argparse
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.capture import load_photos
+from pomona.detections import SurveyDetections
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.tables import read_fruits as read_table
 from pomona.formats.tables import read_observations
-from pomona.fruits import FruitCloud, Fruits
+from pomona.fruits import FruitCloud
 from pomona.fuse import Fused, object
-from pomona.intrinsics import Intrinsics
-from pomona.measure import measure
-from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.measure import MeasureOptions, measure
+from pomona.photos import Photos
+from pomona.synth.truth import RowFolder, read_fruits
+from train_filter import cameras_of, true_detections
 
 METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 
 
-def true_masks(row: Path) -> tuple[Fused, SurveyDetections, Cameras]:
-    folder, found, first_id = RowFolder(row), {}, 1
-    stands = read_cameras(folder.truth("cameras.json"))
-    for camera in stands:
-        ids = read_mask(folder.mask(camera.name))
-        masks = tuple(Mask.from_pixels(ids == i) for i in np.unique(ids) if 0 < i < 65000)
-        numbers = np.arange(first_id, first_id + len(masks))
-        first_id += len(masks)
-        found[camera.name] = Detections(
-            camera.name, camera.width_px, camera.height_px, masks, np.ones(len(masks)), numbers
-        )
-    one = stands[0]
-    lens = Intrinsics(
-        "SIMPLE_PINHOLE", one.width_px, one.height_px, np.array([one.focal_px, one.width_px / 2, one.height_px / 2])
-    )
-    poses = np.array([np.column_stack([c.rotation_cam_from_world, c.translation_m]) for c in stands])
-    cameras = Cameras(tuple(c.name for c in stands), (lens,), np.zeros(len(stands), int), poses, frame=METRES)
-    detections = SurveyDetections(found)
-    return object.fuse(detections, cameras), detections, cameras
+@dataclass(frozen=True)
+class Case:
+    """Fruits to be measured, and what they are measured by."""
+
+    fused: Fused
+    detections: SurveyDetections
+    cameras: Cameras
+    photos: Photos
 
 
-def of_survey(survey: Path) -> tuple[Fused, SurveyDetections, Cameras]:
+def true_masks(row: Path) -> Case:
+    photos = load_photos([row / "images"])
+    cameras, detections = cameras_of(RowFolder(row), photos), true_detections(RowFolder(row), photos)
+    return Case(object.fuse(detections, cameras), detections, cameras, photos)
+
+
+def of_survey(survey: Path, row: Path) -> Case:
     cameras = replace(read_colmap(survey / "cameras"), frame=METRES)
     found = {image.file_name: each for image, each in detections_by_image(parse_coco(survey / "detections.json"))}
     fused = Fused(read_table(survey / "fruits.csv"), read_observations(survey / "observations.csv"), FruitCloud.empty())
-    return fused, SurveyDetections(found), cameras
+    return Case(fused, SurveyDetections(found), cameras, load_photos([row / "images"]))
 
 
 def line(off_mm: np.ndarray, sds_mm: np.ndarray, true_mm: np.ndarray, wanted: np.ndarray) -> str:
@@ -68,11 +65,10 @@ def line(off_mm: np.ndarray, sds_mm: np.ndarray, true_mm: np.ndarray, wanted: np
     return f"{known.sum()} | {spread} | {r2:.2f} | {100 * within:.0f} %"
 
 
-def score(name: str, case: tuple[Fused, SurveyDetections, Cameras], row: Path) -> None:
-    fused, detections, cameras = case
+def score(name: str, case: Case, row: Path, options: MeasureOptions) -> None:
     began = time.process_time()
-    fruits: Fruits = measure(fused, detections, cameras)
-    seconds = (time.process_time() - began) / len(cameras.photos)
+    fruits = measure(case.fused, case.detections, case.cameras, case.photos, options=options)
+    seconds = (time.process_time() - began) / len(case.cameras.photos)
     truth = read_fruits(RowFolder(row).truth("fruits.csv"))
     away_m = np.linalg.norm(fruits.centers_in_world[:, None] - truth.centres_in_world[None], axis=2)
     nearest = away_m.argmin(axis=1)
@@ -87,14 +83,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rows", type=Path, nargs="*")
     parser.add_argument("--survey", action="append", default=[])
+    parser.add_argument("--outlines-alone", action="store_true")
     arguments = parser.parse_args()
+    options = replace(MeasureOptions(), circles=None) if arguments.outlines_alone else MeasureOptions()
     print("| | fruits | measured | bias, mm | MAE, mm | sd, mm | R² | within one sd | s a photo |")
     print("|---" * 9 + "|")
     for row in arguments.rows:
-        score(f"{row.name}, true masks", true_masks(row), row)
+        score(f"{row.name}, true masks", true_masks(row), row, options)
     for each in arguments.survey:
         survey, _, row = each.partition("=")
-        score(Path(survey).name, of_survey(Path(survey)), Path(row))
+        score(Path(survey).name, of_survey(Path(survey), Path(row)), Path(row), options)
 
 
 if __name__ == "__main__":

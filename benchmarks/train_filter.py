@@ -226,7 +226,7 @@ def object_example(
     fused = object.fuse(detections, cameras)
     if photos is not None:
         fused = look_again(fused, detections, photos, cameras)
-    measured = measure(fused, detections, cameras, options=RunOptions().of_stages.measure)
+    measured = measure(fused, detections, cameras, photos, options=RunOptions().of_stages.measure)
     near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
     values, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
     judged = np.isfinite(values).all(1)  # others no photo shows well enough to be looked at
