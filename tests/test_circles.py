@@ -114,7 +114,7 @@ class Exact(CirclesNetwork):
             rows, columns = np.nonzero(crop)
             radius = np.sqrt(len(rows) / np.pi)
             middle = np.array([columns.mean(), rows.mean()]) + 0.5 - self.side_px / 2
-            found.append([*middle / self.radius_px, np.log(radius / self.radius_px), -3.5, -3.5, -3.5])
+            found.append([*middle / self.radius_px, np.log(radius / self.radius_px), -4.5, -4.5, -4.5])
         return np.array(found, np.float32)
 
 

@@ -18,7 +18,7 @@ class CircleOptions:
 
     most_photos: int = 16
     least_sd: float = 0.03
-    together: float = 0.3
+    together: float = 0.6
     level_of_outlines: float = 0.8
 
     def __post_init__(self) -> None:

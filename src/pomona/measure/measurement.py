@@ -66,8 +66,7 @@ def measure(
     disc that the photo which shows most of it shows. A fruit that is hidden too far to be measured keeps its centre,
     and has NaN and a reason.
     """
-    options = (options or MeasureOptions()).tied(with_points=len(fused.cloud) > 0)
-    progress = progress or Silent()
+    options, progress = options or MeasureOptions(), progress or Silent()
     if len(fused.fruits) == 0:
         return fused.fruits
     masks = mask_rays(
@@ -86,6 +85,7 @@ def measure(
             circles = _circles(
                 fused, detections, cameras, photos, widths_m, fitting, network, options.circles, progress
             )
+        options = options.known_by(points=len(fused.cloud) > 0, circles=circles is not None)
         fitted = _fit(fused, seen, masks, cameras, widths_m / 2, fitting, options, circles)
         fruits = _fruits(
             fused, fitted, fitting, reasons, _visibilities(fitted.spheroids, seen, masks, fitting), options
@@ -355,6 +355,7 @@ def _fruits(
     sds = np.hypot(np.sqrt(fitted.covariances[:, 3, 3]), options.relative_sd)
     median_m = size_of_fruits(diameters_m, FruitSize()).diameter_m
     far = (diameters_m < options.smallest * median_m) | (diameters_m > options.largest * median_m)
+    assert options.largest_sd is not None
     vague = fitted.own_sds > options.largest_sd
     for k, i in enumerate(np.flatnonzero(fitting).tolist()):
         if far[k]:

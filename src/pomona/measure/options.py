@@ -11,8 +11,10 @@ from pomona.measure.circle_options import CircleOptions
 
 TIE_OF_POINTS = 5.0
 """In radii: points of a cloud say themselves where a fruit is."""
-TIE_OF_OUTLINES = 0.3
-"""In radii: fruits that were found by their outlines are near where they were found."""
+TIE_OF_OUTLINES, TIE_OF_CIRCLES = 0.3, 0.5
+"""In radii: fruits that were found by their outlines are near where they were found; circles say better where."""
+LARGEST_SD_OF_OUTLINES, LARGEST_SD_OF_CIRCLES = 0.08, 0.05
+"""As shares: circles say a little of nearly all fruits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,11 +29,11 @@ class MeasureOptions:
     variety; of single fruits `single_ratio_sd`) as a share, and stalks lean by `tilt_sd` radians. Fruits whose
     diameter comes out with a standard deviation of at most `clear_sd`, as a share, or is among the `clear_share`
     that are known best, say what is usual in this survey, if there are `fewest_clear`. Centres are tied to where
-    the fusion has them as by a standard deviation of `place_radii`; None: 5 where fruits have points of a cloud,
-    else 0.3. A diameter outside `smallest` to `largest` median diameters of the survey is no measurement, nor is
-    one that what is seen of the fruit itself tells with a standard deviation above `largest_sd` as a share.
-    `relative_sd` is what a spheroid leaves unsaid of a fruit, as a share. `circles` says how circles that photos show
-    count, None that none do. `allometry` gives weights.
+    the fusion has them as by a standard deviation of `place_radii`; None: 5 where fruits have points of a cloud, 0.5
+    where photos show circles, else 0.3. A diameter outside `smallest` to `largest` median diameters of the survey is no
+    measurement, nor is one that what is seen of the fruit itself tells with a standard deviation above `largest_sd` as
+    a share; None: 0.05 where photos show circles, else 0.08. `relative_sd` is what a spheroid leaves unsaid of a fruit,
+    as a share. `circles` says how circles that photos show count, None that none do. `allometry` gives weights.
     """
 
     rays_per_photo: int = 24
@@ -52,7 +54,7 @@ class MeasureOptions:
     place_radii: float | None = None
     smallest: float = 0.4
     largest: float = 2.0
-    largest_sd: float = 0.08
+    largest_sd: float | None = None
     relative_sd: float = 0.004
     circles: CircleOptions | None = field(default_factory=CircleOptions)
     allometry: Allometry = STORY_APPLES
@@ -73,8 +75,12 @@ class MeasureOptions:
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"`{name}`: expected a share from 0 to 1, found {getattr(self, name)}")
 
-    def tied(self, *, with_points: bool) -> MeasureOptions:
-        """Return these options with the `place_radii` of fruits with or without points of a cloud, where it is None."""
-        if self.place_radii is not None:
-            return self
-        return replace(self, place_radii=TIE_OF_POINTS if with_points else TIE_OF_OUTLINES)
+    def known_by(self, *, points: bool, circles: bool) -> MeasureOptions:
+        """Return these options with `place_radii` and `largest_sd`, where None, of fruits with points or circles."""
+        tie = TIE_OF_POINTS if points else TIE_OF_CIRCLES if circles else TIE_OF_OUTLINES
+        largest_sd = LARGEST_SD_OF_CIRCLES if circles else LARGEST_SD_OF_OUTLINES
+        return replace(
+            self,
+            place_radii=tie if self.place_radii is None else self.place_radii,
+            largest_sd=largest_sd if self.largest_sd is None else self.largest_sd,
+        )

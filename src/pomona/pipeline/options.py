@@ -211,7 +211,9 @@ class RunOptions:
         )
 
     def _measure(self, usual: MeasureOptions) -> MeasureOptions:
-        options = (self.measure or usual).tied(with_points=self.method == "paper")
+        options = self.measure or usual
+        if self.method == "paper":  # also where a person's corrections are measured, without the points
+            options = options.known_by(points=True, circles=False)
         if self.fruit is not None:
             options = replace(options, kind=self.kind)
         return options if self.fruit is None and self.weights is None else replace(options, allometry=self.allometry)
