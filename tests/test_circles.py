@@ -81,6 +81,25 @@ def test_photos_say_less_together_than_each_alone_and_gradients_fit() -> None:
     assert np.isnan(CircleTerms.none(2).log_radii(CENTERS[:2])).all()
 
 
+def test_circles_take_the_level_of_outlines_and_count_less_where_they_scatter() -> None:
+    rng, n = np.random.default_rng(0), 40
+    centers, log_radii = rng.normal(0, 1, (n, 3)), np.log(USUAL_M) + rng.normal(0, 0.08, n)
+    spheroids = Spheroids(centers, np.exp(log_radii), np.ones(n), np.zeros((n, 2)), np.eye(3))
+    starts = np.column_stack([centers, np.full(n, np.log(USUAL_M))])
+    precisions = np.zeros((n, 4, 4))
+    precisions[:, 3, 3] = 0.02**-2
+    clear, options = rng.random(n) < 0.6, CircleOptions(level_of_outlines=1.0)
+    for scatter in (0.02, 0.08):
+        said = log_radii - 0.05 + rng.normal(0, scatter, n)
+        terms = CircleTerms(starts, precisions, precisions[:, :, 3] * (said - np.log(USUAL_M))[:, None])
+        found = terms.as_outlines_have_it(spheroids, np.full(n, 1e-5), clear, options)
+        assert abs(np.median((found.log_radii(centers) - log_radii)[clear])) < 1e-9
+        doubt = np.sqrt(precisions[0, 3, 3] / found.precisions[0, 3, 3])
+        assert 0.65 * scatter / 0.02 < doubt < 1.5 * scatter / 0.02
+        few = terms.as_outlines_have_it(spheroids, np.full(n, 1e-5), np.arange(n) < 3, options)
+        np.testing.assert_array_equal(few.pulls, terms.pulls)
+
+
 @pytest.mark.parametrize("colour", [(200, 40, 40), (190, 170, 60)], ids=["red", "yellow"])
 @pytest.mark.parametrize("wide", [0.85, 1.0, 1.15])
 def test_the_shipped_network_measures_a_plain_round_fruit(colour: tuple[int, int, int], wide: float) -> None:

@@ -16,7 +16,7 @@ class CircleOptions:
     outlines say of all fruits together, `level_of_outlines` is taken away.
     """
 
-    most_photos: int = 16
+    most_photos: int = 8
     least_sd: float = 0.03
     together: float = 0.6
     level_of_outlines: float = 0.8

@@ -27,6 +27,8 @@ from pomona.progress import Progress
 
 # A photo is worth less by this power the more a crop enlarges it.
 _ENLARGED = 2
+_FEWEST_CLEAR = 6  # fruits tell nothing of all of them if they are fewer
+_MEDIAN_OF_BELL = 0.6745  # standard deviations: the median distance from the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +97,30 @@ class CircleTerms:
         known = self.precisions[:, 3, 3]
         return np.where(known > 0, self.starts[:, 3] + rest / np.where(known > 0, known, 1), np.nan)
 
+    def lower_by(self, log_radius: float) -> CircleTerms:
+        """Return the same of radii that are lower, by a logarithm."""
+        return replace(self, pulls=self.pulls - log_radius * self.precisions[:, :, 3])
+
     def doubted(self, times: float) -> CircleTerms:
         """Return the same with variances so many times as large."""
         return replace(self, precisions=self.precisions / times, pulls=self.pulls / times)
 
-    def lower_by(self, log_radius: float) -> CircleTerms:
-        """Return the same of radii that are lower, by a logarithm."""
-        return replace(self, pulls=self.pulls - log_radius * self.precisions[:, :, 3])
+    def as_outlines_have_it(
+        self, spheroids: Spheroids, variances: FloatArray, clear: BoolArray, options: CircleOptions
+    ) -> CircleTerms:
+        """Return the same on the level of outlines, and counting for as much as both agree on single fruits.
+
+        `spheroids` (n) are the fruits as outlines alone have them, `variances` (n,) of the logarithms of their radii;
+        those that are `clear` (n,) tell how much circles are too wide or narrow, and how noisy they are.
+        """
+        off = self.log_radii(spheroids.centers) - np.log(spheroids.radii)
+        clear = clear & np.isfinite(off)
+        if clear.sum() < _FEWEST_CLEAR:
+            return self
+        level = float(np.median(off[clear]))
+        expected = 1 / self.precisions[clear, 3, 3] + variances[clear]
+        noise2 = float(np.median((off[clear] - level) ** 2 / expected)) / _MEDIAN_OF_BELL**2
+        return self.lower_by(options.level_of_outlines * level).doubted(max(noise2, 1.0))
 
 
 def see_circles(

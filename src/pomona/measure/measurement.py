@@ -177,7 +177,9 @@ def _fit(
             evidence = replace(evidence, others=edges_of_others(alone.spheroids, evidence))
         alone = fit_spheroids(start, evidence, prior)
         if circles is not None and options.circles is not None:
-            circles = _levelled(circles, alone, options.circles.level_of_outlines, options)
+            circles = circles.as_outlines_have_it(
+                alone.spheroids, alone.covariances[:, 3, 3], _clear(alone, options), options.circles
+            )
             alone = fit_spheroids(start, evidence, prior, circles)
         prior = _prior_of_all(alone, prior, options)
     elif circles is None:
@@ -214,19 +216,6 @@ def _circles(
         progress,
     )
     return circle_terms(seen, options)
-
-
-def _levelled(circles: CircleTerms, alone: Fitted, level_of_outlines: float, options: MeasureOptions) -> CircleTerms:
-    """Return the circles of radii as outlines have them, of the fruits together whose outlines are clear."""
-    off = circles.log_radii(alone.spheroids.centers) - np.log(alone.spheroids.radii)
-    clear = _clear(alone, options) & np.isfinite(off)
-    if clear.sum() < options.fewest_clear:
-        return circles
-    level = float(np.median(off[clear]))
-    own = 1 / circles.precisions[clear, 3, 3]
-    spread2 = ((off[clear] - level) / _MEDIAN_OF_BELL) ** 2
-    noise2 = float(np.median(spread2 / (own + alone.covariances[clear, 3, 3])))
-    return circles.lower_by(level_of_outlines * level).doubted(max(noise2, 1.0))
 
 
 def _clear(alone: Fitted, options: MeasureOptions) -> BoolArray:
