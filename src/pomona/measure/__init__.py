@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pomona.measure.allometry import Allometry, allometry_of_kind, fit_allometry, total_weight, weigh
+from pomona.measure.circle_network import CirclesNetwork
+from pomona.measure.circle_options import CircleOptions
 from pomona.measure.measurement import measure, sides_of
 from pomona.measure.options import MeasureOptions
 
 __all__ = [
     "Allometry",
+    "CircleOptions",
+    "CirclesNetwork",
     "MeasureOptions",
     "allometry_of_kind",
     "fit_allometry",
