@@ -25,7 +25,7 @@ from pomona.measure.spheroids import Spheroids
 from pomona.photos import Photos
 from pomona.progress import Progress
 
-# A photo is worth less by this power the more a crop enlarges it.
+# Standard deviations are larger by this power of how much a crop enlarges its photo.
 _ENLARGED = 2
 _FEWEST_CLEAR = 6  # fruits tell nothing of all of them if they are fewer
 _MEDIAN_OF_BELL = 0.6745  # standard deviations: the median distance from the mean
@@ -135,7 +135,7 @@ def see_circles(
     options: CircleOptions,
     progress: Progress,
 ) -> SeenCircles:
-    """Return the circles that photos show of fruits at centres (n, 3), those photos that saw them.
+    """Return the circles of fruits at centres (n, 3) in the photos that saw them.
 
     `fruit_idx` (m,) says of which fruit each observation is, −1 for none; `radius_m` is the usual one.
     """
