@@ -31,6 +31,7 @@ _LEAST_SPREAD = 0.02  # fruits of one survey differ at least so much
 _GUESSED_UP = 0.2  # radians: how far the cameras' mean up may be from up
 _NOISES = (0.3, 6.0)  # how many times the usual noise the masks of a survey may have
 _POINT_NOISE = 0.06  # radii: stereo flattens round things
+_PLAIN = 0.75  # the visibility from which a fruit is hardly hidden
 _MEDIAN_OF_BELL = 0.6745  # standard deviations: the median distance from the mean
 
 
@@ -350,7 +351,8 @@ def _fruits(
         if far[k]:
             reasons[i] = f"{1000 * diameters_m[k]:.0f} mm would fit, far from the median of {1000 * median_m:.0f} mm"
         elif vague[k]:
-            reasons[i] = f"hidden too far: its width is not known to {100 * options.largest_sd:g} %"
+            why = "hidden too far" if visibilities[k] < _PLAIN else "not clear enough"
+            reasons[i] = f"{why}: its width is not known to {100 * options.largest_sd:g} %"
     centers = fused.fruits.centers_in_world.copy()
     centers[fitting] = fitted.spheroids.centers
     good = ~(far | vague)
