@@ -17,15 +17,15 @@ import time
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pomona.fruit_crops.crop_network import CHANNELS
 from pomona.fruit_crops.crops import CropPlaces, cut
 from pomona.fruit_crops.likeness import with_likeness
 from pomona.fruit_traits.colours import ColourCounts
-from pomona.measure.circle_network import CHANNELS, KIND
+from pomona.measure.circle_network import KIND
 from train_second_look import (
     QUICK_IN_BFLOAT16,
     Block,
@@ -33,6 +33,7 @@ from train_second_look import (
     Picture,
     Residual,
     counts_of,
+    export,
     follow,
     in_other_light,
     less_like,
@@ -186,21 +187,6 @@ def held_out(net: CirclesNet, patches: Tensor, labels: Tensor) -> str:
     )
 
 
-def export(net: CirclesNet, out: Path) -> None:
-    example = (torch.zeros(2, CHANNELS, HOW.side_px, HOW.side_px),)
-    names = {"input_names": ["crops"], "output_names": ["circles"]}
-    axes = {"crops": {0: "n"}, "circles": {0: "n"}}
-    torch.onnx.export(net.eval(), example, str(out), **names, dynamic_axes=axes, opset_version=17, dynamo=False)
-    file = onnx.load(str(out))
-    entries = {
-        "kind": KIND, "radius_px": f"{HOW.radius_px:g}", "side_px": str(HOW.side_px), "channels": str(CHANNELS),
-    }  # fmt: skip
-    for key, value in entries.items():
-        entry = file.metadata_props.add()
-        entry.key, entry.value = f"pomona.{key}", value
-    onnx.save(file, str(out))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
@@ -220,7 +206,7 @@ def main() -> None:
     print(f"{len(patches)} fruits of {len(arguments.folders)} folders", flush=True)
     checkpoint = arguments.out.with_suffix(".pt")
     net = fit(patches, labels, shares, arguments.steps, arguments.seed, checkpoint, arguments.weights)
-    export(net, arguments.out)
+    export(net, HOW, arguments.out, KIND, "circles")
 
 
 if __name__ == "__main__":

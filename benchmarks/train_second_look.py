@@ -28,10 +28,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pomona.capture import load_photos, read_pixels
+from pomona.fruit_crops.crop_network import CHANNELS
 from pomona.fruit_crops.crops import CropPlaces, cut
 from pomona.fruit_crops.likeness import with_likeness
 from pomona.fruit_traits.colours import ColourCounts
-from pomona.second_look.network import CHANNELS, KIND
+from pomona.second_look.network import KIND
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.train.center import is_quick_in_bfloat16
 
@@ -317,16 +318,16 @@ def held_out_loss(net: CentersNet, patches: Tensor, labels: Tensor, how: Crops) 
     return float(loss_of(logits, targets, weights))
 
 
-def export(net: CentersNet, how: Crops, out: Path) -> None:
-    model = nn.Sequential(net, nn.Sigmoid()).eval()
+def export(net: nn.Module, how: Crops, out: Path, kind: str, output: str, **metadata: str) -> None:
+    """Write a network of crops in the form that `pomona.fruit_crops.crop_network` reads."""
     example = (torch.zeros(2, CHANNELS, how.side_px, how.side_px),)
-    names = {"input_names": ["crops"], "output_names": ["centers"]}
-    axes = {"crops": {0: "n"}, "centers": {0: "n"}}
-    torch.onnx.export(model, example, str(out), **names, dynamic_axes=axes, opset_version=17, dynamo=False)
+    names = {"input_names": ["crops"], "output_names": [output]}
+    axes = {"crops": {0: "n"}, output: {0: "n"}}
+    torch.onnx.export(net.eval(), example, str(out), **names, dynamic_axes=axes, opset_version=17, dynamo=False)
     file = onnx.load(str(out))
     entries = {
-        "kind": KIND, "radius_px": f"{how.radius_px:g}", "side_px": str(how.side_px), "stride": str(STRIDE),
-        "channels": str(CHANNELS),
+        "kind": kind, "radius_px": f"{how.radius_px:g}", "side_px": str(how.side_px), "channels": str(CHANNELS),
+        **metadata,
     }  # fmt: skip
     for key, value in entries.items():
         entry = file.metadata_props.add()
@@ -354,7 +355,7 @@ def main() -> None:
     print(f"{len(patches)} patches of {len(arguments.folders)} folders", flush=True)
     checkpoint = arguments.out.with_suffix(".pt")
     net = fit(patches, labels, how, tuple(arguments.widths), arguments.steps, arguments.seed, checkpoint)
-    export(net, how, arguments.out)
+    export(nn.Sequential(net, nn.Sigmoid()), how, arguments.out, KIND, "centers", stride=str(STRIDE))
 
 
 if __name__ == "__main__":

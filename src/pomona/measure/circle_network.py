@@ -15,43 +15,22 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import ByteArray, Float32Array
-from pomona.errors import FormatError
-from pomona.onnx_file import OnnxFile
+from pomona.fruit_crops.crop_network import CropNetwork
 
 KIND = "circles"
-CHANNELS = 4
 SHIPPED = Path(__file__).parent / "weights" / "circles.onnx"
-_BATCH = 64  # crops at once: bounds memory
+_NUMBERS = 6  # of a circle
 
 
-class CirclesNetwork:
+class CirclesNetwork(CropNetwork):
     """Says in crops where fruits are and how wide.
 
     Raises `MissingFileError` where there is no such file and `FormatError` where it is not of this contract.
     """
 
     def __init__(self, path: Path = SHIPPED) -> None:
-        self._file = OnnxFile(path)
-        found = self._file.metadata.get("pomona.kind")
-        if found != KIND:
-            raise FormatError(f"{path}: expected an ONNX model with metadata pomona.kind = '{KIND}', found {found!r}")
-        (channels,) = self._file.numbers("pomona.channels", 1)
-        if channels != CHANNELS:
-            raise FormatError(f"{path}: expected crops of pomona.channels = {CHANNELS}, found {channels:g}")
-        (self.radius_px,), (side,) = (self._file.numbers(f"pomona.{key}", 1) for key in ("radius_px", "side_px"))
-        if side != int(side):
-            raise FormatError(f"{path}: expected a whole pomona.side_px, found {side:g}")
-        self.side_px = int(side)
+        super().__init__(path, KIND)
 
     def circles(self, crops: ByteArray) -> Float32Array:
         """Return for crops (n, side, side, 4) where fruits are and how wide (n, 6), as the file's contract has it."""
-        found = [np.zeros((0, 6), np.float32)]
-        for first in range(0, len(crops), _BATCH):
-            some = crops[first : first + _BATCH].transpose(0, 3, 1, 2)
-            (circles,) = self._file.run(some, ["circles"])
-            if circles.shape != (len(some), 6):
-                raise FormatError(
-                    f"{self._file.path}: output 'circles': expected {(len(some), 6)}, found {circles.shape}"
-                )
-            found.append(circles)
-        return np.concatenate(found)
+        return np.concatenate([np.zeros((0, _NUMBERS), np.float32), *self.batches(crops, "circles", (_NUMBERS,))])

@@ -15,43 +15,26 @@ import numpy as np
 
 from pomona.arrays import ByteArray, Float32Array
 from pomona.errors import FormatError
-from pomona.onnx_file import OnnxFile
+from pomona.fruit_crops.crop_network import CropNetwork
 
 KIND = "second-look"
-CHANNELS = 4
 SHIPPED = Path(__file__).parent / "weights" / "second_look.onnx"
-_BATCH = 64  # crops at once: bounds memory
 
 
-class CentersNetwork:
+class CentersNetwork(CropNetwork):
     """Says where in crops the centres of fruits are.
 
     Raises `MissingFileError` where there is no such file and `FormatError` where it is not of this contract.
     """
 
     def __init__(self, path: Path = SHIPPED) -> None:
-        self._file = OnnxFile(path)
-        found = self._file.metadata.get("pomona.kind")
-        if found != KIND:
-            raise FormatError(f"{path}: expected an ONNX model with metadata pomona.kind = '{KIND}', found {found!r}")
-        (channels,) = self._file.numbers("pomona.channels", 1)
-        if channels != CHANNELS:
-            raise FormatError(f"{path}: expected crops of pomona.channels = {CHANNELS}, found {channels:g}")
-        (self.radius_px,) = self._file.numbers("pomona.radius_px", 1)
-        side, stride = (self._file.numbers(key, 1)[0] for key in ("pomona.side_px", "pomona.stride"))
-        if side != int(side) or stride != int(stride) or side % stride:
-            raise FormatError(f"{path}: expected whole pomona.side_px and pomona.stride, found {side:g} and {stride:g}")
-        self.side_px, self.stride = int(side), int(stride)
+        super().__init__(path, KIND)
+        self.stride = self.whole_number("pomona.stride")
+        if self.side_px % self.stride:
+            raise FormatError(f"{path}: expected a pomona.side_px of whole strides, found {self.side_px}")
 
     def centers(self, crops: ByteArray) -> Float32Array:
         """Return for crops (n, side, side, 4) the probabilities (n, h, w) of centres at cells of `stride`."""
         cells = self.side_px // self.stride
-        found = [np.zeros((0, cells, cells), np.float32)]
-        for first in range(0, len(crops), _BATCH):
-            some = crops[first : first + _BATCH].transpose(0, 3, 1, 2)
-            (maps,) = self._file.run(some, ["centers"])
-            if maps.shape != (len(some), 1, cells, cells):
-                expected = (len(some), 1, cells, cells)
-                raise FormatError(f"{self._file.path}: output 'centers': expected {expected}, found {maps.shape}")
-            found.append(maps[:, 0])
-        return np.concatenate(found)
+        maps = self.batches(crops, "centers", (1, cells, cells))
+        return np.concatenate([np.zeros((0, cells, cells), np.float32), *(some[:, 0] for some in maps)])
