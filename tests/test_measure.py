@@ -316,6 +316,10 @@ def test_hidden_fruits_say_so_and_masks_behind_leaves_keep_their_width() -> None
     assert np.isnan([hidden.diameters_m[0], hidden.diameter_sds_m[0], hidden.heights_m[0]]).all()
     assert hidden.visibilities[0] < 0.2
     assert hidden.reasons[1:] == ("",) * 13
+    # The others say how large it is likely to be, about as well as fruits are alike.
+    assert hidden.rough_diameters_m[0] == pytest.approx(0.074, abs=3 * hidden.rough_diameter_sds_m[0])
+    assert 1.5 * np.nanmedian(hidden.diameter_sds_m) < hidden.rough_diameter_sds_m[0] < 0.01
+    assert np.isnan(hidden.rough_diameters_m[1:]).all()
 
 
 @pytest.mark.parametrize("beside", [(0.06, 0, 0), (0.045, 0.03, 0.03), (0.05, 0.04, 0)])

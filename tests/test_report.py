@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import re
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from scipy.spatial import cKDTree
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.capture.quality import Problems
-from pomona.crop import Crop
+from pomona.crop import Crop, SizeDistribution
 from pomona.errors import InputError
 from pomona.evaluate.fruits import Truth
 from pomona.fruits import FruitCloud, Fruits, Observations
@@ -185,6 +187,21 @@ def test_chosen_packing_classes_come_first(data: ReportData, text: str) -> None:
     assert first is not None
     assert first.groups() == ("50 60 65 70 75 80 85 90", "apples, 5 mm")
     assert '<option data-edges="61 72.5">own</option>' in report_html(replace(data, packing="61,72.5"))
+
+
+def test_sizes_of_the_whole_crop_stand_beside_those_measured(data: ReportData, text: str) -> None:
+    edges = tuple(np.arange(0.05, 0.1, 0.0005).tolist())
+    below = tuple((400 * np.clip((np.array(edges) - 0.06) / 0.02, 0, 1)).tolist())
+    sizes = SizeDistribution((0.07, 0.074, 0.08), (0.062, 0.07, 0.078), "so", edges, below, below)
+    every = Interval(400, 380, 420, "all")
+    shown = report_html(replace(data, crop=Crop(every, every, None, None, 2, None, sizes)))
+    assert "of the whole crop; 80 % lie between 62 and 78 mm" in shown
+    assert shown.count('<path class="outline"') == 1
+    crop = json.loads(unescape(re.search(r'id="packing" data-crop="([^"]+)"', shown).group(1)))  # type: ignore[union-attr]
+    assert crop["edges"][0] == 50
+    assert crop["fruits"][-1] == 400
+    assert len(crop["edges"]) == len(crop["fruits"]) == len(crop["kg"])
+    assert 'class="outline"' not in text
 
 
 @pytest.mark.parametrize("sagitta_m", [0.0, 4.0, 8.0])

@@ -35,6 +35,8 @@ FRUITS = Fruits(
     tree_ids=[2, 0],
     sides=("both", "east"),
     reasons=("", "seen once, no size"),
+    rough_diameters_m=[np.nan, 0.0712],
+    rough_diameter_sds_m=[np.nan, 0.0061],
 )
 
 
@@ -44,6 +46,8 @@ def test_fruits_come_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.centers_in_world, FRUITS.centers_in_world, atol=5.1e-5)
     for name in ("ids", "views", "tree_ids", "diameters_m", "diameter_sds_m", "visibilities", "scores"):
         np.testing.assert_array_equal(getattr(back, name), getattr(FRUITS, name))
+    np.testing.assert_array_equal(back.rough_diameters_m, FRUITS.rough_diameters_m)
+    np.testing.assert_array_equal(back.rough_diameter_sds_m, FRUITS.rough_diameter_sds_m)
     np.testing.assert_allclose(back.weights_g, [190.0, np.nan])
     assert back.sides == FRUITS.sides
     assert back.reasons == FRUITS.reasons

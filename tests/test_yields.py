@@ -20,7 +20,7 @@ from pomona.planting import on_trees
 from pomona.planting.summary import trees_of
 from pomona.progress import Silent
 from pomona.survey.digest import plain
-from pomona.trees import Trunks
+from pomona.trees import Trees, Trunks
 from pomona.yields import Estimate, HandCounts, YieldOptions, estimate_crop, read_hand_counts
 from pomona.yields.detectability import Detectability
 from pomona.yields.encounters import encounters_of, kept_shares
@@ -169,9 +169,48 @@ def test_sizes_count_fruits_as_often_as_there_are_such() -> None:
     assert crop.weight_kg is not None
     assert crop.sizes.measured[1] - 0.006 < crop.sizes.crop[1] < crop.sizes.measured[1] - 0.0005
     assert "measured" in crop.sizes.how
+    assert crop.sizes.below[-1] == pytest.approx(crop.fruits.value, rel=1e-3)
+    assert np.interp(crop.sizes.crop[1], crop.sizes.edges_m, crop.sizes.below) == pytest.approx(crop.fruits.value / 2)
     per_fruit = crop.weight_kg.value / crop.fruits.value
     assert per_fruit < float(np.mean(fruits.weights_g)) / 1000
     assert Crop.from_json(plain(crop)) == crop
+    older = plain(crop) | {"sizes": {"measured": [0.06, 0.07, 0.08], "crop": [0.06, 0.07, 0.08], "how": "so"}}
+    assert Crop.from_json(older) == replace(crop, sizes=None)
+
+
+def test_the_crop_is_as_large_as_its_fruits_where_small_ones_are_not_measured() -> None:
+    """Diameters of 66 to 82 mm; of those below 72 mm most are too hidden, and what is measured errs."""
+    rng = np.random.default_rng(8)
+    fruits, observations, cameras, _ = grown(4, 2)
+    true_m = rng.uniform(0.066, 0.082, len(fruits))
+    hidden = (true_m < 0.072) & (rng.random(len(fruits)) < 0.7)
+    prior_sd_m, clear_sd_m, rough_sd_m = 0.0046, 0.001, 0.004
+    # What is seen, and how large others are, put together: as the fit of a fruit that is hardly seen does.
+    own_m = true_m + rough_sd_m * rng.standard_normal(len(fruits))
+    trust = prior_sd_m**2 / (prior_sd_m**2 + rough_sd_m**2)
+    rough_m, spread_m = 0.074 + trust * (own_m - 0.074), prior_sd_m * np.sqrt(1 - trust)
+    fruits = replace(
+        fruits,
+        diameters_m=np.where(hidden, np.nan, true_m + clear_sd_m * rng.standard_normal(len(fruits))),
+        diameter_sds_m=np.where(hidden, np.nan, clear_sd_m),
+        rough_diameters_m=np.where(hidden, rough_m, np.nan),
+        rough_diameter_sds_m=np.where(hidden, spread_m, np.nan),
+    )
+    fruits = weigh(fruits, STORY_APPLES, METRES)
+    found = estimate_crop(fruits, observations, cameras, Trees.empty(), STORY_APPLES)
+    assert found.crop is not None
+    assert found.crop.sizes is not None
+    low, middle, high = found.crop.sizes.crop
+    assert found.crop.sizes.measured[1] > float(np.median(true_m)) + 0.0015
+    assert middle == pytest.approx(float(np.median(true_m)), abs=0.0011)
+    assert (low, high) == pytest.approx(tuple(np.percentile(true_m, [10, 90])), abs=0.0016)
+    # Without any word on hidden fruits, they are taken to be like the others.
+    silent = replace(fruits, rough_diameters_m=np.full(len(fruits), np.nan))
+    alone = estimate_crop(silent, observations, cameras, Trees.empty(), STORY_APPLES).crop
+    assert alone is not None
+    assert alone.sizes is not None
+    assert alone.sizes.crop[1] > middle + 0.001
+    assert alone.sizes.below[-1] == pytest.approx(alone.fruits.value, rel=1e-3)
 
 
 def test_draws_of_a_long_row_are_made_part_by_part() -> None:

@@ -15,14 +15,32 @@ from pomona.intervals import Interval
 
 @dataclass(frozen=True)
 class SizeDistribution:
-    """Deciles of diameters in metres, the 10th, 50th and 90th: of the fruits `measured`, and of the whole `crop`.
+    """How large fruits are, in metres: deciles, the 10th, 50th and 90th, of those `measured`, and of the whole `crop`.
 
-    Of the crop each measured fruit counts for those like it that were not measured or not found. `how` says it.
+    Of the crop each found fruit counts for as many as it stands for, measured or not. `how` says it. Of the crop are
+    smaller than each of k `edges_m` so many fruits (`below`), which weigh so much (`weights_below_kg`).
     """
 
     measured: tuple[float, float, float]
     crop: tuple[float, float, float]
     how: str
+    edges_m: tuple[float, ...]
+    below: tuple[float, ...]
+    weights_below_kg: tuple[float, ...]
+
+    def ends_m(self, percent: float) -> tuple[float, float]:
+        """Return the diameters than which so many percent of the crop are smaller, and larger."""
+        low, high = np.interp(np.array([percent, 100 - percent]) / 100 * self.below[-1], self.below, self.edges_m)
+        return float(low), float(high)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any] | None) -> SizeDistribution | None:
+        """Return the sizes of which a manifest holds the entries; None where they are None, or an older version's."""
+        names = [field.name for field in fields(cls)]
+        if values is None or not values.keys() >= set(names):
+            return None
+        entries: dict[str, Any] = {name: values[name] if name == "how" else tuple(values[name]) for name in names}
+        return cls(**entries)
 
 
 @dataclass(frozen=True)
@@ -48,11 +66,8 @@ class Crop:
         if values is None:
             return None
         intervals = {name: Interval.from_json(values[name]) for name in _INTERVALS}
-        sizes = values["sizes"]
-        known = (
-            None if sizes is None else SizeDistribution(tuple(sizes["measured"]), tuple(sizes["crop"]), sizes["how"])
-        )
-        return cls(**intervals, sides=values["sides"], sizes=known)  # type: ignore[arg-type]
+        sizes = SizeDistribution.from_json(values["sizes"])
+        return cls(**intervals, sides=values["sides"], sizes=sizes)  # type: ignore[arg-type]
 
 
 _INTERVALS = [field.name for field in fields(Crop) if "Interval" in str(field.type)]

@@ -106,7 +106,8 @@ class Fruits:
     (0 to 1: probability that it is a fruit) and `views` (number of photos) are (n,); `tree_ids` (0: none),
     `other_tree_ids` (of fruits between two trees the neighbour, else 0) and `sides` (which side's photos saw it; "both"
     for more than one) are (n,). `stands_for` (n,) is how many fruits of the crop each stands for, itself and those that
-    no photo shows (`pomona.yields`).
+    no photo shows (`pomona.yields`). `rough_diameters_m` and `rough_diameter_sds_m` (n,) are of fruits that are not
+    measured how large they are likely to be, by the little that is seen of them and the sizes of the others; else NaN.
     """
 
     ids: IntArray
@@ -124,10 +125,13 @@ class Fruits:
     other_tree_ids: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     heights_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     stands_for: FloatArray = field(default_factory=lambda: np.zeros(0))
+    rough_diameters_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    rough_diameter_sds_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for name in ("diameter_sds_m", "heights_m", "visibilities", "weights_g", "weight_sds_g", "stands_for"):
+        lengths = ("diameter_sds_m", "heights_m", "rough_diameters_m", "rough_diameter_sds_m")
+        for name in (*lengths, "visibilities", "weights_g", "weight_sds_g", "stands_for"):
             if len(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full(n, np.nan))
         for name in ("tree_ids", "other_tree_ids"):
@@ -140,8 +144,7 @@ class Fruits:
                 raise InputError(f"Fruits.{name}: expected {n} entries, found {len(getattr(self, name))}")
         set_checked(self, "centers_in_world", (n, 3), np.float64)
         for name in (
-            "diameters_m", "scores", "diameter_sds_m", "visibilities", "weights_g", "weight_sds_g", "heights_m",
-            "stands_for",
+            *lengths, "diameters_m", "scores", "visibilities", "weights_g", "weight_sds_g", "stands_for"
         ):  # fmt: skip
             set_checked(self, name, (n,), np.float64)
         for name in ("ids", "views", "tree_ids", "other_tree_ids"):
@@ -175,6 +178,8 @@ class Fruits:
             self.other_tree_ids[idx],
             self.heights_m[idx],
             self.stands_for[idx],
+            self.rough_diameters_m[idx],
+            self.rough_diameter_sds_m[idx],
         )
 
     def to_pandas(self) -> Any:
@@ -193,6 +198,7 @@ class Fruits:
             "views": self.views, "score": self.scores, "tree_id": self.tree_ids, "side": self.sides,
             "reason": self.reasons, "weight_sd_g": self.weight_sds_g,
             "other_tree_id": self.other_tree_ids, "height_m": self.heights_m, "stands_for": self.stands_for,
+            "rough_diameter_m": self.rough_diameters_m, "rough_diameter_sd_m": self.rough_diameter_sds_m,
         }  # fmt: skip
 
 

@@ -11,6 +11,13 @@ export interface Class {
   weight: number;
 }
 
+/** How many fruits of the whole crop are smaller than each of the edges, in mm, and what these weigh. */
+export interface Crop {
+  edges: number[];
+  fruits: number[];
+  kg: number[];
+}
+
 /** The classes below, between and above edges in ascending order; `sizes` in the edges' unit, NaN counts nowhere. */
 export function classesOf(sizes: number[], weights: number[], edges: number[]): Class[] {
   const limits = [-Infinity, ...edges, Infinity];
@@ -22,6 +29,24 @@ export function classesOf(sizes: number[], weights: number[], edges: number[]): 
     mine.weight += Number.isFinite(weights[i]) ? weights[i]! : 0;
   });
   return classes;
+}
+
+/** How many of the whole crop, and how many kilograms of it, are below, between and above edges in ascending order. */
+export function cropClasses(crop: Crop, edges: number[]): { fruits: number; kg: number }[] {
+  const between = (column: number[]): number[] => {
+    const below = [0, ...edges.map((edge) => interpolated(edge, crop.edges, column)), column[column.length - 1]!];
+    return below.slice(1).map((value, i) => value - below[i]!);
+  };
+  const kilograms = between(crop.kg);
+  return between(crop.fruits).map((fruits, i) => ({ fruits, kg: kilograms[i]! }));
+}
+
+function interpolated(at: number, xs: number[], ys: number[]): number {
+  const above = xs.findIndex((x) => x > at);
+  if (above === 0) return ys[0]!;
+  if (above < 0) return ys[ys.length - 1]!;
+  const share = (at - xs[above - 1]!) / (xs[above]! - xs[above - 1]!);
+  return ys[above - 1]! + share * (ys[above]! - ys[above - 1]!);
 }
 
 /** Numbers in what a person typed, in order, each once. */
@@ -37,7 +62,11 @@ export function showPacking(fruits: Fruit[]): void {
   const sizes = fruits.map(({ diameter }) => 1000 * diameter);
   const preset = find<HTMLSelectElement>("#packing-preset");
   const typed = find<HTMLInputElement>("#packing-edges");
-  const show = (edges: number[]): void => fill(find("#packing-table"), classesOf(sizes, fruits.map(({ weight }) => weight), edges));
+  const crop = box.dataset.crop ? (JSON.parse(box.dataset.crop) as Crop) : null;
+  const show = (edges: number[]): void => {
+    const measured = classesOf(sizes, fruits.map(({ weight }) => weight), edges);
+    fill(find("#packing-table"), measured, crop && cropClasses(crop, edges));
+  };
   const choose = (): void => {
     typed.value = preset.selectedOptions[0]!.dataset.edges!;
     show(edgesIn(typed.value));
@@ -48,10 +77,12 @@ export function showPacking(fruits: Fruit[]): void {
   box.hidden = false;
 }
 
-function fill(table: HTMLElement, classes: Class[]): void {
-  const all = classes.reduce((sum, { fruits }) => sum + fruits, 0);
-  const most = Math.max(1, ...classes.map(({ fruits }) => fruits));
-  const weighed = classes.some(({ weight }) => weight > 0);
+function fill(table: HTMLElement, classes: Class[], crop: { fruits: number; kg: number }[] | null): void {
+  const counts = crop ? crop.map(({ fruits }) => fruits) : classes.map(({ fruits }) => fruits);
+  const weights = crop ? crop.map(({ kg }) => kg) : classes.map(({ weight }) => weight / 1000);
+  const all = counts.reduce((sum, fruits) => sum + fruits, 0);
+  const most = Math.max(1e-9, ...counts);
+  const weighed = weights.some((weight) => weight > 0);
   const share = new Intl.NumberFormat(undefined, { style: "percent", maximumFractionDigits: 1 });
   const count = new Intl.NumberFormat();
   const kilograms = new Intl.NumberFormat(undefined, { maximumFractionDigits: 1, minimumFractionDigits: 1 });
@@ -60,13 +91,13 @@ function fill(table: HTMLElement, classes: Class[]): void {
     row.append(...cells.map((text) => element(tag, text)));
     return row;
   };
-  const head = line(["mm", "fruits", "share", ...(weighed ? ["kg"] : []), ""], "th");
-  table.replaceChildren(head, ...classes.map(({ from, to, fruits, weight }) => {
+  const head = line(["mm", crop ? "measured" : "fruits", "share", ...(weighed ? ["kg"] : []), ""], "th");
+  table.replaceChildren(head, ...classes.map(({ from, to, fruits }, i) => {
     const name = from === -Infinity ? `below ${count.format(to)}` : to === Infinity ? `${count.format(from)} and more` : `${count.format(from)} to ${count.format(to)}`;
-    const row = line([name, count.format(fruits), share.format(all ? fruits / all : 0), ...(weighed ? [kilograms.format(weight / 1000)] : [])], "td");
+    const row = line([name, count.format(fruits), share.format(all ? counts[i]! / all : 0), ...(weighed ? [kilograms.format(weights[i]!)] : [])], "td");
     const track = element("td", "", "track");
     const bar = element("i");
-    bar.style.width = `${(100 * fruits) / most}%`;
+    bar.style.width = `${(100 * counts[i]!) / most}%`;
     track.append(bar);
     row.append(track);
     return row;

@@ -9,7 +9,7 @@ import { detectionsOf, fruitsOf, median, quantile, sightingsOf } from "../src/pa
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
 import { localised, localisedDay } from "../src/locale";
-import { classesOf, edgesIn } from "../src/packing";
+import { classesOf, cropClasses, edgesIn } from "../src/packing";
 import { marks } from "../src/row";
 import { columnsOf, compared, rowsInSight } from "../src/table";
 import { stepAt } from "../src/truth";
@@ -190,6 +190,13 @@ test("fruits fall into packing classes with their weights, and classes can be ty
   expect(classes[0]!.from).toBe(-Infinity);
   expect(edgesIn("70, 60; 65 72,5 60 x")).toEqual([60, 65, 70, 72.5]);
   expect(edgesIn("none")).toEqual([]);
+});
+
+test("the whole crop falls into packing classes by how many of it are smaller", () => {
+  const crop = { edges: [50, 60, 70], fruits: [0, 40, 100], kg: [0, 4, 16] };
+  expect(cropClasses(crop, [45, 55, 60, 65])).toEqual([0, 20, 20, 30, 30].map((fruits, i) => ({ fruits, kg: [0, 2, 2, 6, 6][i] })));
+  expect(cropClasses(crop, [80]).map(({ fruits }) => fruits)).toEqual([100, 0]);
+  expect(cropClasses(crop, []).map(({ kg }) => kg)).toEqual([16]);
 });
 
 test("numbers and days are written as the reader writes them", () => {

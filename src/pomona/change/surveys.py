@@ -118,6 +118,8 @@ def _scaled(fruits: Fruits, factor: float) -> Fruits:
         diameters_m=factor * fruits.diameters_m,
         diameter_sds_m=factor * fruits.diameter_sds_m,
         heights_m=factor * fruits.heights_m,
+        rough_diameters_m=factor * fruits.rough_diameters_m,
+        rough_diameter_sds_m=factor * fruits.rough_diameter_sds_m,
     )
 
 

@@ -207,7 +207,7 @@ def joined_fruits(parts: Sequence[Fruits]) -> Fruits:
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in (
             "ids", "centers_in_world", "diameters_m", "scores", "views", "diameter_sds_m", "visibilities", "weights_g",
-            "weight_sds_g", "tree_ids", "other_tree_ids", "heights_m",
+            "weight_sds_g", "tree_ids", "other_tree_ids", "heights_m", "rough_diameters_m", "rough_diameter_sds_m",
         )
     }  # fmt: skip
     columns |= {name: tuple(t for part in parts for t in getattr(part, name)) for name in ("sides", "reasons")}

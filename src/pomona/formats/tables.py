@@ -19,7 +19,8 @@ from pomona.trees import Trees
 
 FRUIT_COLUMNS = (
     "id", "x_m", "y_m", "z_m", "diameter_m", "diameter_sd_m", "visibility", "weight_g", "views", "score", "tree_id",
-    "side", "reason", "weight_sd_g", "other_tree_id", "height_m", "stands_for",
+    "side", "reason", "weight_sd_g", "other_tree_id", "height_m", "stands_for", "rough_diameter_m",
+    "rough_diameter_sd_m",
 )  # fmt: skip
 TREE_COLUMNS = tuple(Trees.empty().columns())
 SEGMENT_COLUMNS = tuple(RowSegments.empty().columns())
@@ -59,6 +60,8 @@ def fruit_rows(fruits: Fruits) -> list[dict[str, int | float | str | None]]:
             "other_tree_id": int(fruits.other_tree_ids[i]) or None,
             "height_m": _rounded(fruits.heights_m[i], 4),
             "stands_for": _rounded(fruits.stands_for[i], 2),
+            "rough_diameter_m": _rounded(fruits.rough_diameters_m[i], 4),
+            "rough_diameter_sd_m": _rounded(fruits.rough_diameter_sds_m[i], 4),
         }
         for i in range(len(fruits))
     ]
@@ -92,6 +95,8 @@ def read_fruits(path: Path) -> Fruits:
         other_tree_ids=np.array(column.whole("other_tree_id"), np.int64),
         heights_m=np.array(column.real("height_m"), float),
         stands_for=np.array(column.real("stands_for"), float),
+        rough_diameters_m=np.array(column.real("rough_diameter_m"), float),
+        rough_diameter_sds_m=np.array(column.real("rough_diameter_sd_m"), float),
     )
 
 

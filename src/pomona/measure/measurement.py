@@ -65,7 +65,7 @@ def measure(
     what the well-seen fruits of the survey say of the others, and with the circles that `network` (by default the
     shipped one) sees in `photos`, of round kinds of fruit that have no points. `visibility` is the share of the fruit's
     disc that the photo which shows most of it shows. A fruit that is hidden too far to be measured keeps its centre,
-    and has NaN and a reason.
+    and has NaN, a reason, and how large it is likely to be as `rough_diameters_m`.
     """
     options, progress = options or MeasureOptions(), progress or Silent()
     if len(fused.fruits) == 0:
@@ -368,6 +368,8 @@ def _fruits(
         diameters_m=of_all(diameters_m),
         diameter_sds_m=of_all(sds * diameters_m),
         heights_m=of_all(heights_m),
+        rough_diameters_m=of_all(diameters_m, vague & ~far),
+        rough_diameter_sds_m=of_all(sds * diameters_m, vague & ~far),
         visibilities=of_all(visibilities, ~far),
         reasons=tuple(reasons),
     )

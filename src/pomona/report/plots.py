@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
@@ -9,6 +10,7 @@ from html import escape
 import numpy as np
 
 from pomona.arrays import FloatArray
+from pomona.crop import SizeDistribution
 from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.report.axes import places_along, row_axes
 from pomona.report.data import ReportData
@@ -16,6 +18,7 @@ from pomona.report.html import Html, amount, as_html
 from pomona.report.svg import Axis, Bar, Dot, column_chart, dot_chart, nice_step, number, row_chart
 
 _MOST_BINS = 28  # more columns are too narrow to be told apart
+_TAIL = 0.5  # percent of the crop: where so few are smaller or larger, its histogram ends
 _MOST_ON_MAP = 6000  # fruits: more make the file large, and hide each other
 _SMALL_MM = 35  # fruits smaller than that are packed like cherries
 _TREE_COLOURS = ("", "sky")
@@ -38,26 +41,31 @@ def framed(figures: Sequence[str]) -> str:
 
 
 def diameters(data: ReportData) -> str:
-    """Return the histogram of diameters, in millimetres where the survey is metric."""
+    """Return the histogram of diameters, in millimetres where the survey is metric, with that of the whole crop."""
     factor, unit = (1000.0, "mm") if data.cameras.frame.metric else (1.0, "units")
     values = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)] * factor
     if not len(values):
         return f"{caption('Diameters')}<p class='note'>No diameter could be measured.</p>"
-    edges = bin_edges(values)
-    middle = float(np.median(values))
+    sizes = None if data.crop is None else data.crop.sizes
+    edges = bin_edges(values if sizes is None else np.append(values, factor * np.array(sizes.ends_m(_TAIL))))
+    middle = float(np.median(values) if sizes is None else factor * sizes.crop[1])
     mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
     bars = bars_of(values, edges, unit)
     unmeasured = len(data.fruits) - len(values)
-    note = Html(f"{amount(unmeasured)} not measured") if unmeasured else ""
-    return caption("Diameters", note) + column_chart(
-        bars, Axis(name=f"diameter, {unit}", ticks=ticks_at(edges)), mark=mark
-    )
+    notes = [f"{amount(unmeasured)} not measured"] if unmeasured else []
+    outline: Sequence[float] = ()
+    if sizes is not None:
+        outline = np.diff(np.interp(edges / factor, sizes.edges_m, sizes.below)).tolist()
+        notes.append("line: the whole crop, hidden fruits too")
+    chart = column_chart(bars, Axis(name=f"diameter, {unit}", ticks=ticks_at(edges)), mark=mark, outline=outline)
+    return caption("Diameters", Html("; ".join(notes))) + chart
 
 
 def packing(data: ReportData) -> str:
     """Return the frame of the histogram in packing classes, which the page's script fills: classes can be changed.
 
-    Those chosen for the survey come first; without a choice, they are those of the fruits' size.
+    Those chosen for the survey come first; without a choice, they are those of the fruits' size. The frame holds how
+    many fruits of the crop are smaller than each of many sizes, and their weight, where that is known.
     """
     if not data.cameras.frame.metric or not np.isfinite(data.fruits.diameters_m).any():
         return ""
@@ -68,13 +76,25 @@ def packing(data: ReportData) -> str:
     options = "".join(
         f'<option data-edges="{" ".join(map(number, each.edges_mm))}">{escape(each.title)}</option>' for each in choices
     )
+    sizes = None if data.crop is None else data.crop.sizes
     return (
-        caption("Packing classes")
-        + f'<div id="packing" hidden><p class="choice"><label>Classes <select id="packing-preset">{options}</select>'
-        "</label>"
+        caption("Packing classes", "" if sizes is None else "share and kg: of the whole crop")
+        + f'<div id="packing"{_crop_attribute(sizes)} hidden><p class="choice">'
+        f'<label>Classes <select id="packing-preset">{options}</select></label>'
         '<label>mm <input id="packing-edges" size="30" aria-label="Edges of the classes in mm"></label></p>'
         '<table id="packing-table"></table></div><noscript>Packing classes need JavaScript.</noscript>'
     )
+
+
+def _crop_attribute(sizes: SizeDistribution | None) -> str:
+    if sizes is None:
+        return ""
+    columns = {
+        "edges": [round(1000 * edge, 1) for edge in sizes.edges_m],
+        "fruits": [round(count, 2) for count in sizes.below],
+        "kg": [round(weight, 3) for weight in sizes.weights_below_kg],
+    }
+    return f' data-crop="{escape(json.dumps(columns, separators=(",", ":")))}"'
 
 
 def row_map(data: ReportData) -> str:

@@ -68,10 +68,15 @@ def number(value: float) -> str:
     return "0" if text == "-0" else text
 
 
-def column_chart(bars: Sequence[Bar], axis: Axis, *, mark: tuple[float, str] | None = None) -> str:
-    """Return upright bars; `mark` is a place in bars and what a dashed line there says."""
+def column_chart(
+    bars: Sequence[Bar], axis: Axis, *, mark: tuple[float, str] | None = None, outline: Sequence[float] = ()
+) -> str:
+    """Return upright bars; `mark` is a place in bars and what a dashed line there says.
+
+    `outline` are the heights of bars that only a line along their tops shows, one above each bar.
+    """
     width, height = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
-    top, step = _scale([bar.value for bar in bars], 4)
+    top, step = _scale([*(bar.value for bar in bars), *outline], 4)
     pitch = width / max(len(bars), 1)
     gap = min(2.0, 0.15 * pitch)
     parts = []
@@ -83,6 +88,11 @@ def column_chart(bars: Sequence[Bar], axis: Axis, *, mark: tuple[float, str] | N
         length = height * bar.value / top
         box = (_LEFT + i * pitch + gap / 2, _TOP + height - length, max(pitch - gap, 0.5), length)
         parts.append(_rect(box, bar))
+    if outline:
+        steps = [f"V{_TOP + height * (1 - value / top):.1f}h{pitch:.2f}" for value in outline]
+        parts.append(
+            f'<path class="outline" d="M{_LEFT:.1f} {_TOP + height:.1f}{"".join(steps)}V{_TOP + height:.1f}"/>'
+        )
     parts += [_text(_LEFT + place * pitch, HEIGHT - _BOTTOM + 15, label) for place, label in axis.ticks]
     parts.append(_text(_LEFT + width / 2, HEIGHT - 5, axis.name))
     if mark is not None:

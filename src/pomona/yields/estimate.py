@@ -24,6 +24,7 @@ from pomona.yields.detectability import Detectability, fit_detectability
 from pomona.yields.encounters import Encounters, encounters_of
 from pomona.yields.hand_counts import Calibration, OnTrees, calibration, known_counts, read_hand_counts
 from pomona.yields.options import YieldOptions
+from pomona.yields.sizes import crop_sizes, size_distribution
 
 _SEEN = "true fruits among those found, hidden ones not counted"
 _ALL = {
@@ -32,10 +33,7 @@ _ALL = {
     2: "all fruit of the part that photos look at, hidden ones too",
 }
 _CALIBRATED = ", calibrated on hand counts"
-_HOW = "each measured fruit counts for those as hard to see that were not measured or not found"
 _AT_ONCE = 2000  # fruits: more are drawn part by part, in bounded memory
-_CLASSES = 4  # of detectability: fruits that could not be measured are as large as others as hard to see
-_DECILES = (10, 50, 90)
 _ENDS = (2.5, 97.5)
 
 
@@ -83,9 +81,10 @@ def estimate_crop(
         found = calibration(known, draws.on_trees(fruits, known.tree_ids), rng, progress) if len(known) else None
         if found is not None:
             ratio, draws, covers = found.ratio, draws.calibrated(found), covers + _CALIBRATED
+    fruits = replace(fruits, stands_for=draws.expected)
     return Estimate(
         _crop(fruits, line, encounters, draws, covers, ratio, allometry),
-        replace(fruits, stands_for=draws.expected),
+        fruits,
         _of_trees(fruits, trees, draws),
         _segments(fruits, line, draws, options.segment_m),
     )
@@ -182,54 +181,27 @@ def _crop(
     total: FloatArray = draws.counts.sum(axis=1, dtype=float)
     everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
     length = float(np.ptp(line.along_across(fruits.centers_in_world)[0]))
-    shares = _stands_for_measured(fruits, draws)
+    likely = crop_sizes(fruits)
+    sizes = None if likely is None else size_distribution(fruits, likely, allometry)
     return Crop(
         seen=Interval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
         fruits=everything,
         per_metre=everything.times(1 / length) if length > 0 else None,
-        weight_kg=_weight(fruits, shares, everything, total, allometry),
+        weight_kg=_weight(fruits, sizes, everything, total, allometry),
         sides=encounters.sides,
         calibration=ratio,
-        sizes=_sizes(fruits, shares),
+        sizes=sizes,
     )
 
 
-def _stands_for_measured(fruits: Fruits, draws: _Draws) -> FloatArray:
-    """Return how many fruits each measured one stands for (n,), 0 of those not measured: others as hard to see do."""
-    measured = np.isfinite(fruits.diameters_m)
-    order = np.argsort(np.argsort(draws.expected, kind="stable"), kind="stable")
-    classes = order * _CLASSES // max(len(fruits), 1)
-    result = np.zeros(len(fruits))
-    for k in range(_CLASSES):
-        mine = classes == k
-        of_measured = float(draws.expected[mine & measured].sum())
-        if of_measured > 0:
-            factor = float(draws.expected[mine].sum()) / of_measured
-            result[mine & measured] = factor * draws.expected[mine & measured]
-    return result
-
-
-def _sizes(fruits: Fruits, shares: FloatArray) -> SizeDistribution | None:
-    known = shares > 0
-    if not known.any():
-        return None
-    diameters = fruits.diameters_m[known]
-    low, middle, high = np.percentile(diameters, _DECILES)
-    order = np.argsort(diameters)
-    below = np.cumsum(shares[known][order]) - shares[known][order] / 2
-    crop = np.interp(np.array(_DECILES) / 100 * shares.sum(), below, diameters[order])
-    return SizeDistribution((float(low), float(middle), float(high)), tuple(map(float, crop)), _HOW)  # type: ignore[arg-type]
-
-
 def _weight(
-    fruits: Fruits, shares: FloatArray, everything: Interval, total: FloatArray, allometry: Allometry
+    fruits: Fruits, sizes: SizeDistribution | None, everything: Interval, total: FloatArray, allometry: Allometry
 ) -> Interval | None:
     """The weight of all fruit: of the number, and of the mean weight, whose errors are not of each other."""
     found = total_weight(fruits, allometry)
-    known = (shares > 0) & np.isfinite(fruits.weights_g)
-    if found is None or not known.any() or everything.value == 0:
+    if found is None or sizes is None or everything.value == 0:
         return None
-    mean_kg = float(np.average(fruits.weights_g[known], weights=shares[known])) / 1000
+    mean_kg = sizes.weights_below_kg[-1] / sizes.below[-1]
     rng = np.random.default_rng(len(fruits))
     spread = (found.high_kg - found.low_kg) / (2 * 1.96 * found.kg)
     weights = total * mean_kg * (1 + spread * rng.standard_normal(len(total)))
