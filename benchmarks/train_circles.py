@@ -12,8 +12,6 @@ of the weights; some of the fruits are measured on, not trained on.
 
 import argparse
 import itertools
-import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -21,24 +19,25 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pomona.fruit_crops.crop_network import CHANNELS
-from pomona.fruit_crops.crops import CropPlaces, cut
-from pomona.fruit_crops.likeness import with_likeness
-from pomona.fruit_traits.colours import ColourCounts
-from pomona.measure.circle_network import KIND
-from train_second_look import (
-    QUICK_IN_BFLOAT16,
+from crop_training import (
+    BATCH,
     Block,
     Crops,
     Picture,
     Residual,
     counts_of,
     export,
-    follow,
+    fit,
+    in_bfloat16,
     in_other_light,
     less_like,
     pictures,
 )
+from pomona.fruit_crops.crop_network import CHANNELS
+from pomona.fruit_crops.crops import CropPlaces, cut
+from pomona.fruit_crops.likeness import with_likeness
+from pomona.fruit_traits.colours import ColourCounts
+from pomona.measure.circle_network import KIND
 
 HOW = Crops(radius_px=18.0, side_px=72)
 LEAST_SEEN, LEAST_RADIUS_PX = 0.12, 8.0
@@ -46,7 +45,7 @@ OFF_CENTRE_SD, OFF_CENTRE, OFF_SIZE = 0.17, 0.5, 0.25  # radii, radii at most, a
 TURNED_SD, SCALED_SD, MOVED_SD = 0.15, 0.05, 0.08  # radians, a share, radii: anew in each step
 LOG_SDS = (-4.5, 1.0)
 FAR_SDS = 3.0
-BATCH, RATE, WARM_UP, HELD_OUT = 64, 2e-3, 100, 0.05
+HELD_OUT = 0.05
 GRAIN, DARK = 0.12, 1.2  # the strongest grain of some crops, as a share of white; stops
 
 
@@ -136,53 +135,13 @@ def loss_of(found: Tensor, wanted: Tensor) -> Tensor:
     return each.sum(1).mean()
 
 
-def fit(patches: Tensor, labels: Tensor, shares: np.ndarray, steps: int, seed: int, at: Path, weights: str | None):
-    torch.manual_seed(seed)
-    net, mean = CirclesNet(), CirclesNet()
-    if weights is not None:
-        net.load_state_dict(torch.load(weights, weights_only=True)["mean"])
-    mean.load_state_dict(net.state_dict())
-    optimiser = torch.optim.AdamW(net.parameters(), RATE, weight_decay=1e-3)
-    learnt, began, done = len(patches) - round(HELD_OUT * len(patches)), time.time(), 0
-    if at.exists():
-        state = torch.load(at, weights_only=True)
-        net.load_state_dict(state["net"])
-        mean.load_state_dict(state["mean"])
-        optimiser.load_state_dict(state["optimiser"])
-        done = state["step"]
-        torch.manual_seed(seed + done)
-    rng, shares = np.random.default_rng((seed, done)), shares[:learnt] / shares[:learnt].sum()
-    for step in range(done + 1, steps + 1):
-        for group in optimiser.param_groups:
-            group["lr"] = RATE * min(1, step / WARM_UP) * (0.5 * (1 + math.cos(math.pi * step / steps)) + 0.01)
-        some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH, p=shares)))
-        crops, wanted = crops_of(patches[some], labels[some], varied=True)
-        with torch.autocast("cpu", torch.bfloat16, enabled=QUICK_IN_BFLOAT16):
-            found = net(crops.contiguous(memory_format=torch.channels_last))
-        loss = loss_of(found.float(), wanted)
-        optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(net.parameters(), 5.0)
-        optimiser.step()
-        follow(mean, net, min(0.995, step / (step + 10)))
-        if step % 200 == 0 or step == steps:
-            torch.save(
-                {"net": net.state_dict(), "mean": mean.state_dict(), "optimiser": optimiser.state_dict(), "step": step},
-                at,
-            )
-            print(step, f"{time.time() - began:.0f} s,", held_out(mean, patches[learnt:], labels[learnt:]), flush=True)
-    return mean
-
-
-@torch.no_grad()
-def held_out(net: CirclesNet, patches: Tensor, labels: Tensor) -> str:
+def held_out(net: nn.Module, patches: Tensor, labels: Tensor) -> str:
     crops, wanted = crops_of(patches, labels, varied=False)
-    net.eval()
     found = torch.cat([net(part) for part in crops.split(BATCH)])
     off = (found[:, :3] - wanted).abs()
     within = (off < torch.exp(found[:, 3:])).float().mean(0).tolist()
     return (
-        f"held out {float(loss_of(found, wanted)):.3f}; off by {', '.join(f'{v:.3f}' for v in off.mean(0).tolist())}, "
+        f"{float(loss_of(found, wanted)):.3f}; off by {', '.join(f'{v:.3f}' for v in off.mean(0).tolist())}, "
         f"within one sd {', '.join(f'{v:.2f}' for v in within)}"
     )
 
@@ -193,7 +152,7 @@ def main() -> None:
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--steps", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--weights")
+    parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     rng = np.random.default_rng(arguments.seed)
@@ -205,8 +164,23 @@ def main() -> None:
     labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order])
     print(f"{len(patches)} fruits of {len(arguments.folders)} folders", flush=True)
     checkpoint = arguments.out.with_suffix(".pt")
-    net = fit(patches, labels, shares, arguments.steps, arguments.seed, checkpoint, arguments.weights)
-    export(net, HOW, arguments.out, KIND, "circles")
+    torch.manual_seed(arguments.seed)
+    net, mean = CirclesNet(), CirclesNet()
+    if arguments.weights is not None:
+        net.load_state_dict(torch.load(arguments.weights, weights_only=True)["mean"])
+    learnt = len(patches) - round(HELD_OUT * len(patches))
+    shares = shares[:learnt] / shares[:learnt].sum()
+
+    def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
+        some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH, p=shares)))
+        crops, wanted = crops_of(patches[some], labels[some], varied=True)
+        return loss_of(in_bfloat16(net, crops), wanted)
+
+    fit(
+        net, mean, loss_of_some, lambda net: held_out(net, patches[learnt:], labels[learnt:]), steps=arguments.steps,
+        every=200, seed=arguments.seed, checkpoint=checkpoint, weight_decay=1e-3,
+    )  # fmt: skip
+    export(mean, HOW, arguments.out, KIND, "circles")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,206 @@
+"""What the trainings of networks of crops have in common: pictures, changes of light, steps, the file."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pomona.capture import load_photos, read_pixels
+from pomona.fruit_crops.crop_network import CHANNELS
+from pomona.fruit_traits.colours import ColourCounts
+from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.train.center import is_quick_in_bfloat16
+
+BATCH = 64
+PATCH_SIDES = 2  # crops are cut out of patches so many times larger, turned and moved
+ROUND = ("apple", "citrus", "peach", "plum", "tomato", "cherry", "kiwi")  # kinds whose fruits are about spheres
+# As a segmenter finds fruits: of those of which so much is seen, such a share, with masks so much too large or small.
+FOUND_SEEN, FOUND_SHARE, FOUND_OFF_PX = 0.3, (0.4, 1.0), 1
+RATE, WARM_UP, LONGEST_MEAN = 2e-3, 100, 0.995
+QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(torch.device("cpu"))
+
+
+@dataclass(frozen=True)
+class Crops:
+    """How crops are cut: `radius_px` of a fruit, `side_px`."""
+
+    radius_px: float
+    side_px: int
+
+    @property
+    def patch_px(self) -> int:
+        return PATCH_SIDES * self.side_px
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture's pixels, its fruits' ids, centres (n, 2), radii (n,) and shares seen (n,), and which pixel is whose.
+
+    `group` is the same for pictures of one scene.
+    """
+
+    group: str
+    pixels: np.ndarray
+    ids: np.ndarray
+    xy_px: np.ndarray
+    radii: np.ndarray
+    seen: np.ndarray
+    mask: np.ndarray
+
+
+class Block(nn.Sequential):
+    def __init__(self, inner: int, outer: int, stride: int = 1) -> None:
+        convolution = nn.Conv2d(inner, outer, 3, stride, 1, bias=False)
+        super().__init__(convolution, nn.BatchNorm2d(outer), nn.ReLU(inplace=True))
+
+
+class Residual(nn.Module):
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = Block(width, width)
+        self.second = nn.Sequential(nn.Conv2d(width, width, 3, 1, 1, bias=False), nn.BatchNorm2d(width))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.relu(x + self.second(self.first(x)))
+
+
+def pictures(folder: Path) -> Iterator[Picture]:
+    """Yield the pictures of a folder, those of one scene after each other."""
+    row = RowFolder(folder)
+    photos = {Path(photo.name).stem: photo for photo in load_photos([folder / "images"], min_photos=1)}
+    if (folder / "truth" / "circles").is_dir():
+        for file in sorted((folder / "truth" / "circles").glob("*.json")):
+            circles = np.array(json.loads(file.read_text())["circles"], float).reshape(-1, 5)
+            if file.stem.split("-")[0] in ROUND and len(circles):
+                seen = circles[:, 4] / (np.pi * circles[:, 3] ** 2)
+                of_circles = circles[:, 0].astype(int), circles[:, 1:3], circles[:, 3], seen
+                group = file.stem.rsplit("-", 1)[0]
+                yield Picture(group, read_pixels(photos[file.stem]), *of_circles, read_mask(row.mask(file.stem)))
+        return
+    fruits = read_fruits(row.truth("fruits.csv"))
+    for camera in read_cameras(row.truth("cameras.json")):
+        xy_px, depths = camera.project(fruits.centres_in_world)
+        radii = camera.focal_px * fruits.diameters_m / 2 / np.maximum(depths, 1e-6)
+        mask = read_mask(row.mask(camera.name))
+        pixels_seen = np.bincount(mask.ravel(), minlength=2**16)[fruits.ids]
+        seen = np.where(depths > 0, pixels_seen / (np.pi * radii**2), 0)
+        yield Picture("row", read_pixels(photos[camera.name]), fruits.ids, xy_px, radii, seen, mask)
+
+
+def counts_of(picture: Picture, rng: np.random.Generator) -> ColourCounts:
+    """The colours of some of a picture's fruits, with masks a little off; the others pass for leaves."""
+    plain = picture.ids[picture.seen >= FOUND_SEEN]
+    found = np.isin(picture.mask, plain[rng.random(len(plain)) < rng.uniform(*FOUND_SHARE)]).astype(np.uint8)
+    off = int(rng.integers(-FOUND_OFF_PX, FOUND_OFF_PX + 1))
+    kernel = np.ones((2 * abs(off) + 1,) * 2, np.uint8)
+    fruit = (cv2.dilate if off > 0 else cv2.erode)(found, kernel) > 0
+    return ColourCounts.of(picture.pixels, fruit, ~fruit)
+
+
+def less_like(likeness: Tensor) -> Tensor:
+    """The likeness (n, 1, h, w) of surveys whose fruits are told from leaves better or worse than here."""
+    n = len(likeness)
+    gain, shift = torch.exp(0.25 * torch.randn(n, 1, 1, 1)), 8 * torch.randn(n, 1, 1, 1)
+    return (128 + gain * (likeness - 128) + shift).clamp(0, 255)
+
+
+def in_other_light(crops: Tensor) -> Tensor:
+    n = len(crops)
+
+    def some(sd: float, channels: int = 1) -> Tensor:
+        return torch.exp(sd * torch.randn(n, channels, 1, 1))
+
+    x = (crops / 255).clamp(1e-4, 1) ** some(0.2) * some(0.12, 3) * some(0.3)
+    mean = x.mean((1, 2, 3), keepdim=True)
+    x = (x - mean) * some(0.15) + mean
+    grey = x.mean(1, keepdim=True)
+    x = grey + (x - grey) * some(0.25)
+    blurred = functional.avg_pool2d(functional.pad(x, (1, 1, 1, 1), mode="replicate"), 3, 1)
+    x = torch.where((torch.rand(n) < 0.3)[:, None, None, None], blurred, x)
+    return 255 * (x + torch.randn_like(x) * 0.05 * torch.rand(n, 1, 1, 1)).clamp(0, 1)
+
+
+def in_bfloat16(net: nn.Module, crops: Tensor) -> Tensor:
+    """What a network says of crops, in numbers of half the length where these are quick."""
+    with torch.autocast("cpu", torch.bfloat16, enabled=QUICK_IN_BFLOAT16):
+        found: Tensor = net(crops.contiguous(memory_format=torch.channels_last))
+    return found.float()
+
+
+def fit(
+    net: nn.Module,
+    mean: nn.Module,
+    loss_of_some: Callable[[nn.Module, np.random.Generator], Tensor],
+    held_out: Callable[[nn.Module], str],
+    *,
+    steps: int,
+    every: int,
+    seed: int,
+    checkpoint: Path,
+    weight_decay: float,
+) -> None:
+    """Train a network, and its running `mean`, or go on with that; `checkpoint` is written `every` so many steps.
+
+    `loss_of_some` draws crops, and `held_out` says in words what the mean makes of those that it does not draw.
+    """
+    torch.manual_seed(seed)
+    mean.load_state_dict(net.state_dict())
+    optimiser = torch.optim.AdamW(net.parameters(), RATE, weight_decay=weight_decay)
+    began, done = time.time(), 0
+    if checkpoint.exists():
+        state = torch.load(checkpoint, weights_only=True)
+        net.load_state_dict(state["net"])
+        mean.load_state_dict(state["mean"])
+        optimiser.load_state_dict(state["optimiser"])
+        done = state["step"]
+        torch.manual_seed(seed + done)
+    rng = np.random.default_rng((seed, done))
+    for step in range(done + 1, steps + 1):
+        for group in optimiser.param_groups:
+            group["lr"] = RATE * min(1, step / WARM_UP) * (0.5 * (1 + math.cos(math.pi * step / steps)) + 0.01)
+        loss = loss_of_some(net, rng)
+        optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(net.parameters(), 5.0)
+        optimiser.step()
+        _follow(mean, net, min(LONGEST_MEAN, step / (step + 10)))
+        if step % every == 0 or step == steps:
+            parts = {"net": net.state_dict(), "mean": mean.state_dict(), "optimiser": optimiser.state_dict()}
+            torch.save(parts | {"step": step}, checkpoint)
+            mean.eval()
+            with torch.no_grad():
+                said = held_out(mean)
+            print(f"{step} {time.time() - began:.0f} s, loss {float(loss.detach()):.3f}, held out {said}", flush=True)
+
+
+@torch.no_grad()
+def _follow(mean: nn.Module, net: nn.Module, share: float) -> None:
+    for name, value in net.state_dict().items():
+        kept = mean.state_dict()[name]
+        kept.copy_(share * kept + (1 - share) * value if value.dtype.is_floating_point else value)
+
+
+def export(net: nn.Module, how: Crops, out: Path, kind: str, output: str, **metadata: str) -> None:
+    """Write a network of crops in the form that `pomona.fruit_crops.crop_network` reads."""
+    example = (torch.zeros(2, CHANNELS, how.side_px, how.side_px),)
+    names = {"input_names": ["crops"], "output_names": [output]}
+    axes = {"crops": {0: "n"}, output: {0: "n"}}
+    torch.onnx.export(net.eval(), example, str(out), **names, dynamic_axes=axes, opset_version=17, dynamo=False)
+    file = onnx.load(str(out))
+    entries = {
+        "kind": kind, "radius_px": f"{how.radius_px:g}", "side_px": str(how.side_px), "channels": str(CHANNELS),
+        **metadata,
+    }  # fmt: skip
+    for key, value in entries.items():
+        entry = file.metadata_props.add()
+        entry.key, entry.value = f"pomona.{key}", value
+    onnx.save(file, str(out))
