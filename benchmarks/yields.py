@@ -4,9 +4,10 @@ python benchmarks/yields.py make OUT FIRST LAST          rows without pictures: 
 python benchmarks/yields.py trials ROW [ROW ...] [--joined-by truth]
 python benchmarks/yields.py survey SURVEY TRUE_NUMBER    the crop of a finished survey, estimated again
 
-A trial takes the true masks of a row, or some of them, joins, filters and measures them as `pomona run` does, and
-compares the interval with the true number of fruits in the part of the row that photos look at: those that two
-photos of the trial at least have in the picture, whatever hangs in front. Kinds of trials:
+A trial takes the true masks of a row, or some of them, joins, filters and measures them as `pomona run` does (of a row
+without pictures without a second look and circles), and compares the interval with the true number of fruits in the
+part of the row that photos look at: those that two photos of the trial at least have in the picture, whatever hangs in
+front. Kinds of trials:
 
 two       both sides, all masks that show 3 % of a fruit
 half      both sides, every second photo
@@ -24,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from pomona.cameras import Cameras, WorldFrame
+from pomona.capture import load_photos
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.filter import apply_to_views
 from pomona.fruits import Fruits, Observations
@@ -31,6 +33,7 @@ from pomona.fuse import object
 from pomona.intrinsics import Intrinsics
 from pomona.measure import measure
 from pomona.measure.allometry import STORY_APPLES
+from pomona.second_look import look_again
 from pomona.synth import RowOptions, truth
 from pomona.synth.cameras import row_cameras
 from pomona.synth.layout import lay_out_row
@@ -102,7 +105,11 @@ class TrueRow:
         middle = [one.focal_px, one.width_px / 2, one.height_px / 2]
         lens = Intrinsics("SIMPLE_PINHOLE", one.width_px, one.height_px, np.array(middle))
         poses = np.array([np.column_stack([c.rotation_cam_from_world, c.translation_m]) for c in stands])
-        self.cameras = Cameras(tuple(c.name for c in stands), (lens,), np.zeros(len(stands), int), poses, frame=METRES)
+        self.photos = load_photos([row / "images"]) if any((row / "images").glob("*")) else None
+        names = {Path(photo.name).stem: photo.name for photo in self.photos or ()}
+        self.cameras = Cameras(
+            tuple(names.get(c.name, c.name) for c in stands), (lens,), np.zeros(len(stands), int), poses, frame=METRES
+        )
         n, p = len(self.fruits.ids), len(stands)
         self.shares, self.in_picture, self.masks = np.zeros((n, p)), np.zeros((n, p), bool), {}
         for j, camera in enumerate(stands):
@@ -148,11 +155,13 @@ def joined(row: TrueRow, kept: np.ndarray, cameras: Cameras) -> tuple[Fruits, Ob
         found[name] = Detections(name, lens.width_px, lens.height_px, masks, np.ones(len(masks)), ids)
     detections = SurveyDetections({name: found[name] for name in cameras.photos})
     candidates = object.fuse(detections, cameras)
+    if row.photos is not None:
+        candidates = look_again(candidates, detections, row.photos, cameras)
     fused = apply_to_views(candidates, detections, cameras)
-    return measure(fused, detections, cameras), fused.observations, candidates.fruits.views
+    return measure(fused, detections, cameras, row.photos), fused.observations, candidates.fruits.views
 
 
-def joined_by_truth(row: TrueRow, kept: np.ndarray) -> tuple[Fruits, Observations, np.ndarray]:
+def joined_by_truth(row: TrueRow, kept: np.ndarray) -> tuple[Fruits, Observations, None]:
     true = row.fruits
     mine = kept.sum(axis=1) >= 2
     fruits = Fruits(
@@ -161,7 +170,7 @@ def joined_by_truth(row: TrueRow, kept: np.ndarray) -> tuple[Fruits, Observation
     at = [(int(true.ids[i]), row.cameras.photos[j]) for i, j in zip(*np.nonzero(kept & mine[:, None]), strict=True)]
     numbers = np.arange(len(at))
     seen = Observations(np.array([i for i, _ in at]), tuple(name for _, name in at), numbers, np.zeros((len(at), 2)))
-    return fruits, seen, fruits.views
+    return fruits, seen, None
 
 
 def trials(rows: list[Path], by_truth: bool, kinds: list[str]) -> None:

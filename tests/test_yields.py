@@ -259,7 +259,29 @@ def test_what_the_filter_drops_of_few_photos_is_made_up_for() -> None:
 def test_shares_kept_rise_with_the_photos() -> None:
     candidates = np.repeat([2, 3, 4, 5, 6], [10, 10, 10, 20, 20])
     views = np.repeat([3, 4, 5, 6], [2, 6, 20, 20])
-    assert kept_shares(views, candidates) == pytest.approx([0, 0, 0, 0.2, 0.6])
+    # Of those that three and four photos show, 0.82 and 0.97 are candidates at all.
+    assert kept_shares(views, candidates) == pytest.approx([0, 0, 0, 0.2 * 0.82, 0.6 * 0.97])
+    assert kept_shares(views, None) == pytest.approx([0, 0, 0])
+
+
+def test_fruits_that_the_association_loses_are_counted_too() -> None:
+    """Of fruits that two and three photos saw, a half and a fifth are lost, and all others are found."""
+    ratios = []
+    for seed in range(6):
+        fruits, observations, cameras, true = grown(40 + seed, 2, leaves=1.3, photos=8)
+        lost = np.random.default_rng(seed).random(len(fruits)) < np.interp(fruits.views, [2, 3, 4], [0.5, 0.2, 0.0])
+        found = fruits[~lost]
+        mine = observations[np.isin(observations.fruit_id, found.ids)]
+        values = found, mine, cameras, Trees.empty(), STORY_APPLES
+        told, naive = (estimate_crop(*values, candidate_views=v).crop for v in (found.views, None))
+        assert told is not None
+        assert naive is not None
+        assert told.fruits.value > naive.fruits.value
+        assert told.fruits.low < true < told.fruits.high
+        ratios.append((told.fruits.value / true, naive.fruits.value / true))
+    (told_ratio, naive_ratio) = np.mean(ratios, axis=0)
+    assert 0.97 < told_ratio < 1.06
+    assert naive_ratio < told_ratio - 0.02
 
 
 def test_too_few_fruits_and_no_metres_give_no_estimate() -> None:

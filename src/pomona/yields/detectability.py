@@ -28,7 +28,7 @@ _RECALL = (2.5, 1.5)
 _LEAST = 0.05  # found with a lower probability, a fruit would stand for too many others to be believed
 # Of the logit of being found, for all fruits of a row alike: no crown is as the model has it. Photos of one side do not
 # show how it goes on behind what they see.
-_MODEL_SD, _ONE_SIDED_SD = 0.25, 0.6
+_MODEL_SD, _ONE_SIDED_SD = 0.1, 0.6
 _SHARED_NODES, _SHARED_WEIGHTS = roots_hermitenorm(9)
 _SHARED_WEIGHTS = _SHARED_WEIGHTS / _SHARED_WEIGHTS.sum()
 _LOGITS = np.arange(-9.0, 9.01, 0.5)  # where the integral over what hides a fruit from one side is taken

@@ -20,6 +20,8 @@ _FEWEST_PHOTOS = 3  # of a side: of fewer, those at a row's end, no fruit is see
 _FARTHER = 1.5  # times the usual distance: beyond, a photo is not expected to show a fruit
 _FEWEST = 2  # photos that place a fruit
 _NEARLY_ALL = 0.95
+# Of true fruits that 0, 1, … photos show in masks, the share that masks are joined for: others take theirs.
+_JOINED = np.array([0.0, 0.0, 0.52, 0.82, 0.97])
 _SIZE_STEP, _MOST_STEPS = 0.1, 3.0  # sizes are in tenths above the median, on a logarithmic scale
 
 
@@ -69,7 +71,7 @@ def encounters_of(
 ) -> Encounters:
     """Return what photos show of n fruits, by side of the row; cameras (p) stand on one side or on both.
 
-    `candidate_views` (m,) are the numbers of photos of all that masks were joined to; None: nothing was filtered.
+    `candidate_views` (m,) are the numbers of photos of all that masks were joined to; None: nothing was lost then.
 
     Sides are those of the row's middle line, whatever photos are called.
     """
@@ -89,23 +91,24 @@ def encounters_of(
     usual = max(float(np.median(could_here)) for _, could_here in in_all)
     share = min(1.0, options.most_photos / max(usual, 1.0))
     counts = [_thinned(seen_here, could_here, share) for seen_here, could_here in in_all]
-    views = fruits.views if candidate_views is None else candidate_views
     return Encounters(
         np.stack([seen_here for seen_here, _ in counts], axis=1),
         np.stack([could_here for _, could_here in counts], axis=1),
         depths,
         np.clip(steps, -_MOST_STEPS, _MOST_STEPS),
-        kept_shares(fruits.views, views, share),
+        kept_shares(fruits.views, candidate_views, share),
     )
 
 
-def kept_shares(views: IntArray, candidate_views: IntArray, share: float = 1.0) -> FloatArray:
+def kept_shares(views: IntArray, candidate_views: IntArray | None, share: float = 1.0) -> FloatArray:
     """Return the share (k,) of fruits seen by 0, 1, … k − 1 photos that were kept; of those seen by more, all were.
 
-    `views` (n,) are the photos of those found, `candidate_views` (m,) of all that masks were joined to, of which the
-    filter drops many that few photos show: true ones, too. Shares rise with the number of photos; `share` of these
-    are counted.
+    `views` (n,) are the photos of those found, `candidate_views` (m,) of all that masks were joined to; None: all that
+    two photos saw were found. Of fruits that few photos show, masks are joined for some only, and of these the filter
+    drops many: true ones, too. Shares rise with the number of photos; `share` of these are counted.
     """
+    joined = np.ones(len(_JOINED)) if candidate_views is None else _JOINED
+    candidate_views = views if candidate_views is None else candidate_views
     most = int(candidate_views.max(initial=_FEWEST))
     found, candidates = (np.bincount(each, minlength=most + 1)[: most + 1] for each in (views, candidate_views))
     many = np.arange(most + 1) >= np.median(candidate_views)
@@ -115,6 +118,7 @@ def kept_shares(views: IntArray, candidate_views: IntArray, share: float = 1.0) 
     shares = np.interp(np.arange(most + 1), known, shares[known], left=0.0) if len(known) else np.zeros(most + 1)
     # Noise apart they rise: the mean of the least and the greatest line that does.
     rising = (np.maximum.accumulate(shares) + np.minimum.accumulate(shares[::-1])[::-1]) / 2
+    rising[: len(joined)] *= joined[: len(rising)]
     thinned = rising[np.minimum(np.round(np.arange(most + 1) / share).astype(int), most)]
     enough = np.flatnonzero(thinned >= _NEARLY_ALL)
     return np.asarray(thinned[: enough[0]] if len(enough) else thinned)
