@@ -19,7 +19,9 @@ from pomona.photos import Photos
 from pomona.progress import Progress
 
 _COLOURED = 16  # photos of a survey that tell the colours of its fruits
-_FINER = 1.25  # photos are decoded with pixels so many times finer than most of their crops'
+# Photos are decoded with pixels so many times finer than most of their crops', or about as fine where that is a half, a
+# quarter and so on of their size, which a JPEG is decoded at for much less.
+_FINER, _AS_FINE = 1.25, 1.3
 
 
 def crops_by_photo(
@@ -41,7 +43,7 @@ def crops_by_photo(
 
     def smaller_copy(photo_idx: int) -> ByteArray:
         photo = by_name[cameras.photos[photo_idx]]
-        scale = min(1.0, _FINER * float(np.median(scales[of_photo[photo_idx]])))
+        scale = _copy_scale(float(np.median(scales[of_photo[photo_idx]])))
         return read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
 
     of_survey = ColourCounts.none()
@@ -58,6 +60,13 @@ def crops_by_photo(
             liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
             yield mine, cut(liked, CropPlaces(sights.centers_px[mine], scales[mine]), side_px, photo.width_px)
         progress.advance()
+
+
+def _copy_scale(crop_scale: float) -> float:
+    """Return the scale of the copy of a photo that crops of a scale are cut from."""
+    scale = min(1.0, _FINER * crop_scale)
+    halved = 2.0 ** np.floor(np.log2(scale))
+    return float(halved) if scale < _AS_FINE * halved and halved < 1 else scale
 
 
 def _spread(photo_indices: list[int], cameras: Cameras) -> list[int]:

@@ -32,7 +32,7 @@ class Sights:
     def __len__(self) -> int:
         return len(self.sphere_idx)
 
-    def __getitem__(self, selection: BoolArray) -> Sights:
+    def __getitem__(self, selection: BoolArray | IntArray) -> Sights:
         return Sights(
             self.sphere_idx[selection], self.photo_idx[selection], self.centers_px[selection], self.radii_px[selection]
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from tempfile import TemporaryFile, gettempdir
 from typing import IO
 
@@ -22,6 +22,8 @@ from pomona.progress import Progress
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
 from pomona.second_look.peaks import Peaks
+
+_AT_ONCE = 4096  # maps: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,22 +123,66 @@ def find_sights(
 
 
 def look(
-    sights: Sights, seen: SeenFruits, photos: Photos, cameras: Cameras, network: CentersNetwork, progress: Progress
+    sights: Sights,
+    seen: SeenFruits,
+    photos: Photos,
+    cameras: Cameras,
+    network: CentersNetwork,
+    progress: Progress,
+    known: Evidence | None = None,
+    same_radii: float = 0.0,
 ) -> Evidence:
     """Return what photos show at the sights; without those of photos that cannot be decoded, of which it warns.
 
-    `seen` tells the colours of this survey's fruits. Maps go to a temporary file, which the system reads from as it has
-    memory: of a long row they are gigabytes. Raises `MissingFileError` naming a photo that is gone.
+    `seen` tells the colours of this survey's fruits. Of an earlier look, `known` has maps: one serves a sight in its
+    photo whose image is not farther than `same_radii` from the map's middle. Maps go to a temporary file, which the
+    system reads from as it has memory: of a long row they are gigabytes. Raises `MissingFileError` naming a photo that
+    is gone.
     """
-    scales = network.radius_px / np.maximum(sights.radii_px, 1e-9)
-    looked = np.zeros(len(scales), dtype=bool)
-    progress.start("looking again", len(np.unique(sights.photo_idx)))
+    known_idx = _known_about(sights, known, same_radii)
+    anew = known_idx < 0
+    some, scales = sights[anew], network.radius_px / np.maximum(sights.radii_px[anew], 1e-9)
+    looked = np.zeros(len(some), dtype=bool)
+    progress.start("looking again", len(np.unique(some.photo_idx)))
     with TemporaryFile() as file:
-        for mine, crops in crops_by_photo(sights, scales, network.side_px, seen, photos, cameras, progress):
+        for mine, crops in crops_by_photo(some, scales, network.side_px, seen, photos, cameras, progress):
             _write(network.centers(crops), file)
             looked[mine] = True
         maps = _maps_in(file, int(looked.sum()), network.side_px // network.stride)
-    return Evidence(sights[looked], scales[looked], maps, float(network.stride), Peaks.none(len(maps)))
+    now = Evidence(some[looked], scales[looked], maps, float(network.stride), Peaks.none(len(maps)))
+    return now if known is None else _joined(now, known, sights[~anew], known_idx[~anew])
+
+
+def _known_about(sights: Sights, known: Evidence | None, same_radii: float) -> IntArray:
+    """Return which of the known maps has each sight (k,) near its middle; −1: none."""
+    result = np.full(len(sights), -1)
+    if known is None:
+        return result
+    of_photo = dict(groups(known.sights.photo_idx))
+    for photo, mine in groups(sights.photo_idx):
+        theirs = of_photo.get(photo)
+        if theirs is not None:
+            away_px, nearest = cKDTree(known.sights.centers_px[theirs]).query(sights.centers_px[mine])
+            near = away_px < same_radii * sights.radii_px[mine]
+            result[mine[near]] = theirs[np.asarray(nearest)[near]]
+    return result
+
+
+def _joined(now: Evidence, known: Evidence, sights: Sights, idx: IntArray) -> Evidence:
+    """Return what was looked at now, and `sights` (m,) that the known maps `idx` (m,) serve, in a file of its own."""
+    placed = Sights(sights.sphere_idx, sights.photo_idx, known.sights.centers_px[idx], known.sights.radii_px[idx])
+    columns = [np.concatenate([getattr(part, field.name) for part in (now.sights, placed)]) for field in fields(Sights)]
+    joined, first = Sights(*columns), len(now.scales)
+    order = np.lexsort((joined.sphere_idx, joined.photo_idx))
+    with TemporaryFile() as file:
+        for start in range(0, len(order), _AT_ONCE):
+            some = order[start : start + _AT_ONCE]
+            new, maps = some < first, np.empty((len(some), *now.maps.shape[1:]), np.float32)
+            maps[new], maps[~new] = now.maps[some[new]], known.maps[idx[some[~new] - first]]
+            _write(maps, file)
+        maps = _maps_in(file, len(order), now.maps.shape[1])
+    scales = np.concatenate([now.scales, known.scales[idx]])[order]
+    return Evidence(joined[order], scales, maps, now.cell_px, Peaks.none(len(maps)))
 
 
 def _write(maps: Float32Array, file: IO[bytes]) -> None:

@@ -11,6 +11,9 @@ from pomona.errors import InputError
 class SecondLookOptions:
     """Options of `look_again`.
 
+    `looks`: how often, each time from where fruits are and whose masks are whose by then. What an earlier look saw in a
+    photo is not looked at again where a fruit's image is less than `same_radii` away from the middle of its crop.
+
     A photo is looked at if another saw the fruit from a direction that differs by less than `near_deg`, and it is not
     more than `farther` times as far away as any of those that saw it. Of these, at most `most_photos` are, well spread.
 
@@ -31,6 +34,8 @@ class SecondLookOptions:
     fruits that end nearer to each other than `overlap_radii` are one.
     """
 
+    looks: int = 2
+    same_radii: float = 0.35
     near_deg: float = 27.0
     farther: float = 1.35
     most_photos: int = 20
@@ -50,12 +55,13 @@ class SecondLookOptions:
     new_nats: float = 1.5
     new_radii: float = 0.6
     nat_weight: float = 0.18
-    overlap_radii: float = 1.1
+    overlap_radii: float = 1.35
 
     def __post_init__(self) -> None:
         if not 0 < self.near_deg < 180:
             raise InputError(f"`near_deg`: expected degrees above 0 and below 180, found {self.near_deg}")
         for name in (
+            "same_radii",
             "farther",
             "outline_doubt",
             "least_sd",
@@ -72,7 +78,7 @@ class SecondLookOptions:
         for name in ("missing", "plain"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"`{name}`: expected above 0 and below 1, found {getattr(self, name)}")
-        for name in ("peaks", "most_photos"):
+        for name in ("looks", "peaks", "most_photos"):
             if getattr(self, name) < 1:
                 raise InputError(f"`{name}`: expected at least 1, found {getattr(self, name)}")
         if len(self.reach) != len(self.held) or not all(held > 0 for held in self.held):

@@ -20,9 +20,9 @@ from pomona.fuse.object.observations import fused_of
 from pomona.fuse.object.refinement import place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.photos import Photos
-from pomona.progress import Progress, Silent
+from pomona.progress import Progress, Recorder, Silent
 from pomona.second_look.competition import compete
-from pomona.second_look.evidence import find_sights, look
+from pomona.second_look.evidence import Evidence, find_sights, look
 from pomona.second_look.explained import unexplained
 from pomona.second_look.looked import Looked
 from pomona.second_look.network import CentersNetwork
@@ -48,18 +48,40 @@ def look_again(
     where fruits' centres are, hidden parts and all. What it shows beside the fruits is proposed as further ones, and
     masks are assigned anew, to those first that photos speak for. `detections` and `cameras` are those that `fused` was
     made of, `association` its options. Fruits keep their ids; further ones have greater ids. `shown` says what photos
-    show of each.
+    show of each. It is done `options.looks` times, each from the places and masks of the one before.
     """
-    options, progress = options or SecondLookOptions(), progress or Silent()
+    options, progress = options or SecondLookOptions(), Recorder(progress or Silent())  # a warning of each photo is one
+    network, association = network or CentersNetwork(), association or ObjectOptions()
+    cameras, known = cameras.sorted_by_center(), None
+    for _ in range(options.looks):
+        fused, known = _looked_at(
+            fused, detections, photos, cameras, network, known, options=options, association=association,
+            progress=progress,
+        )  # fmt: skip
+    return fused
+
+
+def _looked_at(
+    fused: Fused,
+    detections: SurveyDetections,
+    photos: Photos,
+    cameras: Cameras,
+    network: CentersNetwork,
+    known: Evidence | None,
+    *,
+    options: SecondLookOptions,
+    association: ObjectOptions,
+    progress: Progress,
+) -> tuple[Fused, Evidence | None]:
+    """Look once, from where `fused` has fruits and whose masks it has; `known` is what the look before saw."""
     fruits = fused.fruits
     if len(fruits) == 0:
-        return fused
-    network, association = network or CentersNetwork(), association or ObjectOptions()
-    size, cameras = size_of_fruits(fruits.diameters_m, FruitSize()), cameras.sorted_by_center()
+        return fused, known
+    size = size_of_fruits(fruits.diameters_m, FruitSize())
     spheres = Spheres.of_fruits(fruits.centers_in_world, fruits.diameters_m, size.radius_m)
     masks = mask_rays(detections, cameras, rays_per_mask=association.rays_per_mask)
     if len(masks) == 0:
-        return fused
+        return fused, known
     sphere_idx, mask_idx = masks.seen(fused.observations, fruits.ids)
     matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
     covariances = place_covariances(spheres, matches, masks, size.radius_m, association)
@@ -67,7 +89,7 @@ def look_again(
     sights = find_sights(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options)
     sights = well_spread(sights, spheres, cameras, options.most_photos)
     seen_fruits = SeenFruits(detections, fused.observations.detection_id)
-    evidence = look(sights, seen_fruits, photos, cameras, network, progress)
+    evidence = look(sights, seen_fruits, photos, cameras, network, progress, known, options.same_radii)
     moved = refined(prior, evidence, cameras, options)
     for round_idx in range(1, len(options.reach)):
         left = unexplained(evidence, moved.spheres, moved.shown.seen, cameras, options)
@@ -79,4 +101,4 @@ def look_again(
     found = Looked.joined([found, new])
     stays, matches = compete(found, masks, size.radius_m, options, association)
     looked = fused_of(found.spheres[stays], ids[stays], matches, masks)
-    return replace(looked, shown=found.shown[stays][np.argsort(ids[stays])])
+    return replace(looked, shown=found.shown[stays][np.argsort(ids[stays])]), evidence
