@@ -24,6 +24,7 @@ from pomona.second_look.options import SecondLookOptions
 from pomona.second_look.peaks import Peaks
 
 _AT_ONCE = 4096  # maps: bounds memory
+_SAME_SIZE = 0.15  # of an image, as a logarithm: a map is of fruits of about the size that its crop was made for
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +164,9 @@ def _known_about(sights: Sights, known: Evidence | None, same_radii: float) -> I
         theirs = of_photo.get(photo)
         if theirs is not None:
             away_px, nearest = cKDTree(known.sights.centers_px[theirs]).query(sights.centers_px[mine])
-            near = away_px < same_radii * sights.radii_px[mine]
-            result[mine[near]] = theirs[np.asarray(nearest)[near]]
+            found, radii_px = theirs[nearest], sights.radii_px[mine]
+            alike = np.abs(np.log(known.sights.radii_px[found] / radii_px)) < _SAME_SIZE
+            result[mine] = np.where(alike & (away_px < same_radii * radii_px), found, -1)
     return result
 
 
