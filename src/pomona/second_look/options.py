@@ -11,7 +11,7 @@ from pomona.errors import InputError
 class SecondLookOptions:
     """Options of `look_again`.
 
-    `looks`: how often, each time from where fruits are and whose masks are whose by then. What an earlier look saw in a
+    `looks`: how often, each time from where the masks that fruits have by then put them. What an earlier look saw in a
     photo is not looked at again where a fruit's image is less than `same_radii` away from the middle of its crop.
 
     A photo is looked at if another saw the fruit from a direction that differs by less than `near_deg`, and it is not

@@ -10,14 +10,14 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_crops.likeness import SeenFruits
 from pomona.fruit_crops.sights import well_spread
-from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
-from pomona.fuse import Fused
+from pomona.fuse import Fused, Shown
 from pomona.fuse.object import ObjectOptions
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.observations import fused_of
-from pomona.fuse.object.refinement import place_covariances
+from pomona.fuse.object.refinement import fit_spheres, place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.photos import Photos
 from pomona.progress import Progress, Recorder, Silent
@@ -48,7 +48,7 @@ def look_again(
     where fruits' centres are, hidden parts and all. What it shows beside the fruits is proposed as further ones, and
     masks are assigned anew, to those first that photos speak for. `detections` and `cameras` are those that `fused` was
     made of, `association` its options. Fruits keep their ids; further ones have greater ids. `shown` says what photos
-    show of each. It is done `options.looks` times, each from the places and masks of the one before.
+    show of each. It is done `options.looks` times, each from the masks of the one before.
     """
     options, progress = options or SecondLookOptions(), Recorder(progress or Silent())  # a warning of each photo is one
     network, association = network or CentersNetwork(), association or ObjectOptions()
@@ -73,7 +73,7 @@ def _looked_at(
     association: ObjectOptions,
     progress: Progress,
 ) -> tuple[Fused, Evidence | None]:
-    """Look once, from where `fused` has fruits and whose masks it has; `known` is what the look before saw."""
+    """Look once, from where the masks of the fruits put these; `known` is what the look before saw, if any."""
     fruits = fused.fruits
     if len(fruits) == 0:
         return fused, known
@@ -84,6 +84,8 @@ def _looked_at(
         return fused, known
     sphere_idx, mask_idx = masks.seen(fused.observations, fruits.ids)
     matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
+    if fused.shown is not None:
+        spheres = _as_outlines_have_them(spheres, fused.shown, matches, masks, size.radius_m, association)
     covariances = place_covariances(spheres, matches, masks, size.radius_m, association)
     prior = Prior(spheres, covariances, matches.counts(len(spheres)), size.radius_m)
     sights = find_sights(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options)
@@ -102,3 +104,15 @@ def _looked_at(
     stays, matches = compete(found, masks, size.radius_m, options, association)
     looked = fused_of(found.spheres[stays], ids[stays], matches, masks)
     return replace(looked, shown=found.shown[stays][np.argsort(ids[stays])]), evidence
+
+
+def _as_outlines_have_them(
+    spheres: Spheres, shown: Shown, matches: Matches, masks: MaskRays, radius_m: float, association: ObjectOptions
+) -> Spheres:
+    """Return the spheres that an earlier look has moved as their masks alone have them.
+
+    Where that look has put them, what it saw would hold them, and count twice.
+    """
+    own, by_photos = fit_spheres(spheres, matches, masks, radius_m, association), shown.likelihoods_nats > 0
+    centers = np.where(by_photos[:, None], own.centers_in_world, spheres.centers_in_world)
+    return Spheres(centers, np.where(by_photos, own.radii_m, spheres.radii_m))
