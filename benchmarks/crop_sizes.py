@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from pomona import filter as filters
-from pomona.cameras import WorldFrame
 from pomona.capture import load_photos
 from pomona.evaluate.fruits import read_truth
 from pomona.fuse import object
@@ -27,9 +26,9 @@ from pomona.segment import load_segmenter, segment_photos
 from pomona.synth.truth import RowFolder
 from pomona.trees import Trees
 from pomona.yields import estimate_crop
+from sizes import METRES
 from train_filter import cameras_of, true_detections
 
-METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 DECILES = (10, 90)
 
 

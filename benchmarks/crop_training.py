@@ -1,5 +1,6 @@
 """What the trainings of networks of crops have in common: pictures, changes of light, steps, the file."""
 
+import itertools
 import json
 import math
 import time
@@ -16,6 +17,7 @@ from torch.nn import functional
 
 from pomona.capture import load_photos, read_pixels
 from pomona.fruit_crops.crop_network import CHANNELS
+from pomona.fruit_crops.likeness import with_likeness
 from pomona.fruit_traits.colours import ColourCounts
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.train.center import is_quick_in_bfloat16
@@ -73,7 +75,7 @@ class Residual(nn.Module):
         return functional.relu(x + self.second(self.first(x)))
 
 
-def pictures(folder: Path) -> Iterator[Picture]:
+def _pictures(folder: Path) -> Iterator[Picture]:
     """Yield the pictures of a folder, those of one scene after each other."""
     row = RowFolder(folder)
     photos = {Path(photo.name).stem: photo for photo in load_photos([folder / "images"], min_photos=1)}
@@ -96,7 +98,7 @@ def pictures(folder: Path) -> Iterator[Picture]:
         yield Picture("row", read_pixels(photos[camera.name]), fruits.ids, xy_px, radii, seen, mask)
 
 
-def counts_of(picture: Picture, rng: np.random.Generator) -> ColourCounts:
+def _counts_of(picture: Picture, rng: np.random.Generator) -> ColourCounts:
     """The colours of some of a picture's fruits, with masks a little off; the others pass for leaves."""
     plain = picture.ids[picture.seen >= FOUND_SEEN]
     found = np.isin(picture.mask, plain[rng.random(len(plain)) < rng.uniform(*FOUND_SHARE)]).astype(np.uint8)
@@ -104,6 +106,16 @@ def counts_of(picture: Picture, rng: np.random.Generator) -> ColourCounts:
     kernel = np.ones((2 * abs(off) + 1,) * 2, np.uint8)
     fruit = (cv2.dilate if off > 0 else cv2.erode)(found, kernel) > 0
     return ColourCounts.of(picture.pixels, fruit, ~fruit)
+
+
+def liked_pictures(folder: Path, rng: np.random.Generator) -> Iterator[tuple[Picture, np.ndarray]]:
+    """Yield the pictures of a folder, with pixels (h, w, 4): the fourth is how like those of fruits colours are."""
+    for _, group in itertools.groupby(_pictures(folder), lambda picture: picture.group):
+        scene = list(group)
+        counts = [_counts_of(picture, rng) for picture in scene]
+        together = sum(counts, ColourCounts.none())
+        for picture, own in zip(scene, counts, strict=True):
+            yield picture, with_likeness(picture.pixels, own, together)
 
 
 def less_like(likeness: Tensor) -> Tensor:

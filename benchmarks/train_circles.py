@@ -11,7 +11,6 @@ of the weights; some of the fruits are measured on, not trained on.
 """
 
 import argparse
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +24,15 @@ from crop_training import (
     Crops,
     Picture,
     Residual,
-    counts_of,
     export,
     fit,
     in_bfloat16,
     in_other_light,
     less_like,
-    pictures,
+    liked_pictures,
 )
 from pomona.fruit_crops.crop_network import CHANNELS
 from pomona.fruit_crops.crops import CropPlaces, cut
-from pomona.fruit_crops.likeness import with_likeness
-from pomona.fruit_traits.colours import ColourCounts
 from pomona.measure.circle_network import KIND
 
 HOW = Crops(radius_px=18.0, side_px=72)
@@ -72,14 +68,10 @@ class CirclesNet(nn.Module):
 def patches_of(folder: Path, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Patches (n, side, side, 4) about fruits, and where these are (n, 4): x, y, radius, share seen."""
     patches, labels = [], []
-    for _, group in itertools.groupby(pictures(folder), lambda picture: picture.group):
-        scene = list(group)
-        counts = [counts_of(picture, rng) for picture in scene]
-        together = sum(counts, ColourCounts.none())
-        for picture, own in zip(scene, counts, strict=True):
-            of_picture = patches_in(picture, with_likeness(picture.pixels, own, together), rng)
-            patches.append(of_picture[0])
-            labels.append(of_picture[1])
+    for picture, pixels in liked_pictures(folder, rng):
+        of_picture = patches_in(picture, pixels, rng)
+        patches.append(of_picture[0])
+        labels.append(of_picture[1])
     return np.concatenate(patches), np.concatenate(labels)
 
 

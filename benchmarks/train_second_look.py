@@ -12,7 +12,6 @@ written is the running mean of the weights; the last fortieth of the crops is me
 """
 
 import argparse
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -26,18 +25,15 @@ from crop_training import (
     Crops,
     Picture,
     Residual,
-    counts_of,
     export,
     fit,
     in_bfloat16,
     in_other_light,
     less_like,
-    pictures,
+    liked_pictures,
 )
 from pomona.fruit_crops.crop_network import CHANNELS
 from pomona.fruit_crops.crops import CropPlaces, cut
-from pomona.fruit_crops.likeness import with_likeness
-from pomona.fruit_traits.colours import ColourCounts
 from pomona.second_look.network import KIND
 
 STRIDE = 2
@@ -81,15 +77,11 @@ def larger(x: Tensor, like: Tensor) -> Tensor:
 def patches_of(folder: Path, how: Crops, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Patches (n, side, side, 4) and their fruits (n, m, 4): x, y, radius and share seen, NaN where less."""
     patches, labels = [], []
-    for _, group in itertools.groupby(pictures(folder), lambda picture: picture.group):
-        scene = list(group)
-        counts = [counts_of(picture, rng) for picture in scene]
-        together = sum(counts, ColourCounts.none())
-        for picture, own in zip(scene, counts, strict=True):
-            of_picture = patches_in(picture, with_likeness(picture.pixels, own, together), how, rng)
-            if of_picture is not None:
-                patches.append(of_picture[0])
-                labels.append(of_picture[1])
+    for picture, pixels in liked_pictures(folder, rng):
+        of_picture = patches_in(picture, pixels, how, rng)
+        if of_picture is not None:
+            patches.append(of_picture[0])
+            labels.append(of_picture[1])
     return np.concatenate(patches), np.concatenate(labels)
 
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
+from pomona.cameras import Cameras
 from pomona.capture import load_photos
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.filter import apply_to_views
@@ -43,8 +43,8 @@ from pomona.trees import Trees
 from pomona.yields import YieldOptions, estimate_crop
 from pomona.yields.detectability import fit_detectability
 from pomona.yields.encounters import encounters_of
+from sizes import METRES
 
-METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 KINDS = ("two", "half", "dropped", "uneven", "one", "one-dropped")
 LEAST_SHARE = 0.03
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pomona.cameras import Cameras
 from pomona.capture.quality import Problems
-from pomona.crop import Crop, RowSegments
+from pomona.crop import Crop, RowSegments, SizeDistribution
 from pomona.detections import Detections
 from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
 from pomona.photos import Photos
@@ -67,6 +67,11 @@ class ReportData:
     engines: Mapping[str, str] = field(default_factory=dict)
     version: str = ""
     provisional: bool = False
+
+    @property
+    def sizes(self) -> SizeDistribution | None:
+        """How large the fruits of the whole crop are; None: not known."""
+        return None if self.crop is None else self.crop.sizes
 
 
 def settings_in_words(options: Mapping[str, Any]) -> dict[str, str]:

@@ -46,7 +46,7 @@ def diameters(data: ReportData) -> str:
     values = data.fruits.diameters_m[np.isfinite(data.fruits.diameters_m)] * factor
     if not len(values):
         return f"{caption('Diameters')}<p class='note'>No diameter could be measured.</p>"
-    sizes = None if data.crop is None else data.crop.sizes
+    sizes = data.sizes
     edges = bin_edges(values if sizes is None else np.append(values, factor * np.array(sizes.ends_m(_TAIL))))
     middle = float(np.median(values) if sizes is None else factor * sizes.crop[1])
     mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:.3g} {unit}")
@@ -76,10 +76,9 @@ def packing(data: ReportData) -> str:
     options = "".join(
         f'<option data-edges="{" ".join(map(number, each.edges_mm))}">{escape(each.title)}</option>' for each in choices
     )
-    sizes = None if data.crop is None else data.crop.sizes
     return (
-        caption("Packing classes", "" if sizes is None else "share and kg: of the whole crop")
-        + f'<div id="packing"{_crop_attribute(sizes)} hidden><p class="choice">'
+        caption("Packing classes", "" if data.sizes is None else "share and kg: of the whole crop")
+        + f'<div id="packing"{_crop_attribute(data.sizes)} hidden><p class="choice">'
         f'<label>Classes <select id="packing-preset">{options}</select></label>'
         '<label>mm <input id="packing-edges" size="30" aria-label="Edges of the classes in mm"></label></p>'
         '<table id="packing-table"></table></div><noscript>Packing classes need JavaScript.</noscript>'

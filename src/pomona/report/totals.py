@@ -95,8 +95,8 @@ def _diameter(data: ReportData) -> str:
         return card("Median diameter", f"{about(float(np.median(sizes)), 3)} <small>units</small>", "no scale is known")
     low, middle, high = 1000 * np.percentile(sizes, [10, 50, 90])
     more = f"80 % lie between {low:.0f} and {high:.0f} mm"
-    if data.crop is not None and (known := data.crop.sizes):
-        low, all_middle, high = 1000 * np.array(known.crop)
+    if data.sizes is not None:
+        low, all_middle, high = 1000 * np.array(data.sizes.crop)
         more = f"of the whole crop; 80 % lie between {low:.0f} and {high:.0f} mm. Measured: {amount(middle, 1)} mm"
         middle = all_middle
     return card("Median diameter", f"{amount(middle, 1)} <small>mm</small>", more)

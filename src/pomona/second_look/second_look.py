@@ -52,10 +52,17 @@ def look_again(
     """
     options, progress = options or SecondLookOptions(), Recorder(progress or Silent())  # a warning of each photo is one
     network, association = network or CentersNetwork(), association or ObjectOptions()
+    if len(fused.fruits) == 0:
+        return fused
     cameras, known = cameras.sorted_by_center(), None
+    masks = mask_rays(detections, cameras, rays_per_mask=association.rays_per_mask)
+    if len(masks) == 0:
+        return fused
     for _ in range(options.looks):
+        if len(fused.fruits) == 0:
+            break
         fused, known = _looked_at(
-            fused, detections, photos, cameras, network, known, options=options, association=association,
+            fused, detections, masks, photos, cameras, network, known, options=options, association=association,
             progress=progress,
         )  # fmt: skip
     return fused
@@ -64,6 +71,7 @@ def look_again(
 def _looked_at(
     fused: Fused,
     detections: SurveyDetections,
+    masks: MaskRays,
     photos: Photos,
     cameras: Cameras,
     network: CentersNetwork,
@@ -72,16 +80,11 @@ def _looked_at(
     options: SecondLookOptions,
     association: ObjectOptions,
     progress: Progress,
-) -> tuple[Fused, Evidence | None]:
+) -> tuple[Fused, Evidence]:
     """Look once, from where the masks of the fruits put these; `known` is what the look before saw, if any."""
     fruits = fused.fruits
-    if len(fruits) == 0:
-        return fused, known
     size = size_of_fruits(fruits.diameters_m, FruitSize())
     spheres = Spheres.of_fruits(fruits.centers_in_world, fruits.diameters_m, size.radius_m)
-    masks = mask_rays(detections, cameras, rays_per_mask=association.rays_per_mask)
-    if len(masks) == 0:
-        return fused, known
     sphere_idx, mask_idx = masks.seen(fused.observations, fruits.ids)
     matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
     if fused.shown is not None:

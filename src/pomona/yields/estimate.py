@@ -24,7 +24,7 @@ from pomona.yields.detectability import Detectability, fit_detectability
 from pomona.yields.encounters import Encounters, encounters_of
 from pomona.yields.hand_counts import Calibration, OnTrees, calibration, known_counts, read_hand_counts
 from pomona.yields.options import YieldOptions
-from pomona.yields.sizes import crop_sizes, size_distribution
+from pomona.yields.sizes import size_distribution
 
 _SEEN = "true fruits among those found, hidden ones not counted"
 _ALL = {
@@ -181,8 +181,7 @@ def _crop(
     total: FloatArray = draws.counts.sum(axis=1, dtype=float)
     everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
     length = float(np.ptp(line.along_across(fruits.centers_in_world)[0]))
-    likely = crop_sizes(fruits)
-    sizes = None if likely is None else size_distribution(fruits, likely, allometry)
+    sizes = size_distribution(fruits, allometry)
     return Crop(
         seen=Interval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
         fruits=everything,

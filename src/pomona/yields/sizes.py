@@ -42,6 +42,25 @@ class CropSizes:
         for name in ("means_m", "sds_m", "counts"):
             set_checked(self, name, (n,), np.float64)
 
+    @classmethod
+    def of(cls, fruits: Fruits) -> CropSizes | None:
+        """Return the sizes of fruits that know for how many they stand; None where nothing is known.
+
+        Fruits without any likely size are taken to be like the others.
+        """
+        measured = np.isfinite(fruits.diameters_m)
+        means_m = np.where(measured, fruits.diameters_m, fruits.rough_diameters_m)
+        sds_m = np.where(measured, fruits.diameter_sds_m, fruits.rough_diameter_sds_m)
+        known = np.isfinite(means_m) & (fruits.stands_for > 0)
+        if not (known & measured).any():
+            return None
+        counts = fruits.stands_for[known]
+        return cls(
+            means_m[known],
+            np.maximum(np.nan_to_num(sds_m[known]), _SMALLEST_SD * means_m[known]),
+            counts * (np.nansum(fruits.stands_for) / counts.sum()),
+        )
+
     def below(self, edges_m: FloatArray) -> FloatArray:
         """Return how many fruits of the crop are smaller than each edge (k,)."""
         total = np.zeros(len(edges_m))
@@ -57,27 +76,14 @@ class CropSizes:
         return _STEP_M * np.arange(np.floor(low / _STEP_M), np.ceil(high / _STEP_M) + 1)
 
 
-def crop_sizes(fruits: Fruits) -> CropSizes | None:
-    """Return the sizes of the whole crop, of fruits that know for how many they stand; None where nothing is known.
+def size_distribution(fruits: Fruits, allometry: Allometry) -> SizeDistribution | None:
+    """Return how large the fruits are as measured, and how large and heavy those of the crop; None: nothing is known.
 
-    Fruits without any likely size are taken to be like the others.
+    The fruits know for how many they stand.
     """
-    measured = np.isfinite(fruits.diameters_m)
-    means_m = np.where(measured, fruits.diameters_m, fruits.rough_diameters_m)
-    sds_m = np.where(measured, fruits.diameter_sds_m, fruits.rough_diameter_sds_m)
-    known = np.isfinite(means_m) & (fruits.stands_for > 0)
-    if not (known & measured).any():
+    sizes = CropSizes.of(fruits)
+    if sizes is None:
         return None
-    counts = fruits.stands_for[known]
-    return CropSizes(
-        means_m[known],
-        np.maximum(np.nan_to_num(sds_m[known]), _SMALLEST_SD * means_m[known]),
-        counts * (np.nansum(fruits.stands_for) / counts.sum()),
-    )
-
-
-def size_distribution(fruits: Fruits, sizes: CropSizes, allometry: Allometry) -> SizeDistribution:
-    """Return how large the fruits are as measured, and how large and heavy those of the crop."""
     measured = np.percentile(fruits.diameters_m[np.isfinite(fruits.diameters_m)], _DECILES)
     edges = sizes.edges_m()
     below = sizes.below(edges)
