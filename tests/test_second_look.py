@@ -21,18 +21,15 @@ from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.fruit_crops.crops import CropPlaces, cut
 from pomona.fruit_crops.likeness import SeenFruits, with_likeness
 from pomona.fruit_crops.sights import sights_of, well_spread
-from pomona.fruit_geometry.mask_rays import mask_rays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.colours import ColourCounts
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused, Shown
-from pomona.fuse.object import ObjectOptions, fuse
+from pomona.fuse import Fused
+from pomona.fuse.object import fuse
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
-from pomona.second_look.competition import compete
 from pomona.second_look.evidence import find_sights, look
-from pomona.second_look.looked import Looked
 from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter
 
@@ -290,19 +287,6 @@ def test_a_fruit_that_the_association_missed_is_found_beside_another(tmp_path: P
     assert unasked.fruits.ids.tolist() == one.ids.tolist()
 
 
-def test_masks_go_to_the_fruit_that_photos_speak_for(tmp_path: Path) -> None:
-    """Of two spheres that one fruit's masks fit as well, the one that photos show has them all."""
-    cameras, sizes = cameras_in_a_row(8, step_m=0.1), np.full(1, DIAMETER_M)
-    detections = detections_of(cameras, CENTERS[:1], sizes)
-    masks = mask_rays(detections, cameras, rays_per_mask=16)
-    spheres = Spheres.alike(np.array([CENTERS[0], CENTERS[0] + [0, 0, 0.01]]), DIAMETER_M / 2)
-    for likely in ([5.0, -2.0], [-2.0, 5.0]):
-        looked = Looked(spheres, Shown(np.full(2, 0.5), np.array(likely)))
-        stays, matches = compete(looked, masks, DIAMETER_M / 2, SecondLookOptions(), ObjectOptions())
-        assert stays.tolist() == [nats > 0 for nats in likely]
-        assert len(matches) == len(masks) == 8
-
-
 def test_no_fruits_need_no_look(scene: tuple[Cameras, SurveyDetections, Photos]) -> None:
     cameras, detections, photos = scene
     nothing = Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
@@ -429,7 +413,8 @@ def test_a_network_for_other_crops_is_refused(tmp_path: Path) -> None:
         ({"peaks": 0}, "peaks"), ({"most_photos": 0}, "most_photos"), ({"held": (8.0,)}, "held"),
         ({"steps": ()}, "`steps`"),
         ({"reach": ((0.1, 2.0), (1.5, 3.0))}, "`reach`"), ({"new_steps": (0.3, 0)}, "`new_steps`"),
-        ({"new_reach": (2.2, 1.0)}, "`new_reach`"), ({"new_nats": 0}, "new_nats"), ({"nat_weight": 0}, "nat_weight"),
+        ({"new_reach": (2.2, 1.0)}, "`new_reach`"), ({"new_nats": 0}, "new_nats"), ({"mask_nats": 0}, "mask_nats"),
+        ({"fruit_nats": 0}, "fruit_nats"),
     ],
 )  # fmt: skip
 def test_wrong_options_are_named(wrong: dict[str, object], named: str) -> None:

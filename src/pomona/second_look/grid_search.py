@@ -59,10 +59,10 @@ class GridSearch:
             for offsets_m in self._offsets_m:
                 tried = centers[i] + offsets_m @ axes
                 likely = self._likelihoods_nats(maps.at(tried), weights)
-                best = np.argmax(likely if log_prior is None else likely + log_prior(i, tried))
-                centers[i], likelihoods[i] = tried[best], likely[best]
-            shown = np.sort(maps.at(centers[i][None])[:, 0])
-            seen[i] = shown[-self._options.peaks :].mean()
+                centers[i] = tried[np.argmax(likely if log_prior is None else likely + log_prior(i, tried))]
+            shown = maps.at(centers[i][None])
+            likelihoods[i] = self._likelihoods_nats(shown, weights)[0]
+            seen[i] = np.sort(shown[:, 0])[-self._options.peaks :].mean()
         return Looked(Spheres(centers, spheres.radii_m), Shown(seen, likelihoods))
 
     def _weights(self, idx: IntArray) -> FloatArray:

@@ -30,8 +30,8 @@ class SecondLookOptions:
     Further fruits are looked for about those found, as far as `new_reach` across and along, by `new_steps`, where what
     nothing explains speaks for one by more than `new_nats`, and none found is nearer than `new_radii`.
 
-    A mask may misfit a fruit by `nat_weight` more for each nat by which photos speak more for it than for another. Two
-    fruits that end nearer to each other than `overlap_radii` are one.
+    Fruits are those that together explain masks and photos best: a mask that fits perfectly is worth `mask_nats`, and a
+    fruit must be worth more than `fruit_nats`. No two are nearer to each other than `overlap_radii`.
     """
 
     looks: int = 2
@@ -54,7 +54,8 @@ class SecondLookOptions:
     new_steps: tuple[float, ...] = (0.3, 0.1, 0.04)
     new_nats: float = 1.5
     new_radii: float = 0.6
-    nat_weight: float = 0.18
+    mask_nats: float = 1.5
+    fruit_nats: float = 4.0
     overlap_radii: float = 1.35
 
     def __post_init__(self) -> None:
@@ -71,7 +72,8 @@ class SecondLookOptions:
             "overlap_radii",
             "new_nats",
             "new_radii",
-            "nat_weight",
+            "mask_nats",
+            "fruit_nats",
         ):
             if not getattr(self, name) > 0:
                 raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")

@@ -52,3 +52,9 @@ def refined(
         return result
 
     return search.best(prior.spheres, log_prior)
+
+
+def unmoved(prior: Prior, evidence: Evidence, cameras: Cameras, options: SecondLookOptions) -> Looked:
+    """Return the spheres where outlines have them, with what the evidence shows there."""
+    here = GridSearch(evidence, cameras, options, (0.0, 0.0), (), prior.radius_m)
+    return here.best(prior.spheres)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pomona.arrays import IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_crops.likeness import SeenFruits
@@ -21,14 +22,14 @@ from pomona.fuse.object.refinement import fit_spheres, place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
 from pomona.photos import Photos
 from pomona.progress import Progress, Recorder, Silent
-from pomona.second_look.competition import compete
 from pomona.second_look.evidence import Evidence, find_sights, look
 from pomona.second_look.explained import unexplained
 from pomona.second_look.looked import Looked
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
 from pomona.second_look.proposals import proposed
-from pomona.second_look.refinement import Prior, refined
+from pomona.second_look.refinement import Prior, refined, unmoved
+from pomona.second_look.selection import select
 
 
 def look_again(
@@ -95,18 +96,28 @@ def _looked_at(
     sights = well_spread(sights, spheres, cameras, options.most_photos)
     seen_fruits = SeenFruits(detections, fused.observations.detection_id)
     evidence = look(sights, seen_fruits, photos, cameras, network, progress, known, options.same_radii)
-    moved = refined(prior, evidence, cameras, options)
+    left, moved = evidence, refined(prior, evidence, cameras, options)
     for round_idx in range(1, len(options.reach)):
         left = unexplained(evidence, moved.spheres, moved.shown.seen, cameras, options)
         moved = refined(prior, left, cameras, options, round_idx)
     stays = suppress_overlapping(moved.spheres, np.nan_to_num(moved.shown.seen), options.overlap_radii * size.radius_m)
-    found = moved[stays]
-    new = proposed(moved.spheres, found, evidence, cameras, options, size.radius_m)
-    ids = np.concatenate([fruits.ids[stays], fruits.ids.max() + 1 + np.arange(len(new.spheres))])
-    found = Looked.joined([found, new])
-    stays, matches = compete(found, masks, size.radius_m, options, association)
-    looked = fused_of(found.spheres[stays], ids[stays], matches, masks)
-    return replace(looked, shown=found.shown[stays][np.argsort(ids[stays])]), evidence
+    new = proposed(moved.spheres, moved[stays], evidence, cameras, options, size.radius_m)
+    hypotheses = Looked.joined([moved[stays], new, unmoved(prior, left, cameras, options)])
+    origins = np.concatenate([fruits.ids[stays], np.full(len(new.spheres), -1), fruits.ids])
+    chosen, matches = select(hypotheses, masks, size.radius_m, options, association)
+    found, ids = hypotheses[chosen], _ids_from(origins[chosen], int(fruits.ids.max()))
+    looked = fused_of(found.spheres, ids, matches, masks)
+    return replace(looked, shown=found.shown[np.argsort(ids)]), evidence
+
+
+def _ids_from(origins: IntArray, last: int) -> IntArray:
+    """Return ids (n,) of fruits that were `origins` (n,) before: the second of one, or one of none (−1), is new."""
+    own = np.zeros(len(origins), dtype=bool)
+    own[np.unique(origins, return_index=True)[1]] = True
+    own &= origins >= 0
+    ids = origins.copy()
+    ids[~own] = last + 1 + np.arange(np.count_nonzero(~own))
+    return ids
 
 
 def _as_outlines_have_them(

@@ -64,10 +64,15 @@ class Matches:
             self.sphere_idx[selection], self.mask_idx[selection], self.misfits[selection], self.shares[selection]
         )
 
+    @property
+    def worths(self) -> FloatArray:
+        """Return how much of a large mask that fits perfectly each is worth (k,)."""
+        worths: FloatArray = np.minimum(self.shares / _LARGE_SHARE, 1) * (1 - self.misfits)
+        return worths
+
     def support(self, spheres: int) -> FloatArray:
         """Return for each sphere (n,) how many large masks that fit perfectly its masks are worth."""
-        worths = np.minimum(self.shares / _LARGE_SHARE, 1)
-        support: FloatArray = np.bincount(self.sphere_idx, worths * (1 - self.misfits), spheres).astype(np.float64)
+        support: FloatArray = np.bincount(self.sphere_idx, self.worths, spheres).astype(np.float64)
         return support
 
     def counts(self, spheres: int) -> IntArray:
