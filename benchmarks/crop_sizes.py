@@ -15,34 +15,25 @@ from pathlib import Path
 import numpy as np
 
 from pomona import filter as filters
-from pomona.capture import load_photos
 from pomona.evaluate.fruits import read_truth
 from pomona.fuse import object
 from pomona.measure import measure
 from pomona.measure.allometry import STORY_APPLES
 from pomona.pipeline import RunOptions
 from pomona.second_look import look_again
-from pomona.segment import load_segmenter, segment_photos
-from pomona.synth.truth import RowFolder
 from pomona.trees import Trees
 from pomona.yields import estimate_crop
+from row_cases import row_case
 from sizes import METRES
-from train_filter import cameras_of, true_detections
 
 DECILES = (10, 90)
 
 
 def row_figures(folder: Path, arguments: argparse.Namespace) -> tuple[int, int, np.ndarray]:
     """How many fruits are measured, of how many found; means and spreads: true, chosen, measured, corrected."""
-    options, row, truth = RunOptions().of_stages, RowFolder(folder), read_truth(folder)
-    photos = load_photos([row.root / "images"])
-    segmenter = load_segmenter(None)
-    least = options.select.trusted_share * segmenter.traits.score_threshold
-    found = true_detections(row, photos) if arguments.true_masks else segment_photos(photos, segmenter)
-    of_side = {photo.name for photo in photos if arguments.side in (None, photo.side)}
-    cameras = replace(cameras_of(row, photos), frame=METRES)
-    names = [name for name in sorted(cameras.photos) if name in of_side]
-    detections, cameras = found.of_photos(names).at_least(least), cameras.of_photos(names)
+    case, options = row_case(folder, true_masks=arguments.true_masks, side=arguments.side), RunOptions().of_stages
+    photos, detections, truth = case.photos, case.detections, read_truth(folder)  # fruits of the whole row
+    cameras = replace(case.cameras, frame=METRES)
     fused = look_again(object.fuse(detections, cameras), detections, photos, cameras)
     kept = filters.apply_to_views(fused, detections, cameras)
     fruits = measure(kept, detections, cameras, photos, options=options.measure)

@@ -18,28 +18,23 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from pomona import filter as filters
-from pomona.capture import load_photos
-from pomona.evaluate.fruits import EvaluateOptions, read_truth
+from pomona.evaluate.fruits import EvaluateOptions
 from pomona.evaluate.fruits.matching import assign, candidates_by_center
 from pomona.fuse import object
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.second_look import look_again
-from pomona.segment import load_segmenter, segment_photos
-from pomona.synth.truth import RowFolder
-from train_filter import cameras_of
+from row_cases import row_case
 
 EDGES = np.linspace(0, 1, 11)
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
 _KEEP_ALL = filters.FilterOptions(threshold=0.0)
 
 
-def judged(row: RowFolder, svm: filters.LinearSvm | None, second_look: bool) -> tuple[np.ndarray, np.ndarray]:
+def judged(row: Path, svm: filters.LinearSvm | None, second_look: bool) -> tuple[np.ndarray, np.ndarray]:
     """Scores (n,), and whether each is true (n,), of all fruits that the photos and their parts give."""
-    photos, truth, options = load_photos([row.root / "images"]), read_truth(row.root), RunOptions().of_stages
-    cameras, segmenter = cameras_of(row, photos), load_segmenter(None)
-    least = options.select.trusted_share * segmenter.traits.score_threshold
-    detections = segment_photos(photos, segmenter).at_least(least)
+    case, options = row_case(row), RunOptions().of_stages
+    photos, cameras, detections, truth = case.photos, case.cameras, case.detections, case.truth
     scores, true = [], []
     for step, first in THINNED:
         names = sorted(cameras.photos)[first::step]
@@ -104,7 +99,7 @@ def main() -> None:
     for each in arguments.rows:
         folder, _, machine = each.partition("=")
         svm = filters.load(Path(machine)) if machine else None
-        found = judged(RowFolder(Path(folder)), svm, not arguments.no_second_look)
+        found = judged(Path(folder), svm, not arguments.no_second_look)
         scores.append(found[0])
         true.append(found[1])
         print(f"| {Path(folder).name} | {summary(*found)} |", flush=True)

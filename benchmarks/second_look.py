@@ -16,18 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from pomona import filter as filters
-from pomona.capture import load_photos
-from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.formats.cameras.colmap import read_colmap
+from pomona.evaluate.fruits import Truth, evaluate_fruits
 from pomona.fuse import object
 from pomona.geometry import Similarity
 from pomona.measure import measure
 from pomona.pipeline import RunOptions
 from pomona.second_look import CentersNetwork, look_again
 from pomona.second_look.network import SHIPPED
-from pomona.segment import load_segmenter, segment_photos
-from pomona.synth.truth import RowFolder
-from train_filter import cameras_of, true_detections
+from row_cases import row_case
 
 
 def main() -> None:
@@ -44,21 +40,16 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for name in arguments.rows:
         folder, _, survey = name.partition("=")
-        row, truth = RowFolder(Path(folder)), read_truth(Path(folder))
-        photos = load_photos([row.root / "images"])
-        cameras = read_colmap(Path(survey) / "cameras") if survey else cameras_of(row, photos)
-        segmenter = load_segmenter(None)
-        least = options.select.trusted_share * segmenter.traits.score_threshold
-        found = true_detections(row, photos) if arguments.true_masks else segment_photos(photos, segmenter)
-        of_side = {photo.name for photo in photos if arguments.side in (None, photo.side)}
-        names = [name for name in sorted(cameras.photos) if name in of_side][:: arguments.every]
-        truth = scaled(truth if arguments.side is None else seen_in(truth, names), arguments.scale)
-        detections = found.of_photos(names).at_least(least)
-        cameras = cameras.of_photos(names).transformed(Similarity(arguments.scale, np.eye(3), np.zeros(3)))
+        case = row_case(
+            Path(folder), true_masks=arguments.true_masks, survey=Path(survey) if survey else None,
+            side=arguments.side, every=arguments.every,
+        )  # fmt: skip
+        photos, detections, truth = case.photos, case.detections, scaled(case.truth, arguments.scale)
+        cameras = case.cameras.transformed(Similarity(arguments.scale, np.eye(3), np.zeros(3)))
         fused = object.fuse(detections, cameras)
         began = time.process_time()
         looked = look_again(fused, detections, photos, cameras, network=network)
-        seconds = (time.process_time() - began) / len(names)
+        seconds = (time.process_time() - began) / len(cameras.photos)
         for label, fruits in (("no", fused), ("yes", looked)):
             kept = filters.apply_to_views(fruits, detections, cameras)
             measured = measure(kept, detections, cameras, photos, options=options.measure)
@@ -66,7 +57,7 @@ def main() -> None:
             assert scores is not None
             off_mm = 1e3 * scores.center_median_m / arguments.scale
             cells = [
-                row.root.name, label, *(f"{v:.3f}" for v in (scores.f1, scores.recall, scores.precision)),
+                Path(folder).name, label, *(f"{v:.3f}" for v in (scores.f1, scores.recall, scores.precision)),
                 f"{off_mm:.1f}", f"{seconds:.2f}" if fruits is looked else "",
             ]  # fmt: skip
             print("| " + " | ".join(cells) + " |", flush=True)
@@ -74,16 +65,6 @@ def main() -> None:
 
 def scaled(truth: Truth, factor: float) -> Truth:
     return replace(truth, centers_in_world=factor * truth.centers_in_world, diameters_m=factor * truth.diameters_m)
-
-
-def seen_in(truth: Truth, names: list[str]) -> Truth:
-    kept = [i for i, photo in enumerate(truth.seen_photo or ()) if photo in names or photo in map(stem, names)]
-    photos = tuple((truth.seen_photo or ())[i] for i in kept)
-    return replace(truth, seen_photo=photos, seen_id=truth.seen_id[kept], seen_px=truth.seen_px[kept])
-
-
-def stem(name: str) -> str:
-    return Path(name).stem
 
 
 if __name__ == "__main__":
