@@ -33,7 +33,7 @@ def test_a_run_gives_values(survey: pomona.Survey) -> None:
     assert all(photo.path.is_file() for photo in survey.photos)
     assert survey.frame.scale_source == "fruit-diameter"
     assert survey.score_threshold == 0.5
-    assert survey.least_score == pytest.approx(0.4)
+    assert survey.least_score == pytest.approx(0.25)
     assert len(survey.cloud) > 0
     assert repr(survey) == f"Survey({str(survey.folder)!r})"
 

@@ -30,7 +30,7 @@ class SelectOptions:
     become fruits: association that sees all photos can trust less in each."""
 
     score_threshold: float | None = None
-    trusted_share: float = 0.8
+    trusted_share: float = 0.5
 
     def __post_init__(self) -> None:
         if not 0 < self.trusted_share <= 1:
