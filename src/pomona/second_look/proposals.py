@@ -18,7 +18,7 @@ def proposed(
     """Return further fruits of the usual `radius_m`, about `starts`, which the sights of the evidence are of.
 
     What the fruits `found` explain is left out. They may be as near as `new_radii` to one of these, as that one may be
-    in the wrong place: which of the two it is, masks decide (`competition`).
+    in the wrong place: which of the two it is, `selection` decides.
     """
     left = unexplained(evidence, found.spheres, found.shown.seen, cameras, options, own=True)
     search = GridSearch(left, cameras, options, options.new_reach, options.new_steps, radius_m)

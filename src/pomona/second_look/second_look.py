@@ -46,10 +46,11 @@ def look_again(
     """Return the fruits moved to where all photos and their own outlines put them, and others that photos show there.
 
     Crops of every photo that should show a fruit, with fruits of one width in all, go through a small network that says
-    where fruits' centres are, hidden parts and all. What it shows beside the fruits is proposed as further ones, and
-    masks are assigned anew, to those first that photos speak for. `detections` and `cameras` are those that `fused` was
-    made of, `association` its options. Fruits keep their ids; further ones have greater ids. `shown` says what photos
-    show of each. It is done `options.looks` times, each from the masks of the one before.
+    where fruits' centres are, hidden parts and all. What it shows beside the fruits is proposed as further ones; of all
+    these, and the fruits where outlines have them, those stay that explain masks and photos best together. `detections`
+    and `cameras` are those that `fused` was made of, `association` its options. Fruits keep their ids; further ones
+    have greater ids. `shown` says what photos show of each. It is done `options.looks` times, each from the masks of
+    the one before.
     """
     options, progress = options or SecondLookOptions(), Recorder(progress or Silent())  # a warning of each photo is one
     network, association = network or CentersNetwork(), association or ObjectOptions()
@@ -101,8 +102,9 @@ def _looked_at(
         left = unexplained(evidence, moved.spheres, moved.shown.seen, cameras, options)
         moved = refined(prior, left, cameras, options, round_idx)
     stays = suppress_overlapping(moved.spheres, np.nan_to_num(moved.shown.seen), options.overlap_radii * size.radius_m)
-    new = proposed(moved.spheres, moved[stays], evidence, cameras, options, size.radius_m)
-    hypotheses = Looked.joined([moved[stays], new, unmoved(prior, left, cameras, options)])
+    apart = moved[stays]
+    new = proposed(moved.spheres, apart, evidence, cameras, options, size.radius_m)
+    hypotheses = Looked.joined([apart, new, unmoved(prior, left, cameras, options)])
     origins = np.concatenate([fruits.ids[stays], np.full(len(new.spheres), -1), fruits.ids])
     chosen, matches = select(hypotheses, masks, size.radius_m, options, association)
     found, ids = hypotheses[chosen], _ids_from(origins[chosen], int(fruits.ids.max()))

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.fruit_geometry.mask_rays import MaskRays
 from pomona.fuse.object import ObjectOptions
+from pomona.fuse.object.assignment import tabulated
 from pomona.fuse.object.gating import Gate, best_in_photo
 from pomona.fuse.object.matches import Matches
 from pomona.second_look.looked import Looked
@@ -92,14 +93,8 @@ def _parts_of(matches: Matches, masks: MaskRays, mask_nats: float) -> list[_Part
     size = n_masks + in_photo.shape[1]
     graph = coo_array((np.ones(len(matches)), (matches.mask_idx, n_masks + node.ravel())), shape=(size, size))
     label = connected_components(graph, directed=False)[1].astype(np.int64)
-    nats, parts = mask_nats * matches.worths, []
-    for _, mine in groups(label[matches.mask_idx]):
-        spheres, row = np.unique(matches.sphere_idx[mine], return_inverse=True)
-        columns, column = np.unique(matches.mask_idx[mine], return_inverse=True)
-        worth, pairs = np.zeros((len(spheres), len(columns))), np.full((len(spheres), len(columns)), -1)
-        worth[row, column], pairs[row, column] = nats[mine], mine
-        parts.append(_Part(spheres, worth, pairs))
-    return parts
+    nats = mask_nats * matches.worths
+    return [_Part(*tabulated(matches, nats, mine, 0.0)) for _, mine in groups(label[matches.mask_idx])]
 
 
 class _Selection:

@@ -29,13 +29,22 @@ def assign(matches: Matches, masks: MaskRays, support: FloatArray, options: Obje
     return matches[np.concatenate([*chosen, np.zeros(0, np.int64)]).astype(np.int64)]
 
 
-def _in_photo(matches: Matches, costs: FloatArray, part: IntArray) -> IntArray:
+def tabulated(
+    matches: Matches, values: FloatArray, part: IntArray, no_pair: float
+) -> tuple[IntArray, FloatArray, IntArray]:
+    """Return the spheres (s,) of matches `part` (k,), and tables (s, m) of these and their masks.
+
+    The tables have the `values` of all matches, `no_pair` where a mask is not a sphere's, and which match it is, or −1.
+    """
     spheres, row = np.unique(matches.sphere_idx[part], return_inverse=True)
     masks, column = np.unique(matches.mask_idx[part], return_inverse=True)
-    matrix = np.full((len(spheres), len(masks)), _NEVER)
-    matrix[row, column] = costs[part]
-    match = np.full(matrix.shape, -1)
-    match[row, column] = part
+    table, match = np.full((len(spheres), len(masks)), no_pair), np.full((len(spheres), len(masks)), -1)
+    table[row, column], match[row, column] = values[part], part
+    return spheres, table, match
+
+
+def _in_photo(matches: Matches, costs: FloatArray, part: IntArray) -> IntArray:
+    _, matrix, match = tabulated(matches, costs, part, _NEVER)
     # As many as can be are assigned; a mask that may be a fruit's at all is better than none.
     rows, columns = linear_sum_assignment(matrix)
     found = match[rows, columns]
