@@ -44,7 +44,7 @@ class Cluster:
             "scheduler",
             ["dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)],
         )
-        wait_for(file.is_file)
+        wait_for(lambda: file.is_file() and file.read_text().endswith("}"))  # it is there before it is written
         self.address = str(json.loads(file.read_text())["address"])
 
     def worker(self, name: str, *more: str) -> None:

@@ -62,10 +62,19 @@ def test_a_sphere_without_masks_of_its_own_is_no_fruit() -> None:
     assert selected(tried, masks) == ([True, True, False], [8, 8])
 
 
-def test_few_masks_are_no_fruit_where_photos_show_none() -> None:
+def test_masks_that_no_other_wants_are_a_fruit_whatever_photos_show() -> None:
+    """Of few photos, or of fruit that the network does not know, photos speak for none: the filter decides."""
     few = masks_of(CENTERS[:1], cameras_in_a_row(2, step_m=0.1))
-    assert selected(hypotheses_of(CENTERS[:1], np.array([-1.0])), few) == ([False], [])
-    assert selected(hypotheses_of(CENTERS[:1], np.array([3.0])), few) == ([True], [2])
+    for nats in (-1.0, 0.3, 3.0):
+        assert selected(hypotheses_of(CENTERS[:1], np.array([nats])), few) == ([True], [2])
+
+
+def test_a_second_sphere_needs_more_than_a_mask_that_the_first_could_have() -> None:
+    """Two photos' masks are the one's alone, the other could have those of two more, as the one could."""
+    masks = masks_of(CENTERS[:1], cameras_in_a_row(8, step_m=0.1))
+    beside = CENTERS[0] + RADIUS_M * np.array([0.0, 0.0, 1.4])
+    tried = hypotheses_of(np.array([CENTERS[0], beside]), np.array([3.0, 0.0]))
+    assert selected(tried, masks) == ([True, False], [8])
 
 
 def test_few_masks_are_a_fruit_where_none_looked() -> None:
@@ -80,7 +89,10 @@ def worth(chosen: BoolArray, hypotheses: Looked, masks: MaskRays) -> float:
     if (apart <= OPTIONS.overlap_radii * RADIUS_M).any():
         return -np.inf
     matches = Gate(masks, RADIUS_M, ObjectOptions()).matches(hypotheses.spheres)
-    result = float((hypotheses.shown.likelihoods_nats[chosen] - OPTIONS.fruit_nats).sum())
+    best = np.zeros((len(hypotheses.spheres), len(masks.eyes_in_world)))  # a sphere's mask in each photo, alone
+    np.maximum.at(best, (matches.sphere_idx, masks.photo_idx[matches.mask_idx]), OPTIONS.mask_nats * matches.worths)
+    own = np.maximum(hypotheses.shown.likelihoods_nats - OPTIONS.fruit_nats, 0.1 - best.sum(1))
+    result = float(own[chosen].sum())
     counts = np.zeros(len(centers), np.int64)
     for photo in range(len(masks.eyes_in_world)):
         nats = np.zeros((len(hypotheses.spheres), len(masks)))

@@ -21,6 +21,9 @@ from pomona.second_look.options import SecondLookOptions
 
 _SWEEPS = 4  # of the search; in the second or third nothing changes any more
 _GAIN = 1e-6  # nats: by less, no selection is better
+# Nats: a hypothesis whose masks no other wants is worth this at least, whatever photos show. Whether it is fruit, the
+# filter decides; of fruit that the network does not know, photos speak for none.
+_LEAST_ALONE = 0.1
 
 
 def select(
@@ -31,8 +34,9 @@ def select(
     Of all sets in which no two are nearer than `overlap_radii`, one is sought that is worth most (hypothesis selection
     by description length, as in Leibe, Leonardis and Schiele 2008): what photos show at the place of each, in nats,
     less `fruit_nats` (neither where none looked), and for masks, one to one in each photo, `mask_nats` times how well
-    they fit. Each hypothesis is tried in place of those that are too near to it, and each is tried to do without, until
-    nothing is better.
+    they fit. One whose masks no other wants is worth something, as whether it is fruit the filter decides. Each
+    hypothesis is tried in place of those that are too near to it, and each is tried to do without, until nothing is
+    better.
     """
     n, spheres = len(hypotheses.spheres), hypotheses.spheres
     matches = Gate(masks, radius_m, association).matches(spheres)
@@ -102,14 +106,15 @@ class _Selection:
 
     def __init__(self, parts: list[_Part], own_nats: FloatArray) -> None:
         self.chosen = np.zeros(len(own_nats), dtype=bool)
-        self.alone_nats = own_nats.copy()
-        self._parts, self._own_nats = parts, own_nats
+        masks_nats = np.zeros(len(own_nats))
         self._worth_nats = [0.0] * len(parts)
         self._of_sphere: list[list[int]] = [[] for _ in own_nats]
         for k, part in enumerate(parts):
-            self.alone_nats[part.sphere_idx] += part.nats.max(1)
+            masks_nats[part.sphere_idx] += part.nats.max(1)
             for i in part.sphere_idx.tolist():
                 self._of_sphere[i].append(k)
+        self.alone_nats = np.maximum(own_nats + masks_nats, _LEAST_ALONE)
+        self._parts, self._own_nats = parts, self.alone_nats - masks_nats
 
     def exchange(self, out: list[int], new: list[int]) -> bool:
         """Take spheres out and choose `new` ones, if that is better; return whether it is."""
