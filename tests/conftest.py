@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -29,3 +31,11 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("shared data not found at ../shared/data")
     return folder
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    from chromium import chromium  # it loads NumPy, which reads the variables above
+
+    with chromium() as started:
+        yield started

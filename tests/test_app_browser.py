@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import pomona
+from chromium import PATIENCE_MS, until
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
 from pomona.app.folders import Folders
@@ -28,7 +29,6 @@ from pomona.pipeline import RunOptions, run
 from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.survey import SurveyFolder
 from serving import running
-from test_report_browser import PATIENCE_MS, browser  # noqa: F401 (a fixture)
 
 pytestmark = pytest.mark.slow
 SAMPLE = sample_folder()
@@ -43,7 +43,7 @@ def server(tmp_path: Path) -> Iterator[AppServer]:
 
 
 @pytest.fixture
-def page(browser: Any, server: AppServer) -> Iterator[Any]:  # noqa: F811
+def page(browser: Any, server: AppServer) -> Iterator[Any]:
     context = browser.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB", accept_downloads=True)
     opened = context.new_page()
     opened.set_default_timeout(PATIENCE_MS)
@@ -72,7 +72,7 @@ def _choose(page: Any, opener: str, folder: Path, *, file: str = "") -> None:
             page.click(f"dialog .places button:has(span:text-is('{name}'))")
         else:
             page.click("dialog button:text-is('One folder up')")
-        page.wait_for_function("before => document.querySelector('dialog .path').textContent !== before", arg=before)
+        until(page, "before => document.querySelector('dialog .path').textContent !== before", arg=before)
     if file:
         page.click(f"dialog .places button:has(span:text-is('{file}'))")
     else:
@@ -182,7 +182,7 @@ def test_dropped_photos_are_copied_and_checked(page: Any, server: AppServer, tmp
 
 
 def test_texts_are_in_the_language_of_the_browser_and_can_be_switched(
-    browser: Any,  # noqa: F811
+    browser: Any,
     server: AppServer,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -374,7 +374,7 @@ def test_before_and_after_learning_stand_side_by_side(
     ]
     loaded = "[...document.querySelectorAll('.pair img')].filter(image => image.naturalWidth > 0).length === 2"
     page.locator(".pair").scroll_into_view_if_needed()
-    page.wait_for_function(loaded)
+    until(page, loaded)
     write_learnt(survey, replace(learnt, kept=False))
     page.reload()
     page.wait_for_selector("text=so nothing was changed")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from chromium import Opened, open_page, until
 from correct_scenes import FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
 from pomona.cli.app import app
 from pomona.corrections import read_corrections
@@ -22,7 +23,6 @@ from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, export_folder, read_survey
 from report_scenes import row_photos
 from serving import running
-from test_report_browser import Opened, _open, browser  # noqa: F401 (a fixture)
 
 pytestmark = pytest.mark.slow
 # From pixels of the photo to the screen: scale, left, top.
@@ -50,8 +50,8 @@ def server(scene: Scene) -> Iterator[ViewServer]:
 
 
 @pytest.fixture(scope="module")
-def opened(browser: Any, server: ViewServer) -> Iterator[Opened]:  # noqa: F811
-    opened = _open(browser, server.url)
+def opened(browser: Any, server: ViewServer) -> Iterator[Opened]:
+    opened = open_page(browser, server.url)
     opened.page.set_viewport_size({"width": 1200, "height": 800})
     opened.page.click("#tool-correct")
     yield opened
@@ -92,9 +92,7 @@ def _click_in_photo(page: Any, scene: Scene, place: Any) -> None:
 
 
 def _advice(page: Any, beginning: str) -> None:
-    page.wait_for_function(
-        "text => document.querySelector('#marking-text').textContent.startsWith(text)", arg=beginning
-    )
+    until(page, "text => document.querySelector('#marking-text').textContent.startsWith(text)", arg=beginning)
 
 
 def test_a_false_fruit_is_deleted_undone_and_deleted_again(opened: Opened, server: ViewServer, scene: Scene) -> None:
@@ -232,8 +230,8 @@ def test_a_fruit_is_moved_to_another_tree(opened: Opened, server: ViewServer) ->
     assert page.locator("#correct-list li").last.inner_text().endswith("to tree 3")
 
 
-def test_another_window_is_told_of_what_this_one_changed(opened: Opened, browser: Any, server: ViewServer) -> None:  # noqa: F811
-    other = _open(browser, server.url)
+def test_another_window_is_told_of_what_this_one_changed(opened: Opened, browser: Any, server: ViewServer) -> None:
+    other = open_page(browser, server.url)
     page = opened.page
     _changes(page, lambda: page.click("#correct-undo"))
     _changes(page, lambda: page.click("#correct-redo"))
@@ -260,7 +258,7 @@ def test_the_tables_and_the_masks_are_corrected_afterwards(opened: Opened, scene
 
 def test_another_run_with_other_numbers_still_has_them(
     opened: Opened,
-    browser: Any,  # noqa: F811
+    browser: Any,
     scene: Scene,
     tmp_path: Path,
 ) -> None:
@@ -269,7 +267,7 @@ def test_another_run_with_other_numbers_still_has_them(
     scene.run(tmp_path / "masks.json")
     assert len(read_fruits(scene.survey / "fruits.csv")) == 15
     with running(_server(scene)) as server:
-        page = _open(browser, server.url).page
+        page = open_page(browser, server.url).page
         page.set_viewport_size({"width": 1200, "height": 800})
         page.click("#tool-correct")
         assert page.inner_text("#correct-count") == "5 corrections"
@@ -285,10 +283,10 @@ def test_another_run_with_other_numbers_still_has_them(
         page.close()
 
 
-def test_pages_without_a_server_say_nothing_of_correcting(browser: Any, scene: Scene, tmp_path: Path) -> None:  # noqa: F811
+def test_pages_without_a_server_say_nothing_of_correcting(browser: Any, scene: Scene, tmp_path: Path) -> None:
     folder = export_folder(read_survey(scene.survey), tmp_path / "out")
     for path in (folder, scene.survey / "report.html"):
-        page = _open(browser, path).page
+        page = open_page(browser, path).page
         assert page.is_hidden("#tool-correct")
         assert page.is_hidden("#photo-add")
         page.close()

@@ -3,67 +3,18 @@
 from __future__ import annotations
 
 import re
-import shutil
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
+from chromium import PATIENCE_MS, Opened, drawn, open_page, red_px, until
 from pomona.fruits import FruitCloud, Observations
 from pomona.report import write_report
 from pomona.report.pdf import write_pdf
 from pomona.trees import Trees
 from report_scenes import row_report
-
-_SOFTWARE_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-_QUIET = (
-    "--no-sandbox",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
-
-
-PATIENCE_MS = 120_000
-"""How long a page may take where other programs keep the machine busy; only what fails takes so long."""
-
-
-@dataclass
-class Opened:
-    """A page, and what it said and asked for."""
-
-    page: Any
-    said: list[str] = field(default_factory=list)
-    asked: list[str] = field(default_factory=list)
-
-
-def _open(browser: Any, path: Path | str, before: str = "") -> Opened:
-    opened = Opened(browser.new_page(viewport={"width": 900, "height": 600}, reduced_motion="reduce"))
-    opened.page.set_default_timeout(PATIENCE_MS)
-    opened.page.on("console", lambda message: opened.said.append(f"{message.type}: {message.text}"))
-    opened.page.on("pageerror", lambda error: opened.said.append(str(error)))
-    opened.page.on("request", lambda request: opened.asked.append(request.url))
-    opened.page.add_init_script(before)
-    opened.page.goto(path if isinstance(path, str) else path.as_uri())
-    opened.page.wait_for_selector("html.has-webgl, html.no-webgl")
-    return opened
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        pytest.skip("no Chromium found: install Debian's package chromium to test the report in a browser")
-    driver = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra `dev`)")
-    with driver.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=program, args=[*_QUIET, *_SOFTWARE_3D])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +26,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def opened(browser: Any, report: Path) -> Opened:
-    return _open(browser, report)
+    return open_page(browser, report)
 
 
 def test_opens_from_disk_without_error_or_network(opened: Opened, report: Path) -> None:
@@ -86,27 +37,11 @@ def test_opens_from_disk_without_error_or_network(opened: Opened, report: Path) 
     assert opened.page.locator("#fruits tbody tr").count() == 60
 
 
-def drawn(page: Any, *, still: bool = True) -> None:
-    """Wait until the picture is of what was last asked for and, where it stands still, lacks nothing."""
-    frames = "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 50))))"
-    page.evaluate(frames)
-    if still:
-        page.wait_for_selector("#view[data-picture=whole]")
-    page.evaluate(frames)
-
-
-def _red_px(page: Any) -> int:
-    drawn(page)
-    encoded = np.frombuffer(page.locator("#view canvas").screenshot(), np.uint8)
-    pixels = cv2.imdecode(encoded, cv2.IMREAD_COLOR).astype(int)
-    return int(((pixels[:, :, 2] > 110) & (pixels[:, :, 2] > 2 * pixels[:, :, 1])).sum())
-
-
 def test_view_shows_red_fruits_that_can_be_hidden(opened: Opened) -> None:
-    shown = _red_px(opened.page)
+    shown = red_px(opened.page)
     assert 300 < shown < 100_000
     opened.page.uncheck("[data-layer=fruits]")
-    assert _red_px(opened.page) < 0.1 * shown
+    assert red_px(opened.page) < 0.1 * shown
     opened.page.check("[data-layer=fruits]")
 
 
@@ -140,7 +75,7 @@ def test_row_and_fruit_are_selected_together(opened: Opened) -> None:
 
 
 def test_the_table_of_fruits_does_not_scroll_sideways_on_a_laptop(browser: Any, report: Path) -> None:
-    page = _open(browser, report).page
+    page = open_page(browser, report).page
     page.set_viewport_size({"width": 1400, "height": 900})
     widths = page.evaluate(
         "(box => [box.scrollWidth, box.clientWidth])(document.querySelector('#fruits').parentElement)"
@@ -167,13 +102,13 @@ def test_packing_classes_can_be_chosen_and_typed(opened: Opened) -> None:
 
 
 def test_on_paper_the_view_is_a_picture_and_nothing_scrolls(browser: Any, report: Path, tmp_path: Path) -> None:
-    page = _open(browser, report).page
+    page = open_page(browser, report).page
     drawn(page)
     page.emulate_media(media="print")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert page.is_hidden("#view canvas")
     assert page.is_hidden("#view .tools")
-    page.wait_for_function("document.querySelector('#still').naturalWidth > 100")
+    until(page, "document.querySelector('#still').naturalWidth > 100")
     assert page.is_visible("#still")
     assert page.evaluate("getComputedStyle(document.querySelector('.scroll')).overflow") == "visible"
     pages = page.pdf(prefer_css_page_size=True).count(b"/Type /Page\n")
@@ -195,7 +130,7 @@ def test_fits_a_phone(opened: Opened) -> None:
 
 def test_no_fruit_opens_without_error(browser: Any, tmp_path: Path) -> None:
     write_report(row_report(0, scene_points=0), tmp_path / "empty.html")
-    opened = _open(browser, tmp_path / "empty.html")
+    opened = open_page(browser, tmp_path / "empty.html")
     assert opened.page.locator("html.has-webgl").count() == 1
     assert opened.said == []
     assert opened.page.is_visible("text=No fruit was found")
@@ -203,7 +138,7 @@ def test_no_fruit_opens_without_error(browser: Any, tmp_path: Path) -> None:
 
 
 def test_without_webgl_it_says_so_and_the_table_works(browser: Any, report: Path) -> None:
-    opened = _open(browser, report, before="HTMLCanvasElement.prototype.getContext = () => null")
+    opened = open_page(browser, report, before="HTMLCanvasElement.prototype.getContext = () => null")
     assert opened.page.is_visible("text=This browser gives no WebGL")
     opened.page.click("#fruits th button >> nth=0")
     assert opened.page.locator("#fruits th").first.get_attribute("aria-sort") == "ascending"
@@ -214,7 +149,7 @@ def test_without_webgl_it_says_so_and_the_table_works(browser: Any, report: Path
 def test_of_very_many_fruits_the_first_ones_are_printed_and_the_rest_is_told(browser: Any, tmp_path: Path) -> None:
     data = replace(row_report(6000, scene_points=0), trees=Trees.empty(), observations=Observations.empty())
     write_report(replace(data, cloud=FruitCloud.empty()), tmp_path / "many.html")
-    page = _open(browser, tmp_path / "many.html").page
+    page = open_page(browser, tmp_path / "many.html").page
     page.emulate_media(media="print")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert "3,000 more fruits are not printed" in page.inner_text("#fruits tbody tr:last-child")

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from chromium import Opened, drawn, open_page, until
 from pomona.report import ReportData, write_report
 from pomona.view import ViewServer
 from report_scenes import observe, row_cameras, row_cloud, row_fruits, row_photos
 from serving import running
-from test_report_browser import Opened, _open, browser, drawn  # noqa: F401 (a fixture)
 
 pytestmark = pytest.mark.slow
 _ELEMENTS = "() => document.querySelectorAll('*').length"
@@ -37,9 +37,9 @@ def _survey(fruits: int, per_side: int, scene_points: int) -> ReportData:
 
 
 @contextmanager
-def _served(browser: Any, data: ReportData) -> Iterator[Opened]:  # noqa: F811
+def _served(browser: Any, data: ReportData) -> Iterator[Opened]:
     with running(ViewServer(data)) as server:
-        opened = _open(browser, server.url)
+        opened = open_page(browser, server.url)
         opened.page.set_viewport_size({"width": 1200, "height": 800})
         yield opened
         assert opened.said == []
@@ -54,12 +54,12 @@ def big() -> ReportData:
 
 
 @pytest.fixture(scope="module")
-def opened(browser: Any, big: ReportData) -> Iterator[Opened]:  # noqa: F811
+def opened(browser: Any, big: ReportData) -> Iterator[Opened]:
     with _served(browser, big) as opened:
         yield opened
 
 
-def test_page_has_hardly_more_elements_than_that_of_a_small_survey(browser: Any, opened: Opened) -> None:  # noqa: F811
+def test_page_has_hardly_more_elements_than_that_of_a_small_survey(browser: Any, opened: Opened) -> None:
     with _served(browser, _survey(150, 4, 1000)) as small:
         few = small.page.evaluate(_ELEMENTS)
         assert small.page.locator("#fruits tbody tr").count() == 150
@@ -68,18 +68,14 @@ def test_page_has_hardly_more_elements_than_that_of_a_small_survey(browser: Any,
 
 
 def test_all_points_come_in_pieces_and_none_twice(opened: Opened, big: ReportData) -> None:
-    opened.page.wait_for_function(
-        "() => performance.getEntriesByName(new URL('data/points/scene/3.bin', location)).length"
-    )
+    until(opened.page, "() => performance.getEntriesByName(new URL('data/points/scene/3.bin', location)).length")
     drawn(opened.page)
     asked = [url.split("/data/")[1] for url in opened.asked if "/data/" in url]
     scene, fruit = (len(big.cloud) - 6000 * 60, 6000 * 60)
     assert asked[0] == "survey.bin"
     assert asked[1:] == [f"points/scene/{k}.bin" for k in range(1, -(-scene // 125_000))]
     opened.page.check("[data-layer=fruitPoints]")
-    opened.page.wait_for_function(
-        "() => performance.getEntriesByName(new URL('data/points/fruit/2.bin', location)).length"
-    )
+    until(opened.page, "() => performance.getEntriesByName(new URL('data/points/fruit/2.bin', location)).length")
     assert sum("points/fruit" in url for url in opened.asked) == -(-fruit // 125_000) - 1
     opened.page.uncheck("[data-layer=fruitPoints]")
 
@@ -137,9 +133,9 @@ def test_every_row_can_be_sorted_to_and_filtered(opened: Opened, big: ReportData
     page.click("#tool-filter")
 
 
-def test_report_says_what_it_leaves_out(browser: Any, big: ReportData, tmp_path: Path) -> None:  # noqa: F811
+def test_report_says_what_it_leaves_out(browser: Any, big: ReportData, tmp_path: Path) -> None:
     write_report(dataclasses.replace(big, title="report"), tmp_path / "report.html")
-    opened = _open(browser, tmp_path / "report.html")
+    opened = open_page(browser, tmp_path / "report.html")
     left_out = opened.page.inner_text("#left-out")
     assert f"300,000 of {len(big.cloud):,} points" in left_out
     assert "pomona view SURVEY" in left_out

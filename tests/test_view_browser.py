@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from chromium import PATIENCE_MS, Opened, drawn, open_page, red_px, until
 from pomona.evaluate.fruits import read_truth
 from pomona.report.page import write_report
 from pomona.report.scene import origin_of
 from pomona.view import ViewServer, export_folder, read_survey, truth_data
 from report_scenes import row_report
 from serving import running
-from test_report_browser import PATIENCE_MS, Opened, _open, _red_px, browser, drawn  # noqa: F401 (a fixture)
 from view_scenes import write_truth, write_view_survey
 
 pytestmark = pytest.mark.slow
@@ -38,8 +38,8 @@ def url(survey: Path) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def opened(browser: Any, url: str) -> Iterator[Opened]:  # noqa: F811
-    opened = _open(browser, url)
+def opened(browser: Any, url: str) -> Iterator[Opened]:
+    opened = open_page(browser, url)
     opened.page.set_viewport_size({"width": 1200, "height": 800})
     yield opened
     # After all that was done: nothing was complained of, nothing came from elsewhere.
@@ -75,9 +75,7 @@ def _open_fruit(page: Any, fruit: int) -> None:
 
 
 def _loaded(page: Any, selector: str) -> None:
-    page.wait_for_function(
-        "s => { const i = document.querySelector(s); return i && i.complete && i.naturalWidth > 0 }", arg=selector
-    )
+    until(page, "s => [document.querySelector(s)].some(i => i?.complete && i.naturalWidth > 0)", arg=selector)
 
 
 def test_view_comes_first_and_truth_is_beside_it(opened: Opened) -> None:
@@ -313,7 +311,7 @@ def _stands_still(page: Any) -> bool:
     return bool((_picture(page) != before).sum() < 100)
 
 
-def test_fly_along_moves_until_it_is_stopped(browser: Any, url: str) -> None:  # noqa: F811
+def test_fly_along_moves_until_it_is_stopped(browser: Any, url: str) -> None:
     page = browser.new_page(viewport={"width": 1200, "height": 800}, reduced_motion="no-preference")
     page.set_default_timeout(PATIENCE_MS)
     page.goto(url)
@@ -328,9 +326,9 @@ def test_fly_along_moves_until_it_is_stopped(browser: Any, url: str) -> None:  #
     page.close()
 
 
-def test_exported_folder_works_from_disk(browser: Any, survey: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_exported_folder_works_from_disk(browser: Any, survey: Path, tmp_path: Path) -> None:
     page_path = export_folder(read_survey(survey), tmp_path / "out")
-    opened = _open(browser, page_path)
+    opened = open_page(browser, page_path)
     page = opened.page
     _open_fruit(page, 20)
     _loaded(page, ".crop img")
@@ -345,9 +343,9 @@ def test_exported_folder_works_from_disk(browser: Any, survey: Path, tmp_path: P
     page.close()
 
 
-def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, tmp_path: Path) -> None:
     write_report(read_survey(survey), tmp_path / "report.html")
-    opened = _open(browser, tmp_path / "report.html")
+    opened = open_page(browser, tmp_path / "report.html")
     page = opened.page
     _open_fruit(page, 20)
     _loaded(page, ".crop img")
@@ -359,7 +357,7 @@ def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, 
     page.close()
 
 
-def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noqa: F811
+def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:
     with running(ViewServer(read_survey(survey))) as server:
         page = browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
@@ -373,12 +371,12 @@ def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:  # noq
 def test_red_fruits_are_seen(opened: Opened) -> None:
     opened.page.select_option("#colour-by", "fruit")
     opened.page.click("[data-look=photos]")
-    assert _red_px(opened.page) > 300
+    assert red_px(opened.page) > 300
 
 
-def test_many_fruits_are_drawn_as_discs_and_can_be_clicked(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_many_fruits_are_drawn_as_discs_and_can_be_clicked(browser: Any, tmp_path: Path) -> None:
     write_report(row_report(3100, scene_points=100), tmp_path / "many.html")
-    opened = _open(browser, tmp_path / "many.html")
+    opened = open_page(browser, tmp_path / "many.html")
     page = opened.page
     page.set_viewport_size({"width": 1200, "height": 800})
     assert _red(page).sum() > 3000

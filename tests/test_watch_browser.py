@@ -6,15 +6,15 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from chromium import PATIENCE_MS
 from pomona.live import WatchServer
 from pomona.report.contract import WatchHint, WatchState
 from pomona.view import read_survey
 from serving import running
-from test_report_browser import PATIENCE_MS, browser  # noqa: F401 (a fixture)
 from view_scenes import write_view_survey
 
 
-def test_the_page_follows_the_watch(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_the_page_follows_the_watch(browser: Any, tmp_path: Path) -> None:
     data, stopped = read_survey(write_view_survey(tmp_path)), threading.Event()
     hint = WatchHint("IMG_0003.JPG", "blurred", "is blurred: <b>hold</b> still")
 
