@@ -118,6 +118,42 @@ def liked_pictures(folder: Path, rng: np.random.Generator) -> Iterator[tuple[Pic
             yield picture, with_likeness(picture.pixels, own, together)
 
 
+@dataclass(frozen=True)
+class Turns:
+    """How crops lie in n patches: turned, mirrored and scaled by `patch_from_crop` (n, 2, 2), moved by `shifts` (n, 2).
+
+    Both are in pixels about the middles. `scales` (n,): by how much larger a crop's pixels are.
+    """
+
+    patch_from_crop: Tensor
+    shifts: Tensor
+    scales: Tensor
+
+    @classmethod
+    def drawn(cls, n: int, how: Crops, varied: bool, *, turned_sd: float, scaled_sd: float, moved_sd: float) -> "Turns":
+        """Draw them by chance, or none where nothing is `varied`: radians, logarithms of scales, and radii."""
+        spread = float(varied)
+        angle, scale = spread * turned_sd * torch.randn(n), torch.exp(spread * scaled_sd * torch.randn(n))
+        shift = spread * moved_sd * how.radius_px * torch.randn(n, 2)
+        mirror = torch.where(torch.rand(n) < 0.5 * spread, -1.0, 1.0)
+        cos, sin = torch.cos(angle), torch.sin(angle)
+        turn = torch.stack([torch.stack([cos * mirror, -sin], 1), torch.stack([sin * mirror, cos], 1)], 1)
+        return cls(turn * scale[:, None, None], shift, scale)
+
+    def crops(self, patches: Tensor, how: Crops) -> Tensor:
+        """Return the crops (n, 4, side, side) of patches (n, patch, patch, 4)."""
+        half_crops = torch.cat([self.patch_from_crop * how.side_px, 2 * self.shifts[:, :, None]], 2) / how.patch_px
+        grid = functional.affine_grid(
+            half_crops, [len(patches), CHANNELS, how.side_px, how.side_px], align_corners=False
+        )
+        return functional.grid_sample(patches.permute(0, 3, 1, 2).float(), grid, align_corners=False)
+
+    def from_middle(self, xy_px: Tensor, how: Crops) -> Tensor:
+        """Return where places (n, m, 2) of patches are in the crops, from their middles."""
+        away = xy_px - how.patch_px / 2 - self.shifts[:, None]
+        return torch.einsum("bij,bnj->bni", torch.linalg.inv(self.patch_from_crop), away)
+
+
 def less_like(likeness: Tensor) -> Tensor:
     """The likeness (n, 1, h, w) of surveys whose fruits are told from leaves better or worse than here."""
     n = len(likeness)

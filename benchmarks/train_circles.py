@@ -24,6 +24,7 @@ from crop_training import (
     Crops,
     Picture,
     Residual,
+    Turns,
     export,
     fit,
     in_bfloat16,
@@ -90,19 +91,9 @@ def patches_in(picture: Picture, pixels: np.ndarray, rng: np.random.Generator) -
 
 def crops_of(patches: Tensor, labels: Tensor, varied: bool) -> tuple[Tensor, Tensor]:
     """Crops (n, 4, side, side) and what is wanted of them (n, 3): right, down and log radius."""
-    n, spread, side, patch = len(patches), float(varied), HOW.side_px, HOW.patch_px
-    angle, scale = spread * TURNED_SD * torch.randn(n), torch.exp(spread * SCALED_SD * torch.randn(n))
-    shift = spread * MOVED_SD * HOW.radius_px * torch.randn(n, 2)
-    mirror = torch.where(torch.rand(n) < 0.5 * spread, -1.0, 1.0)
-    cos, sin = torch.cos(angle), torch.sin(angle)
-    patch_from_crop = torch.stack([torch.stack([cos * mirror, -sin], 1), torch.stack([sin * mirror, cos], 1)], 1)
-    patch_from_crop = patch_from_crop * scale[:, None, None]
-    theta = torch.cat([patch_from_crop * side / patch, (2 * shift / patch)[:, :, None]], 2)
-    grid = functional.affine_grid(theta, [n, CHANNELS, side, side], align_corners=False)
-    crops = functional.grid_sample(patches.permute(0, 3, 1, 2).float(), grid, align_corners=False)
-    away = labels[:, :2] - patch / 2 - shift
-    xy = torch.einsum("bij,bj->bi", torch.linalg.inv(patch_from_crop), away) / HOW.radius_px
-    wanted = torch.cat([xy, torch.log(labels[:, 2] / scale / HOW.radius_px)[:, None]], 1)
+    turns = Turns.drawn(len(patches), HOW, varied, turned_sd=TURNED_SD, scaled_sd=SCALED_SD, moved_sd=MOVED_SD)
+    crops, xy_px = turns.crops(patches, HOW), turns.from_middle(labels[:, None, :2], HOW)[:, 0]
+    wanted = torch.cat([xy_px / HOW.radius_px, torch.log(labels[:, 2:3] / turns.scales[:, None] / HOW.radius_px)], 1)
     if varied:
         crops = torch.cat([in_the_dark(in_other_light(crops[:, :3])), less_like(crops[:, 3:])], 1)
     return crops, wanted

@@ -25,6 +25,7 @@ from crop_training import (
     Crops,
     Picture,
     Residual,
+    Turns,
     export,
     fit,
     in_bfloat16,
@@ -111,19 +112,9 @@ def patches_in(
 
 def crops_of(patches: Tensor, labels: Tensor, how: Crops, varied: bool) -> tuple[Tensor, Tensor, Tensor]:
     """Crops (n, 4, side, side), targets and weights (n, 1, side / stride, side / stride)."""
-    n, spread, side, patch = len(patches), float(varied), how.side_px, how.patch_px
-    angle, scale = spread * 0.25 * torch.randn(n), torch.exp(spread * 0.06 * torch.randn(n))
-    shift = spread * 0.35 * how.radius_px * torch.randn(n, 2)
-    mirror = torch.where(torch.rand(n) < 0.5 * spread, -1.0, 1.0)
-    cos, sin = torch.cos(angle), torch.sin(angle)
-    patch_from_crop = torch.stack([torch.stack([cos * mirror, -sin], 1), torch.stack([sin * mirror, cos], 1)], 1)
-    patch_from_crop = patch_from_crop * scale[:, None, None]
-    theta = torch.cat([patch_from_crop * side / patch, (2 * shift / patch)[:, :, None]], 2)
-    grid = functional.affine_grid(theta, [n, CHANNELS, side, side], align_corners=False)
-    crops = functional.grid_sample(patches.permute(0, 3, 1, 2).float(), grid, align_corners=False)
-    away = labels[:, :, :2] - patch / 2 - shift[:, None]
-    xy = torch.einsum("bij,bnj->bni", torch.linalg.inv(patch_from_crop), away) + side / 2
-    targets, weights = targets_of(xy, labels[:, :, 2] / scale[:, None], labels[:, :, 3], how)
+    turns = Turns.drawn(len(patches), how, varied, turned_sd=0.25, scaled_sd=0.06, moved_sd=0.35)
+    crops, xy = turns.crops(patches, how), turns.from_middle(labels[:, :, :2], how) + how.side_px / 2
+    targets, weights = targets_of(xy, labels[:, :, 2] / turns.scales[:, None], labels[:, :, 3], how)
     if varied:
         crops = torch.cat([in_other_light(crops[:, :3]), less_like(crops[:, 3:])], 1)
     return crops, targets, weights
