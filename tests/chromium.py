@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,6 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+
+from waiting import until
 
 _SOFTWARE_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _QUIET = (
@@ -61,16 +62,13 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
-def until(page: Any, condition: str, arg: Any = None) -> None:
+def page_until(page: Any, condition: str, arg: Any = None) -> None:
     """Wait until an expression, or a function of the argument, is true in the page.
 
     What Playwright itself waits for is a string that the page evaluates again and again, which our content security
     policy forbids it: only what is true at once would pass.
     """
-    end = time.monotonic() + PATIENCE_MS / 1000
-    while not page.evaluate(condition, arg):
-        assert time.monotonic() < end, f"did not become true: {condition}"
-        page.wait_for_timeout(50)
+    until(lambda: page.evaluate(condition, arg), PATIENCE_MS / 1000, condition)
 
 
 def drawn(page: Any, *, still: bool = True) -> None:

@@ -20,6 +20,8 @@ import cv2
 import numpy as np
 import pytest
 
+from waiting import until
+
 _PREFERENCES = """
 user_pref("marionette.port", {port});
 user_pref("webgl.force-enabled", true);
@@ -73,10 +75,7 @@ class Firefox:
 
     def wait(self, condition: str, seconds: float = 60) -> None:
         """Wait until an expression is true in the page."""
-        ends = time.monotonic() + seconds
-        while not self.run(f"return Boolean({condition});"):
-            assert time.monotonic() < ends, condition
-            time.sleep(0.1)
+        until(lambda: self.run(f"return Boolean({condition});"), seconds, condition)
 
     def said(self) -> list[str]:
         """Return errors and warnings of pages since the last one was opened."""

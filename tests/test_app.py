@@ -8,8 +8,7 @@ import json
 import shlex
 import shutil
 import sys
-import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -35,6 +34,7 @@ from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder
 from pomona.survey.events import RunStatus, StageTaken
+from waiting import until
 
 SAMPLE = sample_folder()
 # Stands in for a run: says something, works until it is stopped or for no time, and ends as it is told.
@@ -63,13 +63,6 @@ def _asked(**changes: Any) -> NewSurvey:
         learn=False,
     )
     return replace(plain, **changes)
-
-
-def _until(is_so: Callable[[], bool], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not is_so():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.02)
 
 
 @pytest.fixture
@@ -305,11 +298,11 @@ def test_typescript_types_are_those_of_python() -> None:
 
 def test_jobs_run_one_after_another(jobs: Jobs) -> None:
     first, second = jobs.put("a", ["work"]), jobs.put("b", ["quick"])
-    _until(lambda: bool(first.log))
+    until(lambda: bool(first.log))
     assert (first.state, second.state) == ("running", "queued")
     assert jobs.put("a", ["work"]) is first
     jobs.stop("a")
-    _until(lambda: second.state == "finished")
+    until(lambda: second.state == "finished")
     assert (first.state, list(first.log), list(second.log)) == ("stopped", ["began work"], ["began quick"])
 
 
@@ -317,15 +310,15 @@ def test_a_job_leaves_the_queue(jobs: Jobs) -> None:
     first, second = jobs.put("a", ["work"]), jobs.put("b", ["quick"])
     jobs.stop("b")
     jobs.stop("a")
-    _until(lambda: first.state == "stopped")
+    until(lambda: first.state == "stopped")
     assert (second.state, list(second.log)) == ("stopped", [])
     again = jobs.put("b", ["quick"])
-    _until(lambda: again.state == "finished")
+    until(lambda: again.state == "finished")
 
 
 def test_a_failed_job_says_why(jobs: Jobs) -> None:
     job = jobs.put("a", ["fail", "no photos\nput some there"])
-    _until(lambda: job.state == "failed")
+    until(lambda: job.state == "failed")
     assert job.error == "no photos\nput some there"
     assert Job("b", (), state="finished").error == ""
 
@@ -334,16 +327,16 @@ def test_a_job_that_cannot_be_begun_has_failed_and_the_next_runs(jobs: Jobs, mon
     with monkeypatch.context() as patch:
         patch.setattr(jobs, "_command", (str(Path("no") / "such program"),))
         job = jobs.put("a", ["quick"])
-        _until(lambda: job.state == "failed")
+        until(lambda: job.state == "failed")
     assert job.error == "The run could not be started: No such file or directory"
     after = jobs.put("b", ["quick"])
-    _until(lambda: after.state == "finished")
+    until(lambda: after.state == "finished")
 
 
 def test_runs_end_with_the_program() -> None:
     jobs = Jobs(command=(sys.executable, "-c", WORKER))
     job, waiting = jobs.put("a", ["work"]), jobs.put("b", ["quick"])
-    _until(lambda: bool(job.log))
+    until(lambda: bool(job.log))
     jobs.close()
     assert (job.state, waiting.log) == ("stopped", waiting.log)
     assert not waiting.log
@@ -353,7 +346,7 @@ def test_a_command_on_the_leash_that_is_done_ends_well() -> None:
     jobs = Jobs()
     try:
         job = jobs.put("a", ["--version"])
-        _until(lambda: job.ended > 0)
+        until(lambda: job.ended > 0)
         assert (job.state, job.error) == ("finished", "")
     finally:
         jobs.close()
@@ -364,13 +357,13 @@ def test_a_command_on_the_leash_stops_as_by_ctrl_c(tmp_path: Path) -> None:
     jobs = Jobs()
     try:
         job = jobs.put("a", ["run", str(tmp_path / "none"), "--out", str(tmp_path / "row")])
-        _until(lambda: job.state == "failed")
+        until(lambda: job.state == "failed")
         assert "none does not exist" in job.error
         job = jobs.put("b", ["run", str(SAMPLE / "east"), "--out", str(tmp_path / "row")])
         said = tmp_path / "row" / "work" / "run.jsonl"
-        _until(lambda: said.is_file() and '"segment"' in said.read_text())
+        until(lambda: said.is_file() and '"segment"' in said.read_text())
         jobs.stop("b")
-        _until(lambda: job.state == "stopped")
+        until(lambda: job.state == "stopped")
         assert json.loads(said.read_text().splitlines()[-1])["event"] == "end"
         assert run_arguments(*begun_with(SurveyFolder.open(tmp_path / "row"))) == job.arguments
     finally:
@@ -456,7 +449,7 @@ def test_a_failed_run_says_why_in_the_list(service: Service, tmp_path: Path) -> 
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "a.jpg").touch()
     survey_id = service.begin(_asked(name="Row: 1/2", photos=[str(tmp_path / "empty")]))
-    _until(lambda: service.view(survey_id).state == "failed")
+    until(lambda: service.view(survey_id).state == "failed")
     view, shown = _view(service, survey_id)
     assert Path(view.folder).name == "Row- 1-2"
     assert "0 photos that can be used" in shown.message

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
-import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from pomona.app.teaching import keep_marks, marked_view
 from pomona.errors import MissingFileError, SurveyError
 from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder
+from waiting import until
 
 _MANY = 10_000
 
@@ -94,10 +94,7 @@ def test_a_run_on_a_full_disk_fails_in_words(small_disk: Path, tmp_path: Path) -
     try:
         asked = NewSurvey("row", [str(tmp_path / "photos")], True, "", None, "gnss", "", [], None, False)
         survey_id = service.begin(asked)
-        end = time.monotonic() + 120
-        while service.view(survey_id).state not in ("failed", "stopped"):
-            assert time.monotonic() < end
-            time.sleep(0.1)
+        until(lambda: service.view(survey_id).state in ("failed", "stopped"), 120)
         view = service.view(survey_id)
         assert view.state == "failed"
         assert view.run is not None

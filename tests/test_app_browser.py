@@ -6,8 +6,7 @@ import csv
 import re
 import shutil
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 
 import pomona
-from chromium import PATIENCE_MS, until
+from chromium import PATIENCE_MS, page_until
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
 from pomona.app.folders import Folders
@@ -29,6 +28,7 @@ from pomona.pipeline import RunOptions, run
 from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.survey import SurveyFolder
 from serving import running
+from waiting import until
 
 pytestmark = pytest.mark.slow
 SAMPLE = sample_folder()
@@ -72,19 +72,12 @@ def _choose(page: Any, opener: str, folder: Path, *, file: str = "") -> None:
             page.click(f"dialog .places button:has(span:text-is('{name}'))")
         else:
             page.click("dialog button:text-is('One folder up')")
-        until(page, "before => document.querySelector('dialog .path').textContent !== before", arg=before)
+        page_until(page, "before => document.querySelector('dialog .path').textContent !== before", arg=before)
     if file:
         page.click(f"dialog .places button:has(span:text-is('{file}'))")
     else:
         page.click("dialog button:text-is('Choose this folder')")
     page.wait_for_selector("dialog", state="detached")
-
-
-def _until(is_so: Callable[[], bool], seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while not is_so():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.2)
 
 
 @pytest.fixture
@@ -155,7 +148,7 @@ def test_from_an_empty_list_to_a_corrected_survey(page: Any, server: AppServer, 
     view.locator("#find button").click()
     view.locator("#card h3").wait_for()
     view.locator("#correct-delete").click()
-    _until(lambda: len(read_corrections(folder / "corrections.json").done) == 1, 60)
+    until(lambda: len(read_corrections(folder / "corrections.json").done) == 1)
     page.click("#tab-files")
     with page.expect_download(timeout=60_000) as downloading:
         page.click("button:text-is('Fruits, trees and row, for QGIS')")
@@ -164,7 +157,7 @@ def test_from_an_empty_list_to_a_corrected_survey(page: Any, server: AppServer, 
         assert len(list(csv.DictReader(file))) == fruits - 1
     page.click("button:text-is('Bring up to date')")
     corrected = re.compile(r">1</data> correction by hand")
-    _until(lambda: corrected.search((folder / "report.html").read_text(encoding="utf-8")) is not None, 120)
+    until(lambda: corrected.search((folder / "report.html").read_text(encoding="utf-8")) is not None, 120)
 
     page.click("text=Close Pomona")
     page.click("dialog .main")
@@ -374,7 +367,7 @@ def test_before_and_after_learning_stand_side_by_side(
     ]
     loaded = "[...document.querySelectorAll('.pair img')].filter(image => image.naturalWidth > 0).length === 2"
     page.locator(".pair").scroll_into_view_if_needed()
-    until(page, loaded)
+    page_until(page, loaded)
     write_learnt(survey, replace(learnt, kept=False))
     page.reload()
     page.wait_for_selector("text=so nothing was changed")

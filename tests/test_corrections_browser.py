@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from chromium import Opened, open_page, until
+from chromium import Opened, open_page, page_until
 from correct_scenes import FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
 from pomona.cli.app import app
 from pomona.corrections import read_corrections
@@ -92,7 +92,7 @@ def _click_in_photo(page: Any, scene: Scene, place: Any) -> None:
 
 
 def _advice(page: Any, beginning: str) -> None:
-    until(page, "text => document.querySelector('#marking-text').textContent.startsWith(text)", arg=beginning)
+    page_until(page, "text => document.querySelector('#marking-text').textContent.startsWith(text)", arg=beginning)
 
 
 def test_a_false_fruit_is_deleted_undone_and_deleted_again(opened: Opened, server: ViewServer, scene: Scene) -> None:

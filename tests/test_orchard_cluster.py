@@ -9,8 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from pomona.orchard.cluster import workers_at
 from pomona.orchard.folder import OrchardFolder
 from pomona.orchard.jobs import Attempt, Outcome, SurveyJob
 from pomona.orchard.places import Place
+from waiting import until
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
@@ -44,7 +44,7 @@ class Cluster:
             "scheduler",
             ["dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)],
         )
-        wait_for(lambda: file.is_file() and file.read_text().endswith("}"))  # it is there before it is written
+        until(lambda: file.is_file() and file.read_text().endswith("}"), 300)  # it is there before it is written
         self.address = str(json.loads(file.read_text())["address"])
 
     def worker(self, name: str, *more: str) -> None:
@@ -69,13 +69,6 @@ class Cluster:
             self._processes[name] = subprocess.Popen(
                 command, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": paths}
             )
-
-
-def wait_for(there: Callable[[], bool]) -> None:
-    until = time.monotonic() + 300
-    while not there():
-        assert time.monotonic() < until
-        time.sleep(0.05)
 
 
 @pytest.fixture
@@ -185,7 +178,7 @@ def test_a_worker_killed_in_the_middle_costs_nothing_and_doubles_nothing(cluster
     working.start()
     # Both workers have a survey under way when one of them is killed.
     begun = lambda name: (surveys / name / "survey.json").is_file()  # noqa: E731
-    wait_for(lambda: sum(map(begun, names)) >= 3)
+    until(lambda: sum(map(begun, names)) >= 3, 300)
     cluster.kill("killed")
     working.join(timeout=400)
     (summary,) = ended

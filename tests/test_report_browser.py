@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from chromium import PATIENCE_MS, Opened, drawn, open_page, red_px, until
+from chromium import PATIENCE_MS, Opened, drawn, open_page, page_until, red_px
 from pomona.fruits import FruitCloud, Observations
 from pomona.report import write_report
 from pomona.report.pdf import write_pdf
@@ -108,7 +108,7 @@ def test_on_paper_the_view_is_a_picture_and_nothing_scrolls(browser: Any, report
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert page.is_hidden("#view canvas")
     assert page.is_hidden("#view .tools")
-    until(page, "document.querySelector('#still').naturalWidth > 100")
+    page_until(page, "document.querySelector('#still').naturalWidth > 100")
     assert page.is_visible("#still")
     assert page.evaluate("getComputedStyle(document.querySelector('.scroll')).overflow") == "visible"
     pages = page.pdf(prefer_css_page_size=True).count(b"/Type /Page\n")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from chromium import Opened, drawn, open_page, until
+from chromium import Opened, drawn, open_page, page_until
 from pomona.report import ReportData, write_report
 from pomona.view import ViewServer
 from report_scenes import observe, row_cameras, row_cloud, row_fruits, row_photos
@@ -68,14 +68,14 @@ def test_page_has_hardly_more_elements_than_that_of_a_small_survey(browser: Any,
 
 
 def test_all_points_come_in_pieces_and_none_twice(opened: Opened, big: ReportData) -> None:
-    until(opened.page, "() => performance.getEntriesByName(new URL('data/points/scene/3.bin', location)).length")
+    page_until(opened.page, "() => performance.getEntriesByName(new URL('data/points/scene/3.bin', location)).length")
     drawn(opened.page)
     asked = [url.split("/data/")[1] for url in opened.asked if "/data/" in url]
     scene, fruit = (len(big.cloud) - 6000 * 60, 6000 * 60)
     assert asked[0] == "survey.bin"
     assert asked[1:] == [f"points/scene/{k}.bin" for k in range(1, -(-scene // 125_000))]
     opened.page.check("[data-layer=fruitPoints]")
-    until(opened.page, "() => performance.getEntriesByName(new URL('data/points/fruit/2.bin', location)).length")
+    page_until(opened.page, "() => performance.getEntriesByName(new URL('data/points/fruit/2.bin', location)).length")
     assert sum("points/fruit" in url for url in opened.asked) == -(-fruit // 125_000) - 1
     opened.page.uncheck("[data-layer=fruitPoints]")
 

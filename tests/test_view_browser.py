@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from chromium import PATIENCE_MS, Opened, drawn, open_page, red_px, until
+from chromium import PATIENCE_MS, Opened, drawn, open_page, page_until, red_px
 from pomona.evaluate.fruits import read_truth
 from pomona.report.page import write_report
 from pomona.report.scene import origin_of
@@ -75,7 +75,7 @@ def _open_fruit(page: Any, fruit: int) -> None:
 
 
 def _loaded(page: Any, selector: str) -> None:
-    until(page, "s => [document.querySelector(s)].some(i => i?.complete && i.naturalWidth > 0)", arg=selector)
+    page_until(page, "s => [document.querySelector(s)].some(i => i?.complete && i.naturalWidth > 0)", arg=selector)
 
 
 def test_view_comes_first_and_truth_is_beside_it(opened: Opened) -> None:
