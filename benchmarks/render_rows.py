@@ -2,6 +2,7 @@
 
 python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
 python benchmarks/render_rows.py dense OUT FIRST LAST        the same, in dense crowns and deep shade
+python benchmarks/render_rows.py bunched OUT FIRST LAST      the same, and fruits that touch in bunches
 python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
 python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
 python benchmarks/render_rows.py held-out OUT                OUT/h00, h01: two photos a side, to measure on
@@ -13,13 +14,14 @@ import sys
 from pathlib import Path
 
 from pomona.synth import RowOptions, render_row
-from pomona.synth.presets import DEMO, HELD_OUT, ROWS, dense_options, training_options
+from pomona.synth.presets import DEMO, HELD_OUT, ROWS, bunched_options, dense_options, training_options
+
+SCENES = {"training": training_options, "dense": dense_options, "bunched": bunched_options}
 
 
 def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:
-    if kind in ("training", "dense"):
+    if of_number := SCENES.get(kind):
         first, last = (int(n) for n in numbers)
-        of_number = training_options if kind == "training" else dense_options
         return {f"s{n:03d}": of_number(n) for n in range(first, last + 1)}
     return {"demo": {"demo": DEMO}, "rows": ROWS, "held-out": HELD_OUT}[kind]
 

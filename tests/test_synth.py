@@ -14,7 +14,7 @@ from pomona.synth.cameras import RowCamera, row_cameras
 from pomona.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
 from pomona.synth.layout import lay_out_row
 from pomona.synth.meshes import fruit, ground, hedge, plate
-from pomona.synth.presets import DEMO, ROWS, dense_options, training_options
+from pomona.synth.presets import DEMO, ROWS, bunched_options, dense_options, training_options
 
 SMALL = RowOptions(seed=3, trees=2, fruits_per_tree=20, leaves_per_tree=200, photos_per_side=5)
 
@@ -217,6 +217,7 @@ def test_ids_survive_being_colours():
     [({"variety": "pear"}, "pear"), ({"light": "night"}, "night"), ({"sides": ()}, "sides"), ({"trees": 0}, "trees"),
      ({"distance_m": -1.0}, "distance_m"), ({"seed": -1}, "seed"), ({"jpeg_quality": 0}, "jpeg_quality"),
      ({"trees": 100, "fruits_per_tree": 1000}, "65535"), ({"photos_round_end": -1}, "photos_round_end"),
+     ({"bunch_share": 1.1}, "bunch_share"),
      ({"photos_round_end": 3, "sides": ("west", "east")}, "east then west"), ({"wind_m": 0.01}, "rough"),
      ({"wind_m": float("nan"), "rough": True}, "wind_m"), ({"leaf_length_m": 0.0}, "leaf_length_m"),
      ({"leaf_scatter_m": -0.1}, "leaf_scatter_m"), ({"exposure": float("inf")}, "exposure")],
@@ -229,7 +230,8 @@ def test_wrong_options_are_named(wrong, said):
 def test_presets_share_no_seed_and_cover_varieties_and_lights():
     scenes = [training_options(n) for n in range(40)]
     dense = [dense_options(n) for n in range(40)]
-    seeds = [s.seed for s in scenes + dense] + [DEMO.seed] + [r.seed for r in ROWS.values()]
+    bunched = [bunched_options(n) for n in range(40)]
+    seeds = [s.seed for s in scenes + dense + bunched] + [DEMO.seed] + [r.seed for r in ROWS.values()]
     assert len(set(seeds)) == len(seeds)
     assert {s.variety for s in scenes} == set(VARIETIES)
     assert {s.light for s in scenes} == set(LIGHTS)
@@ -237,6 +239,10 @@ def test_presets_share_no_seed_and_cover_varieties_and_lights():
     assert {s.variety for s in dense} == set(VARIETIES)
     assert min(s.leaves_per_tree for s in dense) > max(s.leaves_per_tree for s in scenes)
     assert dense[7] == dense_options(7)
+    assert bunched[7] == bunched_options(7)
+    assert {s.variety for s in bunched} == set(VARIETIES)
+    assert all(0.3 <= s.bunch_share <= 0.9 for s in bunched)
+    assert not any(s.bunch_share for s in scenes + dense)
 
 
 def test_without_blender_the_extra_is_named(monkeypatch, tmp_path):
@@ -305,6 +311,21 @@ def test_a_tiny_row_is_rendered_and_its_masks_lie_on_its_fruits(tmp_path):
     assert 0.78 < np.median(found[:, 2]) < 1.05
     again = render_row(options, tmp_path / "again")
     assert (again / "truth/masks/east_000.png").read_bytes() == (out / "truth/masks/east_000.png").read_bytes()
+
+
+def test_fruits_in_bunches_touch_and_none_is_in_another():
+    with_bunches = replace(SMALL, fruits_per_tree=60, bunch_share=0.6)
+    shares = []
+    for options in (replace(with_bunches, bunch_share=0.0), with_bunches):
+        fruits = lay_out_row(options).fruits
+        assert len(fruits.ids) == 120
+        away = np.linalg.norm(fruits.centres_in_world[:, None] - fruits.centres_in_world[None], axis=-1)
+        np.fill_diagonal(away, 9)
+        gaps = away - (fruits.diameters_m[:, None] + fruits.diameters_m) / 2
+        assert gaps.min() > 0
+        shares.append((gaps.min(axis=1) < 0.005).mean())
+    assert shares[0] < 0.15
+    assert 0.5 < shares[1] < 0.9
 
 
 def test_a_row_some_weeks_later_has_the_same_fruits_grown_and_fewer_of_them():

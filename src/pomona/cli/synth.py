@@ -17,6 +17,9 @@ def synth(
     seed: Annotated[int, typer.Option(help="Random seed: another seed gives other trees.")] = 0,
     trees: Annotated[int, typer.Option(help="Number of trees in the row.")] = 3,
     fruits_per_tree: Annotated[int, typer.Option(help="Fruits per tree.")] = 50,
+    bunch_share: Annotated[
+        float, typer.Option(metavar="SHARE", help="Share of spurs with two to five fruits that touch, from 0 to 1.")
+    ] = 0.0,
     variety: Annotated[str, typer.Option(help="Look of the fruits: red, bicolour, green, …")] = "red",
     light: Annotated[str, typer.Option(help="Light: noon, sun, low-sun, hazy or overcast.")] = "sun",
     photos_per_side: Annotated[int, typer.Option(help="Photos per side.")] = 17,
@@ -55,6 +58,7 @@ def synth(
         seed=seed,
         trees=trees,
         fruits_per_tree=fruits_per_tree,
+        bunch_share=bunch_share,
         variety=variety,
         light=light,
         photos_per_side=photos_per_side,

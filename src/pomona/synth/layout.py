@@ -13,6 +13,8 @@ from pomona.synth.options import RowOptions
 
 _GAP_M = 0.0005  # between fruits, at least
 _PUSHES = 200  # so many rounds at most until grown fruits do not touch any more
+_BUNCH = (2, 6)  # fruits of a bunch: from, to below
+_IN_BUNCH_M = 0.004  # between fruits that are pressed together, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,8 @@ class _Twigs:
 def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, FloatArray]:
     """Hang fruits under branches, a third of them in clusters, and say from where: (n, 3).
 
-    None touches wood, plates or another fruit's inside.
+    Bunches, which only `bunch_share` makes, are of fruits that touch; in clusters they are near each other. None
+    touches wood, plates or another fruit's inside.
     """
     centres: list[FloatArray] = []
     sizes: list[float] = []
@@ -152,11 +155,16 @@ def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, 
             tries += 1
             spur = twigs.draw(1, rng)[0][0]
             wanted = 1 if rng.random() < 0.6 else int(rng.integers(2, 4))
+            bunched = options.bunch_share > 0 and rng.random() < options.bunch_share
+            wanted = int(rng.integers(*_BUNCH)) if bunched else wanted
+            first = len(centres)
             for _ in range(min(wanted, options.fruits_per_tree - placed)):
                 size = rng.normal(options.fruit_diameter_m, options.fruit_diameter_sd_m)
                 size = float(np.clip(size, 0.7 * options.fruit_diameter_m, 1.35 * options.fruit_diameter_m))
                 spread = 0.75 * size if wanted > 1 else 0.25 * size
                 centre = spur + rng.normal(0, spread, 3) * [1, 1, 0.6] - [0, 0, size / 2 + rng.uniform(0.005, 0.03)]
+                if bunched and len(centres) > first:
+                    centre = _beside(int(rng.integers(first, len(centres))), size, centres, sizes, rng)
                 if not _hangs_free(centre, size, centres, sizes, timber, trunks):
                     continue
                 centres.append(centre)
@@ -168,6 +176,14 @@ def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, 
         np.arange(1, len(sizes) + 1), np.array(trees, int), np.array(centres).reshape(-1, 3), np.array(sizes, float)
     )
     return fruits, np.array(spurs).reshape(-1, 3)
+
+
+def _beside(
+    other: int, size: float, centres: list[FloatArray], sizes: list[float], rng: np.random.Generator
+) -> FloatArray:
+    """Return a centre (3,) at which a fruit touches another, in any direction, more often beside than above it."""
+    away_m = (size + sizes[other]) / 2 + rng.uniform(2 * _GAP_M, _IN_BUNCH_M)
+    return np.asarray(centres[other] + away_m * unit(rng.normal(size=3) * [1, 1, 0.6]))
 
 
 def _later(fruits: Fruits, spurs: FloatArray, options: RowOptions) -> tuple[Fruits, FloatArray]:

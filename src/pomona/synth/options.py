@@ -71,6 +71,7 @@ class RowOptions:
     trees: int = 3
     spacing_m: float = 1.0
     fruits_per_tree: int = 50
+    bunch_share: float = 0.0  # of the spurs that bear, with two to five fruits pressed together
     variety: str = "red"
     fruit_diameter_m: float = 0.075
     fruit_diameter_sd_m: float = 0.005
@@ -129,6 +130,8 @@ class RowOptions:
         self._check_later()
         if self.seed < 0 or self.fruits_per_tree < 0 or self.leaves_per_tree < 0:
             raise InputError("`seed`, `fruits_per_tree` and `leaves_per_tree` must not be negative")
+        if not 0 <= self.bunch_share <= 1:
+            raise InputError(f"`bunch_share` is {self.bunch_share}; expected a share from 0 to 1")
         if self.trees * self.fruits_per_tree > 65535:
             raise InputError("A row can hold 65535 fruits at most, since masks are 16-bit; ask for fewer")
         if not (np.isfinite([self.leaf_scatter_m, self.exposure]).all() and self.leaf_scatter_m >= 0):

@@ -9,7 +9,7 @@ import numpy as np
 from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
 
 # Seeds of training rows start here, so that no demo or test row shares their trees.
-_TRAINING, _DENSE = 77_000, 78_000
+_TRAINING, _DENSE, _BUNCHED = 77_000, 78_000, 79_000
 
 
 def training_options(number: int) -> RowOptions:
@@ -63,6 +63,12 @@ def dense_options(number: int) -> RowOptions:
         grainy=bool(rng.random() < 0.8),
         samples=int(rng.integers(6, 13)),
     )
+
+
+def bunched_options(number: int) -> RowOptions:
+    """Return the options of the `number`-th training scene of dense crowns in which most fruits hang in bunches."""
+    rng = np.random.default_rng([number, _BUNCHED])
+    return replace(dense_options(number), seed=_BUNCHED + number, bunch_share=float(rng.uniform(0.3, 0.9)))
 
 
 DEMO = RowOptions(
