@@ -1,14 +1,15 @@
 """Train the network of the second look, which says in crops where fruits' centres are, hidden parts and all.
 
 python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--widths A B C D]
-    [--radius PIXELS] [--side PIXELS]
+    [--radius PIXELS] [--side PIXELS] [--weights CHECKPOINT.pt]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; one that is given twice counts
 twice. Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the
 fruit's centre and size by chance. Targets are Gaussians about the centres of all fruits of about that size in a crop.
 Beside the colours, crops have a channel that says how like these are to those of some of the picture's fruits, as if a
-segmenter had found them. OUT.pt is a checkpoint, every 100 steps: a run that was stopped goes on from it. The network
-written is the running mean of the weights; the last fortieth of the crops is measured on, not trained on.
+segmenter had found them. OUT.pt is a checkpoint, every 100 steps: a run that was stopped goes on from it; --weights
+begins with those of another. The network written is the running mean of the weights; the last fortieth of the crops is
+measured on, not trained on.
 """
 
 import argparse
@@ -150,6 +151,7 @@ def main() -> None:
     parser.add_argument("--widths", type=int, nargs=4, default=(16, 32, 48, 80))
     parser.add_argument("--radius", type=float, default=12.0)
     parser.add_argument("--side", type=int, default=72)
+    parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     how = Crops(arguments.radius, arguments.side)
@@ -162,6 +164,8 @@ def main() -> None:
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = (CentersNet(tuple(arguments.widths)) for _ in range(2))
+    if arguments.weights is not None:
+        net.load_state_dict(torch.load(arguments.weights, weights_only=True)["mean"])
     learnt = len(patches) - len(patches) // HELD_OUT
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
