@@ -216,8 +216,11 @@ def test_what_matches_nothing_says_so_and_changes_nothing(found: Found) -> None:
 
 
 def same(one: Corrected, other: Corrected) -> None:
-    for name in ("ids", "centers_in_world", "diameters_m", "tree_ids", "views"):
-        assert np.array_equal(getattr(one.fruits, name), getattr(other.fruits, name), equal_nan=True)
+    for name in ("ids", "tree_ids", "views"):
+        assert np.array_equal(getattr(one.fruits, name), getattr(other.fruits, name))
+    # One run in a hundred differs in the last bit, as sums of products do by where in memory their arrays begin.
+    for name in ("centers_in_world", "diameters_m"):
+        np.testing.assert_allclose(getattr(one.fruits, name), getattr(other.fruits, name), rtol=0, atol=1e-14)
     assert one.observations.detection_id.tolist() == other.observations.detection_id.tolist()
     assert one.fruits.sides == other.fruits.sides
 
