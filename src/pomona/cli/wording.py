@@ -26,8 +26,8 @@ SAME_NAMES = frozenset(
         "cameras", "markers", "scale_bar", "marker_dictionary", "engine", "filter_model", "overwrite", "out", "photos",
         "truth", "match", "worst", "to", "port", "arch", "weights", "preset", "steps", "epochs", "batch",
         "learning_rate", "copy_paste", "check_every", "patience", "held_out", "split_by", "workers", "seed", "trees",
-        "fruits_per_tree", "bunch_share", "variety", "light", "photos_per_side", "photos_round_end", "rough", "second_look",
-        "scene", "packing",
+        "fruits_per_tree", "bunch_share", "variety", "light", "photos_per_side", "photos_round_end", "rough",
+        "second_look", "scene", "packing",
         "markers_crs", "gcp", "positions", "days_later", "drop_share", "dates",
         "hand_counts", "scheduler", "host", "until", "idle",
     )
