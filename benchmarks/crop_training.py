@@ -194,13 +194,17 @@ def fit(
     every: int,
     seed: int,
     checkpoint: Path,
+    weights: Path | None,
     weight_decay: float,
 ) -> None:
     """Train a network, and its running `mean`, or go on with that; `checkpoint` is written `every` so many steps.
 
+    `weights`: the checkpoint of another training, whose mean this one begins with.
     `loss_of_some` draws crops, and `held_out` says in words what the mean makes of those that it does not draw.
     """
     torch.manual_seed(seed)
+    if weights is not None:
+        net.load_state_dict(torch.load(weights, weights_only=True)["mean"])
     mean.load_state_dict(net.state_dict())
     optimiser = torch.optim.AdamW(net.parameters(), RATE, weight_decay=weight_decay)
     began, done = time.time(), 0

@@ -149,8 +149,6 @@ def main() -> None:
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = CirclesNet(), CirclesNet()
-    if arguments.weights is not None:
-        net.load_state_dict(torch.load(arguments.weights, weights_only=True)["mean"])
     learnt = len(patches) - round(HELD_OUT * len(patches))
     shares = shares[:learnt] / shares[:learnt].sum()
 
@@ -161,7 +159,7 @@ def main() -> None:
 
     fit(
         net, mean, loss_of_some, lambda net: held_out(net, patches[learnt:], labels[learnt:]), steps=arguments.steps,
-        every=200, seed=arguments.seed, checkpoint=checkpoint, weight_decay=1e-3,
+        every=200, seed=arguments.seed, checkpoint=checkpoint, weights=arguments.weights, weight_decay=1e-3,
     )  # fmt: skip
     export(mean, HOW, arguments.out, KIND, "circles")
 

@@ -164,8 +164,6 @@ def main() -> None:
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = (CentersNet(tuple(arguments.widths)) for _ in range(2))
-    if arguments.weights is not None:
-        net.load_state_dict(torch.load(arguments.weights, weights_only=True)["mean"])
     learnt = len(patches) - len(patches) // HELD_OUT
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
@@ -179,7 +177,7 @@ def main() -> None:
 
     fit(
         net, mean, loss_of_some, held_out, steps=arguments.steps, every=100, seed=arguments.seed,
-        checkpoint=checkpoint, weight_decay=1e-4,
+        checkpoint=checkpoint, weights=arguments.weights, weight_decay=1e-4,
     )  # fmt: skip
     export(nn.Sequential(mean, nn.Sigmoid()), how, arguments.out, KIND, "centers", stride=str(STRIDE))
 
