@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import onnx
 import torch
+from onnx import numpy_helper
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -28,7 +29,8 @@ ROUND = ("apple", "citrus", "peach", "plum", "tomato", "cherry", "kiwi")  # kind
 # As a segmenter finds fruits: of those of which so much is seen, such a share, with masks so much too large or small.
 FOUND_SEEN, FOUND_SHARE, FOUND_OFF_PX = 0.3, (0.4, 1.0), 1
 RATE, WARM_UP, LONGEST_MEAN = 2e-3, 100, 0.995
-QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(torch.device("cpu"))
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(DEVICE)
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ def in_other_light(crops: Tensor) -> Tensor:
 
 def in_bfloat16(net: nn.Module, crops: Tensor) -> Tensor:
     """What a network says of crops, in numbers of half the length where these are quick."""
-    with torch.autocast("cpu", torch.bfloat16, enabled=QUICK_IN_BFLOAT16):
+    with torch.autocast(DEVICE.type, torch.bfloat16, enabled=QUICK_IN_BFLOAT16):
         found: Tensor = net(crops.contiguous(memory_format=torch.channels_last))
     return found.float()
 
@@ -195,21 +197,25 @@ def fit(
     seed: int,
     checkpoint: Path,
     weights: Path | None,
+    crops: Tensor,
     weight_decay: float,
 ) -> None:
     """Train a network, and its running `mean`, or go on with that; `checkpoint` is written `every` so many steps.
 
-    `weights`: the checkpoint of another training, whose mean this one begins with.
-    `loss_of_some` draws crops, and `held_out` says in words what the mean makes of those that it does not draw.
+    `weights`: the checkpoint of another training, whose mean this one begins with, or a model file; the statistics that
+    a file lacks are those of `crops`. `loss_of_some` draws crops, and `held_out` says in words what the mean makes of
+    those that it does not draw.
     """
     torch.manual_seed(seed)
-    if weights is not None:
-        net.load_state_dict(torch.load(weights, weights_only=True)["mean"])
+    if weights is not None and weights.suffix == ".onnx":
+        fill_from_file(net, weights, crops)
+    elif weights is not None:
+        net.load_state_dict(torch.load(weights, map_location=DEVICE, weights_only=True)["mean"])
     mean.load_state_dict(net.state_dict())
     optimiser = torch.optim.AdamW(net.parameters(), RATE, weight_decay=weight_decay)
     began, done = time.time(), 0
     if checkpoint.exists():
-        state = torch.load(checkpoint, weights_only=True)
+        state = torch.load(checkpoint, map_location=DEVICE, weights_only=True)
         net.load_state_dict(state["net"])
         mean.load_state_dict(state["mean"])
         optimiser.load_state_dict(state["optimiser"])
@@ -235,6 +241,48 @@ def fit(
 
 
 @torch.no_grad()
+def fill_from_file(net: nn.Module, path: Path, crops: Tensor) -> None:
+    """Give a network the weights of a model file, which has norms folded into convolutions.
+
+    Norms get the statistics that they have on `crops`, and such factors that the network is the file's; convolutions
+    stay as long as they were at first, which suits the learning rate.
+    """
+    graph = onnx.load(str(path)).graph
+    weights = {entry.name: torch.tensor(numpy_helper.to_array(entry)) for entry in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "Identity" and node.input[0] in weights:
+            weights[node.output[0]] = weights[node.input[0]]
+    in_file = iter([node.input for node in graph.node if node.op_type in ("Conv", "Gemm")])
+    kinds = (nn.Conv2d, nn.Linear, nn.BatchNorm2d)
+    last: dict[str, Tensor] = {}
+
+    def fill(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        if isinstance(module, nn.BatchNorm2d):
+            x = inputs[0]
+            mean, variance = x.mean((0, 2, 3)), x.var((0, 2, 3), unbiased=False)
+            module.running_mean.copy_(mean)
+            module.running_var.copy_(variance)
+            module.weight.copy_(torch.sqrt(variance + module.eps) / last["scale"])
+            module.bias.copy_(last["bias"] + mean / last["scale"])
+            return
+        _, name, bias = next(in_file)
+        weight, last["bias"] = weights[name].to(module.weight), weights[bias].to(module.weight)
+        if module.bias is not None:
+            module.weight.copy_(weight)
+            module.bias.copy_(last["bias"])
+            return
+        lengths = weight.flatten(1).norm(dim=1).clamp(min=1e-8)
+        last["scale"] = module.weight.flatten(1).norm(dim=1) / lengths
+        module.weight.copy_(weight * last["scale"][:, None, None, None])
+
+    hooks = [module.register_forward_pre_hook(fill) for module in net.modules() if isinstance(module, kinds)]
+    net.eval()(crops)
+    net.train()
+    for hook in hooks:
+        hook.remove()
+
+
+@torch.no_grad()
 def _follow(mean: nn.Module, net: nn.Module, share: float) -> None:
     for name, value in net.state_dict().items():
         kept = mean.state_dict()[name]
@@ -243,10 +291,10 @@ def _follow(mean: nn.Module, net: nn.Module, share: float) -> None:
 
 def export(net: nn.Module, how: Crops, out: Path, kind: str, output: str, **metadata: str) -> None:
     """Write a network of crops in the form that `pomona.fruit_crops.crop_network` reads."""
-    example = (torch.zeros(2, CHANNELS, how.side_px, how.side_px),)
+    example = (torch.zeros(2, CHANNELS, how.side_px, how.side_px, device="cpu"),)
     names = {"input_names": ["crops"], "output_names": [output]}
     axes = {"crops": {0: "n"}, output: {0: "n"}}
-    torch.onnx.export(net.eval(), example, str(out), **names, dynamic_axes=axes, opset_version=17, dynamo=False)
+    torch.onnx.export(net.cpu().eval(), example, str(out), **names, dynamic_axes=axes, opset_version=17, dynamo=False)
     file = onnx.load(str(out))
     entries = {
         "kind": kind, "radius_px": f"{how.radius_px:g}", "side_px": str(how.side_px), "channels": str(CHANNELS),

@@ -1,13 +1,14 @@
 """Train the network that measures circles of whole fruits in crops about them (`pomona.measure.circle_network`).
 
-python benchmarks/train_circles.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--weights CHECKPOINT.pt]
+python benchmarks/train_circles.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N]
+    [--weights CHECKPOINT.pt | MODEL.onnx]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; each is drawn from by the root
 of how many fruits it shows. About every fruit of which enough is seen a crop is cut as `pomona.measure.circles` does,
 off the fruit's centre and size by chance. The loss is the negative log likelihood of a Gaussian (of a Laplacian beyond
 three standard deviations), with the standard deviations that the network says. OUT.pt is a checkpoint, every 200 steps:
-a run that was stopped goes on from it; --weights begins with those of another. The network written is the running mean
-of the weights; some of the fruits are measured on, not trained on.
+a run that was stopped goes on from it; --weights begins with those of another, or of a model file. The network written
+is the running mean of the weights; some of the fruits are measured on, not trained on.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from torch.nn import functional
 
 from crop_training import (
     BATCH,
+    DEVICE,
     Block,
     Crops,
     Picture,
@@ -138,13 +140,14 @@ def main() -> None:
     parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    torch.set_default_device(DEVICE)
     rng = np.random.default_rng(arguments.seed)
     parts = [patches_of(folder, rng) for folder in arguments.folders]
     counts = [len(patches) for patches, _ in parts]
     order = np.random.default_rng(1).permutation(sum(counts))
     shares = np.repeat(1 / np.sqrt(counts), counts)[order]
-    patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order])
-    labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order])
+    patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order]).to(DEVICE)
+    labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order]).to(DEVICE)
     print(f"{len(patches)} fruits of {len(arguments.folders)} folders", flush=True)
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
@@ -157,9 +160,11 @@ def main() -> None:
         crops, wanted = crops_of(patches[some], labels[some], varied=True)
         return loss_of(in_bfloat16(net, crops), wanted)
 
+    some_crops, _ = crops_of(patches[: 8 * BATCH], labels[: 8 * BATCH], varied=False)
     fit(
         net, mean, loss_of_some, lambda net: held_out(net, patches[learnt:], labels[learnt:]), steps=arguments.steps,
-        every=200, seed=arguments.seed, checkpoint=checkpoint, weights=arguments.weights, weight_decay=1e-3,
+        every=200, seed=arguments.seed, checkpoint=checkpoint, weights=arguments.weights, crops=some_crops,
+        weight_decay=1e-3,
     )  # fmt: skip
     export(mean, HOW, arguments.out, KIND, "circles")
 

@@ -1,15 +1,15 @@
 """Train the network of the second look, which says in crops where fruits' centres are, hidden parts and all.
 
 python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--widths A B C D]
-    [--radius PIXELS] [--side PIXELS] [--weights CHECKPOINT.pt]
+    [--radius PIXELS] [--side PIXELS] [--file-side PIXELS] [--batch N] [--weights CHECKPOINT.pt | MODEL.onnx]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; one that is given twice counts
 twice. Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the
 fruit's centre and size by chance. Targets are Gaussians about the centres of all fruits of about that size in a crop.
 Beside the colours, crops have a channel that says how like these are to those of some of the picture's fruits, as if a
 segmenter had found them. OUT.pt is a checkpoint, every 100 steps: a run that was stopped goes on from it; --weights
-begins with those of another. The network written is the running mean of the weights; the last fortieth of the crops is
-measured on, not trained on.
+begins with those of another, or of a model file. The network written is the running mean of the weights; the last
+fortieth of the crops is measured on, not trained on.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from torch.nn import functional
 
 from crop_training import (
     BATCH,
+    DEVICE,
     Block,
     Crops,
     Picture,
@@ -151,15 +152,18 @@ def main() -> None:
     parser.add_argument("--widths", type=int, nargs=4, default=(16, 32, 48, 80))
     parser.add_argument("--radius", type=float, default=12.0)
     parser.add_argument("--side", type=int, default=72)
+    parser.add_argument("--file-side", type=int, help="side of the crops that the file takes, if another")
+    parser.add_argument("--batch", type=int, default=BATCH)
     parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    torch.set_default_device(DEVICE)
     how = Crops(arguments.radius, arguments.side)
     rng = np.random.default_rng(arguments.seed)
     parts = [patches_of(folder, how, rng) for folder in arguments.folders]
     order = np.random.default_rng(1).permutation(sum(len(patches) for patches, _ in parts))
-    patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order])
-    labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order])
+    patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order]).to(DEVICE)
+    labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order]).to(DEVICE)
     print(f"{len(patches)} patches of {len(arguments.folders)} folders", flush=True)
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
@@ -167,7 +171,7 @@ def main() -> None:
     learnt = len(patches) - len(patches) // HELD_OUT
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
-        some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH)))
+        some = torch.from_numpy(np.sort(rng.choice(learnt, arguments.batch)))
         crops, targets, weights = crops_of(patches[some], labels[some], how, varied=True)
         return loss_of(in_bfloat16(net, crops), targets, weights)
 
@@ -175,11 +179,13 @@ def main() -> None:
         crops, targets, weights = crops_of(patches[learnt:], labels[learnt:], how, varied=False)
         return f"{float(loss_of(torch.cat([net(part) for part in crops.split(BATCH)]), targets, weights)):.3f}"
 
+    some_crops, _, _ = crops_of(patches[: 8 * BATCH], labels[: 8 * BATCH], how, varied=False)
     fit(
         net, mean, loss_of_some, held_out, steps=arguments.steps, every=100, seed=arguments.seed,
-        checkpoint=checkpoint, weights=arguments.weights, weight_decay=1e-4,
+        checkpoint=checkpoint, weights=arguments.weights, crops=some_crops, weight_decay=1e-4,
     )  # fmt: skip
-    export(nn.Sequential(mean, nn.Sigmoid()), how, arguments.out, KIND, "centers", stride=str(STRIDE))
+    in_file = Crops(arguments.radius, arguments.file_side or arguments.side)
+    export(nn.Sequential(mean, nn.Sigmoid()), in_file, arguments.out, KIND, "centers", stride=str(STRIDE))
 
 
 if __name__ == "__main__":

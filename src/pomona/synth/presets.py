@@ -9,7 +9,7 @@ import numpy as np
 from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
 
 # Seeds of training rows start here, so that no demo or test row shares their trees.
-_TRAINING, _DENSE, _BUNCHED = 77_000, 78_000, 79_000
+_TRAINING, _DENSE, _BUNCHED, _ROUGH = 77_000, 78_000, 79_000, 90_000
 
 
 def training_options(number: int) -> RowOptions:
@@ -69,6 +69,41 @@ def bunched_options(number: int) -> RowOptions:
     """Return the options of the `number`-th training scene of dense crowns in which most fruits hang in bunches."""
     rng = np.random.default_rng([number, _BUNCHED])
     return replace(dense_options(number), seed=_BUNCHED + number, bunch_share=float(rng.uniform(0.3, 0.9)))
+
+
+def rough_options(number: int) -> RowOptions:
+    """Return the options of the `number`-th rough training row: two trees, both sides, in most of them bunches.
+
+    Every fourth has thin crowns, and every fourth, the one after it, mostly no bunches.
+    """
+    rng = np.random.default_rng([number, 424_242])
+    row = replace(
+        bunched_options(5000 + number),
+        rough=True,
+        seed=_ROUGH + number,
+        trees=2,
+        fruits_per_tree=int(rng.integers(45, 95)),
+        sides=("east", "west"),
+        photos_per_side=4,
+        step_m=0.45,
+        samples=8,
+        markers=False,
+    )
+    if number % 4 == 0:
+        return replace(
+            row,
+            leaves_per_tree=int(rng.integers(2600, 6000)),
+            leaf_length_m=0.08,
+            leaf_scatter_m=0.05,
+            width_px=800,
+            height_px=1200,
+            distance_m=float(rng.uniform(1.9, 3.1)),
+            focal_35mm=38,
+        )
+    if number % 4 == 1:
+        bunches = 0.0 if rng.random() < 0.6 else row.bunch_share
+        return replace(row, bunch_share=bunches, width_px=800, height_px=1200)
+    return replace(row, bunch_share=float(rng.uniform(0.4, 0.95)))
 
 
 DEMO = RowOptions(
