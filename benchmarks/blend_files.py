@@ -4,7 +4,7 @@ python benchmarks/blend_files.py FIRST.onnx SECOND.onnx OUT.onnx --share 0.7
 
 OUT has `--share` of SECOND's weights and the rest of FIRST's (Wortsman 2022, robust fine-tuning), and all else as FIRST
 has it: metadata, and what it takes off the log odds of scores and pixels. A training that went on from FIRST has that
-in its biases already, so scores of a blend are higher than those of either.
+in its biases already: in a blend it counts once more for SECOND's share.
 """
 
 import argparse

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import onnx
 import torch
-from onnx import numpy_helper
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -22,6 +21,7 @@ from pomona.fruit_crops.likeness import with_likeness
 from pomona.fruit_traits.colours import ColourCounts
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.train.center import is_quick_in_bfloat16
+from pomona.train.onnx_weights import constants_of
 
 BATCH = 64
 PATCH_SIDES = 2  # crops are cut out of patches so many times larger, turned and moved
@@ -248,10 +248,7 @@ def fill_from_file(net: nn.Module, path: Path, crops: Tensor) -> None:
     stay as long as they were at first, which suits the learning rate.
     """
     graph = onnx.load(str(path)).graph
-    weights = {entry.name: torch.tensor(numpy_helper.to_array(entry)) for entry in graph.initializer}
-    for node in graph.node:
-        if node.op_type == "Identity" and node.input[0] in weights:
-            weights[node.output[0]] = weights[node.input[0]]
+    weights = {name: torch.tensor(value, device=DEVICE) for name, value in constants_of(graph).items()}
     in_file = iter([node.input for node in graph.node if node.op_type in ("Conv", "Gemm")])
     kinds = (nn.Conv2d, nn.Linear, nn.BatchNorm2d)
     last: dict[str, Tensor] = {}
@@ -266,7 +263,7 @@ def fill_from_file(net: nn.Module, path: Path, crops: Tensor) -> None:
             module.bias.copy_(last["bias"] + mean / last["scale"])
             return
         _, name, bias = next(in_file)
-        weight, last["bias"] = weights[name].to(module.weight), weights[bias].to(module.weight)
+        weight, last["bias"] = weights[name], weights[bias]
         if module.bias is not None:
             module.weight.copy_(weight)
             module.bias.copy_(last["bias"])

@@ -78,7 +78,7 @@ def rough_options(number: int) -> RowOptions:
     """
     rng = np.random.default_rng([number, 424_242])
     row = replace(
-        bunched_options(5000 + number),
+        bunched_options(5000 + number),  # no path-traced scene is that of a rough row
         rough=True,
         seed=_ROUGH + number,
         trees=2,
@@ -89,20 +89,19 @@ def rough_options(number: int) -> RowOptions:
         samples=8,
         markers=False,
     )
+    if number % 4 < 2:
+        row = replace(row, width_px=800, height_px=1200)
     if number % 4 == 0:
         return replace(
             row,
             leaves_per_tree=int(rng.integers(2600, 6000)),
             leaf_length_m=0.08,
             leaf_scatter_m=0.05,
-            width_px=800,
-            height_px=1200,
             distance_m=float(rng.uniform(1.9, 3.1)),
             focal_35mm=38,
         )
     if number % 4 == 1:
-        bunches = 0.0 if rng.random() < 0.6 else row.bunch_share
-        return replace(row, bunch_share=bunches, width_px=800, height_px=1200)
+        return replace(row, bunch_share=0.0) if rng.random() < 0.6 else row
     return replace(row, bunch_share=float(rng.uniform(0.4, 0.95)))
 
 

@@ -38,7 +38,7 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
         graph = onnx.load(str(path)).graph
     except Exception as error:  # protobuf's own errors
         raise FormatError(f"{path}: expected an ONNX file, which it is not: {error}") from error
-    weights = _initialisers(graph)
+    weights = constants_of(graph)
     convolutions = [
         (weights[node.input[1]], weights.get(node.input[2]) if len(node.input) > 2 else None, node.input[1])
         for node in graph.node
@@ -69,8 +69,8 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
     network.norms_frozen.fill_(True)
 
 
-def _initialisers(graph: Any) -> Mapping[str, Array]:
-    """All constant arrays by their names, and by the names of their copies."""
+def constants_of(graph: Any) -> Mapping[str, Array]:
+    """Return all constant arrays of an ONNX graph by their names, and by the names of their copies."""
     from onnx import numpy_helper
 
     weights = {entry.name: np.array(numpy_helper.to_array(entry)) for entry in graph.initializer}
