@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pomona.arrays import IntArray
+from pomona.arrays import BoolArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_crops.likeness import SeenFruits
@@ -99,9 +99,11 @@ def _looked_at(
     evidence = look(sights, seen_fruits, photos, cameras, network, progress, known, options.same_radii)
     left, moved = evidence, refined(prior, evidence, cameras, options)
     for round_idx in range(1, len(options.reach)):
-        left = unexplained(evidence, moved.spheres, moved.shown.seen, cameras, options)
+        # Of two at one place the weaker explains nothing: else each would explain what speaks for the other.
+        explaining = np.where(_apart(moved, options, size.radius_m), moved.shown.seen, 0.0)
+        left = unexplained(evidence, moved.spheres, explaining, cameras, options)
         moved = refined(prior, left, cameras, options, round_idx)
-    stays = suppress_overlapping(moved.spheres, np.nan_to_num(moved.shown.seen), options.overlap_radii * size.radius_m)
+    stays = _apart(moved, options, size.radius_m)
     apart = moved[stays]
     new = proposed(moved.spheres, apart, evidence, cameras, options, size.radius_m)
     hypotheses = Looked.joined([apart, new, unmoved(prior, left, cameras, options)])
@@ -110,6 +112,11 @@ def _looked_at(
     found, ids = hypotheses[chosen], _ids_from(origins[chosen], int(fruits.ids.max()))
     looked = fused_of(found.spheres, ids, matches, masks)
     return replace(looked, shown=found.shown[np.argsort(ids)]), evidence
+
+
+def _apart(looked: Looked, options: SecondLookOptions, radius_m: float) -> BoolArray:
+    """Say of each sphere (n,) whether photos show it better than all others that stand where it does."""
+    return suppress_overlapping(looked.spheres, np.nan_to_num(looked.shown.seen), options.overlap_radii * radius_m)
 
 
 def _ids_from(origins: IntArray, last: int) -> IntArray:
