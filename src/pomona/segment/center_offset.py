@@ -4,8 +4,8 @@ A model file's contract: input `image`, float32 (1, 3, H, W), RGB 0 to 255, H an
 outputs `heatmap` (1, 1, h, w), `box` (1, 4, h, w), `foreground` (1, 1, h, w) and `offset` (1, 2, h, w) with
 h = H / stride, and perhaps `circle` (1, 5, h, w), as `decode.Maps` describes them; metadata `pomona.kind` =
 `center-offset`, `pomona.stride`, `pomona.fruit_px` (smallest, largest), `pomona.typical_fruit_px`, and where known
-`pomona.score_threshold`. With `pomona.larger`, over 1, the network sees each tile and its mirror image; and of photos
-that have the pixels to be read so many times larger, tiles at that size and at the usual one.
+`pomona.score_threshold`. With `pomona.larger`, over 1, photos are read so many times larger, and the network sees tiles
+at that size and at the usual one; where they would have to be enlarged too much, each tile and its mirror image.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from pomona.arrays import ByteArray, Float32Array
 from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile, positive_numbers
 from pomona.segment.decode import DecodeOptions, Maps, decode
-from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
+from pomona.segment.protocol import Segmenter, SegmenterTraits, TileByTile, TileDetections, name_of_file
 from pomona.segment.two_looks import padded, seen_at_two_sizes, seen_with_mirror_image
 
 KIND = "center-offset"
@@ -29,6 +30,13 @@ _CHANNELS = {"heatmap": 1, "box": 4, "foreground": 1, "offset": 2}
 _OPTIONAL = {"circle": 5}
 _MULTIPLE = 32
 _MOST_LARGER = 4.0
+# Scales up to which photos are read larger: by the first, they hardly have to be enlarged for it; beyond the second,
+# what there is to see is mostly blur.
+_HARDLY_ENLARGED, _MOST_ENLARGED = 1.2, 2.0
+
+Reads = Literal["usual", "larger", "enlarged"]
+"""How a segmenter sees its tiles: of the usual size, larger, or larger though photos have not the pixels for it."""
+_CLOSER: tuple[Reads, ...] = ("larger", "enlarged")
 
 
 @dataclass(frozen=True)
@@ -96,36 +104,49 @@ def _overlap_px(typical_fruit_px: float) -> int:
 class CenterOffsetSegmenter(TileByTile):
     """A `Segmenter` that runs a model file of this contract, given by its path or already open.
 
-    `score_floor` is the least score of a detection that is worth making a mask of. It has a `closer` one where the
-    file says that the network sees more in photos that are read larger.
+    `score_floor` is the least score of a detection that is worth making a mask of. Where the file says that the network
+    sees more in photos that are read larger, `reading_at` gives a segmenter that `reads` them so.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when it is not a model of this contract.
     """
 
-    def __init__(
-        self, source: Path | OnnxFile, *, score_floor: float | None = None, reads_larger: bool = False
-    ) -> None:
+    def __init__(self, source: Path | OnnxFile, *, score_floor: float | None = None, reads: Reads = "usual") -> None:
         self._file = source if isinstance(source, OnnxFile) else OnnxFile(source)
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
         there = {node.name for node in self._file.outputs}
         self._channels = _CHANNELS | {name: count for name, count in _OPTIONAL.items() if name in there}
-        traits = self._metadata.closer() if reads_larger else self._metadata.traits
+        traits = self._metadata.closer() if reads != "usual" else self._metadata.traits
         traits = replace(traits, at_once=self._file.at_once)
         super().__init__(f"onnx:{name_of_file(self._path)}", traits, score_floor, self._file.note)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
-        self._reads_larger = reads_larger
-        if self._metadata.larger > 1 and not reads_larger:
-            self.closer = CenterOffsetSegmenter(self._file, score_floor=score_floor, reads_larger=True)
+        self._reads = reads
+        self._closer: dict[Reads, CenterOffsetSegmenter] = {}
+        if self._metadata.larger > 1 and reads == "usual":
+            for how in _CLOSER:
+                self._closer[how] = CenterOffsetSegmenter(self._file, score_floor=score_floor, reads=how)
+
+    def reading_at(self, scale: float) -> tuple[Segmenter, float]:
+        """Return how to read photos whose fruits have their typical width at `scale`: larger, unless too much is blur.
+
+        That takes 1.6 times the network's time. It pays in photos that have to be enlarged for it, too: leaves pass for
+        fruits less often, and edges, so places and sizes, are more exact (docs/lab/segmenter.md).
+        """
+        larger = scale * self._metadata.larger
+        how: Reads = "larger" if larger <= _HARDLY_ENLARGED else "enlarged"
+        if how not in self._closer or larger > _MOST_ENLARGED:
+            return self, scale
+        return self._closer[how], larger
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
         return decode(self.maps(tile), tile.shape[1], tile.shape[0], self._decoding)
 
     def maps(self, tile: ByteArray) -> Maps:
         """Return what the network says of one tile (h, w, 3), padded to a multiple of 32."""
-        if self._reads_larger:
-            return seen_at_two_sizes(self._look, tile, self._metadata.larger, _MULTIPLE)
+        if self._reads != "usual":
+            enlarged = self._reads == "enlarged"
+            return seen_at_two_sizes(self._look, tile, self._metadata.larger, _MULTIPLE, enlarged=enlarged)
         if self._metadata.larger > 1:
             return seen_with_mirror_image(self._look, tile, _MULTIPLE)
         return self._look(padded(tile, _MULTIPLE))

@@ -21,8 +21,6 @@ from pomona.segment.resize import resized_detections, resized_pixels
 from pomona.segment.tiled_image import segment_tiled
 from pomona.threads import in_order
 
-_HARDLY_ENLARGED = 1.2  # the scale up to which photos are read larger
-
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentOptions:
@@ -175,7 +173,8 @@ def _look(
     photo: Photo, scale: float, segmenter: Segmenter, options: SegmentOptions, turns: BoundedSemaphore
 ) -> Detections | str:
     """Return what is found in a photo read at a scale, once it is its turn; or why it cannot be read."""
-    segmenter, scale = _closer_look(segmenter, scale)
+    if isinstance(segmenter, TileByTile):
+        segmenter, scale = segmenter.reading_at(scale)
     try:
         pixels = _pixels_at(photo, scale)
     except (InputError, MissingFileError) as error:
@@ -183,20 +182,6 @@ def _look(
     with turns:
         size_px = photo.width_px, photo.height_px
         return segment_photo(pixels, segmenter, name=photo.name, size_px=size_px, options=options)
-
-
-def _closer_look(segmenter: Segmenter, scale: float) -> tuple[Segmenter, float]:
-    """Return the segmenter's way to read photos larger, and the scale for it, where they are hardly enlarged for that.
-
-    Enlarging shows nothing new: masks are a little better, but no more fruits are found, for 1.6 times the network's
-    time (docs/lab/segmenter.md).
-    """
-    closer = segmenter.closer if isinstance(segmenter, TileByTile) else None
-    usual_px = segmenter.traits.typical_fruit_px
-    if closer is None or usual_px is None or closer.traits.typical_fruit_px is None:
-        return segmenter, scale
-    larger = scale * closer.traits.typical_fruit_px / usual_px
-    return (closer, larger) if larger <= _HARDLY_ENLARGED else (segmenter, scale)
 
 
 def _pixels_at(photo: Photo, scale: float) -> ByteArray:

@@ -103,11 +103,8 @@ class TileByTile(ABC):
     """What Pomona's own segmenters have in common: a name, traits, and one tile after the other.
 
     `score_floor` is the least score that is reported; None: `KEPT_SHARE` of the score threshold. `note`: what a person
-    should know of how the network runs here. `closer`: what reads photos at a larger scale, that of its own
-    typical width of fruit, where they have the pixels for it; None: nothing does.
+    should know of how the network runs here.
     """
-
-    closer: Segmenter | None = None
 
     def __init__(
         self, name: str, traits: SegmenterTraits, score_floor: float | None = None, note: str | None = None
@@ -124,6 +121,10 @@ class TileByTile(ABC):
     def traits(self) -> SegmenterTraits:
         """The tiles that suit the network, as its file says or as it was trained."""
         return self._traits
+
+    def reading_at(self, scale: float) -> tuple[Segmenter, float]:
+        """Return how to read photos whose fruits have their typical width at `scale`: by what, and at which scale."""
+        return self, scale
 
     def segment(self, tiles: Sequence[ByteArray]) -> list[TileDetections]:
         """Return the detections of each tile, uint8 (h, w, 3) RGB, in the tiles' order."""

@@ -1,8 +1,7 @@
 """A tile seen twice by a centre-offset network: as it is, but mirrored, and made smaller; the maps of both made one.
 
 Fruits are found best at the width that the network knows best, their edges where they are wider. What the network says
-of both is worth more than either, and more than of one size and its mirror image, where photos have the pixels for it
-(docs/lab/segmenter.md).
+of both is worth more than either, and more than of one size and its mirror image (docs/lab/segmenter.md).
 """
 
 from __future__ import annotations
@@ -31,16 +30,20 @@ def padded(tile: ByteArray, multiple: int) -> ByteArray:
     return np.pad(tile, ((0, height), (0, width), (0, 0)), constant_values=_PADDING)
 
 
-def seen_at_two_sizes(look: Look, tile: ByteArray, larger: float, multiple: int) -> Maps:
+def seen_at_two_sizes(look: Look, tile: ByteArray, larger: float, multiple: int, *, enlarged: bool = False) -> Maps:
     """Return what the network says of a tile (h, w, 3) as it is, mirrored, and `larger` times smaller.
 
-    The maps are those of the tile, padded to a multiple of `multiple`. Of probabilities the log odds are averaged.
+    The maps are those of the tile, padded to a multiple of `multiple`. Of probabilities the log odds are averaged. Of a
+    tile that was `enlarged`, and shows no more than the smaller one, only the smaller one says where fruits are: the
+    blur is nothing that the network has learnt from. Both say whose the pixels are.
     """
     height, width = tile.shape[:2]
     smaller = resized_pixels(tile, max(1, round(width / larger)), max(1, round(height / larger)))
     own, other = _seen_mirrored(look, padded(tile, multiple)), _with_log_odds(look(padded(smaller, multiple)))
     ratios = width / smaller.shape[1], height / smaller.shape[0]
-    return _with_probabilities(_mean(own, _enlarged(other, own.heatmap.shape, *ratios)))
+    other = _enlarged(other, own.heatmap.shape, *ratios)
+    both = _mean(own, other)
+    return _with_probabilities(replace(both, heatmap=other.heatmap) if enlarged else both)
 
 
 def seen_with_mirror_image(look: Look, tile: ByteArray, multiple: int) -> Maps:
