@@ -64,36 +64,35 @@ def test_discs_stay_where_they_are(larger: float) -> None:
         assert circle == pytest.approx([*at, 20, 2, 4], abs=1.5)
 
 
+class LessSure:
+    """Says 0.9 everywhere when it looks first, and 0.5 later; remembers the tiles that it has `seen`."""
+
+    def __init__(self) -> None:
+        self.seen: list[np.ndarray] = []
+
+    def __call__(self, tile: np.ndarray) -> Maps:
+        self.seen.append(tile)
+        maps = perfect_look(tile)
+        says = np.full_like(maps.heatmap, 0.9 if len(self.seen) == 1 else 0.5)
+        return replace(maps, heatmap=says, foreground=says, circle=None)
+
+
 def test_the_other_size_sees_the_tile_mirrored_and_odds_are_averaged() -> None:
     image = red_image(96, 64, [(30.0, 30.0)])
-    seen: list[np.ndarray] = []
-
-    def look(tile: np.ndarray) -> Maps:
-        seen.append(tile)
-        says = 0.9 if len(seen) == 1 else 0.5
-        maps = perfect_look(tile)
-        return replace(maps, heatmap=np.full_like(maps.heatmap, says), circle=None)
-
+    look = LessSure()
     maps = seen_at_two_sizes(look, image, 1.5, 32)
-    assert (seen[0] == image[:, ::-1]).all()
-    assert seen[1].shape == (64, 64, 3)
-    assert (seen[1][43:] == 114).all()
+    assert (look.seen[0] == image[:, ::-1]).all()
+    assert look.seen[1].shape == (64, 64, 3)
+    assert (look.seen[1][43:] == 114).all()
     assert maps.circle is None
     assert maps.heatmap == pytest.approx(np.full((16, 24), 0.75))  # odds of 9 and 1: 3
 
 
 def test_of_an_enlarged_tile_the_smaller_look_alone_says_where_fruits_are() -> None:
     image = red_image(96, 64, [(30.0, 30.0)])
-    seen: list[np.ndarray] = []
-
-    def look(tile: np.ndarray) -> Maps:
-        seen.append(tile)
-        says = 0.9 if len(seen) == 1 else 0.5
-        maps = perfect_look(tile)
-        return replace(maps, heatmap=np.full_like(maps.heatmap, says), foreground=np.full_like(maps.heatmap, says))
-
+    look = LessSure()
     maps = seen_at_two_sizes(look, image, 1.5, 32, enlarged=True)
-    assert len(seen) == 2
+    assert len(look.seen) == 2
     assert maps.heatmap == pytest.approx(np.full((16, 24), 0.5), abs=1e-3)
     assert maps.foreground == pytest.approx(np.full((16, 24), 0.75), abs=1e-3)  # both say whose the pixels are
 

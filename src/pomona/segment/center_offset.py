@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -36,7 +37,6 @@ _HARDLY_ENLARGED, _MOST_ENLARGED = 1.2, 2.0
 
 Reads = Literal["usual", "larger", "enlarged"]
 """How a segmenter sees its tiles: of the usual size, larger, or larger though photos have not the pixels for it."""
-_CLOSER: tuple[Reads, ...] = ("larger", "enlarged")
 
 
 @dataclass(frozen=True)
@@ -105,27 +105,22 @@ class CenterOffsetSegmenter(TileByTile):
     """A `Segmenter` that runs a model file of this contract, given by its path or already open.
 
     `score_floor` is the least score of a detection that is worth making a mask of. Where the file says that the network
-    sees more in photos that are read larger, `reading_at` gives a segmenter that `reads` them so.
+    sees more in photos that are read larger, `reading_at` gives one that reads them so.
 
     Raises `MissingFileError` when there is no such file and `FormatError` when it is not a model of this contract.
     """
 
-    def __init__(self, source: Path | OnnxFile, *, score_floor: float | None = None, reads: Reads = "usual") -> None:
+    def __init__(self, source: Path | OnnxFile, *, score_floor: float | None = None) -> None:
         self._file = source if isinstance(source, OnnxFile) else OnnxFile(source)
         self._path = self._file.path
         self._metadata = ModelMetadata.parse(self._path, self._file.metadata)
         _check_signature(self._file)
         there = {node.name for node in self._file.outputs}
         self._channels = _CHANNELS | {name: count for name, count in _OPTIONAL.items() if name in there}
-        traits = self._metadata.closer() if reads != "usual" else self._metadata.traits
-        traits = replace(traits, at_once=self._file.at_once)
+        traits = replace(self._metadata.traits, at_once=self._file.at_once)
         super().__init__(f"onnx:{name_of_file(self._path)}", traits, score_floor, self._file.note)
         self._decoding = replace(DecodeOptions(), score_threshold=self._score_floor)
-        self._reads = reads
-        self._closer: dict[Reads, CenterOffsetSegmenter] = {}
-        if self._metadata.larger > 1 and reads == "usual":
-            for how in _CLOSER:
-                self._closer[how] = CenterOffsetSegmenter(self._file, score_floor=score_floor, reads=how)
+        self._reads: Reads = "usual"
 
     def reading_at(self, scale: float) -> tuple[Segmenter, float]:
         """Return how to read photos whose fruits have their typical width at `scale`: larger, unless too much is blur.
@@ -134,10 +129,12 @@ class CenterOffsetSegmenter(TileByTile):
         fruits less often, and edges, so places and sizes, are more exact (docs/lab/segmenter.md).
         """
         larger = scale * self._metadata.larger
-        how: Reads = "larger" if larger <= _HARDLY_ENLARGED else "enlarged"
-        if how not in self._closer or larger > _MOST_ENLARGED:
+        if self._metadata.larger == 1 or self._reads != "usual" or larger > _MOST_ENLARGED:
             return self, scale
-        return self._closer[how], larger
+        closer = copy(self)
+        closer._traits = replace(self._metadata.closer(), at_once=self._file.at_once)
+        closer._reads = "larger" if larger <= _HARDLY_ENLARGED else "enlarged"
+        return closer, larger
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
         return decode(self.maps(tile), tile.shape[1], tile.shape[0], self._decoding)
