@@ -16,18 +16,24 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pomona.capture import load_photos, read_pixels
+from pomona.capture.images import size_of
+from pomona.formats.detections.label_sets import find_label_sets, read_label_set
 from pomona.fruit_crops.crop_network import CHANNELS
 from pomona.fruit_crops.likeness import with_likeness
 from pomona.fruit_traits.colours import ColourCounts
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.train.center import is_quick_in_bfloat16
 from pomona.train.onnx_weights import constants_of
+from pomona.train.weak_masks import label_image_from_boxes
 
 BATCH = 64
 PATCH_SIDES = 2  # crops are cut out of patches so many times larger, turned and moved
 ROUND = ("apple", "citrus", "peach", "plum", "tomato", "cherry", "kiwi")  # kinds whose fruits are about spheres
 # As a segmenter finds fruits: of those of which so much is seen, such a share, with masks so much too large or small.
 FOUND_SEEN, FOUND_SHARE, FOUND_OFF_PX = 0.3, (0.4, 1.0), 1
+# Boxes of real tiles that are about as wide as high are of whole fruits, of which so much is taken to be seen; of the
+# others, and of fruits without a label, so little that they count neither way.
+WHOLE_ASPECT, WHOLE_SEEN, DOUBTFUL_SEEN, EDGE_PX = 0.78, 0.8, 0.02, 2
 RATE, WARM_UP, LONGEST_MEAN = 2e-3, 100, 0.995
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(DEVICE)
@@ -100,24 +106,52 @@ def _pictures(folder: Path) -> Iterator[Picture]:
         yield Picture("row", read_pixels(photos[camera.name]), fruits.ids, xy_px, radii, seen, mask)
 
 
-def _counts_of(picture: Picture, rng: np.random.Generator) -> ColourCounts:
-    """The colours of some of a picture's fruits, with masks a little off; the others pass for leaves."""
-    plain = picture.ids[picture.seen >= FOUND_SEEN]
-    found = np.isin(picture.mask, plain[rng.random(len(plain)) < rng.uniform(*FOUND_SHARE)]).astype(np.uint8)
+def _counts_of(pixels: np.ndarray, mask: np.ndarray, plain: np.ndarray, rng: np.random.Generator) -> ColourCounts:
+    """The colours of some of the fruits of ids `plain`, with masks a little off; the others pass for leaves.
+
+    Pixels of which `mask` is negative are neither.
+    """
+    found = np.isin(mask, plain[rng.random(len(plain)) < rng.uniform(*FOUND_SHARE)]).astype(np.uint8)
     off = int(rng.integers(-FOUND_OFF_PX, FOUND_OFF_PX + 1))
     kernel = np.ones((2 * abs(off) + 1,) * 2, np.uint8)
     fruit = (cv2.dilate if off > 0 else cv2.erode)(found, kernel) > 0
-    return ColourCounts.of(picture.pixels, fruit, ~fruit)
+    return ColourCounts.of(pixels, fruit, ~fruit & (mask >= 0))
 
 
 def liked_pictures(folder: Path, rng: np.random.Generator) -> Iterator[tuple[Picture, np.ndarray]]:
     """Yield the pictures of a folder, with pixels (h, w, 4): the fourth is how like those of fruits colours are."""
     for _, group in itertools.groupby(_pictures(folder), lambda picture: picture.group):
         scene = list(group)
-        counts = [_counts_of(picture, rng) for picture in scene]
+        counts = [_counts_of(p.pixels, p.mask, p.ids[p.seen >= FOUND_SEEN], rng) for p in scene]
         together = sum(counts, ColourCounts.none())
         for picture, own in zip(scene, counts, strict=True):
             yield picture, with_likeness(picture.pixels, own, together)
+
+
+def liked_tiles(tiles: Path, rng: np.random.Generator) -> Iterator[tuple[Picture, np.ndarray]]:
+    """Yield the apple tiles to train on that `benchmarks/fruit_tiles.py` sorted, as `liked_pictures` does pictures.
+
+    Where fruits are is their boxes' middle, and their width that of the boxes.
+    """
+    for folder in sorted((tiles / "train").glob("apple*")):
+        for photo in (photo for one in find_label_sets(folder) for photo in read_label_set(one, size_of)):
+            boxes = np.array([fruit.box_px for fruit in photo.fruits], float).reshape(-1, 4)
+            labelled = np.array([not fruit.ignored for fruit in photo.fruits], bool)
+            sides, low, high = (
+                boxes[:, 2:] - boxes[:, :2],
+                boxes[:, :2],
+                boxes[:, 2:] - [photo.width_px, photo.height_px],
+            )
+            inside = (low > EDGE_PX).all(1) & (high < -EDGE_PX).all(1)
+            whole = labelled & inside & (sides.min(1) > WHOLE_ASPECT * sides.max(1))
+            radii = np.where(whole, sides.mean(1), sides.max(1)) / 2
+            seen = np.where(whole, WHOLE_SEEN, DOUBTFUL_SEEN)
+            pixels = np.asarray(cv2.cvtColor(cv2.imread(str(photo.path)), cv2.COLOR_BGR2RGB), np.uint8)
+            ids = np.cumsum(labelled) * labelled
+            mask = label_image_from_boxes(pixels, boxes[labelled])
+            own = _counts_of(pixels, mask, np.unique(mask[mask > 0]), rng)
+            picture = Picture(photo.name, pixels, ids, boxes.reshape(-1, 2, 2).mean(1), radii, seen, mask)
+            yield picture, with_likeness(pixels, own, own)
 
 
 @dataclass(frozen=True)

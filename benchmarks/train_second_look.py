@@ -1,10 +1,14 @@
 """Train the network of the second look, which says in crops where fruits' centres are, hidden parts and all.
 
-python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--widths A B C D]
-    [--radius PIXELS] [--side PIXELS] [--file-side PIXELS] [--batch N] [--weights CHECKPOINT.pt | MODEL.onnx]
+python benchmarks/train_second_look.py OUT.onnx FOLDER [FOLDER ...] [--tiles TILES] [--steps N] [--seed N]
+    [--widths A B C D] [--radius PIXELS] [--side PIXELS] [--file-side PIXELS] [--batch N]
+    [--weights CHECKPOINT.pt | MODEL.onnx]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; one that is given twice counts
-twice. Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the
+twice. TILES is what `benchmarks/fruit_tiles.py --unlabelled` wrote: of its apples that are trained on, those with boxes
+about as wide as high are whole fruits; where others are, or what has no label, nobody knows, and it counts neither way.
+
+Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the
 fruit's centre and size by chance. Targets are Gaussians about the centres of all fruits of about that size in a crop.
 Beside the colours, crops have a channel that says how like these are to those of some of the picture's fruits, as if a
 segmenter had found them. OUT.pt is a checkpoint, every 100 steps: a run that was stopped goes on from it; --weights
@@ -13,6 +17,7 @@ fortieth of the crops is measured on, not trained on.
 """
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +39,7 @@ from crop_training import (
     in_other_light,
     less_like,
     liked_pictures,
+    liked_tiles,
 )
 from pomona.fruit_crops.crop_network import CHANNELS
 from pomona.fruit_crops.crops import CropPlaces, cut
@@ -77,10 +83,12 @@ def larger(x: Tensor, like: Tensor) -> Tensor:
     return functional.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
 
 
-def patches_of(folder: Path, how: Crops, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def patches_of(
+    pictures: Iterable[tuple[Picture, np.ndarray]], how: Crops, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Patches (n, side, side, 4) and their fruits (n, m, 4): x, y, radius and share seen, NaN where less."""
     patches, labels = [], []
-    for picture, pixels in liked_pictures(folder, rng):
+    for picture, pixels in pictures:
         of_picture = patches_in(picture, pixels, how, rng)
         if of_picture is not None:
             patches.append(of_picture[0])
@@ -147,6 +155,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--tiles", type=Path)
     parser.add_argument("--steps", type=int, default=2500)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--widths", type=int, nargs=4, default=(16, 32, 48, 80))
@@ -160,11 +169,13 @@ def main() -> None:
     torch.set_default_device(DEVICE)
     how = Crops(arguments.radius, arguments.side)
     rng = np.random.default_rng(arguments.seed)
-    parts = [patches_of(folder, how, rng) for folder in arguments.folders]
+    parts = [patches_of(liked_pictures(folder, rng), how, rng) for folder in arguments.folders]
+    if arguments.tiles:
+        parts.append(patches_of(liked_tiles(arguments.tiles, rng), how, rng))
     order = np.random.default_rng(1).permutation(sum(len(patches) for patches, _ in parts))
     patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order]).to(DEVICE)
     labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order]).to(DEVICE)
-    print(f"{len(patches)} patches of {len(arguments.folders)} folders", flush=True)
+    print(f"{', '.join(str(len(patches)) for patches, _ in parts)} patches", flush=True)
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = (CentersNet(tuple(arguments.widths)) for _ in range(2))
