@@ -16,6 +16,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.intrinsics import Intrinsics
 from pomona.measure import MeasureOptions, measure
+from pomona.measure.measurement import doubted_sds
 from pomona.measure.neighbours import edges_of_others
 from pomona.measure.spheroid_fit import Evidence, Prior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
@@ -178,6 +179,19 @@ def test_a_fruit_far_from_the_median_is_no_measurement() -> None:
     fruits = measure(fused, detections, CAMERAS)
     assert fruits.reasons[:2] == ("", "")
     assert "far from the median" in fruits.reasons[2]
+
+
+def test_what_little_is_seen_says_is_doubted_and_what_was_known_beforehand_is_not() -> None:
+    options = MeasureOptions(trusted_sd=0.02, doubt=1.0)
+    own, beforehand = np.array([0.01, 0.02, 0.04, 0.2, np.inf]), 0.06
+    sds = (own**-2.0 + beforehand**-2) ** -0.5
+    doubted = doubted_sds(sds, own, options)
+    assert np.allclose(doubted[[0, 1, 4]], sds[[0, 1, 4]])
+    assert doubted[2] == pytest.approx((0.08**-2 + beforehand**-2) ** -0.5)
+    assert (doubted >= sds - 1e-12).all()
+    assert (doubted <= beforehand + 1e-12).all()
+    assert doubted_sds(np.array([0.04]), np.array([0.04]), options) == pytest.approx(0.08)
+    assert np.allclose(doubted_sds(sds, own, replace(options, doubt=0.0)), sds)
 
 
 @pytest.mark.parametrize("flattening", [0.25, 0.1, -0.1])

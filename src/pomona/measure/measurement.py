@@ -331,6 +331,17 @@ def _visibilities(spheroids: Spheroids, seen: _Seen, masks: MaskRays, fitting: B
     return np.asarray(np.minimum(most, 1.0))
 
 
+def doubted_sds(sds: FloatArray, own_sds: FloatArray, options: MeasureOptions) -> FloatArray:
+    """Return standard deviations (n,) of widths, as shares, had `own_sds` (n,) been as large as they turn out to be.
+
+    Where little is seen of a fruit, it is more often altogether wrong (a mask holds a neighbour, too, or leaves cut it
+    alike in all photos) than a fit supposes. What `sds` (n,) owe to what was known beforehand is not in doubt.
+    """
+    known_beforehand = np.maximum(sds**-2 - own_sds**-2, 0)
+    turn_out = own_sds * np.maximum(own_sds / options.trusted_sd, 1) ** options.doubt
+    return np.asarray((turn_out**-2 + known_beforehand) ** -0.5)
+
+
 def _fruits(
     fused: Fused,
     fitted: Fitted,
@@ -342,7 +353,7 @@ def _fruits(
     """Return the fruits as measured; sizes that are far from the others', or hardly known, are taken back."""
     diameters_m = 2 * fitted.spheroids.radii
     heights_m = diameters_m * fitted.spheroids.ratios
-    sds = np.hypot(np.sqrt(fitted.covariances[:, 3, 3]), options.relative_sd)
+    sds = np.hypot(doubted_sds(np.sqrt(fitted.covariances[:, 3, 3]), fitted.own_sds, options), options.relative_sd)
     median_m = size_of_fruits(diameters_m, FruitSize()).diameter_m
     far = (diameters_m < options.smallest * median_m) | (diameters_m > options.largest * median_m)
     assert options.largest_sd is not None

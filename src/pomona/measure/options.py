@@ -33,7 +33,9 @@ class MeasureOptions:
     where photos show circles, else 0.3. A diameter outside `smallest` to `largest` median diameters of the survey is no
     measurement, nor is one that what is seen of the fruit itself tells with a standard deviation above `largest_sd` as
     a share; None: 0.05 where photos show circles, else 0.08. `relative_sd` is what a spheroid leaves unsaid of a fruit,
-    as a share. `circles` says how circles that photos show count, None that none do. `allometry` gives weights.
+    as a share. What a fruit itself tells of its width is taken to be as exact as it says up to `trusted_sd`, a share;
+    a standard deviation k times as large is k ** `doubt` times too small. `circles` says how circles that photos show
+    count, None that none do. `allometry` gives weights.
     """
 
     rays_per_photo: int = 24
@@ -56,6 +58,8 @@ class MeasureOptions:
     largest: float = 2.0
     largest_sd: float | None = None
     relative_sd: float = 0.004
+    trusted_sd: float = 0.018
+    doubt: float = 1.0
     circles: CircleOptions | None = field(default_factory=CircleOptions)
     allometry: Allometry = STORY_APPLES
 
@@ -66,11 +70,13 @@ class MeasureOptions:
             raise InputError(f"smallest < 1 < largest: expected, found {self.smallest} and {self.largest}")
         for name in (
             "independent", "points_as_masks", "pixel_noise", "shape_noise", "ratio_sd", "single_ratio_sd", "tilt_sd",
-            "clear_sd", "place_radii", "largest_sd",
+            "clear_sd", "place_radii", "largest_sd", "trusted_sd",
         ):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise InputError(f"`{name}`: expected a positive number, found {value}")
+        if not self.doubt >= 0:
+            raise InputError(f"`doubt`: expected 0 or more, found {self.doubt}")
         for name in ("relative_sd", "photos_together", "clear_share", "hull_slack"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"`{name}`: expected a share from 0 to 1, found {getattr(self, name)}")
