@@ -137,12 +137,9 @@ def liked_tiles(tiles: Path, rng: np.random.Generator) -> Iterator[tuple[Picture
         for photo in (photo for one in find_label_sets(folder) for photo in read_label_set(one, size_of)):
             boxes = np.array([fruit.box_px for fruit in photo.fruits], float).reshape(-1, 4)
             labelled = np.array([not fruit.ignored for fruit in photo.fruits], bool)
-            sides, low, high = (
-                boxes[:, 2:] - boxes[:, :2],
-                boxes[:, :2],
-                boxes[:, 2:] - [photo.width_px, photo.height_px],
-            )
-            inside = (low > EDGE_PX).all(1) & (high < -EDGE_PX).all(1)
+            sides = boxes[:, 2:] - boxes[:, :2]
+            far_edge = np.array([photo.width_px, photo.height_px]) - EDGE_PX
+            inside = (boxes[:, :2] > EDGE_PX).all(1) & (boxes[:, 2:] < far_edge).all(1)
             whole = labelled & inside & (sides.min(1) > WHOLE_ASPECT * sides.max(1))
             radii = np.where(whole, sides.mean(1), sides.max(1)) / 2
             seen = np.where(whole, WHOLE_SEEN, DOUBTFUL_SEEN)
