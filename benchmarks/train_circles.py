@@ -152,7 +152,7 @@ def main() -> None:
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = CirclesNet(), CirclesNet()
-    learnt = len(patches) - round(HELD_OUT * len(patches))
+    learnt = len(patches) - max(1, round(HELD_OUT * len(patches)))
     shares = shares[:learnt] / shares[:learnt].sum()
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:

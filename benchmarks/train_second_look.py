@@ -179,7 +179,7 @@ def main() -> None:
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = (CentersNet(tuple(arguments.widths)) for _ in range(2))
-    learnt = len(patches) - len(patches) // HELD_OUT
+    learnt = len(patches) - max(1, len(patches) // HELD_OUT)
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
         some = torch.from_numpy(np.sort(rng.choice(learnt, arguments.batch)))

@@ -1,0 +1,141 @@
+"""Trainings of the networks of crops (`benchmarks/`): what crops ask for, and that files and checkpoints go on."""
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the train extra")
+
+from pomona.errors import MissingExtraError  # noqa: E402
+from pomona.measure.circle_network import CirclesNetwork  # noqa: E402
+from pomona.second_look import CentersNetwork  # noqa: E402
+from pomona.synth import RowOptions, render_row  # noqa: E402
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+FRUITS = np.array([[96.0, 96.0, 17.0, 0.8], [130.0, 84.0, 13.0, 0.9]])  # x, y, radius, share seen
+
+
+def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return importlib.import_module(name)
+
+
+def discs(n: int, side_px: int, fruits: np.ndarray) -> torch.Tensor:
+    """Patches (n, side, side, 4), dark, with discs in the channel of likeness."""
+    x, y = np.meshgrid(np.arange(side_px) + 0.5, np.arange(side_px) + 0.5)
+    patch = np.full((side_px, side_px, 4), 60, np.uint8)
+    for fruit_x, fruit_y, radius, _ in fruits:
+        patch[np.hypot(x - fruit_x, y - fruit_y) < radius, 3] = 180
+    return torch.from_numpy(np.repeat(patch[None], n, 0))
+
+
+def seen_discs(crop: torch.Tensor) -> tuple[np.ndarray, float]:
+    """The middle and radius of what is like fruit in a crop (4, side, side)."""
+    like = crop[3].numpy()
+    rows, columns = np.nonzero(like > (like.max() + like.min()) / 2)
+    return np.array([columns.mean() + 0.5, rows.mean() + 0.5]), float(np.sqrt(len(rows) / np.pi))
+
+
+@pytest.mark.parametrize("varied", [False, True])
+def test_peaks_stay_on_fruits_however_crops_are_turned(varied: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    training = script("train_second_look", monkeypatch)
+    how = training.Crops(radius_px=16, side_px=96)
+    torch.manual_seed(3)
+    labels = torch.from_numpy(np.repeat(FRUITS[None, :1], 12, 0).astype(np.float32))
+    crops, targets, weights = training.crops_of(discs(12, how.patch_px, FRUITS[:1]), labels, how, varied)
+    assert crops.shape == (12, 4, 96, 96)
+    assert weights.min() == 1
+    off = []
+    for crop, target in zip(crops, targets[:, 0], strict=True):
+        middle, _ = seen_discs(crop)
+        row, column = np.unravel_index(int(target.argmax()), target.shape)
+        off.append(np.hypot(*(middle - (np.array([column, row]) + 0.5) * training.STRIDE)))
+        assert 0.8 < float(target.max()) <= 1
+    assert max(off) < 1.6  # a cell is two pixels wide
+    moved = np.ptp([seen_discs(crop)[0] for crop in crops], axis=0)
+    assert (moved > 5).all() if varied else (moved < 1e-6).all()
+
+
+def test_fruits_of_other_sizes_and_hardly_seen_ones_count_neither_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    training = script("train_second_look", monkeypatch)
+    how = training.Crops(radius_px=16, side_px=96)
+    small, hidden = [96.0, 96.0, 7.0, 0.8], [96.0, 96.0, 16.0, 0.02]
+    labels = torch.tensor([[small], [hidden], [[np.nan] * 4]], dtype=torch.float32)
+    _, targets, weights = training.crops_of(discs(3, how.patch_px, FRUITS[:0]), labels, how, False)
+    assert targets.max() < 1e-6
+    assert weights[:2, 0, 24, 24].tolist() == [0, 0]
+    assert 0.9 < float(weights[:2].mean()) < 1
+    assert weights[2].min() == 1
+
+
+def test_circles_follow_fruits_however_crops_are_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    training = script("train_circles", monkeypatch)
+    how = training.HOW
+    middle, radius = how.patch_px / 2, 0.9 * how.radius_px
+    fruit = np.array([[middle + 2, middle - 3, radius, 0.9]])
+    torch.manual_seed(4)
+    labels = torch.from_numpy(np.repeat(fruit, 12, 0).astype(np.float32))
+    crops, wanted = training.crops_of(discs(12, how.patch_px, fruit), labels, True)
+    for crop, (right, down, log_radius) in zip(crops, wanted.numpy(), strict=True):
+        found, found_radius = seen_discs(crop)
+        assert np.hypot(*(found - how.side_px / 2 - how.radius_px * np.array([right, down]))) < 1
+        assert found_radius == pytest.approx(how.radius_px * np.exp(log_radius), rel=0.06)
+    assert np.ptp(wanted[:, 2].numpy()) > 0.05
+
+
+@pytest.fixture(scope="module")
+def row(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    options = RowOptions(
+        seed=5, trees=1, fruits_per_tree=25, leaves_per_tree=150, photos_per_side=1, width_px=400, height_px=600,
+        rough=True,
+    )  # fmt: skip
+    try:
+        return render_row(options, tmp_path_factory.mktemp("rows") / "row")
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+
+
+def trained(script: str, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, str(BENCHMARKS / f"{script}.py"), *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(
+    row: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "new.onnx"
+    small = ("--radius", "8", "--side", "48", "--file-side", "40", "--batch", "4", "--widths", "4", "6", "8", "8")
+    assert "\n2 " in trained("train_second_look", str(file), str(row), "--steps", "2", *small)
+    longer = trained("train_second_look", str(file), str(row), "--steps", "3", *small)
+    assert "\n3 " in longer
+    assert "\n2 " not in longer
+    network = CentersNetwork(file)
+    crops = np.random.default_rng(0).integers(0, 255, (5, 40, 40, 4), np.uint8)
+    maps = network.centers(crops)
+    assert maps.shape == (5, 20, 20)
+    assert 0 < maps.min() < maps.max() < 0.5
+    training, common = script("train_second_look", monkeypatch), script("crop_training", monkeypatch)
+    again = training.CentersNet((4, 6, 8, 8))
+    as_seen = torch.from_numpy(crops).permute(0, 3, 1, 2).float()
+    common.fill_from_file(again, file, as_seen)
+    np.testing.assert_allclose(torch.sigmoid(again.eval()(as_seen))[:, 0].detach().numpy(), maps, atol=1e-4)
+
+
+def test_a_training_of_circles_goes_on_and_its_file_is_one_to_measure_with(row: Path, tmp_path: Path) -> None:
+    file = tmp_path / "new.onnx"
+    assert "\n1 " in trained("train_circles", str(file), str(row), "--steps", "1")
+    longer = trained("train_circles", str(file), str(row), "--steps", "2")
+    assert "\n2 " in longer
+    assert "\n1 " not in longer
+    side_px = CirclesNetwork(file).side_px
+    circles = CirclesNetwork(file).circles(np.full((3, side_px, side_px, 4), 90, np.uint8))
+    assert circles.shape == (3, 6)
+    assert np.abs(circles[:, :3]).max() < 1
