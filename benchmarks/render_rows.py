@@ -3,6 +3,7 @@
 python benchmarks/render_rows.py training OUT FIRST LAST     OUT/s000, s001, ...: one side, six photos
 python benchmarks/render_rows.py dense OUT FIRST LAST        the same, in dense crowns and deep shade
 python benchmarks/render_rows.py bunched OUT FIRST LAST      the same, and fruits that touch in bunches
+python benchmarks/render_rows.py shaded OUT FIRST LAST       both sides of dense crowns in deep shade, to measure on
 python benchmarks/render_rows.py rough OUT FIRST LAST        rough rows of two trees, four photos a side
 python benchmarks/render_rows.py demo OUT                    OUT/demo: the bundled sample, with masks
 python benchmarks/render_rows.py rows OUT                    OUT/r00, r01: both sides, 17 photos a side
@@ -15,9 +16,21 @@ import sys
 from pathlib import Path
 
 from pomona.synth import RowOptions, render_row
-from pomona.synth.presets import DEMO, HELD_OUT, ROWS, bunched_options, dense_options, rough_options, training_options
+from pomona.synth.presets import (
+    DEMO,
+    HELD_OUT,
+    ROWS,
+    bunched_options,
+    dense_options,
+    rough_options,
+    shaded_options,
+    training_options,
+)
 
-SCENES = {"training": training_options, "dense": dense_options, "bunched": bunched_options, "rough": rough_options}
+SCENES = {
+    "training": training_options, "dense": dense_options, "bunched": bunched_options, "shaded": shaded_options,
+    "rough": rough_options,
+}  # fmt: skip
 
 
 def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:

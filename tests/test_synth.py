@@ -14,7 +14,15 @@ from pomona.synth.cameras import RowCamera, row_cameras
 from pomona.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
 from pomona.synth.layout import lay_out_row
 from pomona.synth.meshes import fruit, ground, hedge, plate
-from pomona.synth.presets import DEMO, ROWS, bunched_options, dense_options, rough_options, training_options
+from pomona.synth.presets import (
+    DEMO,
+    ROWS,
+    bunched_options,
+    dense_options,
+    rough_options,
+    shaded_options,
+    training_options,
+)
 
 SMALL = RowOptions(seed=3, trees=2, fruits_per_tree=20, leaves_per_tree=200, photos_per_side=5)
 
@@ -232,7 +240,8 @@ def test_presets_share_no_seed_and_cover_varieties_and_lights():
     dense = [dense_options(n) for n in range(40)]
     bunched = [bunched_options(n) for n in range(40)]
     rough = [rough_options(n) for n in range(40)]
-    seeds = [s.seed for s in scenes + dense + bunched + rough] + [DEMO.seed] + [r.seed for r in ROWS.values()]
+    shaded = [shaded_options(n) for n in range(7)]
+    seeds = [s.seed for s in scenes + dense + bunched + rough + shaded] + [DEMO.seed] + [r.seed for r in ROWS.values()]
     assert len(set(seeds)) == len(seeds)
     assert {s.variety for s in scenes} == set(VARIETIES)
     assert {s.light for s in scenes} == set(LIGHTS)
@@ -246,6 +255,7 @@ def test_presets_share_no_seed_and_cover_varieties_and_lights():
     assert 0.6 < np.mean([row.bunch_share > 0 for row in rough]) < 1
     assert {s.variety for s in bunched} == set(VARIETIES)
     assert all(0.3 <= s.bunch_share <= 0.9 for s in bunched)
+    assert all(s.sides == ("east", "west") and s.bunch_share and s.exposure < 0 for s in shaded)
     assert not any(s.bunch_share for s in scenes + dense)
 
 

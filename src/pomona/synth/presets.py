@@ -71,6 +71,50 @@ def bunched_options(number: int) -> RowOptions:
     return replace(dense_options(number), seed=_BUNCHED + number, bunch_share=float(rng.uniform(0.3, 0.9)))
 
 
+_SHADED_ROWS = (  # variety, light, share of the fruits in bunches, exposure
+    ("red", "overcast", 0.3, -0.4),
+    ("yellow", "low-sun", 0.4, -0.8),
+    ("bicolour", "sun", 0.4, -0.3),
+    ("green", "hazy", 0.3, -0.2),
+    ("dark-red", "noon", 0.5, -0.5),
+    ("yellow", "overcast", 0.5, -0.3),
+    ("unripe", "sun", 0.4, -0.3),
+)
+
+
+def shaded_options(number: int) -> RowOptions:
+    """Return the options of one of seven rows to measure on: both sides of three dense crowns in deep shade."""
+    variety, light, bunch_share, exposure = _SHADED_ROWS[number]
+    dense = dense_options(9100 + number)
+    return replace(
+        dense,
+        seed=99_100 + number,
+        trees=3,
+        fruits_per_tree=50,
+        variety=variety,
+        fruit_diameter_m=0.06 if variety == "unripe" else 0.074,
+        bunch_share=bunch_share,
+        leaves_per_tree=min(dense.leaves_per_tree, 11_000),
+        light=light,
+        exposure=exposure,
+        grainy=True,
+        sides=("east", "west"),
+        photos_per_side=12,
+        step_m=0.32,
+        distance_m=2.8,
+        camera_height_m=1.6,
+        tilt_deg=0.0,
+        jitter_m=0.04,
+        jitter_deg=2.0,
+        width_px=864,
+        height_px=1296,
+        focal_35mm=38,
+        markers=True,
+        samples=10,
+        jpeg_quality=88,
+    )
+
+
 def rough_options(number: int) -> RowOptions:
     """Return the options of the `number`-th rough training row: two trees, both sides, in most of them bunches.
 
