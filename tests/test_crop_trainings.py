@@ -11,13 +11,14 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the train extra")
 
-from pomona.errors import MissingExtraError  # noqa: E402
 from pomona.measure.circle_network import CirclesNetwork  # noqa: E402
 from pomona.second_look import CentersNetwork  # noqa: E402
-from pomona.synth import RowOptions, render_row  # noqa: E402
+from synth_scenes import rough_row  # noqa: E402
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-FRUITS = np.array([[96.0, 96.0, 17.0, 0.8], [130.0, 84.0, 13.0, 0.9]])  # x, y, radius, share seen
+FRUIT = (96.0, 96.0, 17.0, 0.8)  # x, y, radius, share seen
+
+Fruit = tuple[float, float, float, float]
 
 
 def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -25,16 +26,21 @@ def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module(name)
 
 
-def discs(n: int, side_px: int, fruits: np.ndarray) -> torch.Tensor:
-    """Patches (n, side, side, 4), dark, with discs in the channel of likeness."""
+def patches(n: int, side_px: int, fruit: Fruit | None) -> torch.Tensor:
+    """Patches (n, side, side, 4), dark, with the fruit's disc in the channel of likeness."""
     x, y = np.meshgrid(np.arange(side_px) + 0.5, np.arange(side_px) + 0.5)
     patch = np.full((side_px, side_px, 4), 60, np.uint8)
-    for fruit_x, fruit_y, radius, _ in fruits:
-        patch[np.hypot(x - fruit_x, y - fruit_y) < radius, 3] = 180
+    if fruit is not None:
+        patch[np.hypot(x - fruit[0], y - fruit[1]) < fruit[2], 3] = 180
     return torch.from_numpy(np.repeat(patch[None], n, 0))
 
 
-def seen_discs(crop: torch.Tensor) -> tuple[np.ndarray, float]:
+def labels(n: int, fruit: Fruit) -> torch.Tensor:
+    """The labels (n, 4) of patches that all show that fruit."""
+    return torch.tensor([fruit] * n, dtype=torch.float32)
+
+
+def seen_disc(crop: torch.Tensor) -> tuple[np.ndarray, float]:
     """The middle and radius of what is like fruit in a crop (4, side, side)."""
     like = crop[3].numpy()
     rows, columns = np.nonzero(like > (like.max() + like.min()) / 2)
@@ -46,18 +52,19 @@ def test_peaks_stay_on_fruits_however_crops_are_turned(varied: bool, monkeypatch
     training = script("train_second_look", monkeypatch)
     how = training.Crops(radius_px=16, side_px=96)
     torch.manual_seed(3)
-    labels = torch.from_numpy(np.repeat(FRUITS[None, :1], 12, 0).astype(np.float32))
-    crops, targets, weights = training.crops_of(discs(12, how.patch_px, FRUITS[:1]), labels, how, varied)
+    crops, targets, weights = training.crops_of(
+        patches(12, how.patch_px, FRUIT), labels(12, FRUIT)[:, None], how, varied
+    )
     assert crops.shape == (12, 4, 96, 96)
     assert weights.min() == 1
     off = []
     for crop, target in zip(crops, targets[:, 0], strict=True):
-        middle, _ = seen_discs(crop)
+        middle, _ = seen_disc(crop)
         row, column = np.unravel_index(int(target.argmax()), target.shape)
         off.append(np.hypot(*(middle - (np.array([column, row]) + 0.5) * training.STRIDE)))
         assert 0.8 < float(target.max()) <= 1
     assert max(off) < 1.6  # a cell is two pixels wide
-    moved = np.ptp([seen_discs(crop)[0] for crop in crops], axis=0)
+    moved = np.ptp([seen_disc(crop)[0] for crop in crops], axis=0)
     assert (moved > 5).all() if varied else (moved < 1e-6).all()
 
 
@@ -65,8 +72,8 @@ def test_fruits_of_other_sizes_and_hardly_seen_ones_count_neither_way(monkeypatc
     training = script("train_second_look", monkeypatch)
     how = training.Crops(radius_px=16, side_px=96)
     small, hidden = [96.0, 96.0, 7.0, 0.8], [96.0, 96.0, 16.0, 0.02]
-    labels = torch.tensor([[small], [hidden], [[np.nan] * 4]], dtype=torch.float32)
-    _, targets, weights = training.crops_of(discs(3, how.patch_px, FRUITS[:0]), labels, how, False)
+    told = torch.tensor([[small], [hidden], [[np.nan] * 4]], dtype=torch.float32)
+    _, targets, weights = training.crops_of(patches(3, how.patch_px, None), told, how, False)
     assert targets.max() < 1e-6
     assert weights[:2, 0, 24, 24].tolist() == [0, 0]
     assert 0.9 < float(weights[:2].mean()) < 1
@@ -76,13 +83,12 @@ def test_fruits_of_other_sizes_and_hardly_seen_ones_count_neither_way(monkeypatc
 def test_circles_follow_fruits_however_crops_are_turned(monkeypatch: pytest.MonkeyPatch) -> None:
     training = script("train_circles", monkeypatch)
     how = training.HOW
-    middle, radius = how.patch_px / 2, 0.9 * how.radius_px
-    fruit = np.array([[middle + 2, middle - 3, radius, 0.9]])
+    middle = how.patch_px / 2
+    fruit = (middle + 2, middle - 3, 0.9 * how.radius_px, 0.9)
     torch.manual_seed(4)
-    labels = torch.from_numpy(np.repeat(fruit, 12, 0).astype(np.float32))
-    crops, wanted = training.crops_of(discs(12, how.patch_px, fruit), labels, True)
+    crops, wanted = training.crops_of(patches(12, how.patch_px, fruit), labels(12, fruit), True)
     for crop, (right, down, log_radius) in zip(crops, wanted.numpy(), strict=True):
-        found, found_radius = seen_discs(crop)
+        found, found_radius = seen_disc(crop)
         assert np.hypot(*(found - how.side_px / 2 - how.radius_px * np.array([right, down]))) < 1
         assert found_radius == pytest.approx(how.radius_px * np.exp(log_radius), rel=0.06)
     assert np.ptp(wanted[:, 2].numpy()) > 0.05
@@ -90,19 +96,12 @@ def test_circles_follow_fruits_however_crops_are_turned(monkeypatch: pytest.Monk
 
 @pytest.fixture(scope="module")
 def row(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    options = RowOptions(
-        seed=5, trees=1, fruits_per_tree=25, leaves_per_tree=150, photos_per_side=1, width_px=400, height_px=600,
-        rough=True,
-    )  # fmt: skip
-    try:
-        return render_row(options, tmp_path_factory.mktemp("rows") / "row")
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+    return rough_row(tmp_path_factory.mktemp("rows") / "row", width_px=400, height_px=600)
 
 
-def trained(script: str, *arguments: str) -> str:
+def trained(name: str, *arguments: str) -> str:
     done = subprocess.run(
-        [sys.executable, str(BENCHMARKS / f"{script}.py"), *arguments], capture_output=True, text=True, check=False
+        [sys.executable, str(BENCHMARKS / f"{name}.py"), *arguments], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -10,7 +10,6 @@ import pytest
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.detections.png_masks import IGNORED_ID
 from pomona.scale.aruco import detect
-from pomona.synth import RowOptions, render_row
 from pomona.synth.quick import KINDS, PictureOptions, render_pictures
 from pomona.synth.quick.develop import develop
 from pomona.synth.quick.lights import NAMES, backdrop, draw_lighting
@@ -18,6 +17,7 @@ from pomona.synth.quick.pictures import with_grown_leaves
 from pomona.synth.quick.scene import FALLEN, FRUIT, build_scene
 from pomona.synth.quick.shapes import fruit_mesh
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from synth_scenes import rough_row
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -107,19 +107,8 @@ def test_masks_lie_in_the_whole_fruits_circles_and_a_run_goes_on(tmp_path: Path)
     assert np.abs(again - cv2.imread(str(photo))).mean() < 0.5
 
 
-def _rough_row(out: Path, **options: float) -> Path:
-    row = RowOptions(
-        seed=5, trees=1, fruits_per_tree=25, leaves_per_tree=150, photos_per_side=1, width_px=200, height_px=300,
-        rough=True, **options,  # type: ignore[arg-type]
-    )  # fmt: skip
-    try:
-        return render_row(row, out)
-    except MissingExtraError as error:
-        pytest.skip(str(error))
-
-
 def test_a_rough_row_has_its_fruits_and_markers_where_the_cameras_see_them(tmp_path: Path) -> None:
-    folder = RowFolder(_rough_row(tmp_path / "row"))
+    folder = RowFolder(rough_row(tmp_path / "row"))
     fruits, markers = (
         read_fruits(folder.truth("fruits.csv")),
         np.loadtxt(folder.truth("markers.csv"), delimiter=",", skiprows=1),
@@ -145,7 +134,7 @@ def test_a_rough_row_has_its_fruits_and_markers_where_the_cameras_see_them(tmp_p
 
 
 def test_wind_moves_leaves_and_leaves_fruits_where_they_are(tmp_path: Path) -> None:
-    still, windy = (RowFolder(_rough_row(tmp_path / f"{w}", wind_m=w)) for w in (0.0, 0.01))
+    still, windy = (RowFolder(rough_row(tmp_path / f"{w}", wind_m=w)) for w in (0.0, 0.01))
     for name in ("east_000", "west_000"):
         pixels = [cv2.imread(str(folder.photo(name))).astype(int) for folder in (still, windy)]
         changed = (np.abs(pixels[1] - pixels[0]).max(2) > 60).mean()

@@ -38,9 +38,9 @@ class BlenderStage:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._scene = bpy.context.scene
         self._materials = {name: self._material(name, build) for name, build in materials.BUILDERS.items()}
-        variety = VARIETIES[options.variety]
         # As lamps, all leaves would be sorted for every mask, which takes twenty times as long as the mask itself.
         self._materials["fruit_id"].cycles.emission_sampling = "NONE"
+        variety = VARIETIES[options.variety]
         self._materials["fruit"] = self._material("fruit", lambda tree: materials.fruit(tree, variety))
         self._add_row(row, marker_cells)
         self._add_background(row)

@@ -10,6 +10,7 @@ from pomona.synth.options import LIGHTS, VARIETIES, RowOptions
 
 # Seeds of training rows start here, so that no demo or test row shares their trees.
 _TRAINING, _DENSE, _BUNCHED, _ROUGH = 77_000, 78_000, 79_000, 90_000
+_SHADED, _SHADED_CROWNS = 99_100, 9_100  # seeds of rows to measure on, and which dense scenes' crowns they have
 
 
 def training_options(number: int) -> RowOptions:
@@ -85,32 +86,24 @@ _SHADED_ROWS = (  # variety, light, share of the fruits in bunches, exposure
 def shaded_options(number: int) -> RowOptions:
     """Return the options of one of seven rows to measure on: both sides of three dense crowns in deep shade."""
     variety, light, bunch_share, exposure = _SHADED_ROWS[number]
-    dense = dense_options(9100 + number)
-    return replace(
-        dense,
-        seed=99_100 + number,
-        trees=3,
+    crowns = dense_options(_SHADED_CROWNS + number)
+    return RowOptions(
+        seed=_SHADED + number,
         fruits_per_tree=50,
         variety=variety,
         fruit_diameter_m=0.06 if variety == "unripe" else 0.074,
         bunch_share=bunch_share,
-        leaves_per_tree=min(dense.leaves_per_tree, 11_000),
+        leaves_per_tree=min(crowns.leaves_per_tree, 11_000),
+        leaf_length_m=crowns.leaf_length_m,
+        leaf_scatter_m=crowns.leaf_scatter_m,
         light=light,
         exposure=exposure,
-        grainy=True,
-        sides=("east", "west"),
         photos_per_side=12,
         step_m=0.32,
-        distance_m=2.8,
         camera_height_m=1.6,
-        tilt_deg=0.0,
-        jitter_m=0.04,
         jitter_deg=2.0,
-        width_px=864,
-        height_px=1296,
-        focal_35mm=38,
-        markers=True,
         samples=10,
+        grainy=True,
         jpeg_quality=88,
     )
 
