@@ -4,7 +4,7 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +35,7 @@ FOUND_SEEN, FOUND_SHARE, FOUND_OFF_PX = 0.3, (0.4, 1.0), 1
 # others, and of fruits without a label, so little that they count neither way.
 WHOLE_ASPECT, WHOLE_SEEN, DOUBTFUL_SEEN, EDGE_PX = 0.78, 0.8, 0.02, 2
 RATE, WARM_UP, LONGEST_MEAN = 2e-3, 100, 0.995
+FEWEST = 2  # fruits to train on: one to learn from, one to measure on
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(DEVICE)
 
@@ -185,6 +186,36 @@ class Turns:
         """Return where places (n, m, 2) of patches are in the crops, from their middles."""
         away = xy_px - how.patch_px / 2 - self.shifts[:, None]
         return torch.einsum("bij,bnj->bni", torch.linalg.inv(self.patch_from_crop), away)
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """Patches (n, side, side, 4) of all folders in no order, their `labels` (n, ...), and each one's folder.
+
+    `parts` (n,) are the folders' numbers. The first `learnt` of them are learnt from, and the others are measured on.
+    """
+
+    patches: Tensor
+    labels: Tensor
+    parts: np.ndarray
+    learnt: int
+
+    @classmethod
+    def of(cls, folders: Sequence[Sequence[tuple[np.ndarray, np.ndarray]]], held_out: float) -> "Mixed":
+        """Mix patches and labels of each folder's pictures; a share `held_out` of them is not learnt from."""
+        counts = [sum(len(patches) for patches, _ in pictures) for pictures in folders]
+        if sum(counts) < FEWEST:
+            raise SystemExit(
+                f"Expected pictures that show {FEWEST} fruits or more to train on; found {sum(counts)} in "
+                f"{len(folders)} folders: fruits that are hardly seen, or too small, do not count."
+            )
+        order = np.random.default_rng(1).permutation(sum(counts))
+        patches, labels = (
+            torch.from_numpy(np.concatenate([of_picture[k] for pictures in folders for of_picture in pictures])[order])
+            for k in range(2)
+        )
+        learnt = len(order) - max(1, round(held_out * len(order)))
+        return cls(patches.to(DEVICE), labels.to(DEVICE), np.repeat(np.arange(len(counts)), counts)[order], learnt)
 
 
 def less_like(likeness: Tensor) -> Tensor:

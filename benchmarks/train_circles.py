@@ -24,6 +24,7 @@ from crop_training import (
     DEVICE,
     Block,
     Crops,
+    Mixed,
     Picture,
     Residual,
     Turns,
@@ -68,14 +69,9 @@ class CirclesNet(nn.Module):
         return torch.cat([found[:, :3], found[:, 3:].clamp(*LOG_SDS)], 1)
 
 
-def patches_of(folder: Path, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Patches (n, side, side, 4) about fruits, and where these are (n, 4): x, y, radius, share seen."""
-    patches, labels = [], []
-    for picture, pixels in liked_pictures(folder, rng):
-        of_picture = patches_in(picture, pixels, rng)
-        patches.append(of_picture[0])
-        labels.append(of_picture[1])
-    return np.concatenate(patches), np.concatenate(labels)
+def patches_of(folder: Path, rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each picture, patches (n, side, side, 4) about fruits, and these (n, 4): x, y, radius, share seen."""
+    return [patches_in(picture, pixels, rng) for picture, pixels in liked_pictures(folder, rng)]
 
 
 def patches_in(picture: Picture, pixels: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -143,17 +139,14 @@ def main() -> None:
     torch.set_default_device(DEVICE)
     rng = np.random.default_rng(arguments.seed)
     parts = [patches_of(folder, rng) for folder in arguments.folders]
-    counts = [len(patches) for patches, _ in parts]
-    order = np.random.default_rng(1).permutation(sum(counts))
-    shares = np.repeat(1 / np.sqrt(counts), counts)[order]
-    patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order]).to(DEVICE)
-    labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order]).to(DEVICE)
+    mixed = Mixed.of(parts, HELD_OUT)
+    patches, labels, learnt = mixed.patches, mixed.labels, mixed.learnt
     print(f"{len(patches)} fruits of {len(arguments.folders)} folders", flush=True)
+    weights = 1 / np.sqrt(np.bincount(mixed.parts))[mixed.parts[:learnt]]
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = CirclesNet(), CirclesNet()
-    learnt = len(patches) - max(1, round(HELD_OUT * len(patches)))
-    shares = shares[:learnt] / shares[:learnt].sum()
+    shares = weights / weights.sum()
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
         some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH, p=shares)))

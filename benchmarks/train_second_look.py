@@ -30,6 +30,7 @@ from crop_training import (
     DEVICE,
     Block,
     Crops,
+    Mixed,
     Picture,
     Residual,
     Turns,
@@ -52,7 +53,7 @@ OFF_CENTRE, OFF_SIZE = 0.8, 0.15  # radii, and a share: how far patches are off 
 LIKE = (0.62, 1.6)  # shares of the radius: fruits of other sizes count neither way
 PEAK_SD = 0.18  # radii
 MOST_FRUITS = 24  # in a patch
-HELD_OUT = 40  # one of so many crops
+HELD_OUT = 1 / 40
 
 Widths = tuple[int, int, int, int]
 
@@ -85,15 +86,13 @@ def larger(x: Tensor, like: Tensor) -> Tensor:
 
 def patches_of(
     pictures: Iterable[tuple[Picture, np.ndarray]], how: Crops, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Patches (n, side, side, 4) and their fruits (n, m, 4): x, y, radius and share seen, NaN where less."""
-    patches, labels = [], []
-    for picture, pixels in pictures:
-        of_picture = patches_in(picture, pixels, how, rng)
-        if of_picture is not None:
-            patches.append(of_picture[0])
-            labels.append(of_picture[1])
-    return np.concatenate(patches), np.concatenate(labels)
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each picture that shows fruits, patches (n, side, side, 4) and their fruits (n, m, 4).
+
+    Of a fruit: x, y, radius and share seen, NaN where there are less.
+    """
+    found = (patches_in(picture, pixels, how, rng) for picture, pixels in pictures)
+    return [of_picture for of_picture in found if of_picture is not None]
 
 
 def patches_in(
@@ -172,14 +171,12 @@ def main() -> None:
     parts = [patches_of(liked_pictures(folder, rng), how, rng) for folder in arguments.folders]
     if arguments.tiles:
         parts.append(patches_of(liked_tiles(arguments.tiles, rng), how, rng))
-    order = np.random.default_rng(1).permutation(sum(len(patches) for patches, _ in parts))
-    patches = torch.from_numpy(np.concatenate([patches for patches, _ in parts])[order]).to(DEVICE)
-    labels = torch.from_numpy(np.concatenate([labels for _, labels in parts])[order]).to(DEVICE)
-    print(f"{', '.join(str(len(patches)) for patches, _ in parts)} patches", flush=True)
+    mixed = Mixed.of(parts, HELD_OUT)
+    print(f"{', '.join(str(n) for n in np.bincount(mixed.parts, minlength=len(parts)))} patches", flush=True)
+    patches, labels, learnt = mixed.patches, mixed.labels, mixed.learnt
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = (CentersNet(tuple(arguments.widths)) for _ in range(2))
-    learnt = len(patches) - max(1, len(patches) // HELD_OUT)
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
         some = torch.from_numpy(np.sort(rng.choice(learnt, arguments.batch)))

@@ -94,6 +94,26 @@ def test_circles_follow_fruits_however_crops_are_turned(monkeypatch: pytest.Monk
     assert np.ptp(wanted[:, 2].numpy()) > 0.05
 
 
+@pytest.mark.parametrize(("n", "held_out"), [(3, 1), (7, 2), (40, 10)])
+def test_of_all_folders_together_a_share_is_measured_on(n: int, held_out: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    common = script("crop_training", monkeypatch)
+    pictures = [(np.full((k, 2, 2, 4), k, np.uint8), np.full((k, 4), k, np.float32)) for k in (0, 1, n - 1)]
+    mixed = common.Mixed.of([pictures[:2], pictures[2:]], 0.25)
+    assert mixed.learnt == n - held_out
+    of_folders = mixed.patches[:, 0, 0, 0].numpy()
+    assert sorted(of_folders) == [1] + [n - 1] * (n - 1)
+    np.testing.assert_array_equal(mixed.labels[:, 0].numpy(), of_folders)
+    np.testing.assert_array_equal(mixed.parts, (of_folders == n - 1).astype(int))
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_too_few_fruits_to_train_on_are_named(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    common = script("crop_training", monkeypatch)
+    folders = [[(np.zeros((n, 2, 2, 4), np.uint8), np.zeros((n, 4), np.float32))], []]
+    with pytest.raises(SystemExit, match=f"2 fruits or more to train on; found {n} in 2 folders"):
+        common.Mixed.of(folders, 0.25)
+
+
 @pytest.fixture(scope="module")
 def row(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return rough_row(tmp_path_factory.mktemp("rows") / "row", width_px=400, height_px=600)
