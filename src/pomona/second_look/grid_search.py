@@ -54,7 +54,7 @@ class GridSearch:
             if len(mine) == 0:
                 continue
             directions = start - eyes[sights.photo_idx[mine]]
-            axes = frame_along((directions / np.linalg.norm(directions, axis=1, keepdims=True)).mean(0))
+            axes = frame_along(_common_sight(directions))
             maps, weights = self._evidence.about(mine, start, self._cameras), self._weights(mine)
             for offsets_m in self._offsets_m:
                 tried = centers[i] + offsets_m @ axes
@@ -76,6 +76,15 @@ class GridSearch:
         ratios = (self._options.missing + shown) / (self._options.missing + _NOTHING)
         result: FloatArray = (weights[:, None] * np.log(ratios)).sum(0)
         return result
+
+
+def _common_sight(directions: FloatArray) -> FloatArray:
+    """Return the unit direction (3,) that lines of sight (n, 3) have in common, whichever way they are looked along.
+
+    Their mean would be none of a fruit that is seen from both sides of the row.
+    """
+    common: FloatArray = np.linalg.svd(directions / np.linalg.norm(directions, axis=1, keepdims=True))[2][0]
+    return common
 
 
 def _grids(reach: tuple[float, float], steps: tuple[float, ...]) -> list[FloatArray]:

@@ -13,6 +13,9 @@ from pomona.fruit_geometry.spheres import Spheres
 
 # A mask that fills less than this share of the image fits nearly anywhere, and so speaks less for a place.
 _LARGE_SHARE = 0.08
+# A mask that hardly fills the image speaks so much less for a sphere than one that fills this share of it. A sphere of
+# the usual size that stands too near holds any mask of the fruit behind it, and explains it as one that leaves hide.
+_PLAIN_SHARE, _LESS_IF_HIDDEN = 0.85, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +69,14 @@ class Matches:
 
     @property
     def worths(self) -> FloatArray:
-        """Return how much of a large mask that fits perfectly each is worth (k,)."""
-        worths: FloatArray = np.minimum(self.shares / _LARGE_SHARE, 1) * (1 - self.misfits)
+        """Return how much of a mask that fits perfectly, and of a fruit in plain view, each is worth (k,)."""
+        hidden = 1 - np.minimum(self.shares / _PLAIN_SHARE, 1)
+        known = np.minimum(self.shares / _LARGE_SHARE, 1) * (1 - _LESS_IF_HIDDEN * hidden)
+        worths: FloatArray = known * (1 - self.misfits)
         return worths
 
     def support(self, spheres: int) -> FloatArray:
-        """Return for each sphere (n,) how many large masks that fit perfectly its masks are worth."""
+        """Return for each sphere (n,) how many masks that fit perfectly, in plain view, its masks are worth."""
         support: FloatArray = np.bincount(self.sphere_idx, self.worths, spheres).astype(np.float64)
         return support
 
