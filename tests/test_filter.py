@@ -314,6 +314,11 @@ def test_fruits_that_no_photo_was_looked_at_for_are_judged_by_their_views() -> N
     ).fruits.scores
     assert some[1] == plain[1]
     assert (some[[0, 2]] != plain[[0, 2]]).all()
+    looked = looked_at(fused, [0.8, np.nan, 0.8], [8.0, 0.0, 8.0])
+    machine = LinearSvm.load(shipped("object", "second-look"))
+    np.testing.assert_array_equal(
+        apply_to_views(looked, detections, cameras, machine, options=every).fruits.scores, some
+    )
     by_views = LinearSvm.load(shipped("object"))
     given = apply_to_views(looked_at(fused, [0.1] * 3, [0.0] * 3), detections, cameras, by_views, options=every)
     np.testing.assert_array_equal(given.fruits.scores, plain)

@@ -30,6 +30,7 @@ from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
 from pomona.second_look.evidence import find_sights, look
+from pomona.second_look.grid_search import common_sight
 from pomona.second_look.network import SHIPPED
 from pomona.segment import load_segmenter
 
@@ -446,3 +447,12 @@ def test_of_many_photos_those_far_apart_look() -> None:
         assert np.diff(after).max() <= np.ceil(np.ptp(before) / 5) + 1
     same = well_spread(all_of_them, spheres, cameras, 30)
     np.testing.assert_array_equal(same.photo_idx, all_of_them.photo_idx)
+
+
+@pytest.mark.parametrize("up_m", [0.0, 0.3])
+def test_photos_of_both_sides_look_along_one_line(up_m: float) -> None:
+    """Not along the mean of their directions: that is none, or up, where cameras are above the fruit."""
+    eyes = np.array([[x, y, up_m] for x in (-0.4, 0.0, 0.4) for y in (-2.0, 2.0)])
+    line = common_sight(-eyes)
+    assert np.linalg.norm(line) == pytest.approx(1)
+    assert abs(line[1]) > 0.95

@@ -48,6 +48,20 @@ def test_masks_go_to_the_fruit_that_photos_speak_for() -> None:
     assert selected(hypotheses_of(np.array(both), np.array([-2.0, 5.0])), masks) == ([False, True], [8])
 
 
+def test_a_sphere_too_near_does_not_explain_the_masks_of_a_fruit_behind_it() -> None:
+    """From nearly one place it holds each of them, as those of a fruit that leaves hide in every photo."""
+    cameras = cameras_in_a_row(8, step_m=0.01)
+    masks, eye = masks_of(CENTERS[:1], cameras), cameras.centers_in_world.mean(0)
+    too_near = eye + 0.75 * (CENTERS[0] - eye)
+    tried = hypotheses_of(np.array([too_near, CENTERS[0]]), np.array([3.8, 3.0]))
+    matches = Gate(masks, RADIUS_M, ObjectOptions()).matches(tried.spheres)
+    assert matches.counts(2).tolist() == [8, 8]
+    assert matches.misfits.max() < 0.05
+    worths = [matches.worths[matches.sphere_idx == i].mean() for i in range(2)]
+    assert 0.75 < worths[0] < 0.9 < 0.95 < worths[1] <= 1
+    assert selected(tried, masks) == ([False, True], [8])
+
+
 def test_a_fruit_is_not_replaced_by_two_that_share_its_masks() -> None:
     """Two beside it, each of which photos speak for as much, fit some of the masks each."""
     masks = masks_of(CENTERS[:1], cameras_in_a_row(8, step_m=0.1))

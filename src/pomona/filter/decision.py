@@ -53,6 +53,8 @@ def apply_to_views(
     options = options or FilterOptions()
     values = view_features(fused, detections, cameras, options)
     probability = _by_shipped(values) if svm is None else view_probability(values, svm)
+    unknown = np.isnan(probability)  # a machine that asks for a second look, of fruits that no photo could be looked at
+    probability[unknown] = _by_shipped(values[unknown])
     return _kept(fused, probability, _BY_VIEWS if options.threshold is None else options.threshold)
 
 

@@ -54,7 +54,7 @@ class GridSearch:
             if len(mine) == 0:
                 continue
             directions = start - eyes[sights.photo_idx[mine]]
-            axes = frame_along(_common_sight(directions))
+            axes = frame_along(common_sight(directions))
             maps, weights = self._evidence.about(mine, start, self._cameras), self._weights(mine)
             for offsets_m in self._offsets_m:
                 tried = centers[i] + offsets_m @ axes
@@ -78,7 +78,7 @@ class GridSearch:
         return result
 
 
-def _common_sight(directions: FloatArray) -> FloatArray:
+def common_sight(directions: FloatArray) -> FloatArray:
     """Return the unit direction (3,) that lines of sight (n, 3) have in common, whichever way they are looked along.
 
     Their mean would be none of a fruit that is seen from both sides of the row.

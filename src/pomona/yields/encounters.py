@@ -115,7 +115,8 @@ def kept_shares(views: IntArray, candidate_views: IntArray | None, share: float 
     usual = found[many].sum() / max(candidates[many].sum(), 1)
     shares = np.where(candidates > 0, found / np.maximum(candidates, 1) / max(usual, 1e-9), np.nan)
     known = np.flatnonzero(candidates > 0)
-    shares = np.interp(np.arange(most + 1), known, shares[known], left=0.0) if len(known) else np.zeros(most + 1)
+    shares = np.interp(np.arange(most + 1), known, shares[known]) if len(known) else np.zeros(most + 1)
+    shares[:_FEWEST] = 0  # where no candidate has so few photos, nothing was dropped; of fewer, there are none
     # Noise apart they rise: the mean of the least and the greatest line that does.
     rising = (np.maximum.accumulate(shares) + np.minimum.accumulate(shares[::-1])[::-1]) / 2
     rising[: len(joined)] *= joined[: len(rising)]
@@ -181,6 +182,10 @@ def _in_picture(fruits: Fruits, cameras: Cameras, seen: _Pairs) -> _Pairs:
 
 
 def _thinned(seen: IntArray, photos: IntArray, share: float) -> tuple[IntArray, IntArray]:
-    """Return counts (n,) of a share of the photos: those beside each other show the same."""
+    """Return counts (n,) of a share of the photos: those beside each other show the same.
+
+    What a photo saw stays seen: fruits of none were put there by a person, and are sure.
+    """
     kept = np.ceil(photos * share).astype(np.int64)
-    return np.minimum(np.round(seen * share).astype(np.int64), kept), kept
+    rounded = np.maximum(np.round(seen * share).astype(np.int64), seen > 0)
+    return np.minimum(rounded, kept), kept
