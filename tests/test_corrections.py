@@ -14,7 +14,7 @@ from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWIN_DIAMETER_M,
 from pomona.corrections import Applier, Corrected, Corrections, Found, apply, read_corrections, write_corrections
 from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
 from pomona.corrections.log import Added, Correction, Deleted, Mark, Merged, Moved, Split, in_words, place_of
-from pomona.corrections.training import write_training
+from pomona.corrections.training import LabelledMasks, write_training
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import parse_coco
@@ -377,7 +377,13 @@ def test_training_data_have_corrected_masks(found: Found, tmp_path: Path) -> Non
     free = replace(found, detections=SurveyDetections({**found.detections, loose: more}))
     done = apply(every_kind(found), free)
     path = tmp_path / "masks.json"
-    write_training(path, free, done)
+    seen = {"detections": free.detections, "observations": free.observations, "least_score": free.least_score}
+    write_training(path, LabelledMasks(photos=free.cameras.photos, **seen))  # nobody corrected it
+    uncorrected = {entry["id"]: entry["iscrowd"] for entry in json.loads(path.read_text())["annotations"]}
+    assert uncorrected[7000] == 1
+    assert 7001 not in uncorrected
+    assert sum(crowd == 0 for crowd in uncorrected.values()) == len(free.observations)
+    write_training(path, LabelledMasks.of(free, done))
     content = json.loads(path.read_text())
     by_id = {entry["id"]: entry for entry in content["annotations"]}
     assert not set(by_id) & done.false_ids

@@ -233,6 +233,28 @@ def test_every_later_command_has_them(scene: Scene, tmp_path: Path) -> None:
     assert kinds == {"none", "added", "split", "merged", "moved"}
 
 
+def test_masks_are_labels_before_the_first_correction_as_after_it(scene: Scene, tmp_path: Path) -> None:
+    def exported(name: str) -> dict[int, Any]:
+        path = pomona.open(scene.survey).export("coco", tmp_path / name)
+        return {entry.pop("id"): entry for entry in json.loads(path.read_text())["annotations"]}
+
+    survey = pomona.open(scene.survey)
+    fruit_of = dict(zip(survey.observations.detection_id.tolist(), survey.observations.fruit_id.tolist(), strict=True))
+    before = exported("before.json")
+    assert len(set(fruit_of.values())) == len(survey.fruits) == 16
+    assert fruit_of.keys() <= before.keys()
+    for id_, entry in before.items():
+        assert entry["attributes"] == {"fruit_id": fruit_of.get(id_), "correction": "none", "mask": "detected"}
+        assert entry["iscrowd"] == (id_ not in fruit_of)
+    desk = Desk.of(scene)
+    moved = desk.fruit(GRID[14])
+    desk.ask("move", moved, tree=3)
+    for id_, entry in before.items():
+        if fruit_of.get(id_) == moved:
+            entry["attributes"]["correction"] = "moved"
+    assert exported("after.json") == before
+
+
 def test_only_results_and_report_are_done_again_for_them(scene: Scene) -> None:
     Desk.of(scene).correct_all()
     heard: list[str] = []

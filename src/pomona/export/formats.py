@@ -95,13 +95,9 @@ def _copy_of(part: Part) -> Callable[[ExportSource, Path], None]:
 
 
 def _coco(source: ExportSource, path: Path) -> None:
-    """The detections; where a person corrected what became of them, masks for training."""
     from pomona.corrections.training import write_training
 
-    if (corrected := source.corrected()) is None:
-        shutil.copyfile(source.file("detections"), path)
-    else:
-        write_training(path, *corrected)
+    write_training(path, source.labelled_masks())
 
 
 def _las(source: ExportSource, path: Path) -> None:
@@ -191,7 +187,7 @@ _FORMATS = (
     ExportFormat("las", "LAS", "cloud.las", "cloud", "cloud", _las),
     ExportFormat("laz", "LAZ, compressed LAS", "cloud.laz", "cloud", "cloud", _copy_of("cloud")),
     ExportFormat("ply", "PLY", "cloud.ply", "cloud", "cloud", _ply),
-    ExportFormat("coco", "COCO", "detections.json", "masks", "detections", _coco),
+    ExportFormat("coco", "COCO", "detections.json", "masks", "fruits", _coco),
     ExportFormat("colmap", "COLMAP's models, text and binary", "colmap", "cameras", "cameras", _colmap),
     ExportFormat("nerfstudio", "nerfstudio's transforms.json", "nerfstudio", "cameras", "cameras", _nerfstudio),
     ExportFormat("metashape", "Agisoft XML", "metashape.xml", "cameras", "cameras", _metashape),

@@ -13,9 +13,9 @@ from pomona.progress import Progress
 from pomona.trees import Trees
 
 if TYPE_CHECKING:
-    from pomona.corrections import Corrected, Found
+    from pomona.corrections.training import LabelledMasks
 
-Part = Literal["fruits", "cloud", "detections", "cameras"]
+Part = Literal["fruits", "cloud", "cameras"]
 """A part of a survey that has a file, or a folder, of its own."""
 
 
@@ -64,8 +64,8 @@ class ExportSource(Protocol):
         """
         ...
 
-    def corrected(self) -> tuple[Found, Corrected] | None:
-        """Return the fruits as found and as a person corrected them; None where nothing is corrected."""
+    def labelled_masks(self) -> LabelledMasks:
+        """Return the masks of the fruits, as corrected."""
         ...
 
     def file(self, part: Part) -> Path:

@@ -11,6 +11,7 @@ from pomona.survey.reader import SurveyReader
 
 if TYPE_CHECKING:
     from pomona.corrections import Corrected, Found
+    from pomona.corrections.training import LabelledMasks
 
 
 class SurveySource(SurveyReader):
@@ -24,6 +25,19 @@ class SurveySource(SurveyReader):
 
         last = last_found(self.files)
         return None if last.corrected is None else (last.found, last.corrected)
+
+    def labelled_masks(self) -> LabelledMasks:
+        """Return the masks of the fruits, as corrected."""
+        from pomona.corrections.training import LabelledMasks
+
+        if (both := self.corrected()) is not None:
+            return LabelledMasks.of(*both)
+        return LabelledMasks(
+            photos=self.poses.photos,
+            detections=self.detections,
+            observations=self.observations,
+            least_score=self.least_score,
+        )
 
     def file(self, part: Part) -> Path:
         """Return the survey's own file of a part."""
