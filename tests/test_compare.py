@@ -87,7 +87,7 @@ class Survey:
         return Observations.empty()
 
 
-def on_day(survey: Survey, day: int) -> Survey:
+def on_day(survey: Survey, day: float) -> Survey:
     start = datetime(2026, 7, 1, 9)
     photos = row_photos(row_cameras(2))
     taken = tuple(
@@ -318,7 +318,10 @@ def test_too_few_fruits_the_same_survey_and_days_that_are_not_known_are_said() -
     assert "No photo of a and b says when" in unknown.warnings[0]
     assert compare_surveys(one, other, dates=(date(2026, 7, 1), date(2026, 7, 31))).days == 30
     assert "older than" in compare_surveys(on_day(one, 30), on_day(other, 0)).warnings[0]
-    assert "of one day" in compare_surveys(on_day(one, 3), on_day(other, 3)).warnings[0]
+    for day in (3, 3 - 1e-4):  # the second one by some seconds the older, too
+        of_one_day = compare_surveys(on_day(one, 3), on_day(other, day))
+        assert "of one day" in of_one_day.warnings[0]
+        assert np.isnan(of_one_day.days)
 
 
 def test_a_scale_that_contradicts_the_other_is_said() -> None:

@@ -170,13 +170,14 @@ def _days(before: SurveyReader, after: SurveyReader, dates: Dates | None) -> tup
                 "Say the dates with `dates`"
             ]
         days = (taken[1] - taken[0]).total_seconds() / 86400
+    if abs(days) < 0.5:
+        return float("nan"), ["Both surveys are of one day: growth a day is left out"]
     if days < 0:
+        older = f"{-days:.0f} day{'' if round(-days) == 1 else 's'} older"
         return days, [
-            f"{after.folder.name} is {-days:.0f} days older than {before.folder.name}: what is called gone came, and "
+            f"{after.folder.name} is {older} than {before.folder.name}: what is called gone came, and "
             "what grew shrank. Name the older survey first"
         ]
-    if days < 0.5:
-        return float("nan"), ["Both surveys are of one day: growth a day is left out"]
     return days, []
 
 
