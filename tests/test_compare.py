@@ -20,7 +20,7 @@ from pomona.cameras import WorldFrame
 from pomona.change import Comparison, compare_surveys, constellation
 from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
-from pomona.change.page import _totals, _trees_table, _write_table
+from pomona.change.page import _sizes_figure, _totals, _trees_table, _write_table
 from pomona.cli.app import app
 from pomona.cli.compare import _show
 from pomona.errors import InputError, SurveyError
@@ -363,6 +363,25 @@ def test_what_shrank_by_next_to_nothing_has_no_negative_zero(
     )):  # fmt: skip
         assert not re.search(r"-0(\.0*)?(?![.\d])", text)
         assert "0.0" in text
+
+
+def test_classes_of_size_that_shrank_hang_below_those_that_grew() -> None:
+    before = found(EARLY, 1)
+    small = before.diameters_m < np.median(before.diameters_m)
+    after = replace(before, diameters_m=before.diameters_m + np.where(small, 0.004, -0.002))
+    figure = _sizes_figure(compared(before, after))
+    bars = re.findall(
+        r'<rect class="bar leaf"[^>]* y="([\d.]+)"[^>]* height="([\d.]+)"[^>]*><title>[^:]*: (\S+) ', figure
+    )
+    zero = next(
+        float(y) for y, label in re.findall(r'y1="([\d.]+)"[^>]*/><text[^>]*>([^<]+)</text>', figure) if label == "0"
+    )
+    shrank = [(float(y), float(height)) for y, height, growth in bars if float(growth) < -1]
+    grew = [(float(y), float(height)) for y, height, growth in bars if float(growth) > 1]
+    assert len(shrank) >= 2 <= len(grew)
+    assert all(y == zero for y, _ in shrank)
+    assert all(y + height == pytest.approx(zero, abs=0.11) for y, height in grew)
+    assert grew[0][1] == pytest.approx(2 * shrank[0][1], rel=0.02)
 
 
 def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:

@@ -137,7 +137,7 @@ def _growth_chart(found: Comparison) -> str:
 
 
 def _sizes_figure(found: Comparison) -> str:
-    """How large fruits were, and how much they grew since: the means of classes of size."""
+    """How large fruits were, and how much they grew since: the medians of classes of size."""
     unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
     sizes, growth = factor * found.before.diameters_m[found.pairs[:, 0]], factor * found.growth_m
     known = np.isfinite(growth)
@@ -149,9 +149,9 @@ def _sizes_figure(found: Comparison) -> str:
     for k, low in enumerate(edges[:-1]):
         mine = growth[known][group == k]
         value = float(np.median(mine)) if len(mine) else 0.0
-        bars.append(Bar(max(value, 0.0), f"from {low:.4g} {unit}: {value:z.3g} {unit}, {len(mine)} fruits", "leaf"))
+        bars.append(Bar(value, f"from {low:.4g} {unit}: {value:z.3g} {unit}, {len(mine)} fruits", "leaf"))
     title = caption("Growth by size before", f"median, {unit}")
-    return title + column_chart(bars, Axis(name=f"diameter before, {unit}", ticks=ticks_at(edges)))
+    return title + column_chart(bars, Axis(name=f"diameter before, {unit}", ticks=ticks_at(edges)), counts=False)
 
 
 def _trees_figure(found: Comparison) -> str:

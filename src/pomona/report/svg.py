@@ -69,30 +69,38 @@ def number(value: float) -> str:
 
 
 def column_chart(
-    bars: Sequence[Bar], axis: Axis, *, mark: tuple[float, str] | None = None, outline: Sequence[float] = ()
+    bars: Sequence[Bar],
+    axis: Axis,
+    *,
+    mark: tuple[float, str] | None = None,
+    outline: Sequence[float] = (),
+    counts: bool = True,
 ) -> str:
-    """Return upright bars; `mark` is a place in bars and what a dashed line there says.
+    """Return upright bars, hanging ones for what is less than 0; `mark` is a place in bars and what a line there says.
 
-    `outline` are the heights of bars that only a line along their tops shows, one above each bar.
+    Axes of other things than `counts` may have steps below 1. `outline` are the heights of bars that only a line along
+    their tops shows, one above each bar.
     """
     width, height = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
-    top, step = _scale([*(bar.value for bar in bars), *outline], 4)
+    low, top, step = _two_sided([*(bar.value for bar in bars), *outline], 4, counts)
+
+    def y_of(value: float) -> float:
+        return _TOP + height * (top - value) / (top - low)
+
     pitch = width / max(len(bars), 1)
     gap = min(2.0, 0.15 * pitch)
     parts = []
-    for i in range(round(top / step) + 1):
-        y = _TOP + height * (1 - i * step / top)
+    for i in range(round(low / step), round(top / step) + 1):
+        y = y_of(i * step)
         parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{WIDTH - _RIGHT:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(_text(_LEFT - 6, y + 4, number(i * step), "end"))
     for i, bar in enumerate(bars):
-        length = height * bar.value / top
-        box = (_LEFT + i * pitch + gap / 2, _TOP + height - length, max(pitch - gap, 0.5), length)
+        upper, lower = y_of(max(bar.value, 0.0)), y_of(min(bar.value, 0.0))
+        box = (_LEFT + i * pitch + gap / 2, upper, max(pitch - gap, 0.5), lower - upper)
         parts.append(_rect(box, bar))
     if outline:
-        steps = [f"V{_TOP + height * (1 - value / top):.1f}h{pitch:.2f}" for value in outline]
-        parts.append(
-            f'<path class="outline" d="M{_LEFT:.1f} {_TOP + height:.1f}{"".join(steps)}V{_TOP + height:.1f}"/>'
-        )
+        steps = [f"V{y_of(value):.1f}h{pitch:.2f}" for value in outline]
+        parts.append(f'<path class="outline" d="M{_LEFT:.1f} {y_of(0):.1f}{"".join(steps)}V{y_of(0):.1f}"/>')
     parts += [_text(_LEFT + place * pitch, HEIGHT - _BOTTOM + 15, label) for place, label in axis.ticks]
     parts.append(_text(_LEFT + width / 2, HEIGHT - 5, axis.name))
     if mark is not None:
@@ -203,6 +211,17 @@ def _scale(values: Sequence[float], steps: int) -> tuple[float, float]:
     step = max(1.0, nice_step(largest, steps))
     step = float(math.ceil(step)) if step < 10 else step
     return step * math.ceil(largest / step - 1e-9), step
+
+
+def _two_sided(values: Sequence[float], steps: int, counts: bool) -> tuple[float, float, float]:
+    """The axis' ends, the lower one 0 where nothing is less, and its step."""
+    above, below = max([*values, 0.0]), -min([*values, 0.0])
+    if counts:
+        _, step = _scale([above + below], steps)
+    else:
+        step = nice_step(above + below or 1.0, steps)
+    low, top = -step * math.ceil(below / step - 1e-9), step * math.ceil(above / step - 1e-9)
+    return low, top if top > low else step, step
 
 
 def _rect(box: tuple[float, float, float, float], bar: Bar) -> str:
