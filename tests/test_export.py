@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,12 +10,13 @@ import numpy as np
 import pytest
 
 from camera_scenes import make_scene
+from faulty_disk import FaultyDisk, Operation
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.cli.export import export as export_command
 from pomona.corrections.training import LabelledMasks
 from pomona.crop import RowSegments
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError
+from pomona.errors import InputError, SurveyError
 from pomona.export import EXPORT_FORMATS, Part, export_format, write_export
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.intrinsics import Intrinsics
@@ -117,6 +119,20 @@ def test_every_format_is_written_from_values(kind: str, values: Values, tmp_path
 def test_what_the_survey_has_is_copied(kind: str, part: str, values: Values, tmp_path: Path) -> None:
     write_export(kind, values, tmp_path / "copy")
     assert (tmp_path / "copy").read_text() == f"the survey's {part}"
+
+
+@pytest.mark.parametrize("kind", ["csv", "geojson", "gpkg"])
+def test_a_folder_that_must_not_be_written_to_is_said(kind: str, values: Values, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+
+    def refuse(operation: Operation) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(operation.path))
+
+    target = out / export_format(kind).file_name
+    with FaultyDisk(out, refuse, kinds=("open",)), pytest.raises(SurveyError) as caught:
+        write_export(kind, values, target)
+    assert str(caught.value) == f"{target} cannot be written to (Permission denied): choose another folder"
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,7 @@ class GeoPackage:
 
     def __init__(self, path: Path, *, on_earth: bool) -> None:
         path.unlink(missing_ok=True)
+        path.touch()  # where that is not allowed, the system says why, as SQLite does not
         self._srs_id = _WGS84 if on_earth else _LOCAL
         self._layers: dict[str, tuple[Layer, FloatArray]] = {}  # the first part of each, its extent so far
         self._database = sqlite3.connect(path)
