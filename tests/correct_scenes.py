@@ -20,8 +20,9 @@ from pomona.pipeline import RunOptions, run
 from report_scenes import LENS, looking, row_photos
 
 DIAMETER_M = 0.08
-# 15 ordinary fruits, 0.35 m apart.
+# 15 ordinary fruits, 0.35 m apart but for the second, which is so near the first that both may be one.
 GRID = np.array([[x, 0.0, z] for z in (1.0, 1.35, 1.7) for x in (-0.7, -0.35, 0.0, 0.35, 0.7)])
+GRID[1, 0] = -0.59
 # Two small ones that touch each other, seen as one everywhere; one that no mask shows.
 TWINS = np.array([[-0.02, -0.05, 2.05], [0.02, -0.05, 2.05]])
 TWIN_DIAMETER_M = 0.06

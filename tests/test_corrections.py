@@ -163,6 +163,16 @@ def test_two_that_are_one_are_merged_also_where_a_photo_saw_both(found: Found) -
     assert sorted(done.became) == sorted([whole, 900])
 
 
+def test_two_that_hang_far_apart_are_not_merged(found: Found) -> None:
+    far = Merged(at=(at(GRID[2]), at(GRID[3])))
+    done = apply([far, Merged(at=(at(GRID[0]), at(GRID[1])))], found)  # 0.35 and 0.11 m apart
+    assert done.applied == 1
+    assert len(done.fruits) == len(found.fruits) - 1
+    ids = " and ".join(str(fruit_at(found.fruits, place)) for place in GRID[[2, 3]])
+    assert f"fruits {ids} are 0.350 apart" in done.outcomes[0].warning()
+    assert "at most 0.120 (1.5 usual diameters) apart" in done.outcomes[0].warning()
+
+
 def replace_rows(fruits: Fruits, place: np.ndarray, id_: int) -> Fruits:
     """The fruits with one more."""
     return Fruits(

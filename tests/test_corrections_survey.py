@@ -207,6 +207,15 @@ def test_what_makes_no_sense_changes_nothing(
     assert not (made.survey / "corrections.json").exists()
 
 
+def test_fruits_that_hang_far_apart_are_not_merged(made: Scene) -> None:
+    desk = Desk.of(made)
+    with pytest.raises(
+        ValueError, match=r"are 0\.350 apart, and two that are one can be at most 0\.1[12]\d \(1\.5 usual"
+    ):
+        desk.ask("merge", desk.fruit(GRID[2]), desk.fruit(GRID[3]))
+    assert not (made.survey / "corrections.json").exists()
+
+
 def test_a_fruit_that_is_there_is_not_added(made: Scene) -> None:
     desk = Desk.of(made)
     with pytest.raises(ValueError, match=f"Fruit {desk.fruit(GRID[3])} is there already"):
@@ -289,12 +298,12 @@ def test_a_run_with_other_masks_has_them_and_tells_of_what_no_longer_matches(sce
         assert not table_has(scene.survey, place)
     assert all(table_has(scene.survey, place, 0.01) for place in (MISSED, *TWINS))
     survey = SurveyFolder.open(scene.survey)
-    warnings = [w for w in survey.get("warnings") if "matches no fruit" in w]
+    warnings = [w for w in survey.get("warnings") if "cannot be applied" in w]
     assert len(warnings) == 2
     assert "merge the fruits at" in warnings[0]
     assert "delete the fruit at 0.00, 0.00, 1.70" in warnings[1]
     assert survey.get("summary")["corrections"] == "4 applied; 2 match no fruit any more"
-    assert "matches no fruit" in (scene.survey / "report.html").read_text()
+    assert "cannot be applied any more" in (scene.survey / "report.html").read_text()
     assert len(read_corrections(scene.survey / "corrections.json").done) == 6
     again = Desk.of(scene)
     assert len(again.corrector.state.lost) == 2

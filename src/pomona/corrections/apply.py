@@ -20,6 +20,7 @@ from pomona.fruits import Fruits, Observations
 from pomona.measure.allometry import weigh
 
 _NOTHING_THERE = "there is no fruit"
+_FARTHEST_MERGED = 1.5  # usual diameters: what hangs farther apart is two fruits, and one of its width would be none
 
 
 class Applier:
@@ -125,6 +126,7 @@ def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:
     one, other = (_matched(survey, place) for place in correction.at)
     if one == other:  # the run joined them by itself
         return (int(survey.fruits.ids[one]),)
+    _check_near(survey, one, other)
     # The one that more photos saw says more; on a tie the first.
     kept, gone = sorted((one, other), key=lambda i: -int(survey.fruits.views[i]))
     first, second = (survey.fruits[np.array([i])] for i in (kept, gone))
@@ -147,6 +149,17 @@ def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:
     survey.changed(id_, (id_,))
     survey.changed(gone_id, (id_,))
     return (id_,)
+
+
+def _check_near(survey: EditedSurvey, one: int, other: int) -> None:
+    centers, usual = survey.fruits.centers_in_world, survey.found.size.diameter_m
+    away, farthest = float(np.linalg.norm(centers[one] - centers[other])), _FARTHEST_MERGED * usual
+    if away > farthest:
+        ids = f"{survey.fruits.ids[one]} and {survey.fruits.ids[other]}"
+        raise InputError(
+            f"the middles of fruits {ids} are {away:.3f} apart, and two that are one can be at most {farthest:.3f} "
+            f"({_FARTHEST_MERGED:g} usual diameters) apart: delete the one that is none"
+        )
 
 
 def _one_a_photo(survey: EditedSurvey, fruit_id: int, seen: Observations) -> Observations:

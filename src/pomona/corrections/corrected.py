@@ -16,8 +16,8 @@ from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_frui
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.measure import MeasureOptions
 
-LOST = "A correction matches no fruit any more and is kept"
-"""How warnings begin of corrections that match nothing."""
+LOST = "A correction cannot be applied any more and is kept"
+"""How warnings begin of corrections that match nothing, or make no sense."""
 How = Literal["added", "split", "merged", "moved"]
 """How a fruit was corrected."""
 Making = Literal["drawn", "divided", "joined"]
@@ -49,14 +49,14 @@ class Found:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one correction: the ids of the fruits that it left, or why it matches nothing ("": it does)."""
+    """What became of one correction: the ids of the fruits that it left, or why it changes nothing ("": it does)."""
 
     correction: Correction
     fruits: tuple[int, ...] = ()
     problem: str = ""
 
     def warning(self) -> str:
-        """Return the warning of a correction that matches nothing."""
+        """Return the warning of a correction that changes nothing."""
         return f"{LOST}: {in_words(self.correction)}: {self.problem}"
 
 
