@@ -21,6 +21,7 @@ from pomona.change import Comparison, compare_surveys, constellation
 from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
 from pomona.change.page import _sizes_figure, _totals, _trees_table, _write_table
+from pomona.change.surveys import _in_view, _sightings
 from pomona.cli.app import app
 from pomona.cli.compare import _show
 from pomona.errors import InputError, SurveyError
@@ -31,7 +32,7 @@ from pomona.photos import Photos
 from pomona.synth import RowOptions
 from pomona.synth.layout import lay_out_row
 from pomona.trees import Trees
-from report_scenes import observe, row_cameras, row_photos
+from report_scenes import LENS, observe, row_cameras, row_photos
 from view_scenes import write_view_survey
 
 EARLY = RowOptions(seed=5, trees=3, fruits_per_tree=30, leaves_per_tree=0, fruit_diameter_m=0.06)
@@ -415,9 +416,37 @@ def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
     assert "expected two days" in refused.stderr
 
 
-def test_a_place_that_no_photo_shows_is_out_of_view() -> None:
-    from pomona.change.surveys import _in_view
+def in_view_of_all_photos(places: np.ndarray, survey: Survey) -> np.ndarray:
+    """What `_in_view` says, by asking every photo for every place."""
+    cameras = survey.poses
+    fruit, camera = _sightings(survey)
+    away = np.linalg.norm(survey.fruits.centers_in_world[fruit] - cameras.centers_in_world[camera], axis=1)
+    shown = np.zeros(len(places), int)
+    for k in range(len(cameras)):
+        xy_px, depths = cameras.project(k, places)
+        inside = ((xy_px > 0) & (xy_px < [LENS.width_px, LENS.height_px])).all(axis=1) & (depths > 0)
+        shown += inside & (np.linalg.norm(places - cameras.centers_in_world[k], axis=1) < np.percentile(away, 98))
+    return shown >= 2
 
+
+def test_places_in_view_are_found_by_the_photos_near_them() -> None:
+    fruits = found(replace(EARLY, trees=3), 1)
+    fruits = replace(fruits, sides=("east",) * len(fruits))
+    cameras = row_cameras(9)
+
+    class Whole(Survey):
+        poses = cameras
+        observations = observe(fruits, cameras)
+
+    survey = Whole(Path("a"), fruits)
+    places = np.random.default_rng(3).uniform([-5, -2.5, -1], [5, 2.5, 4], (3000, 3))
+    places = np.concatenate([places, fruits.centers_in_world])
+    expected = in_view_of_all_photos(places, survey)
+    assert 0.1 < expected.mean() < 0.9
+    assert _in_view(places, survey).tolist() == expected.tolist()
+
+
+def test_a_place_that_no_photo_shows_is_out_of_view() -> None:
     fruits = found(replace(EARLY, trees=2), 1)
     cameras = row_cameras(8)
     fruits = replace(fruits, sides=("east",) * len(fruits))

@@ -12,6 +12,7 @@ from pomona.cameras import Cameras
 from pomona.change.comparison import Comparison
 from pomona.change.matching import Overlay, lay_over
 from pomona.errors import InputError, MissingFileError
+from pomona.fruit_geometry.near_photos import places_in_pictures
 from pomona.fruits import Fruits
 from pomona.geometry import estimate_similarity
 from pomona.planting import on_trees
@@ -132,11 +133,8 @@ def _in_view(places: FloatArray, survey: SurveyReader) -> BoolArray:
     away = np.linalg.norm(survey.fruits.centers_in_world[fruit] - cameras.centers_in_world[camera], axis=1)
     far = float(np.percentile(away, _FAR_PERCENTILE))
     shown = np.zeros(len(places), np.int64)
-    for k in range(len(cameras)):
-        xy_px, depths = cameras.project(k, places)
-        lens = cameras.intrinsics_of(k)
-        inside = (xy_px > 0).all(axis=1) & (xy_px < [lens.width_px, lens.height_px]).all(axis=1) & (depths > 0)
-        shown += inside & (np.linalg.norm(places - cameras.centers_in_world[k], axis=1) < far)
+    for _, idx in places_in_pictures(places, cameras, far):
+        shown[idx] += 1
     return np.asarray(shown >= _LEAST_PHOTOS)
 
 

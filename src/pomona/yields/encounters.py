@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
+from pomona.fruit_geometry.near_photos import places_in_pictures
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.row_line import row_line, walk_of
@@ -170,13 +170,8 @@ def _in_picture(fruits: Fruits, cameras: Cameras, seen: _Pairs) -> _Pairs:
     places, eyes = fruits.centers_in_world, cameras.centers_in_world
     away = np.linalg.norm(places[seen.fruit_idx] - eyes[seen.photo_idx], axis=1)
     reach_m = _FARTHER * float(np.median(away)) if len(away) else np.inf
-    near = cKDTree(places).query_ball_point(eyes, reach_m, return_sorted=True)
     found = [(np.zeros(0, np.int64), np.zeros(0, np.int64))]
-    for j, idx in enumerate(np.array(each, np.int64) for each in near):
-        xy_px, _ = cameras.project(j, places[idx])
-        lens = cameras.intrinsics_of(j)
-        idx = idx[((xy_px > 0) & (xy_px < [lens.width_px, lens.height_px])).all(axis=1)]
-        found.append((idx, np.full(len(idx), j)))
+    found += [(idx, np.full(len(idx), j)) for j, idx in places_in_pictures(places, cameras, reach_m)]
     fruit_idx, photo_idx = (np.concatenate(column) for column in zip(*found, strict=True))
     return _Pairs.of(fruit_idx, photo_idx)
 
