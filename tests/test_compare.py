@@ -341,6 +341,35 @@ def test_an_approximate_scale_takes_the_metres_of_the_other() -> None:
     assert comparison.metric
 
 
+def test_without_a_scale_nothing_is_in_millimetres(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unknown = WorldFrame("none")
+    surveys = [
+        replace(on_day(Survey(Path(name), moved(fruits, somewhere(0.3))), day), frame=unknown)
+        for name, fruits, day in (("a", found(EARLY, 1), 0), ("b", found(LATE, 2), 40))
+    ]
+    comparison = compare_surveys(*surveys)
+    assert not comparison.metric
+    assert comparison.growth().value == pytest.approx(0.3 * 0.015, abs=0.001)
+    for columns in (comparison.columns(), comparison.tree_columns()):
+        in_mm = [name for name in columns if "_mm" in name]
+        assert len(in_mm) >= 4
+        assert all(np.isnan(columns[name]).all() for name in in_mm)
+    figures = comparison.to_json()
+    assert set(figures["growth_mm"].values()) == {None}
+    assert [figures[name] for name in ("growth_mm_per_day", "apart_mm", "bent_mm")] == [None] * 3
+    assert figures["same"] > 30
+    shown = _totals(comparison) + _trees_table(comparison) + _sizes_figure(comparison)
+    assert "mm" not in shown
+    assert ">growth units<" in shown
+    low, high = re.search(r"(0\.00\d+) to (0\.00\d+) units \(95 %\)", shown).groups()
+    assert 0.0035 < float(low) < 0.0045 < float(high) < 0.0055
+    _show(comparison)
+    assert "growth         no scale" in capsys.readouterr().out
+    _write_table(tmp_path / "fruits.csv", comparison.columns())
+    with (tmp_path / "fruits.csv").open() as file:
+        assert {row["growth_mm"] for row in csv.DictReader(file)} == {""}
+
+
 def test_a_pair_is_the_best_for_all_not_for_one() -> None:
     places = np.array([[0.0, 0, 0], [0.05, 0, 0], [5.0, 0, 0], [6.0, 0, 0]])
     target = np.array([[0.035, 0, 0], [0.085, 0, 0], [5.035, 0, 0], [9.0, 0, 0]])

@@ -60,6 +60,11 @@ class Comparison:
             raise InputError("Comparison.pairs: expected each fruit once")
 
     @property
+    def mm_per_unit(self) -> float:
+        """Millimetres of a unit of the fruits' coordinates and sizes; NaN where neither survey has a scale."""
+        return 1000.0 if self.metric else float("nan")
+
+    @property
     def states(self) -> tuple[tuple[State, ...], tuple[State, ...]]:
         """What became of the fruits of the first survey, and what those of the second were."""
         before = np.where(self.before_in_view, "gone", "out of view").astype("U15")
@@ -107,14 +112,18 @@ class Comparison:
         return Interval(left, max(0.0, gone - missed - half), max(left, min(float(gone), gone - missed + half)))
 
     def columns(self) -> dict[str, Any]:
-        """Return the columns of `fruits.csv`: the second survey's fruits, then those that only the first one has."""
+        """Return the columns of `fruits.csv`: the second survey's fruits, then those that only the first one has.
+
+        What is in millimetres is NaN where neither survey has a scale, as in the other tables.
+        """
         m = len(self.after)
         alone = np.setdiff1d(np.arange(len(self.before)), self.pairs[:, 0])
         before_idx, after_idx = np.full(m + len(alone), -1), np.concatenate([np.arange(m), np.full(len(alone), -1)])
         before_idx[self.pairs[:, 1]], before_idx[m:] = self.pairs[:, 0], alone
+        mm = self.mm_per_unit
         growth, sds, apart = (np.full(len(before_idx), np.nan) for _ in range(3))
-        growth[self.pairs[:, 1]], sds[self.pairs[:, 1]] = 1000 * self.growth_m, 1000 * self.growth_sds_m
-        apart[self.pairs[:, 1]] = 1000 * self.apart_m
+        growth[self.pairs[:, 1]], sds[self.pairs[:, 1]] = mm * self.growth_m, mm * self.growth_sds_m
+        apart[self.pairs[:, 1]] = mm * self.apart_m
         before, after = self.states
         places = np.concatenate([self.after.centers_in_world, self.before.centers_in_world[alone]])
         x_m, y_m, z_m = places.T
@@ -124,21 +133,25 @@ class Comparison:
             "state": [*after, *(before[i] for i in alone)],
             "x_m": x_m, "y_m": y_m, "z_m": z_m,
             "tree_id": np.concatenate([self.after.tree_ids, self.before.tree_ids[alone]]),
-            "diameter_before_mm": _picked(1000 * self.before.diameters_m, before_idx),
-            "diameter_after_mm": _picked(1000 * self.after.diameters_m, after_idx),
+            "diameter_before_mm": _picked(mm * self.before.diameters_m, before_idx),
+            "diameter_after_mm": _picked(mm * self.after.diameters_m, after_idx),
             "growth_mm": growth,
             "growth_sd_mm": sds,
             "growth_mm_per_day": growth / self.days,
             "apart_mm": apart,
         }  # fmt: skip
 
+    def tree_growth(self) -> dict[int, Interval]:
+        """Return the median growth, metres, on each tree that has fruits, by its number."""
+        ids = np.union1d(self.before.tree_ids, self.after.tree_ids)
+        of_pair = self.after.tree_ids[self.pairs[:, 1]]
+        return {tree: self.growth(of_pair == tree) for tree in ids[ids > 0].tolist()}
+
     def tree_columns(self) -> dict[str, Any]:
         """Return the columns of `trees.csv`: a row a tree, of fruits that are on one."""
-        ids = np.union1d(self.before.tree_ids, self.after.tree_ids)
-        ids = ids[ids > 0]
         before, after = (np.array(each) for each in self.states)
-        of_pair = self.after.tree_ids[self.pairs[:, 1]]
-        grown = [self.growth(of_pair == tree) for tree in ids]
+        growth, mm = self.tree_growth(), self.mm_per_unit
+        ids, grown = np.array(list(growth), np.int64), growth.values()
 
         def counted(trees: IntArray, states: Any, *wanted: State) -> list[int]:
             return [int((np.isin(states, wanted) & (trees == tree)).sum()) for tree in ids]
@@ -151,16 +164,16 @@ class Comparison:
             "gone": counted(self.before.tree_ids, before, "gone"),
             "out_of_view": counted(self.before.tree_ids, before, "out of view"),
             "new": counted(self.after.tree_ids, after, "new", "not seen before"),
-            "growth_mm": np.array([1000 * each.value for each in grown]),
-            "growth_low_mm": np.array([1000 * each.low for each in grown]),
-            "growth_high_mm": np.array([1000 * each.high for each in grown]),
-            "growth_mm_per_day": np.array([1000 * each.value / self.days for each in grown]),
+            "growth_mm": np.array([mm * each.value for each in grown]),
+            "growth_low_mm": np.array([mm * each.low for each in grown]),
+            "growth_high_mm": np.array([mm * each.high for each in grown]),
+            "growth_mm_per_day": np.array([mm * each.value / self.days for each in grown]),
         }
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures of the comparison; None where one is not known."""
         before, after = self.states
-        growth, gone = self.growth(), self.gone()
+        growth, gone, mm = self.growth(), self.gone(), self.mm_per_unit
         return {
             "days": _known(self.days, 3),
             "fruits_before": len(self.before),
@@ -171,11 +184,11 @@ class Comparison:
             "new": after.count("new"),
             "not_seen_before": after.count("not seen before"),
             "gone_estimate": {"value": gone.value, "low": round(gone.low, 1), "high": round(gone.high, 1)},
-            "growth_mm": {name: _known(1000 * getattr(growth, name), 2) for name in ("value", "low", "high")},
-            "growth_mm_per_day": _known(1000 * growth.value / self.days, 3),
+            "growth_mm": {name: _known(mm * getattr(growth, name), 2) for name in ("value", "low", "high")},
+            "growth_mm_per_day": _known(mm * growth.value / self.days, 3),
             "scale_of_before": round(self.after_from_before.scale, 5),
-            "apart_mm": _known(1000 * float(np.median(self.apart_m)), 1),
-            "bent_mm": _known(1000 * self.bent_m, 1),
+            "apart_mm": _known(mm * float(np.median(self.apart_m)), 1),
+            "bent_mm": _known(mm * self.bent_m, 1),
             "warnings": list(self.warnings),
         }
 

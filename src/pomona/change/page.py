@@ -97,21 +97,35 @@ def _days_later(found: Comparison) -> str:
     return f", {found.days:z.0f} days later" if math.isfinite(found.days) else ""
 
 
+def _unit_of(found: Comparison) -> tuple[str, float]:
+    """The unit of sizes, and how many of it a metre is; surveys without a scale are in units of the second one."""
+    return ("mm", 1000.0) if found.metric else ("units", 1.0)
+
+
+def _size(value_m: float, found: Comparison, digits: int = 1) -> str:
+    """A size as a number in that unit: to `digits` of a millimetre, or to three figures of what may be anything."""
+    factor = _unit_of(found)[1]
+    if not math.isfinite(value_m):
+        return "–"
+    return f"{factor * value_m:z.{digits}f}" if found.metric else f"{factor * value_m:z.3g}"
+
+
 def _totals(found: Comparison) -> str:
     before, after = found.states
     growth, gone = found.growth(), found.gone()
-    unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
-    per_day = f", {factor * growth.value / found.days:z.2f} {unit} a day" if math.isfinite(found.days) else ""
-    span = f"{factor * growth.low:z.1f} to {factor * growth.high:z.1f} {unit} (95 %)"
+    unit, _ = _unit_of(found)
+    per_day = f", {_size(growth.value / found.days, found, 2)} {unit} a day" if math.isfinite(found.days) else ""
+    span = f"{_size(growth.low, found)} to {_size(growth.high, found)} {unit} (95 %)"
+    apart = _size(float(np.median(found.apart_m)), found, 0)
     missed = before.count("out of view")
     return "".join(
         [
             card("In both", f"{len(found.pairs):,}", f"of {len(before):,} and {len(after):,} fruits", "main"),
-            card("Growth", f"{factor * growth.value:z.1f} <small>{unit}</small>", span + per_day),
+            card("Growth", f"{_size(growth.value, found)} <small>{unit}</small>", span + per_day),
             card("Not found again", f"{before.count('gone'):,}", f"and {missed:,} that no photo shows the place of"),
             card("Really gone, about", f"{gone.value:.0f}", f"{gone.low:.0f} to {gone.high:.0f} (95 %); {_HIDDEN}"),
             card("New", f"{after.count('new'):,}", "which the first survey missed"),
-            card("Laid over to", f"{1000 * float(np.median(found.apart_m)):.0f} <small>mm</small>", "median of pairs"),
+            card("Laid over to", f"{apart} <small>{unit}</small>", "median of pairs"),
         ]
     )
 
@@ -124,7 +138,7 @@ def _growth_figure(found: Comparison) -> str:
 
 
 def _growth_chart(found: Comparison) -> str:
-    unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
+    unit, factor = _unit_of(found)
     values = factor * found.growth_m[np.isfinite(found.growth_m)]
     if not len(values):
         return column_chart([], Axis(name="no fruit was measured in both surveys"))
@@ -138,7 +152,7 @@ def _growth_chart(found: Comparison) -> str:
 
 def _sizes_figure(found: Comparison) -> str:
     """How large fruits were, and how much they grew since: the medians of classes of size."""
-    unit, factor = ("mm", 1000.0) if found.metric else ("units", 1.0)
+    unit, factor = _unit_of(found)
     sizes, growth = factor * found.before.diameters_m[found.pairs[:, 0]], factor * found.growth_m
     known = np.isfinite(growth)
     if known.sum() < 3:
@@ -172,21 +186,27 @@ def _trees_table(found: Comparison) -> str:
     table = found.tree_columns()
     if not len(table["id"]):
         return ""
-    heads = ("tree", "before", "after", "in both", "not found again", "out of view", "new", "growth mm", "95 %")
+    heads = (
+        "tree",
+        "before",
+        "after",
+        "in both",
+        "not found again",
+        "out of view",
+        "new",
+        f"growth {_unit_of(found)[0]}",
+        "95 %",
+    )
     names = ("id", "fruits_before", "fruits_after", "same", "gone", "out_of_view", "new")
     rows = [
         (
             *(str(table[name][k]) for name in names),
-            _number(table["growth_mm"][k]),
-            f"{_number(table['growth_low_mm'][k])} to {_number(table['growth_high_mm'][k])}",
+            _size(growth.value, found),
+            f"{_size(growth.low, found)} to {_size(growth.high, found)}",
         )
-        for k in range(len(table["id"]))
+        for k, growth in enumerate(found.tree_growth().values())
     ]
     return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}</div>'
-
-
-def _number(value: float) -> str:
-    return f"{value:z.1f}" if math.isfinite(value) else "–"
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------

@@ -60,13 +60,13 @@ def _show(found: Comparison) -> None:
     figures = found.to_json()
     growth, gone = figures["growth_mm"], figures["gone_estimate"]
     typer.echo(f"in both        {figures['same']} of {figures['fruits_before']} and {figures['fruits_after']} fruits")
-    if growth["value"] is not None:
+    if not found.metric:
+        typer.echo("growth         no scale")
+    elif growth["value"] is not None:
         span = f" ({growth['low']:z.1f} to {growth['high']:z.1f})" if growth["low"] is not None else ""
         per_day = figures["growth_mm_per_day"]
         a_day = f", {per_day:z.3f} mm a day over {figures['days']:z.0f} days" if per_day is not None else ""
-        typer.echo(
-            f"growth         {growth['value']:z.1f} mm{span}{a_day}" if found.metric else "growth         no scale"
-        )
+        typer.echo(f"growth         {growth['value']:z.1f} mm{span}{a_day}")
     typer.echo(
         f"not found again {figures['gone']}, of which really gone about {gone['value']:.0f} "
         f"({gone['low']:.0f} to {gone['high']:.0f}); {figures['out_of_view']} out of view; {figures['new']} new"
