@@ -115,6 +115,28 @@ def test_where_something_hides_a_fruit_its_disc_is_doubtful(found: FoundFruits, 
     assert 0.8 < doubtful.mask.area_px / mask.area_px < 1.25
 
 
+def test_a_photo_that_cannot_be_decoded_is_left_out_with_a_warning(found: FoundFruits, tmp_path: Path) -> None:
+    photo, _, _ = most_seen(found)
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"no photo any more")
+    photos = [replace(p, path=broken, file_state=None) if p.name == photo else p for p in found.photos]
+    heard: list[str] = []
+
+    class Listening(Silent):
+        def warn(self, message: str) -> None:
+            heard.append(message)
+
+    damaged = replace(found, photos=type(found.photos)(tuple(photos)))
+    labels = label_photos(damaged, options=OPTIONS, progress=Listening())
+
+    (warning,) = heard
+    assert warning.startswith(f"{photo} is not learnt from: Photo {photo}")
+    whole_row = label_photos(found, options=OPTIONS)
+    assert labels.confirmed == whole_row.confirmed
+    names = {labelled.name for labelled in labels.photos}
+    assert names == {labelled.name for labelled in whole_row.photos} - {f"{found.name}/{photo}"}
+
+
 def test_what_is_not_confirmed_is_doubtful_unless_a_person_says_so(found: FoundFruits) -> None:
     photo, place, fruit = most_seen(found)
     unsure = replace(

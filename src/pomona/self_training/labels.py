@@ -15,6 +15,7 @@ from pomona.arrays import BoolArray, ByteArray, IntArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.detections import SurveyDetections
+from pomona.errors import InputError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_crops.likeness import SeenFruits
 from pomona.fruit_geometry.spheres import Spheres
@@ -86,7 +87,8 @@ def label_photos(
     it is one if the second look and the colours say that it is to be seen; else its disc is doubtful. Detections of
     anything else are doubtful, but for those of which a person said that they are no fruit. What is left is background.
     In photos in which a person marked all fruits, the marks alone are labels; where some are marked, these are labels
-    besides, and what is no label is doubtful. Photos that are not there, or without a camera or marks, are left out.
+    besides, and what is no label is doubtful. Photos that are not there, or without a camera or marks, are left out;
+    so are those that cannot be decoded, with a warning.
 
     Raises `MissingFileError` naming a photo that goes away meanwhile, and `InputError` for marks of photos of another
     size.
@@ -97,8 +99,10 @@ def label_photos(
     marked = {name: photo for name, photo in found.marked.items() if name in by_name}
     names = dict.fromkeys([*found.cameras.photos, *marked])
     photos = [by_name[name] for name in names if name in by_name and by_name[name].path.is_file()]
+    unreadable: set[str] = set()
+    colours = FruitColours.counted(_coloured(found, mine, photos, unreadable, progress))
+    photos = [photo for photo in photos if photo.name not in unreadable]
     shown = _shown(mine, found, photos, network, progress) if len(mine.ids) else {}
-    colours = FruitColours.counted(_coloured(found, mine, photos))
     labelled: list[LabelledPhoto] = []
     detected = missed = 0
     progress.start("labelling photos", len(photos))
@@ -216,11 +220,19 @@ def _shown(
 
 
 def _coloured(
-    found: FoundFruits, mine: _Confirmed, photos: Sequence[Photo]
+    found: FoundFruits, mine: _Confirmed, photos: Sequence[Photo], unreadable: set[str], progress: Progress
 ) -> Iterator[tuple[ByteArray, BoolArray, BoolArray]]:
-    """Yield of each photo, made smaller, its pixels, those on confirmed fruits, and those where nothing was found."""
+    """Yield of each photo, made smaller, its pixels, those on confirmed fruits, and those where nothing was found.
+
+    Names of photos that cannot be decoded are put into `unreadable`, with a warning.
+    """
     for photo in photos:
-        pixels = read_pixels(photo, max_side_px=COLOURS_PX)
+        try:
+            pixels = read_pixels(photo, max_side_px=COLOURS_PX)
+        except InputError as error:
+            progress.warn(f"{photo.name} is not learnt from: {error}")
+            unreadable.add(photo.name)
+            continue
         fruit, anything = np.zeros(pixels.shape[:2], bool), np.zeros(pixels.shape[:2], bool)
         detections = found.detections.get(photo.name)
         for detection_id, mask in zip(detections.ids.tolist(), detections.masks, strict=True) if detections else ():
