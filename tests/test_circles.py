@@ -196,6 +196,24 @@ def test_a_photo_that_is_gone_is_named(tmp_path: Path) -> None:
         measure(fuse(detections, CAMERAS), detections, CAMERAS, photos)
 
 
+def test_a_photo_that_cannot_be_decoded_measures_no_fruit_and_is_named(tmp_path: Path) -> None:
+    photos = photos_of(CAMERAS, tmp_path, CENTERS, 2 * RADII_M)
+    detections = detections_of(CAMERAS, CENTERS, 2 * RADII_M)
+    (tmp_path / CAMERAS.photos[2]).write_bytes(b"no photo any more")
+    heard: list[str] = []
+
+    class Listening(Told):
+        def warn(self, message: str) -> None:
+            heard.append(message)
+
+    progress = Listening()
+    measured = measure(fuse(detections, CAMERAS), detections, CAMERAS, photos, network=Exact(), progress=progress)
+    (warning,) = heard
+    assert warning.startswith(f"{CAMERAS.photos[2]} measures no fruit: Photo {CAMERAS.photos[2]}")
+    assert progress.advanced == 6
+    assert np.isfinite(measured.diameters_m).all()
+
+
 def test_another_network_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"circles.*second-look"):
         CirclesNetwork(SECOND_LOOK)

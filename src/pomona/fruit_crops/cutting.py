@@ -32,12 +32,15 @@ def crops_by_photo(
     photos: Photos,
     cameras: Cameras,
     progress: Progress,
+    *,
+    left_out: str,
 ) -> Iterator[tuple[IntArray, ByteArray]]:
     """Yield for one photo after another, in the order of the sights, which of these it has, and their crops.
 
     `scales` (k,) lead from the photos' pixels to the crops' (m, side_px, side_px, 4), whose fourth channel is how like
     the colours are to those of this survey's fruits, as `seen` tells them. `progress` advances once a photo. A photo
-    that cannot be decoded is left out with a warning; raises `MissingFileError` naming one that is gone.
+    that cannot be decoded is left out with a warning, in which `left_out` says what is not done with it, after its
+    name; raises `LostFileError` naming one that is gone.
     """
     by_name, of_photo = photos.by_name(), dict(groups(sights.photo_idx))
 
@@ -55,7 +58,7 @@ def crops_by_photo(
         try:
             pixels = smaller_copy(photo_idx)
         except InputError as error:
-            progress.warn(f"{photo.name} is not looked at again: {error}")
+            progress.warn(f"{photo.name} {left_out}: {error}")
         else:
             liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
             yield mine, cut(liked, CropPlaces(sights.centers_px[mine], scales[mine]), side_px, photo.width_px)

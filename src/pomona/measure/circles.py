@@ -149,7 +149,9 @@ def see_circles(
     circles, looked = np.zeros((len(sights), 6)), np.zeros(len(sights), bool)
     seen = SeenFruits(detections, observations.detection_id)
     progress.start("measure", len(np.unique(sights.photo_idx)))
-    for mine, crops in crops_by_photo(sights, scales, network.side_px, seen, photos, cameras, progress):
+    for mine, crops in crops_by_photo(
+        sights, scales, network.side_px, seen, photos, cameras, progress, left_out="measures no fruit"
+    ):
         circles[mine], looked[mine] = network.circles(crops), True
     sights, circles, scales = sights[looked], circles[looked], scales[looked]
     enlarged = np.maximum(scales, 1.0)[:, None] ** _ENLARGED

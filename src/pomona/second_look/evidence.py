@@ -137,8 +137,8 @@ def look(
 
     `seen` tells the colours of this survey's fruits. Of an earlier look, `known` has maps: one serves a sight in its
     photo whose image is not farther than `same_radii` from the map's middle. Maps go to a temporary file, which the
-    system reads from as it has memory: of a long row they are gigabytes. Raises `MissingFileError` naming a photo that
-    is gone.
+    system reads from as it has memory: of a long row they are gigabytes. Raises `LostFileError` naming a photo that is
+    gone.
     """
     known_idx = _known_about(sights, known, same_radii)
     anew = known_idx < 0
@@ -146,7 +146,9 @@ def look(
     looked = np.zeros(len(some), dtype=bool)
     progress.start("looking again", len(np.unique(some.photo_idx)))
     with TemporaryFile() as file:
-        for mine, crops in crops_by_photo(some, scales, network.side_px, seen, photos, cameras, progress):
+        for mine, crops in crops_by_photo(
+            some, scales, network.side_px, seen, photos, cameras, progress, left_out="is not looked at again"
+        ):
             _write(network.centers(crops), file)
             looked[mine] = True
         maps = _maps_in(file, int(looked.sum()), network.side_px // network.stride)

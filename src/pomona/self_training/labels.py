@@ -90,7 +90,7 @@ def label_photos(
     besides, and what is no label is doubtful. Photos that are not there, or without a camera or marks, are left out;
     so are those that cannot be decoded, with a warning.
 
-    Raises `MissingFileError` naming a photo that goes away meanwhile, and `InputError` for marks of photos of another
+    Raises `LostFileError` naming a photo that goes away meanwhile, and `InputError` for marks of photos of another
     size.
     """
     options, progress = options or AdaptOptions(), progress or Silent()
