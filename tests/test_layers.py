@@ -14,23 +14,29 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "pomona"
 
-# Import names of the engines in the table's last column. What is not here (numpy, scipy, OpenCV, Pillow, rich) is a
-# library that any room may use.
+# Import names of the engines in the table's last column. What is not here (numpy, scipy, Pillow, rich) is a library
+# that any room may use.
 ENGINES = {
     "laspy": "laspy", "pyproj": "pyproj", "sqlite3": "sqlite3", "rerun": "rerun-sdk", "pycocotools": "pycocotools",
     "yaml": "PyYAML", "pillow_heif": "pillow-heif", "onnxruntime": "ONNX Runtime", "torchvision": "torchvision",
     "transformers": "transformers", "pycolmap": "pycolmap", "sklearn": "scikit-learn", "bpy": "bpy", "torch": "torch",
     "typer": "typer", "uvicorn": "uvicorn", "starlette": "Starlette", "pandas": "pandas", "geopandas": "GeoPandas",
-    "pyarrow": "pyarrow", "distributed": "Dask distributed", "fsspec": "fsspec",
+    "cv2": "OpenCV", "pyarrow": "pyarrow", "distributed": "Dask distributed", "fsspec": "fsspec",
 }  # fmt: skip
 
 
 @cache
-def rows() -> list[tuple[tuple[str, ...], str]]:
-    """The rooms of each line of the table, bottom to top, and its outside engines."""
+def rows() -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """The rooms of each line of the table, bottom to top, and the names of its outside engines."""
     text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Rooms")[2].partition("\n## ")[0]
     cells = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| `")]
-    return [(tuple(re.findall(r"`([\w/]+)`", first)), engines) for first, _, engines in cells]
+    return [(tuple(re.findall(r"`([\w/]+)`", first)), engine_names(engines)) for first, _, engines in cells]
+
+
+def engine_names(cell: str) -> tuple[str, ...]:
+    """The names in a cell such as "OpenCV (ArUco, SQPnP), pyproj"; what is in brackets says what for."""
+    names = re.sub(r"\([^)]*\)", "", cell).split(",")
+    return tuple(name.strip() for name in names if name.strip())
 
 
 def line_of(room: str) -> int:
@@ -129,6 +135,11 @@ def test_an_outside_engine_is_imported_in_its_rooms_only(engine: str) -> None:
     importing = {room_of(path) for path in modules() if any(n.split(".")[0] == engine for n in imports(path))}
     assert importing, f"{engine} is imported nowhere"
     assert importing <= allowed
+
+
+def test_an_engine_is_named_by_its_whole_name() -> None:
+    assert engine_names(" torchvision (`mask_rcnn.py`, torch), OpenCV (SIFT) ") == ("torchvision", "OpenCV")
+    assert engine_names("  ") == ()
 
 
 def test_the_standard_library_is_no_engine() -> None:
