@@ -135,6 +135,19 @@ def test_a_folder_that_must_not_be_written_to_is_said(kind: str, values: Values,
     assert str(caught.value) == f"{target} cannot be written to (Permission denied): choose another folder"
 
 
+@pytest.mark.parametrize("kind", ["las", "coco"])
+def test_nothing_half_written_stays_on_a_full_disk(kind: str, values: Values, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+
+    def fill(operation: Operation) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(operation.path))
+
+    with FaultyDisk(out, fill, kinds=("write",)), pytest.raises(SurveyError, match="disk is full"):
+        write_export(kind, values, out / export_format(kind).file_name)
+    assert list(out.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("kind", "name", "said"),
     [

@@ -1,10 +1,11 @@
-"""Reading what a file holds as text or bytes, with errors that name the file and what it is to hold."""
+"""Reading what a file holds as text or bytes, with errors that name the file and what it is to hold; whole writing."""
 
 from __future__ import annotations
 
 import codecs
 import errno
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,6 +25,17 @@ def read_text(path: Path, expected: str) -> str:
     if not text.strip():
         raise FormatError(f"{path}: expected {expected}, but the file is empty")
     return text
+
+
+def write_whole(path: Path, content: bytes | memoryview, part: Path) -> None:
+    """Write a file under the temporary name `part`, then rename it; what could not be written whole does not stay."""
+    try:
+        part.write_bytes(content)
+        part.replace(path)
+    except BaseException:
+        with suppress(OSError):  # a disk that failed may fail again, and the first error says why
+            part.unlink(missing_ok=True)
+        raise
 
 
 def is_there(path: Path) -> bool:

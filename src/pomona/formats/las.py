@@ -19,6 +19,7 @@ from pyproj.exceptions import CRSError
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.files import write_whole
 from pomona.fruits import FruitCloud
 
 FRUIT_ID = "fruit_id"
@@ -51,14 +52,12 @@ def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None)
     # LAS has colours of 16 bits: 257 = 65535 / 255 keeps white white.
     las.red, las.green, las.blue = (cloud.rgb.astype(np.uint16) * 257).T
     las[FRUIT_ID] = cloud.fruit_id.astype(np.uint32)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
     # By way of memory: what compresses does not say why a disk took no more.
     content = io.BytesIO()
     las.write(content, do_compress=path.suffix.lower() == ".laz")
     content.seek(_DATE_AT)
     content.write(bytes(4))
-    temporary.write_bytes(content.getbuffer())
-    temporary.replace(path)
+    write_whole(path, content.getbuffer(), path.with_name(f".{path.stem}.part{path.suffix}"))
 
 
 def read_las(path: Path) -> FruitCloud:

@@ -14,6 +14,7 @@ from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import CATEGORY, CocoAnnotation, CocoFile, CocoImage, parse_coco
 from pomona.formats.detections.labelled import check_size
 from pomona.formats.detections.rle import encode
+from pomona.formats.files import write_whole
 from pomona.photos import Photos
 
 
@@ -43,9 +44,7 @@ def write_coco(path: Path, photos: Photos, detections: SurveyDetections) -> None
         "annotations": _lines(annotations),
     }
     text = "{\n" + ",\n".join(f'"{key}": {value}' for key, value in parts.items()) + "\n}\n"
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, text.encode("utf-8"), path.with_name(path.name + ".part"))
 
 
 def _entries(image_id: int, found: Detections) -> list[dict[str, Any]]:
