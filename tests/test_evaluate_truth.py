@@ -99,6 +99,8 @@ def test_broken_visible_pixels_are_named(tmp_path: Path) -> None:
 def test_missing_truth_is_named(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match=r"fruits\.csv"):
         read_truth(tmp_path)
+    with pytest.raises(MissingFileError, match=r"nope does not exist; expected a table of true fruits \(id, x, y, z, "):
+        read_truth(tmp_path / "nope")
 
 
 def test_orchard_dev(shared_data: Path) -> None:

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from typer.testing import CliRunner
 
+from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, SurveyError
 from pomona.synth import LIGHTS, VARIETIES, RowOptions, render, render_row, truth
 from pomona.synth.cameras import RowCamera, row_cameras
@@ -265,6 +267,8 @@ def test_without_blender_the_extra_is_named(monkeypatch, tmp_path):
     with pytest.raises(MissingExtraError, match=r"pomona\[synth\]"):
         render_row(SMALL, tmp_path / "row")
     assert list(tmp_path.iterdir()) == []
+    said = CliRunner().invoke(app, ["synth", "--out", str(tmp_path / "row")]).stderr
+    assert said.count("pip install") == 1
 
 
 def test_a_finished_row_and_a_foreign_unfinished_one_are_left_alone(tmp_path):

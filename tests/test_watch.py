@@ -248,6 +248,8 @@ def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
     watch.follow()
     assert [photo.name for photo in watch.photos] == [f"p_{k:03}.png" for k in range(8)]
     assert {(hint.photo, hint.matter) for hint in hints} == {("broken.jpg", "unreadable"), ("p_005.png", "blurred")}
+    (text,) = (hint.text for hint in hints if hint.matter == "unreadable")
+    assert text.startswith("cannot be used: this is no image")
     assert states[-1].phase == "waiting"
     assert states[-1].fruits == 1
     assert [revision for _, revision in answers] == list(range(1, len(answers) + 1))

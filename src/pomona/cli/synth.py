@@ -75,7 +75,9 @@ def synth(
     try:
         with TerminalProgress() as progress:
             render_row(options, out, progress=progress)
-    except ImportError as error:
+    except MissingExtraError:
+        raise
+    except ImportError as error:  # of what the extra needs itself
         raise MissingExtraError(f"{error}: install it with pip install 'pomona[synth]' (Python 3.11)") from None
     except KeyboardInterrupt:
         raise Stopped("the same command goes on with the photos that are missing.") from None

@@ -181,7 +181,7 @@ class Watch:
         stamp = self._arrivals.whole.get(path)
         if stamp is not None and self._unusable.get(name) != stamp:
             self._unusable[name] = stamp
-            self._hint([Hint(name, "unreadable", reason)])
+            self._hint([Hint(name, "unreadable", f"cannot be used: {reason}")])
 
     def _begin_anew(self) -> None:
         """Place all photos again, as they are of other sides than it seemed; nothing else has to be done again."""

@@ -107,11 +107,16 @@ def _boxes(file: Path, boxes: FloatArray, ids: IntArray | None = None, trees: In
 
 
 def _file_of(path: Path) -> Path:
+    if not path.exists():
+        raise MissingFileError(
+            f"No truth found: {path} does not exist; expected a table of true fruits ({', '.join(_FRUIT_COLUMNS)}), "
+            "their boxes, or a folder with truth/fruits.csv or fruits.csv"
+        )
     tried = [path / "truth" / "fruits.csv", path / "fruits.csv"] if path.is_dir() else [path]
     for file in tried:
         if file.is_file():
             return file
-    raise MissingFileError(f"No truth found: expected {' or '.join(map(str, tried))}")
+    raise MissingFileError(f"No truth found in {path}: expected {' or '.join(map(str, tried))}")
 
 
 def _read_columns(file: Path) -> Truth:
