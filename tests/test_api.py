@@ -71,6 +71,13 @@ def test_unknown_and_wrong_options_are_named(survey: pomona.Survey, tmp_path: Pa
         pomona.open(tmp_path)
 
 
+def test_options_have_the_names_of_the_command(survey: pomona.Survey, tmp_path: Path) -> None:
+    again = pomona.run(tmp_path / "photos", survey.folder, fruit_diameter=0.08, gnss=False, filter=False)
+    kept = SurveyFolder.open(again.folder).get("options")
+    assert (kept["fruit_diameter_m"], kept["use_gnss"], kept["filter_false_positives"]) == (0.08, False, False)
+    assert kept["filter"] is None
+
+
 def test_evaluate_and_export(survey: pomona.Survey, tmp_path: Path) -> None:
     truth = tmp_path / "truth.csv"
     truth.write_text("id,x,y,z,diameter\n1,0,0,2.001,0.07\n2,1,0,2,0.07\n")

@@ -432,6 +432,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "gpu": frozenset({"segment", "sfm", "scale", "second_look", "measure", "dense", "scene"}) | HANDED,
     "label_image": frozenset({"fuse", "second_look", "measure", "dense", "scene"}) | HANDED,
     "measure": frozenset({"measure"}) | HANDED,
+    "option_values": ALL,
     "onnx_file": frozenset({"segment", "second_look", "measure"}) | HANDED,
     "photo_names": frozenset({"segment", "sfm", "scale", "report"}),
     "photos": frozenset({"segment", "sfm", "scale", "second_look", "dense", "measure", "scene"}) | HANDED,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from pomona.errors import InputError, SurveyError
 from pomona.export.survey import SurveySource, export_survey
-from pomona.pipeline.options import RunOptions
+from pomona.option_values import expect_kind
+from pomona.pipeline.options import RunOptions, named_options
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
 from pomona.survey.unfinished import unfinished_in_words
@@ -52,7 +52,7 @@ class Survey(SurveySource):
         from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, read_truth
 
         options = EvaluateOptions(match=match)  # type: ignore[arg-type]
-        return evaluate_fruits(self.fruits, read_truth(Path(truth)), options=options)
+        return evaluate_fruits(self.fruits, read_truth(_path("truth", truth)), options=options)
 
     def export(self, to: str, path: AnyPath | None = None) -> Path:
         """Write the survey in the format `to` ("gpkg", "colmap", …), by default in its folder `export/`; return where.
@@ -60,7 +60,7 @@ class Survey(SurveySource):
         Raises `InputError` for a format that does not exist, `SurveyError` where `path` exists, `MissingFileError`
         where the survey has not got so far.
         """
-        target = None if path is None else Path(path)
+        target = _path_or_none("path", path)
         if target is not None and target.exists():
             raise SurveyError(f"{target} exists already: name another file")
         return export_survey(to, self, target)
@@ -73,7 +73,7 @@ class Survey(SurveySource):
         """
         from pomona.view import Corrector, ViewServer
 
-        corrector = Corrector.of(self, None if truth is None else Path(truth))
+        corrector = Corrector.of(self, _path_or_none("truth", truth))
         if corrector.note and self.files.corrections.is_file():
             self.progress.warn(corrector.note)
         try:
@@ -91,9 +91,9 @@ class Survey(SurveySource):
         """
         from pomona.view import Corrector, export_folder
 
-        corrector = Corrector.of(self, None if truth is None else Path(truth))
+        corrector = Corrector.of(self, _path_or_none("truth", truth))
         return export_folder(
-            corrector.data, Path(folder), truth=corrector.truth, options=options, progress=self.progress
+            corrector.data, _path("folder", folder), truth=corrector.truth, options=options, progress=self.progress
         )
 
     def view(self, *, port: int = 0, truth: AnyPath | None = None) -> None:
@@ -123,11 +123,12 @@ def run(
     """Find every fruit in photos of a row, as `pomona run` does; return the survey in the folder `out`.
 
     `photos`: a folder, two folders (the sides of the row), or a video. `options` are those of `RunOptions`: `markers`,
-    `cameras`, `detections`, `method`, `fruit_diameter_m`, …, and options of single stages such as
-    `object=ObjectOptions(min_views=3)`. A run that was stopped goes on where it was; a changed option redoes just what
-    depends on it; `overwrite` begins anew. `adapt`: the segmenter learns from the survey, which is then made again
-    (as `pomona.adapt`). `progress` is informed of steps and warned (None: nobody is); `on_stage` is called with the
-    name of each stage that is computed, first of all with "photos".
+    `cameras`, `detections`, `method`, `tree_spacing`, …, and options of single stages such as
+    `object=ObjectOptions(min_views=3)`; `fruit_diameter`, `gnss` and `filter` (true or false) are names of
+    `fruit_diameter_m`, `use_gnss` and `filter_false_positives`, as the command has them. A run that was stopped goes on
+    where it was; a changed option redoes just what depends on it; `overwrite` begins anew. `adapt`: the segmenter
+    learns from the survey, which is then made again (as `pomona.adapt`). `progress` is informed of steps and warned
+    (None: nobody is); `on_stage` is called with the name of each stage that is computed, first of all with "photos".
 
     Raises `InputError` for options and photos that cannot be used, `MissingFileError` and `FormatError` for files
     named, `MissingExtraError` for a detector whose packages are not installed, `ReconstructionError` where no photo can
@@ -135,19 +136,13 @@ def run(
     """
     from pomona.pipeline import run as run_pipeline
 
-    known = {field.name for field in fields(RunOptions)}
-    if unknown := sorted(set(options) - known):
-        raise InputError(f"`{unknown[0]}` is not an option: expected some of {', '.join(sorted(known))}")
-    if options.get("classes") is not None:
-        options["classes"] = tuple(options["classes"])
-    given = [photos] if isinstance(photos, str | PathLike) else list(photos)
-    paths, chosen = [Path(each) for each in given], RunOptions(**options)
+    paths, target, chosen = _paths("photos", photos), _path("out", out), RunOptions(**named_options(options))
     if adapt:
         from pomona.self_training.rerun import run_adapted
 
-        run_adapted(paths, Path(out), chosen, progress or Silent(), overwrite=overwrite, on_stage=on_stage)
+        run_adapted(paths, target, chosen, progress or Silent(), overwrite=overwrite, on_stage=on_stage)
     else:
-        run_pipeline(paths, Path(out), chosen, progress, overwrite=overwrite, on_stage=on_stage)
+        run_pipeline(paths, target, chosen, progress, overwrite=overwrite, on_stage=on_stage)
     return open(out, progress=progress)
 
 
@@ -162,12 +157,12 @@ def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress |
     from pomona.pipeline.reopen import bring_up_to_date
 
     progress = progress or Silent()
-    survey = SurveyFolder.open(Path(folder))
+    survey = SurveyFolder.open(_path("folder", folder))
     if survey.record_of("results") is not None:
         bring_up_to_date(survey, progress)
     if said := unfinished_in_words(survey):
         progress.warn(said)
-    return Survey(survey, photos_folder=None if photos is None else Path(photos), progress=progress)
+    return Survey(survey, photos_folder=_path_or_none("photos", photos), progress=progress)
 
 
 def compare(
@@ -188,13 +183,14 @@ def compare(
     from pomona.change.page import write_comparison
     from pomona.view.reading import page_data
 
+    target = _path_or_none("out", out)
     surveys = [s if isinstance(s, Survey) else open(s, progress=progress) for s in (before, after)]
     found = compare_surveys(surveys[0], surveys[1], dates=dates)
     for warning in found.warnings:
         surveys[1].progress.warn(warning)
-    if out is not None:
+    if target is not None:
         names = surveys[0].folder.name, surveys[1].folder.name
-        write_comparison(found, page_data(surveys[1]), names, Path(out))
+        write_comparison(found, page_data(surveys[1]), names, target)
     return found
 
 
@@ -217,13 +213,27 @@ def adapt(
     """
     from pomona.self_training.rerun import found_fruits, learning, model_of
 
-    given = [surveys] if isinstance(surveys, str | PathLike) else list(surveys)
+    given, target = _paths("surveys", surveys), _path("out", out)
     learn, opened = learning(), [open(each, progress=progress) for each in given]
-    begun = model_of(opened[0]) if model is None else Path(model)
+    begun = model_of(opened[0]) if model is None else _path("model", model)
     found = [found_fruits(survey) for survey in opened]
-    return learn(found, Path(out), model=begun, options=options, progress=progress)
+    return learn(found, target, model=begun, options=options, progress=progress)
 
 
 def sample_folder() -> Path:
     """Return the folder of the bundled sample: photos of two rendered trees from both sides, markers, true fruits."""
     return Path(str(files("pomona"))) / "demo"
+
+
+def _path(name: str, given: Any) -> Path:
+    """A path that a parameter names; anything else would fail far from here, and not as a `PomonaError`."""
+    return Path(expect_kind(f"`{name}`", Path, given))
+
+
+def _path_or_none(name: str, given: Any) -> Path | None:
+    return None if given is None else _path(name, given)
+
+
+def _paths(name: str, given: Any) -> list[Path]:
+    each = given if isinstance(given, Iterable) and not isinstance(given, str | bytes | PathLike) else [given]
+    return [_path(name, path) for path in each]

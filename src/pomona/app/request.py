@@ -11,11 +11,12 @@ from pomona.app.contract import Equal, NewSurvey
 from pomona.app.folders import Folders
 from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions
+from pomona.pipeline.options import COMMAND_NAMES
 from pomona.survey import SurveyFolder
 from pomona.survey.commands import command_line
 
-# Options whose name is not that of the parameter, as in `pomona.cli.run`.
-_OTHER_NAMES = {"fruit_diameter_m": "fruit-diameter", "use_gnss": "gnss", "filter_false_positives": "filter"}
+# Options whose name is not that of the parameter.
+_OTHER_NAMES = {field: said.replace("_", "-") for said, field in COMMAND_NAMES.items()}
 _UNFIT = re.compile(r"[\x00-\x1f/\\:*?\"<>|]+")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pomona.arrays import Array, ByteArray
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 _LEAST_POINTS = 8  # corners, of 300 that are looked for: a quartile of fewer says nothing
 _UNRANKED = (False, -1.0)  # below any frame's
@@ -37,6 +38,7 @@ class KeyFrameOptions:
     jpeg_quality: int = 95
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if not 0 < self.move < 1:
             raise InputError(f"`move`: expected over 0 and below 1, found {self.move}")
         if not 0 < self.earliest <= self.latest:

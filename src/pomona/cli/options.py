@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from pomona.errors import InputError
-
 Photos = Annotated[
     list[Path],
     typer.Argument(metavar="PHOTOS...", help="A folder of photos, two folders (the two sides of the row), or a video."),
@@ -89,19 +87,3 @@ Variant = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-
-
-def parse_names(text: str | None) -> tuple[str, ...] | None:
-    """Return the names in `NAME,NAME`."""
-    return tuple(name.strip() for name in text.split(",")) if text is not None else None
-
-
-def parse_scale_bar(text: str | None) -> tuple[int, int, float] | None:
-    """Return marker ids and metres from `ID,ID,METRES`; raises `InputError` for anything else."""
-    if text is None:
-        return None
-    try:
-        one, other, length_m = text.split(",")
-        return int(one), int(other), float(length_m)
-    except ValueError:
-        raise InputError(f"--scale-bar: expected ID,ID,METRES such as 0,1,0.85, found '{text}'") from None

@@ -14,6 +14,7 @@ from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import show
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
+from pomona.pipeline.options import parse_names, parse_scale_bar
 
 
 def run(
@@ -71,13 +72,13 @@ def run(
         model=model,
         score_threshold=score_threshold,
         detections=detections,
-        classes=shared.parse_names(classes),
+        classes=parse_names(classes),
         cameras=cameras,
         markers=markers,
         markers_crs=markers_crs,
         gcp=gcp,
         positions=positions,
-        scale_bar=shared.parse_scale_bar(scale_bar),
+        scale_bar=parse_scale_bar(scale_bar),
         marker_dictionary=marker_dictionary,
         use_gnss=gnss,
         fruit=fruit,

@@ -11,6 +11,7 @@ from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.summary import show
 from pomona.pipeline import go_on
+from pomona.pipeline.options import parse_scale_bar
 
 if TYPE_CHECKING:
     from pomona.evaluate.fruits import Truth
@@ -39,7 +40,7 @@ def reconstruct(
         "markers": markers,
         "markers_crs": markers_crs,
         "gcp": gcp,
-        "scale_bar": shared.parse_scale_bar(scale_bar),
+        "scale_bar": parse_scale_bar(scale_bar),
         "marker_dictionary": marker_dictionary,
         "fruit_diameter_m": fruit_diameter,
         "cameras": cameras,

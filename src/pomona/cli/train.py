@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pomona.cli.failures import Stopped
-from pomona.cli.options import parse_names
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingExtraError
+from pomona.pipeline.options import parse_names
 
 if TYPE_CHECKING:
     from pomona.train import TrainOptions

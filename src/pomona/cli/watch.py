@@ -17,6 +17,7 @@ from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import show
 from pomona.errors import InputError
 from pomona.pipeline import RunOptions, Summary
+from pomona.pipeline.options import parse_scale_bar
 
 if TYPE_CHECKING:
     from pomona.live.checks import Hint
@@ -76,7 +77,7 @@ def watch(
         markers_crs=markers_crs,
         gcp=gcp,
         positions=positions,
-        scale_bar=shared.parse_scale_bar(scale_bar),
+        scale_bar=parse_scale_bar(scale_bar),
         marker_dictionary=marker_dictionary,
         fruit=fruit,
         fruit_diameter_m=fruit_diameter,

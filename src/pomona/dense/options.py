@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 from pomona.errors import InputError
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
+from pomona.option_values import expect_kinds
 
 Engine = Literal["auto", "opencv", "patchmatch"]
 
@@ -45,6 +46,7 @@ class DenseOptions:
     min_score: float = 0.1
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if self.engine not in get_args(Engine):
             raise InputError(f"`engine`: expected one of {', '.join(get_args(Engine))}, found {self.engine!r}")
         for name in (

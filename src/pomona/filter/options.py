@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +25,7 @@ class FilterOptions:
     least_place_sd: float = 0.01
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if self.threshold is not None and not 0 <= self.threshold <= 1:
             raise InputError(f"`threshold`: expected 0 to 1, found {self.threshold}")
         if self.rays_per_mask < 4:

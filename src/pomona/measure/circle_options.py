@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,7 @@ class CircleOptions:
     level_of_outlines: float = 0.8
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if self.most_photos < 1:
             raise InputError(f"`most_photos`: expected at least 1, found {self.most_photos}")
         if not self.least_sd > 0:

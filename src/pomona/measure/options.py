@@ -8,6 +8,7 @@ from pomona.errors import InputError
 from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind
 from pomona.measure.allometry import STORY_APPLES, Allometry
 from pomona.measure.circle_options import CircleOptions
+from pomona.option_values import expect_kinds
 
 TIE_OF_POINTS = 5.0
 """In radii: points of a cloud say themselves where a fruit is."""
@@ -64,6 +65,7 @@ class MeasureOptions:
     allometry: Allometry = STORY_APPLES
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if self.rays_per_photo < 4 or self.points_per_fruit < 4:
             raise InputError("`rays_per_photo` and `points_per_fruit`: expected at least 4")
         if not 0 <= self.smallest < 1 < self.largest:

@@ -11,22 +11,16 @@ from datetime import date, datetime
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 from pomona.errors import FormatError, InputError, MissingFileError, few
+from pomona.option_values import expect_kind, expect_kinds, without_none
 from pomona.orchard.places import is_url
 from pomona.pipeline.names import STAGES
-from pomona.pipeline.options import RunOptions, option_classes
+from pomona.pipeline.options import COMMAND_NAMES, RunOptions, option_kinds
 from pomona.segment.load import located
 from pomona.survey.digest import digest
 
-# Options of `pomona run` that have another name than the field that they set.
-_OTHER_NAMES = {
-    "fruit-diameter": "fruit_diameter_m",
-    "gnss": "use_gnss",
-    "filter": "filter_false_positives",
-}
 # A row's name is part of a folder's name, on every system.
 _NAME = re.compile(r"[^\W_](?:[\w .-]*[\w-])?")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -50,6 +44,7 @@ class WorkerOptions:
     retry_after_s: float = 5.0
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name, least in (("processes", 1), ("cores", 1), ("retries", 0), ("retry_after_s", 0), ("memory_gb", 0.5)):
             value = getattr(self, name)
             if value is not None and value < least:
@@ -137,8 +132,8 @@ def _orchard(path: Path, values: Mapping[str, Any]) -> Orchard:
     if unknown := sorted(resources.keys() - set(STAGES)):
         raise InputError(f"[resources.{unknown[0]}]: expected a stage ({', '.join(STAGES)})")
     return Orchard(
-        title=_of_kind("title", str, values.get("title", path.stem)),
-        out=_place(_of_kind("out", str, values.get("out", path.stem)), path.parent),
+        title=expect_kind("title", str, values.get("title", path.stem)),
+        out=_place(expect_kind("out", str, values.get("out", path.stem)), path.parent),
         surveys=surveys,
         workers=_workers(_table(values, "workers")),
         resources=resources,
@@ -189,22 +184,15 @@ def option_fields() -> dict[str, str]:
 
     They are those of `RunOptions` that are plain values; options of single stages are for `pomona.run`.
     """
-    other = set(_OTHER_NAMES.values())
-    return {_said(name): name for name in sorted(_kinds()) if name not in other} | _OTHER_NAMES
+    other = {_said(name): field_name for name, field_name in COMMAND_NAMES.items()}
+    return {_said(name): name for name in sorted(_kinds()) if name not in other.values()} | other
 
 
 @cache
 def _kinds() -> dict[str, Any]:
     """What the values of the fields of `RunOptions` are that are plain."""
-    hints = get_type_hints(RunOptions, localns=option_classes())
-    kinds = {f.name: _without_none(hints[f.name]) for f in fields(RunOptions)}
+    kinds = {name: without_none(hint) for name, hint in option_kinds().items()}
     return {name: kind for name, kind in kinds.items() if not is_dataclass(kind)}
-
-
-def _without_none(hint: Any) -> Any:
-    """Return the `T` of `T | None`."""
-    parts = [part for part in get_args(hint) if part is not NoneType]
-    return parts[0] if NoneType in get_args(hint) else hint
 
 
 def _options(where: str, table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -216,16 +204,16 @@ def _options(where: str, table: Mapping[str, Any], folder: Path) -> dict[str, An
 
 def _option(where: str, kind: Any, value: Any, folder: Path) -> Any:
     if kind is Path:
-        return _place(_of_kind(where, str, value), folder)
+        return _place(expect_kind(where, str, value), folder)
     parts = get_args(kind)
     if not parts:
-        value = _of_kind(where, kind, value)
+        value = expect_kind(where, kind, value)
         # A model is a file or the name of one that is installed.
         return located(value, folder) if where.endswith(" model") else value
     if not isinstance(value, list) or (parts[-1] is not Ellipsis and len(value) != len(parts)):
         raise InputError(f"{where}: expected a list{_count(parts)}, found {value!r}")
     each = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
-    return [_of_kind(where, part, item) for part, item in zip(each, value, strict=True)]
+    return [expect_kind(where, part, item) for part, item in zip(each, value, strict=True)]
 
 
 def _count(parts: Sequence[Any]) -> str:
@@ -253,7 +241,7 @@ def _workers(table: Mapping[str, Any]) -> WorkerOptions:
     for said, value in table.items():
         name, where = names[said], f"[workers] {said}"
         is_tags = name == "resources"
-        values[name] = _tags(where, value) if is_tags else _of_kind(where, _without_none(hints[name]), value)
+        values[name] = _tags(where, value) if is_tags else expect_kind(where, without_none(hints[name]), value)
     return WorkerOptions(**values)
 
 
@@ -267,16 +255,6 @@ def _tags(where: str, value: Any) -> dict[str, float]:
 
 
 # ---- values ----------------------------------------------------------------------------------------------------------
-
-_WORDS = {str: "a text", bool: "true or false", int: "a whole number", float: "a number"}
-
-
-def _of_kind(where: str, kind: Any, value: Any) -> Any:
-    """Return a value of a plain kind; raises `InputError` for one of another."""
-    accepted = (int, float) if kind is float else (kind,)
-    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        raise InputError(f"{where}: expected {_WORDS[kind]}, found {value!r}")
-    return value
 
 
 def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
@@ -11,6 +13,7 @@ from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import is_there
 from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind, fruit_kind
 from pomona.fruit_traits.packing import packing_classes
+from pomona.option_values import expect_kind
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
@@ -44,6 +47,12 @@ ENGINES: tuple[str, ...] = get_args(Engine)
 TABLES = ("markers", "gcp", "positions", "weights", "trees", "hand_counts", "filter_model")
 # Options that name a file or folder, which must exist when a run begins.
 _FILES = ("detections", "cameras", *TABLES)
+# Options of `pomona run`, hyphens as underscores, that have another name than the field that they set.
+COMMAND_NAMES = {
+    "fruit_diameter": "fruit_diameter_m",
+    "gnss": "use_gnss",
+    "filter": "filter_false_positives",
+}
 # The paper's 3 cm were chosen for apples of 75 mm; other fruits have their own size.
 _EPS_DIAMETERS = 0.4
 
@@ -54,17 +63,17 @@ class RunOptions:
 
     `sides`: "auto", "none" or "GLOB,GLOB". `model`: None (the shipped weights), a model file or the name of an
     installed segmenter; `score_threshold` None: the model's own. `detections`: a file or folder of masks, in place of a
-    segmenter, and `classes`, those of it that are fruit (None: it has one). `cameras`: a reconstruction of another
-    program, used in place of structure from motion. `fruit`: what grows there, a name of `FRUIT_KINDS`, which says how
-    wide and heavy fruits usually are and what they are called (None: as wide and heavy as apples); `fruit_diameter_m`
-    goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its weights. `markers`
-    (metres, or places of `markers_crs`, such as "EPSG:25831") or `gcp` (points clicked in photos, a `gcp_list.txt`),
-    `scale_bar` (two ids, metres), `use_gnss` (places of EXIF, or of `positions`, a table of photos), the usual width:
-    where metres come from, in this order. `variant` of the
-    method "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of
-    both. `engine` makes the dense cloud. `second_look`: whether fruits of the method "object" are looked at again in
-    all photos. `scene`: whether a dense cloud of the whole row is made, to look at. `filter_false_positives`: whether
-    the support vector machine decides which fruits are dropped, with `filter_model` (None: the shipped one).
+    segmenter, and `classes`, those of it that are fruit, a text as well (None: it has one). `cameras`: a reconstruction
+    of another program, used in place of structure from motion. `fruit`: what grows there, a name of `FRUIT_KINDS`,
+    which says how wide and heavy fruits usually are and what they are called (None: as wide and heavy as apples);
+    `fruit_diameter_m` goes before its width, and `weights`, a table of pairs (`diameter_mm,weight_g`), before its
+    weights. `markers` (metres, or places of `markers_crs`, such as "EPSG:25831") or `gcp` (points clicked in photos, a
+    `gcp_list.txt`), `scale_bar` (two ids, metres; "0,1,0.85" is read, too), `use_gnss` (places of EXIF, or of
+    `positions`, a table of photos), the usual width: where metres come from, in this order. `variant` of the method
+    "paper": to the letter of its "text", or as its authors' "published-code" does it; None: what is best of both.
+    `engine` makes the dense cloud. `second_look`: whether fruits of the method "object" are looked at again in all
+    photos. `scene`: whether a dense cloud of the whole row is made, to look at. `filter_false_positives`: whether the
+    support vector machine decides which fruits are dropped, with `filter_model` (None: the shipped one).
 
     `trees`, a table of trunks (`id,x,y`), or `tree_spacing`, the planting distance in metres, say which tree a fruit
     hangs on; without either, trees are where fruits gather at equal distances, if they do. `hand_counts`, a table of
@@ -76,8 +85,8 @@ class RunOptions:
     options of single stages, for those who know them; what the options above say goes before, but `paper` is taken as
     it is.
 
-    Raises `InputError` for values that are unknown. The files named are looked for by `check_files` alone: a survey is
-    read back wherever they are by then.
+    Raises `InputError` for values that are unknown or of another kind. The files named are looked for by `check_files`
+    alone: a survey is read back wherever they are by then.
     """
 
     sides: str = "auto"
@@ -124,6 +133,9 @@ class RunOptions:
     report: ReportOptions | None = None
 
     def __post_init__(self) -> None:
+        self._take_texts()
+        for name, hint in option_kinds().items():
+            self._expect_kind(name, hint)
         for name, known in (("method", METHODS), ("variant", VARIANTS), ("engine", ENGINES)):
             value = getattr(self, name)
             if value is not None and value not in known:
@@ -147,6 +159,25 @@ class RunOptions:
             object.__setattr__(self, "model", located(self.model, Path.cwd()))
         # Wrong values are said before any work is done; the table of weights is not read for that.
         _ = self.of_stages if self.weights is None else replace(self, weights=None)
+
+    def _take_texts(self) -> None:
+        """Read what the command line says as one text, and take a model's path as its name."""
+        read: tuple[tuple[str, type, Callable[[Any], Any]], ...] = (
+            ("scale_bar", str, parse_scale_bar),
+            ("classes", str, parse_names),
+            ("model", PathLike, str),
+        )
+        for name, kind, taken in read:
+            if isinstance(value := getattr(self, name), kind):
+                object.__setattr__(self, name, taken(value))
+
+    def _expect_kind(self, name: str, hint: Any) -> None:
+        value = getattr(self, name)
+        if name == "filter" and isinstance(value, bool):
+            raise InputError(f"`filter`: expected FilterOptions, found {value}: give filter_false_positives={value}")
+        expect_kind(f"`{name}`", hint, value)
+        if isinstance(value, list):  # a tuple is compared and kept as it was read
+            object.__setattr__(self, name, tuple(value))
 
     @property
     def kind(self) -> FruitKind:
@@ -350,39 +381,43 @@ class StageOptions:
 
     @classmethod
     def usual(cls, run: RunOptions) -> StageOptions:
-        """Return those of stages of which nothing was said; imported here, as they bring the engines."""
-        from pomona.dense.options import DenseOptions
-        from pomona.filter.options import FilterOptions
-        from pomona.fuse.object.options import ObjectOptions
-        from pomona.fuse.paper.options import PaperOptions
-        from pomona.measure.options import MeasureOptions
-        from pomona.pipeline.select import SelectOptions
-        from pomona.planting.options import PlantingOptions
-        from pomona.report.options import ReportOptions
-        from pomona.scale.options import ScaleOptions
-        from pomona.scene.options import DenseSceneOptions
-        from pomona.second_look.options import SecondLookOptions
-        from pomona.segment.photo_detections import SegmentOptions
-        from pomona.sfm.options import SfmOptions
-        from pomona.yields.options import YieldOptions
+        """Return those of stages of which nothing was said."""
+        return cls(run=run, **_usual_of_stages())
 
-        return cls(
-            run=run,
-            segment=SegmentOptions(),
-            select=SelectOptions(),
-            sfm=SfmOptions(),
-            scale=ScaleOptions(),
-            object=ObjectOptions(),
-            paper=PaperOptions(),
-            dense=DenseOptions(),
-            looking=SecondLookOptions(),
-            dense_scene=DenseSceneOptions(),
-            filter=FilterOptions(),
-            measure=MeasureOptions(),
-            planting=PlantingOptions(),
-            yields=YieldOptions(),
-            report=ReportOptions(),
-        )
+
+def _usual_of_stages() -> dict[str, Any]:
+    """The options of stages of which nothing was said, by the fields; imported here, as they bring the engines."""
+    from pomona.dense.options import DenseOptions
+    from pomona.filter.options import FilterOptions
+    from pomona.fuse.object.options import ObjectOptions
+    from pomona.fuse.paper.options import PaperOptions
+    from pomona.measure.options import MeasureOptions
+    from pomona.pipeline.select import SelectOptions
+    from pomona.planting.options import PlantingOptions
+    from pomona.report.options import ReportOptions
+    from pomona.scale.options import ScaleOptions
+    from pomona.scene.options import DenseSceneOptions
+    from pomona.second_look.options import SecondLookOptions
+    from pomona.segment.photo_detections import SegmentOptions
+    from pomona.sfm.options import SfmOptions
+    from pomona.yields.options import YieldOptions
+
+    return {
+        "segment": SegmentOptions(),
+        "select": SelectOptions(),
+        "sfm": SfmOptions(),
+        "scale": ScaleOptions(),
+        "object": ObjectOptions(),
+        "paper": PaperOptions(),
+        "dense": DenseOptions(),
+        "looking": SecondLookOptions(),
+        "dense_scene": DenseSceneOptions(),
+        "filter": FilterOptions(),
+        "measure": MeasureOptions(),
+        "planting": PlantingOptions(),
+        "yields": YieldOptions(),
+        "report": ReportOptions(),
+    }
 
 
 def _from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
@@ -400,8 +435,50 @@ def option_classes() -> dict[str, Any]:
     """Return the classes of the options of single stages by name, which annotations of `RunOptions` speak of."""
     from pomona.capture import KeyFrameOptions
 
-    of_stages = vars(StageOptions.usual(RunOptions())).values()
-    return {cls.__name__: cls for cls in (KeyFrameOptions, *map(type, of_stages))}
+    return {cls.__name__: cls for cls in (KeyFrameOptions, *map(type, _usual_of_stages().values()))}
+
+
+@cache
+def option_kinds() -> Mapping[str, Any]:
+    """Return what the value of each field of `RunOptions` is: its annotation."""
+    hints = get_type_hints(RunOptions, localns=option_classes())
+    return {field.name: hints[field.name] for field in fields(RunOptions)}
+
+
+def named_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options by the fields of `RunOptions`; names of the command line, hyphens as underscores, are others.
+
+    `filter` is both: true or false as `pomona run` has it, or the options of the stage.
+
+    Raises `InputError` for names that are none, and for an option that is given by both its names.
+    """
+    known = {field.name for field in fields(RunOptions)} | COMMAND_NAMES.keys()
+    if unknown := sorted(set(given) - known):
+        raise InputError(f"`{unknown[0]}` is not an option: expected some of {', '.join(sorted(known))}")
+    named: dict[str, Any] = {}
+    for said, value in given.items():
+        is_stage = said == "filter" and not isinstance(value, bool)
+        name = said if is_stage else COMMAND_NAMES.get(said, said)
+        if name != said and name in given:
+            raise InputError(f"`{said}` and `{name}` are the same option: give one of them")
+        named[name] = value
+    return named
+
+
+def parse_names(text: str | None) -> tuple[str, ...] | None:
+    """Return the names in `NAME,NAME`."""
+    return tuple(name.strip() for name in text.split(",")) if text is not None else None
+
+
+def parse_scale_bar(text: str | None) -> tuple[int, int, float] | None:
+    """Return marker ids and metres from `ID,ID,METRES`; raises `InputError` for anything else."""
+    if text is None:
+        return None
+    try:
+        one, other, length_m = text.split(",")
+        return int(one), int(other), float(length_m)
+    except ValueError:
+        raise InputError(f"`scale_bar`: expected ID,ID,METRES such as 0,1,0.85, found '{text}'") from None
 
 
 def _value(kind: Any, value: Any) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
@@ -33,6 +34,7 @@ class SelectOptions:
     trusted_share: float = 0.5
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if not 0 < self.trusted_share <= 1:
             raise InputError(f"SelectOptions.trusted_share: expected over 0, up to 1, found {self.trusted_share}")
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,7 @@ class PlantingOptions:
     between: float = 0.1
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if self.spacing_m is not None and not 0.2 <= self.spacing_m <= 50:
             raise InputError(f"`tree_spacing`: expected metres between 0.2 and 50, found {self.spacing_m}")
         if not 0 < self.shortest_m < self.longest_m:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,7 @@ class ContactSheetOptions:
     jpeg_quality: int = 88
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name in ("photos", "columns", "photo_side_px", "fruit_px", "jpeg_quality"):
             if getattr(self, name) < 1:
                 raise InputError(f"ContactSheetOptions.{name}: expected at least 1, found {getattr(self, name)}")
@@ -44,6 +46,7 @@ class ReportOptions:
     contact_sheet: ContactSheetOptions = ContactSheetOptions()
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name, least in (("max_points", 1), ("max_sightings", 1), ("crops_per_fruit", 1), ("crop_photos", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"ReportOptions.{name}: expected at least {least}, found {getattr(self, name)}")

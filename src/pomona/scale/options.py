@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.errors import InputError
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,7 @@ class ScaleOptions:
     least_loose_photos: int = 5
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if not (np.isfinite(self.fruit_diameter_m) and 0.001 < self.fruit_diameter_m < 2.0):
             raise InputError(
                 f"`fruit_diameter_m`: expected metres between 0.001 and 2, such as {DEFAULT_DIAMETER_M}, "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pomona.errors import InputError
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +38,7 @@ class DenseSceneOptions:
     most_points: int = 1_500_000
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name in ("fruit_diameter_m", "work_fruit_px", "nearest", "agreement_px", "voxel_diameters"):
             if not getattr(self, name) > 0:
                 raise InputError(f"`{name}`: expected a positive number, found {getattr(self, name)}")

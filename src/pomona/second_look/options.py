@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +60,7 @@ class SecondLookOptions:
     overlap_radii: float = 1.35
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if not 0 < self.near_deg < 180:
             raise InputError(f"`near_deg`: expected degrees above 0 and below 180, found {self.near_deg}")
         for name in (

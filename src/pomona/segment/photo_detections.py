@@ -13,6 +13,7 @@ import numpy as np
 from pomona.arrays import ByteArray
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import InputError, MissingFileError
+from pomona.option_values import expect_kinds
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
 from pomona.segment.protocol import KEPT_SHARE, Segmenter, TileByTile
@@ -40,6 +41,7 @@ class SegmentOptions:
     sample_photos: int = 4
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if self.score_threshold is not None and not 0 <= self.score_threshold <= 1:
             raise InputError(f"`score_threshold`: expected 0 to 1, found {self.score_threshold}")
         if not 0 <= self.kept_share <= 1:

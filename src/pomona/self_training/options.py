@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,7 @@ class AdaptOptions:
     threads: int | None = None
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name in ("least_score", "least_shown", "least_share", "held_out"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"`{name}`: expected a number above 0 and below 1, found {getattr(self, name)}")

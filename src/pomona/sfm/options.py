@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 Mapper = Literal["incremental", "global"]
 
@@ -62,6 +63,7 @@ class SfmOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         least = {
             "max_side_px": 200,
             "max_features": 500,

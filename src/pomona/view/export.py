@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.drawing import jpeg
 from pomona.errors import InputError, PomonaError, SurveyError
+from pomona.option_values import expect_kinds
 from pomona.progress import Progress, Silent, track
 from pomona.report.contract import TruthData
 from pomona.report.data import ReportData
@@ -39,6 +40,7 @@ class FolderOptions:
     max_sightings: int = ReportOptions.max_sightings
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         if not self.fruit_px > 0:
             raise InputError(f"FolderOptions.fruit_px: expected a positive number, found {self.fruit_px}")
         if not 1 <= self.least_side_px <= self.greatest_side_px:

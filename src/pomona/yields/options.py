@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +29,7 @@ class YieldOptions:
     segment_m: float = 1.0
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name, least in (("fewest_fruits", 3), ("most_photos", 4), ("most_fitted", 50), ("draws", 100)):
             if not getattr(self, name) >= least:
                 raise InputError(f"YieldOptions.{name}: expected at least {least}, found {getattr(self, name)}")

@@ -15,6 +15,7 @@ from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.errors import InputError
 from pomona.evaluate.fruits.truth import Truth
 from pomona.fruits import Fruits
+from pomona.option_values import expect_kinds
 
 Match = Literal["auto", "centers", "boxes", "inside"]
 Overlap = Literal["detection", "iou"]
@@ -38,6 +39,7 @@ class EvaluateOptions:
     visible_photos: int = 2
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name, known in (("match", get_args(Match)), ("overlap", get_args(Overlap))):
             if getattr(self, name) not in known:
                 raise InputError(f"`{name}`: expected one of {', '.join(known)}, found {getattr(self, name)!r}")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pomona.errors import InputError
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
+from pomona.option_values import expect_kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +68,7 @@ class ObjectOptions:
     min_share: float = 0.1
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         for name in (
             "fruit_diameter_m", "crossing_radii", "overlap_radii", "min_support", "outside_radii", "inside_scale",
             "outside_scale", "radius_spread",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pomona.errors import InputError
+from pomona.option_values import expect_kinds
 
 Overlap = Literal["either", "iou"]
 Projection = Literal["lens", "dlt"]
@@ -44,6 +45,7 @@ class PaperOptions:
     size_spread: float = 0.12
 
     def __post_init__(self) -> None:
+        expect_kinds(self)
         choices = {"overlap": Overlap, "projection": Projection, "grouping": Grouping, "unify": Unify}
         for name, known in choices.items():
             if getattr(self, name) not in get_args(known):
