@@ -13,6 +13,7 @@ import pytest
 import pomona
 from pipeline_fakes import Fakes, make_photos
 from pomona.errors import InputError, MissingExtraError, MissingFileError, SurveyError
+from pomona.fruits import Fruits
 from pomona.fuse.object.options import ObjectOptions
 from pomona.survey import SurveyFolder
 from serving import running
@@ -112,6 +113,59 @@ def test_tables(survey: pomona.Survey) -> None:
     assert (detections.x1_px > detections.x0_px).all()
     assert survey.cameras.to_pandas().photo.tolist() == list(survey.cameras.photos)
     assert survey.photos.to_pandas().width_px.tolist() == [96] * 4
+
+
+def test_no_tree_is_no_number_in_tables(survey: pomona.Survey) -> None:
+    pandas = pytest.importorskip("pandas")
+    fruits = Fruits([1, 2], np.zeros((2, 3)), [0.07, 0.07], [1.0, 1.0], [3, 3], tree_ids=[0, 5])  # type: ignore[arg-type]
+    table = fruits.to_pandas()
+    assert table.tree_id[0] is pandas.NA
+    assert (table.tree_id[1], str(table.tree_id.dtype), table.other_tree_id.isna().all()) == (5, "Int64", True)
+    assert table.groupby("tree_id").size().to_dict() == {5: 1}
+    assert table.id.dtype == np.int64
+
+
+def test_no_tree_is_no_number_in_tables_with_places(survey: pomona.Survey, tmp_path: Path) -> None:
+    geopandas = pytest.importorskip("geopandas")
+    pytest.importorskip("pyogrio")
+    table = survey.fruits.to_geopandas("EPSG:32631")
+    assert table.tree_id.isna().all()
+    table.to_file(tmp_path / "fruits.gpkg")
+    assert geopandas.read_file(tmp_path / "fruits.gpkg").tree_id.isna().all()
+
+
+def test_values_are_one_line(survey: pomona.Survey) -> None:
+    assert repr(survey.fruits) == "Fruits(1 fruit)"
+    assert repr(survey.observations) == "Observations(4 observations)"
+    assert repr(survey.detections) == "SurveyDetections(4 photos, 4 detections)"
+    assert repr(survey.detections["IMG_0000.jpg"]) == "Detections('IMG_0000.jpg', 1 detection)"
+    assert repr(survey.photos) == "Photos(4 photos)"
+    assert repr(survey.cameras).startswith("Cameras(4 photos, ")
+    assert repr(survey.cloud).startswith("FruitCloud(")
+    assert repr(survey.trees) == "Trees(0 trees)"
+    assert repr(survey.segments).startswith("RowSegments(")
+    assert "packed" not in repr(survey.detections["IMG_0000.jpg"].masks[0])
+
+
+def test_one_fruit_and_loops(survey: pomona.Survey) -> None:
+    one = survey.fruits[0]
+    assert (len(one), one.ids.tolist()) == (1, [1])
+    assert [fruit.ids.tolist() for fruit in survey.fruits] == [[1]]
+    assert [len(seen) for seen in survey.observations] == [1] * 4
+    assert survey.observations[-1].photo == ("IMG_0003.jpg",)
+    assert len(survey.fruits[:0]) == 0
+    with pytest.raises(IndexError):
+        survey.fruits[1]
+
+
+def test_cameras_by_the_names_of_photos(survey: pomona.Survey) -> None:
+    cameras, points = survey.cameras, survey.fruits.centers_in_world
+    name = cameras.photos[2]
+    np.testing.assert_array_equal(cameras.project(name, points)[0], cameras.project(2, points)[0])
+    assert cameras.intrinsics_of(name) is cameras.intrinsics_of(2)
+    np.testing.assert_array_equal(cameras.rays_in_world(name, [[1, 2]]), cameras.rays_in_world(2, [[1, 2]]))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"no photo 'x\.jpg' has a camera: expected an index, or one of IMG_0000\.jpg"):
+        cameras.project("x.jpg", points)
 
 
 def test_a_table_with_places(survey: pomona.Survey) -> None:

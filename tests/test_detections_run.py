@@ -11,10 +11,10 @@ import pytest
 
 import detection_scenes as scenes
 from detection_scenes import FRUITS, HEIGHT, SCENE, WIDTH, whole
-from pomona.cli.options import parse_names
 from pomona.errors import InputError
 from pomona.formats.detections.coco import read_coco
 from pomona.pipeline import RunOptions, run
+from pomona.pipeline.options import parse_names
 from pomona.survey import SurveyFolder
 
 SIDES = "east/*,west/*"

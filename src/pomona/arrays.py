@@ -70,6 +70,34 @@ def _subset(n: int, k: int, rank: int) -> tuple[int, ...]:
     return tuple(found)
 
 
+class OneLine:
+    """Values that say how much they hold in one line, where a dataclass would print every array and mask.
+
+    A dataclass of it is declared with `repr=False`.
+    """
+
+    _one = "entry"
+
+    def __len__(self) -> int:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._holds()})"
+
+    def _holds(self) -> str:
+        return counted(len(self), self._one)
+
+
+def counted(n: int, one: str) -> str:
+    """Return a number with what it counts: 1 fruit, 2 fruits."""
+    return f"{n} {one}{'' if n == 1 else 's'}"
+
+
+def chosen(n: int, selection: Any) -> IntArray:
+    """Return the indices of 0 … `n` − 1 that a selection takes: a boolean array, indices, a slice, or one index."""
+    return np.asarray(np.atleast_1d(np.arange(n)[selection]))
+
+
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: Any) -> Array:
     """Return `value` as a read-only array of `dtype`, or raise `InputError` saying both shapes.
 

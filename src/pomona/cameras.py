@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray, IntArray, groups, set_checked
+from pomona.arrays import ByteArray, FloatArray, IntArray, OneLine, counted, groups, set_checked
 from pomona.data_frames import data_frame
-from pomona.errors import InputError
+from pomona.errors import InputError, few
 from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 
@@ -58,8 +58,8 @@ def _no_points() -> FloatArray:
     return np.zeros((0, 3))
 
 
-@dataclass(frozen=True, eq=False)
-class Cameras:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cameras(OneLine):
     """n registered photos and m sparse points, all in one frame.
 
     `photos` (n,) names; `intrinsics_idx` (n,) into `intrinsics`; `cam_from_world` (n, 3, 4) = [R | t].
@@ -99,6 +99,9 @@ class Cameras:
 
     def __len__(self) -> int:
         return len(self.photos)
+
+    def _holds(self) -> str:
+        return f"{counted(len(self), 'photo')}, {counted(len(self.points_in_world), 'point')}"
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame`, a row a camera: its photo, centre in the world frame, focal length in pixels."""
@@ -143,15 +146,27 @@ class Cameras:
             track_xy_px=self.track_xy_px[tracks],
         )
 
-    def intrinsics_of(self, photo_idx: int) -> Intrinsics:
-        """Return the intrinsics of one photo."""
-        return self.intrinsics[int(self.intrinsics_idx[photo_idx])]
+    def _idx_of(self, photo: int | str) -> int:
+        if not isinstance(photo, str):
+            return photo
+        idx = self.index_of(photo)
+        if idx is None:
+            raise InputError(
+                f"Cameras: no photo '{photo}' has a camera: expected an index, or one of {few(self.photos)}"
+            )
+        return idx
 
-    def project(self, photo_idx: int, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Project points (n, 3) into a photo: pixels (n, 2), NaN behind the camera, and depths (n,).
+    def intrinsics_of(self, photo: int | str) -> Intrinsics:
+        """Return the intrinsics of one photo, given by its index or name."""
+        return self.intrinsics[int(self.intrinsics_idx[self._idx_of(photo)])]
 
-        The paper's equations 1 and 2, with lens distortion.
+    def project(self, photo: int | str, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Project points (n, 3) into a photo, given by its index or name.
+
+        Returns pixels (n, 2), NaN behind the camera, and depths (n,): the paper's equations 1 and 2, with lens
+        distortion. Raises `InputError` for a name that has no camera.
         """
+        photo_idx = self._idx_of(photo)
         pose = self.cam_from_world[photo_idx]
         points_in_cam = np.asarray(points_in_world) @ pose[:, :3].T + pose[:, 3]
         return self.intrinsics_of(photo_idx).px_from_cam(points_in_cam), points_in_cam[:, 2]
@@ -165,8 +180,9 @@ class Cameras:
             xy_px[mine] = self.intrinsics[lens].px_from_cam(points_in_cam[mine])
         return xy_px, points_in_cam[:, 2]
 
-    def rays_in_world(self, photo_idx: int, xy_px: FloatArray) -> FloatArray:
-        """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2)."""
+    def rays_in_world(self, photo: int | str, xy_px: FloatArray) -> FloatArray:
+        """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2) of a photo: its index or name."""
+        photo_idx = self._idx_of(photo)
         rays: FloatArray = self.intrinsics_of(photo_idx).cam_from_px(xy_px) @ self.cam_from_world[photo_idx][:, :3]
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays

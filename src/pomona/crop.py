@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.arrays import FloatArray, IntArray, OneLine, set_checked
 from pomona.data_frames import data_frame
 from pomona.intervals import Interval
 
@@ -73,13 +73,15 @@ class Crop:
 _INTERVALS = [field.name for field in fields(Crop) if "Interval" in str(field.type)]
 
 
-@dataclass(frozen=True, eq=False)
-class RowSegments:
+@dataclass(frozen=True, eq=False, repr=False)
+class RowSegments(OneLine):
     """m parts of a row, from its start: each from `starts_in_world` to `ends_in_world` (m, 2) on the ground, metres.
 
     `fruits` (m,) were found there; `all_fruits` (m,) are there, hidden ones too, with the ends `all_low` and `all_high`
     of the 95 % interval. `diameters_m` (m,) are medians, NaN where none was measured.
     """
+
+    _one = "segment"
 
     starts_in_world: FloatArray
     ends_in_world: FloatArray

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, FloatArray, IntArray, OneLine, chosen, counted, set_checked
 from pomona.data_frames import data_frame
 from pomona.errors import InputError
 
@@ -24,7 +24,7 @@ class Mask:
     y_px: int
     width_px: int
     height_px: int
-    packed: bytes
+    packed: bytes = field(repr=False)
 
     @classmethod
     def from_pixels(cls, pixels: BoolArray, x_px: int = 0, y_px: int = 0) -> Mask:
@@ -95,8 +95,8 @@ class Mask:
         return Mask(self.x_px + dx_px, self.y_px + dy_px, self.width_px, self.height_px, self.packed)
 
 
-@dataclass(frozen=True, eq=False)
-class Detections:
+@dataclass(frozen=True, eq=False, repr=False)
+class Detections(OneLine):
     """The n detections of one photo: masks, boxes and scores in [0, 1], with ids unique in the survey.
 
     `boxes_px` (n, 4) holds x0, y0, x1, y1 edges in photo pixels. Indexing with a boolean or integer array filters.
@@ -125,6 +125,9 @@ class Detections:
                     f"outside the photo of {self.width_px} × {self.height_px}"
                 )
 
+    def _holds(self) -> str:
+        return f"{self.photo!r}, {counted(len(self), 'detection')}"
+
     @classmethod
     def empty(cls, photo: str, width_px: int, height_px: int) -> Detections:
         """Return no detections, for a photo in which no fruit was found."""
@@ -133,8 +136,8 @@ class Detections:
     def __len__(self) -> int:
         return len(self.masks)
 
-    def __getitem__(self, selection: BoolArray | IntArray | slice) -> Detections:
-        idx = np.arange(len(self))[selection]
+    def __getitem__(self, selection: BoolArray | IntArray | slice | int) -> Detections:
+        idx = chosen(len(self), selection)
         assert self.boxes_px is not None
         return Detections(
             self.photo,
@@ -147,8 +150,8 @@ class Detections:
         )
 
 
-@dataclass(frozen=True)
-class SurveyDetections(Mapping[str, Detections]):
+@dataclass(frozen=True, repr=False)
+class SurveyDetections(OneLine, Mapping[str, Detections]):
     """The detections of every photo of a survey, keyed by photo name; detection ids are unique across photos."""
 
     by_photo: Mapping[str, Detections]
@@ -166,6 +169,9 @@ class SurveyDetections(Mapping[str, Detections]):
 
     def __len__(self) -> int:
         return len(self.by_photo)
+
+    def _holds(self) -> str:
+        return f"{counted(len(self), 'photo')}, {counted(self.total, 'detection')}"
 
     @property
     def total(self) -> int:

@@ -8,21 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, OneLine, chosen, set_checked
 from pomona.data_frames import data_frame, geo_data_frame
 from pomona.errors import InputError
 
 BOTH_SIDES = "both"
 """The side of a fruit that photos of more than one side saw."""
+_TREES = ("tree_id", "other_tree_id")
 
 
-@dataclass(frozen=True, eq=False)
-class FruitCloud:
+@dataclass(frozen=True, eq=False, repr=False)
+class FruitCloud(OneLine):
     """Points on fruit surfaces: `points_in_world` (m, 3), `rgb` (m, 3), `fruit_id` (m,) with 0 for none.
 
     `detections` (m,) counts the detections that took a point while masks were joined, and `scores` (m,) is their mean
     score; both are 0 where there were none, or where fruits were not joined by points.
     """
+
+    _one = "point"
 
     points_in_world: FloatArray
     rgb: ByteArray
@@ -57,9 +60,11 @@ class FruitCloud:
         return cls(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.int64))
 
 
-@dataclass(frozen=True, eq=False)
-class Observations:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observations(OneLine):
     """k sightings: fruit `fruit_id[i]` was seen in photo `photo[i]` as detection `detection_id[i]` at `xy_px[i]`."""
+
+    _one = "observation"
 
     fruit_id: IntArray
     photo: tuple[str, ...]
@@ -80,8 +85,8 @@ class Observations:
         """Return no observations."""
         return cls(np.zeros(0, np.int64), (), np.zeros(0, np.int64), np.zeros((0, 2)))
 
-    def __getitem__(self, selection: BoolArray | IntArray) -> Observations:
-        idx = np.arange(len(self))[selection]
+    def __getitem__(self, selection: BoolArray | IntArray | slice | int) -> Observations:
+        idx = chosen(len(self), selection)
         return Observations(
             self.fruit_id[idx], tuple(self.photo[i] for i in idx), self.detection_id[idx], self.xy_px[idx]
         )
@@ -97,8 +102,8 @@ def _empty_strings() -> tuple[str, ...]:
     return ()
 
 
-@dataclass(frozen=True, eq=False)
-class Fruits:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fruits(OneLine):
     """n fruits. NaN is "not measured", and `reasons` (n,) then says why; it is "" where all is measured.
 
     `ids` (n,) positive and unique; `centers_in_world` (n, 3) metres; `diameters_m`, the greatest across the stalk's
@@ -108,7 +113,12 @@ class Fruits:
     for more than one) are (n,). `stands_for` (n,) is how many fruits of the crop each stands for, itself and those that
     no photo shows (`pomona.yields`). `rough_diameters_m` and `rough_diameter_sds_m` (n,) are of fruits that are not
     measured how large they are likely to be, by the little that is seen of them and the sizes of the others; else NaN.
+
+    Indexing with a boolean array, indices or a slice selects; one index gives that fruit, as fruits of which there is
+    one, and so do loops.
     """
+
+    _one = "fruit"
 
     ids: IntArray
     centers_in_world: FloatArray
@@ -160,8 +170,8 @@ class Fruits:
         """Return no fruits: a valid result of photos without fruit."""
         return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
 
-    def __getitem__(self, selection: BoolArray | IntArray) -> Fruits:
-        idx = np.arange(len(self))[selection]
+    def __getitem__(self, selection: BoolArray | IntArray | slice | int) -> Fruits:
+        idx = chosen(len(self), selection)
         return Fruits(
             self.ids[idx],
             self.centers_in_world[idx],
@@ -183,12 +193,15 @@ class Fruits:
         )
 
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame`, a row a fruit, with the columns of `fruits.csv`; NaN: not measured."""
-        return data_frame(self._columns())
+        """Return a `pandas.DataFrame`, a row a fruit, with the columns of `fruits.csv`.
+
+        NaN: not measured; <NA>: on no tree that is known.
+        """
+        return data_frame(self._columns(), none_is_0=_TREES)
 
     def to_geopandas(self, crs: str | None = None) -> Any:
         """Return a `geopandas.GeoDataFrame` with a point a fruit; `crs` is that of the survey's frame, if any."""
-        return geo_data_frame(self._columns(), self.centers_in_world, crs)
+        return geo_data_frame(self._columns(), self.centers_in_world, crs, none_is_0=_TREES)
 
     def _columns(self) -> dict[str, Any]:
         x_m, y_m, z_m = self.centers_in_world.T

@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from pomona.arrays import OneLine
 from pomona.data_frames import data_frame
 from pomona.errors import InputError
 
@@ -79,9 +80,11 @@ class Skipped:
     reason: str
 
 
-@dataclass(frozen=True)
-class Photos:
+@dataclass(frozen=True, repr=False)
+class Photos(OneLine):
     """The photos of one survey, in order of capture within each side; names are unique."""
+
+    _one = "photo"
 
     items: tuple[Photo, ...]
     skipped: tuple[Skipped, ...] = ()

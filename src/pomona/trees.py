@@ -7,20 +7,22 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray, set_checked
+from pomona.arrays import FloatArray, IntArray, OneLine, set_checked
 from pomona.data_frames import data_frame
 from pomona.errors import InputError
 
 TrunkSource = Literal["given", "spacing", "fruits", "none"]
 
 
-@dataclass(frozen=True, eq=False)
-class Trunks:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trunks(OneLine):
     """n trunks: `ids` (n,), positive and unique, and where they stand, `xy_in_world` (n, 2), metres.
 
     `source`: positions "given" by a person, from a planting distance ("spacing") or found from the "fruits" alone;
     "none" where trees are not known. `spacing_m` is the median distance between neighbours, NaN for fewer than two.
     """
+
+    _one = "trunk"
 
     ids: IntArray
     xy_in_world: FloatArray
@@ -52,8 +54,8 @@ class Trunks:
         return cls(np.zeros(0, np.int64), np.zeros((0, 2)), "none")
 
 
-@dataclass(frozen=True, eq=False)
-class Trees:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trees(OneLine):
     """n trees in the order of their ids, each value (n,); NaN where it is not known.
 
     `xy_in_world` (n, 2) is where the trunk stands, metres; `fruits` are counted on it, and the 95 % interval of
@@ -62,6 +64,8 @@ class Trees:
     (`pomona.yields`). `diameters_m` are medians, `weights_kg` of all the tree's fruits, those that were not
     measured taken as its others, with `weights_low_kg` and `weights_high_kg` the ends of its 95 % interval.
     """
+
+    _one = "tree"
 
     ids: IntArray
     xy_in_world: FloatArray

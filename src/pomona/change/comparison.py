@@ -193,8 +193,8 @@ class Comparison:
         }
 
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` with the columns of `fruits.csv`; NaN: not known."""
-        return data_frame(self.columns())
+        """Return a `pandas.DataFrame` with the columns of `fruits.csv`; NaN and <NA>: not known, or none."""
+        return data_frame(self.columns(), none_is_0=("before_id", "after_id", "tree_id"))
 
 
 def _picked(values: FloatArray, idx: IntArray) -> FloatArray:

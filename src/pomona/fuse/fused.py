@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Fused:
     fruits: Fruits
     observations: Observations
     cloud: FruitCloud
-    shown: Shown | None = None
+    shown: Shown | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.shown is not None and len(self.shown) != len(self.fruits):

@@ -7,21 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, FloatArray, IntArray, OneLine, set_checked
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import read_text
 from pomona.formats.json_file import load_json
 from pomona.formats.small_table import read_small_table, separator_of
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth(OneLine):
     """n true fruits: `ids` (n,), `centers_in_world` (n, 3) and `diameters_m` (n,), `tree_ids` (n,; 0: not known).
 
     `boxes_in_world` (n, 6) holds x, y, z of the lowest and of the highest corner where fruits were annotated as boxes,
     else None. Of k sightings `seen_id[i]` shows `seen_px[i]` pixels in photo `seen_photo[i]`; `seen_photo` is None
     where nobody knows what can be seen.
     """
+
+    _one = "fruit"
 
     ids: IntArray
     centers_in_world: FloatArray
