@@ -246,6 +246,16 @@ def test_where_nothing_is_gone_the_interval_says_so() -> None:
     assert gone.low == gone.value == 0 <= gone.high
 
 
+def test_a_fruit_that_one_survey_lacks_has_no_number_there_in_pandas() -> None:
+    pytest.importorskip("pandas")
+    comparison = compared(found(EARLY, 1)[:40], found(EARLY, 1))
+    table = comparison.to_pandas()
+    assert str(table.before_id.dtype) == "Int64"
+    assert table.before_id.isna().tolist() == (comparison.columns()["before_id"] == 0).tolist()
+    assert table.before_id.isna().any()
+    assert table.before_id.min() > 0
+
+
 def test_rows_without_anything_in_common_are_not_matched_by_force() -> None:
     other = replace(EARLY, seed=6)
     with pytest.raises(InputError, match="nothing in common"):
