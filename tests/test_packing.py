@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from conftest import REPOSITORY
 from pomona.errors import InputError
 from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.pipeline import RunOptions
@@ -25,3 +26,11 @@ def test_own_edges() -> None:
 def test_others_are_refused_before_any_work(text: str) -> None:
     with pytest.raises(InputError, match=r"`packing`: expected one of apples, .*, or edges in mm"):
         RunOptions(packing=text)
+
+
+def test_the_reference_lists_all_names() -> None:
+    page = (REPOSITORY / "docs/reference/commands.md").read_text(encoding="utf-8")
+    for name, classes in PACKING_PRESETS.items():
+        line = next(line for line in page.splitlines() if line.startswith(f"| `{name}` |"))
+        assert f"{classes.edges_mm[0]:.0f}" in line
+        assert f"to {classes.edges_mm[-1]:.0f} in steps of {classes.edges_mm[-1] - classes.edges_mm[-2]:.0f}" in line

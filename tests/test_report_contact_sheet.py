@@ -156,3 +156,20 @@ def test_photos_that_are_shown_whole_are_drawn_on(tmp_path: Path, monkeypatch: p
     options = ContactSheetOptions(photo_side_px=LENS.width_px)
     write_contact_sheet(photos, cameras, fruits, Observations.empty(), tmp_path / "sheet.jpg", options=options)
     assert (cv2.imread(str(tmp_path / "sheet.jpg")) > 60).any()
+
+
+def test_the_key_says_what_a_cross_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    notes: list[str] = []
+
+    def noted(width: int, entries: object, note: str = "") -> np.ndarray:
+        notes.append(note)
+        return np.zeros((30, width, 3), np.uint8)
+
+    monkeypatch.setattr("pomona.report.contact_sheet.key", noted)
+    cameras, fruits = row_cameras(1), row_fruits(4)
+    photos = row_photos(cameras, tmp_path)
+    for photo in photos:
+        photo.path.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(photo.path), np.zeros((LENS.height_px, LENS.width_px, 3), np.uint8))
+    write_contact_sheet(photos, cameras, fruits, observe(fruits, cameras), tmp_path / "sheet.jpg")
+    assert notes == ["cross: its size is not known"]

@@ -60,7 +60,7 @@ def write_contact_sheet(
     """Write a JPEG of a few photos with every fruit in front of the camera drawn as the outline of its sphere.
 
     Thick: the photo saw the fruit, as a detection whose centre is the dot. Thin: known from other photos alone. A
-    photo that cannot be read any more is left out with a warning.
+    cross: its size is not known. A photo that cannot be read any more is left out with a warning.
     """
     options, progress = options or ContactSheetOptions(), progress or Silent()
     by_name = photos.by_name()
@@ -164,4 +164,4 @@ def _key(width: int, any_photo: bool) -> ByteArray:
     if not any_photo:
         return key(width, (), "No photo has a place, so that no fruit can be drawn.")
     seen, other = "thick: seen in this photo; the dot is the detection's centre", "thin: known from other photos"
-    return key(width, ((SEEN, seen), (OTHER, other)))
+    return key(width, ((SEEN, seen), (OTHER, other)), "cross: its size is not known")

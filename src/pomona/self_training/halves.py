@@ -55,9 +55,10 @@ def same_places(one: Fruits, other: Fruits, diameter_m: float) -> IntArray:
 def found_by(
     photos: Photos, detections: SurveyDetections, cameras: Cameras, options: RunOptions, progress: Progress
 ) -> Fused:
-    """Return the measured fruits of the photos that have cameras, by the object method, as a run finds them.
+    """Return the measured fruits of the photos that have cameras, by the object method, nearly as a run finds them.
 
-    The second look is taken where `options` ask for it.
+    The second look is taken where `options` ask for it. Sizes and places are by the outlines alone: unlike in a run,
+    `measure` gets no photos here, so that no circles are looked for in them.
     """
     stages, mine = options.of_stages, detections.of_photos(cameras.photos)
     fused = object.fuse(mine, cameras, options=stages.object)
