@@ -126,7 +126,7 @@ def test_weight_is_shown_with_its_interval_and_where_it_is_from(data: ReportData
     assert f">{total.kg:.1f}</data> <small>kg</small>" in text
     shown = re.sub(r"</?data[^>]*>", "", text)
     assert f"{total.low_kg:.1f} to {total.high_kg:.1f} kg (95 %)" in shown
-    assert "26 Story apples" in text
+    assert "g each, estimated from 26 weighed apples (cultivar Story)" in shown
     assert "1 not measured" in as_read(text)
 
 

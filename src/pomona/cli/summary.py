@@ -67,7 +67,7 @@ def _weight(summary: Summary) -> str:
     total = summary.weight
     if total is None:
         return ""
-    return f"{total.kg:.3g} kg ({total.low_kg:.3g} to {total.high_kg:.3g}, 95 %), by {total.source}"
+    return f"{total.kg:.3g} kg ({total.low_kg:.3g} to {total.high_kg:.3g}, 95 %), estimated from {total.source}"
 
 
 def _crop(summary: Summary) -> str:

@@ -79,7 +79,7 @@ STORY_APPLES = Allometry(
     scatter=0.1204,
     weight_sd=0.0236,
     exponent_sd=0.286,
-    source="26 Story apples",
+    source="26 weighed apples (cultivar Story)",
 )
 """Fitted to the table of GRAP-UdL-AT/ak_sw_benchmarker (MIT licence); a test fits it again."""
 

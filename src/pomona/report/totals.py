@@ -81,7 +81,7 @@ def _weight(data: ReportData) -> str:
         return ""
     digits = 1 if total.kg < 100 else 0
     parts = [f"{amount(total.low_kg, digits)} to {amount(total.high_kg, digits)} kg (95 %)"]
-    parts.append(f"{amount(total.mean_g)} g each by {escape(total.source)}")
+    parts.append(f"{amount(total.mean_g)} g each, estimated from {escape(total.source)}")
     if unweighed := len(data.fruits) - total.weighed:
         parts.append(f"{amount(unweighed)} not measured")
     return card("Weight", f"{amount(total.kg, digits)} <small>kg</small>", ", ".join(parts))
