@@ -300,6 +300,24 @@ def test_the_method_of_the_paper_is_said_once() -> None:
         RunOptions(method="paper", variant="text", paper=PaperOptions())
 
 
+def test_a_refused_table_of_trunks_is_not_kept(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    good, away = tmp_path / "good.csv", tmp_path / "away.csv"
+    good.write_text("id,x,y\n7,0,0.1\n")
+    away.write_text("id,x,y\n7,500,500\n")
+    run([photos], tmp_path / "out", RunOptions(trees=good))
+    before = SurveyFolder.open(tmp_path / "out")
+    good.unlink()
+    with pytest.raises(FormatError, match="expected trunks in the survey's frame"):
+        go_on(tmp_path / "out", until="results", changed={"trees": away})
+    after = SurveyFolder.open(tmp_path / "out")
+    assert after.get("options") == before.get("options")
+    assert all(record.finished for record in after.records.values())
+    assert [path.name for path in (after.folder / "work" / "given" / "trees").iterdir()] == ["good.csv"]
+    go_on(tmp_path / "out")
+    assert read_fruits(after.fruits).tree_ids.tolist() == [7]
+    assert not (after.folder / "work" / "given_before").exists()
+
+
 def test_a_run_that_cannot_begin_leaves_a_survey_as_it_was(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "out", RunOptions(fruit="pear"))
     before = SurveyFolder.open(tmp_path / "out")

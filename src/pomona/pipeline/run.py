@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import InputError, PomonaError, SurveyError
+from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError
 from pomona.photos import Photos
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.summary import Summary, summarise
-from pomona.pipeline.tables import checked_options, keep_tables, tables_gone
+from pomona.pipeline.tables import (
+    checked_options,
+    drop_set_aside_tables,
+    keep_tables,
+    put_back_tables,
+    set_aside_tables,
+    tables_gone,
+)
 from pomona.progress import Progress, Recorder, Silent
 from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
@@ -20,6 +28,8 @@ from pomona.survey.files import disk_errors
 
 # Stages that look at photos one by one, wherever these were taken.
 _OF_PHOTOS = ("segment", "select")
+# What a person gave cannot be used: the same run again would fail again.
+_REFUSED = (InputError, FormatError, MissingFileError)
 
 
 def run(
@@ -83,31 +93,51 @@ def _run(
     if places_photos:
         _check_sides(loaded, least)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
-    # Only now: a survey goes on with the photos and options that it has where these cannot be used.
-    keep_tables(survey, options)
-    survey.note(
-        sources=paths,
-        options=given.to_json(),
-        photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],
-        skipped=[{"name": name, "reason": reason} for name, reason in skipped],
-    )
-    runner = Runner(
-        SurveyContext(survey, loaded),
-        of_stages,
-        sources_of(loaded, digests, corrections),
-        progress=recorder,
-        on_stage=log.stage,
-        warnings=recorder.warnings,
-    )
-    stages = stages_of(options.method, corrected=bool(corrections)).in_order
-    survey.forget_records_but([stage.name for stage in stages])
-    for stage in stages:
-        runner.ensure(stage)
-        if stage.name == until:
-            break
+    with _kept_unless_refused(survey):
+        # Only now: a survey goes on with the photos and options that it has where these cannot be used.
+        keep_tables(survey, options)
+        survey.note(
+            sources=paths,
+            options=given.to_json(),
+            photos=[{"name": p.name, "side": p.side, "digest": digests[p.name]} for p in loaded],
+            skipped=[{"name": name, "reason": reason} for name, reason in skipped],
+        )
+        runner = Runner(
+            SurveyContext(survey, loaded),
+            of_stages,
+            sources_of(loaded, digests, corrections),
+            progress=recorder,
+            on_stage=log.stage,
+            warnings=recorder.warnings,
+        )
+        stages = stages_of(options.method, corrected=bool(corrections)).in_order
+        survey.forget_records_but([stage.name for stage in stages])
+        for stage in stages:
+            runner.ensure(stage)
+            if stage.name == until:
+                break
     summary = summarise(survey, len(loaded), skipped, tuple(recorder.warnings), settled=runner.settled, ran=runner.ran)
     survey.note(summary=summary.to_json(), warnings=summary.warnings)
     return summary
+
+
+@contextmanager
+def _kept_unless_refused(survey: SurveyFolder) -> Iterator[None]:
+    """Let a run note its photos and options; where a stage refuses them, note those of the run before again.
+
+    Commands that go on with the survey take its options: one that was refused would fail all of them.
+    """
+    before = {name: survey.get(name) for name in ("sources", "options", "photos", "skipped")}
+    set_aside_tables(survey)
+    try:
+        yield
+    except _REFUSED:
+        if before["options"] is not None:
+            survey.note(**before)
+            put_back_tables(survey)
+        raise
+    finally:
+        drop_set_aside_tables(survey)
 
 
 def _check_sides(photos: Photos, least: int) -> None:

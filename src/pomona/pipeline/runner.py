@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from pomona.errors import FormatError, SurveyError
+from pomona.errors import FormatError, InputError, SurveyError
 from pomona.pipeline.code import code_digest, engine_versions
 from pomona.pipeline.stage import RUN_LOG, Fact, Input, RunLog, Source, Stage, SurveyContext
 from pomona.progress import Progress, Recorder
@@ -207,9 +207,12 @@ class Runner:
             with disk_errors(self._survey.folder):
                 self._survey.set_record(stage.name, unfinished)  # for a run that ends without a word
                 value, outputs, info = self._computed(stage, recorder)
-        except BaseException:
+        except BaseException as error:
             spent_s, used_s = earlier_s + meter.wall_s, earlier_used_s + meter.processor_s
-            self._note_stopped(stage, replace(unfinished, wall_s=spent_s, processor_s=used_s))
+            stopped = replace(unfinished, wall_s=spent_s, processor_s=used_s)
+            # What was given was refused before anything was written: the earlier result is as good as it was.
+            refused = isinstance(error, InputError | FormatError) and before is not None and before.finished
+            self._note_stopped(stage, before if before is not None and refused else stopped)
             raise
         done = StageRecord(
             fingerprint=fingerprint,

@@ -26,6 +26,27 @@ def keep_tables(survey: SurveyFolder, options: RunOptions) -> None:
             write_file(survey.work("given") / name / table.name, partial(_copy, table))
 
 
+def set_aside_tables(survey: SurveyFolder) -> None:
+    """Keep the copies of the run before beside those of this one, for `put_back_tables`."""
+    kept, aside = survey.work("given"), survey.work("given_before")
+    shutil.rmtree(aside, ignore_errors=True)
+    if kept.is_dir():
+        shutil.copytree(kept, aside)
+
+
+def put_back_tables(survey: SurveyFolder) -> None:
+    """Have the copies of the run before again in place of those of this one, whose options were refused."""
+    kept, aside = survey.work("given"), survey.work("given_before")
+    shutil.rmtree(kept, ignore_errors=True)
+    if aside.is_dir():
+        aside.rename(kept)
+
+
+def drop_set_aside_tables(survey: SurveyFolder) -> None:
+    """Remove the copies of the run before."""
+    shutil.rmtree(survey.work("given_before"), ignore_errors=True)
+
+
 def with_kept_tables(survey: SurveyFolder, options: RunOptions) -> RunOptions:
     """Return the options with the survey's copy of each table that it was made with, where that is gone."""
     before, found = survey.get("options") or {}, dict[str, Any]()
