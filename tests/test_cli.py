@@ -158,6 +158,17 @@ def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert SurveyFolder.open(out).get("options")["fruit_diameter_m"] == 0.08
 
 
+def test_a_planting_distance_replaces_a_table_of_trunks(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    (tmp_path / "trees.csv").write_text("id,x,y\n7,0,0.1\n")
+    pomona("run", photos, "--out", tmp_path / "out", "--trees", tmp_path / "trees.csv", "--fruit", "pear")
+    assert pomona("measure", tmp_path / "out", "--tree-spacing", "1.1").exit_code == 0
+    kept = SurveyFolder.open(tmp_path / "out").get("options")
+    assert (kept["trees"], kept["tree_spacing"], kept["fruit"]) == (None, 1.1, "pear")
+    assert pomona("measure", tmp_path / "out", "--trees", tmp_path / "trees.csv").exit_code == 0
+    kept = SurveyFolder.open(tmp_path / "out").get("options")
+    assert (kept["trees"], kept["tree_spacing"]) == ((tmp_path / "trees.csv").as_posix(), None)
+
+
 def test_stages_need_a_survey(tmp_path: Path) -> None:
     for command in ("reconstruct", "fuse", "measure", "report", "view"):
         result = pomona(command, tmp_path)

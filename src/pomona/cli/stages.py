@@ -69,9 +69,14 @@ def measure(
     tree_spacing: shared.TreeSpacing = None,
     as_json: shared.Json = False,
 ) -> None:
-    """Measure and weigh the fruits of a survey, assign them to trees, and write tables, map and cloud."""
-    changed = {"fruit": fruit, "weights": weights, "trees": trees, "tree_spacing": tree_spacing}
-    _go_on(survey, "results", _given(changed), as_json)
+    """Measure and weigh the fruits of a survey, assign them to trees, and write tables, map and cloud.
+
+    Options that are not given keep their earlier values; --trees and --tree-spacing replace each other.
+    """
+    changed: dict[str, Any] = _given({"fruit": fruit, "weights": weights})
+    if trees is not None or tree_spacing is not None:
+        changed |= {"trees": trees, "tree_spacing": tree_spacing}
+    _go_on(survey, "results", changed, as_json)
 
 
 def report(
