@@ -300,6 +300,22 @@ def test_the_method_of_the_paper_is_said_once() -> None:
         RunOptions(method="paper", variant="text", paper=PaperOptions())
 
 
+def test_a_survey_is_not_replaced_by_one_of_other_photos(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    other = make_photos(tmp_path / "other", 5, seed=9)  # of the same names
+    run([photos], tmp_path / "out")
+    before = SurveyFolder.open(tmp_path / "out").get("photos")
+    with pytest.raises(SurveyError, match=r"is a survey of other photos .*choose another `out`"):
+        run([other], tmp_path / "out")
+    assert SurveyFolder.open(tmp_path / "out").get("photos") == before
+    shutil.copy(photos / "IMG_0003.jpg", other / "IMG_0003.jpg")
+    assert run([other], tmp_path / "out").photos == 5
+    (other / "IMG_0000.jpg").unlink()
+    assert run([other], tmp_path / "out").photos == 4
+    make_photos(other, 5, seed=4)  # edited where they lie
+    assert run([other], tmp_path / "out").photos == 5
+    assert run([photos], tmp_path / "out", overwrite=True).photos == 4
+
+
 def test_a_refused_table_of_trunks_is_not_kept(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     good, away = tmp_path / "good.csv", tmp_path / "away.csv"
     good.write_text("id,x,y\n7,0,0.1\n")

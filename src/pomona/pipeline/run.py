@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError
+from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError, few
 from pomona.photos import Photos
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import RunOptions
@@ -49,7 +49,8 @@ def run(
     whole, and the next run goes on with the stage that was stopped.
 
     Raises errors of `pomona.errors`: for photos and options that cannot be used, photos that cannot be placed, a
-    folder that holds something else, a full disk. Where photos cannot be used, no new folder is left.
+    folder that holds something else or a survey of entirely other photos, a full disk. Where photos cannot be used, no
+    new folder is left.
     """
     options = options or RunOptions()
     if until not in STAGES:
@@ -92,6 +93,7 @@ def _run(
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
     if places_photos:
         _check_sides(loaded, least)
+    _check_same_row(survey, paths, loaded, digests)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     with _kept_unless_refused(survey):
         # Only now: a survey goes on with the photos and options that it has where these cannot be used.
@@ -148,6 +150,25 @@ def _check_sides(photos: Photos, least: int) -> None:
         raise InputError(
             f"Each side of a row is placed by itself, from {least} photos that overlap or more; found: {found}. Take "
             "more photos of a side, or, where all are of one side, use `sides` none"
+        )
+
+
+def _check_same_row(survey: SurveyFolder, paths: Sequence[Path], photos: Photos, digests: Mapping[str, str]) -> None:
+    """Raise `SurveyError` where a survey that has results shares no photo with this run, which would replace them.
+
+    Photos are the same by their contents, wherever they lie and whatever they are called; those that were edited where
+    they lie, by their names. A video is the same by its place: how its frames are chosen may have changed.
+    """
+    before = {entry["name"]: entry["digest"] for entry in survey.get("photos") or () if entry.get("digest")}
+    if not before or not any(record.finished for record in survey.records.values()):
+        return
+    in_place = [path.as_posix() for path in paths] == survey.get("sources")
+    if in_place and (photos.from_video or before.keys() & set(photos.names)):
+        return
+    if not set(before.values()) & set(digests.values()):
+        raise SurveyError(
+            f"{survey.folder} is a survey of other photos ({few([*before], 2)}): expected some of these, found "
+            f"{few(photos.names, 2)}. Its results are kept: choose another `out`, or discard them with `overwrite`"
         )
 
 
