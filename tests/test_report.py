@@ -36,7 +36,7 @@ from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import kept_of_each
 from pomona.report.svg import Axis, Dot, dot_chart, nice_step
 from pomona.report.tables import trees_table
-from pomona.report.totals import duration
+from pomona.report.totals import duration, totals
 from pomona.report.truth import counts_by_tree
 from pomona.scale import ScaleReport, SideTie
 from pomona.scale.report import Accuracy
@@ -109,7 +109,7 @@ def test_totals_say_what_the_values_say(data: ReportData, text: str) -> None:
     for expected in (
         "Fruits 240 from 1,234 detections",
         f"Median diameter {median_mm:.1f} mm",
-        "16 of 18",
+        "16 of 17",
     ):
         assert expected in words
     times = text[text.index("<h2>Time per stage</h2>") :]
@@ -151,9 +151,7 @@ def test_sizes_on_trees_are_in_no_unit_without_a_scale(data: ReportData) -> None
 def test_quality_is_gathered_with_advice_that_names_photos(data: ReportData, text: str) -> None:
     section = text[text.index('<section class="sheet" id="quality">') :]
     section = section[: section.index("</section>")]
-    assert f"<td>{len(data.cameras)} of {len(data.photos) + len(data.photos.skipped)}</td>" in re.sub(
-        ' class="[^"]*"', "", section
-    )
+    assert f"<td>{len(data.cameras)} of {len(data.photos)}</td>" in re.sub(' class="[^"]*"', "", section)
     assert f"{data.lost[0].photo}: {data.lost[0].advice}" in section
     assert "would close the gap" not in section
     east = [i for i, name in enumerate(data.cameras.photos) if name.startswith("east")]
@@ -361,6 +359,19 @@ def test_stray_points_do_not_coarsen_the_rest(data: ReportData) -> None:
         np.concatenate([cloud.fruit_id, [0, 0]]),
     )
     assert payload(replace(data, cloud=with_strays))["scene"]["size"] == payload(data)["scene"]["size"]
+
+
+def test_photos_are_counted_as_the_command_counts_them(data: ReportData) -> None:
+    def card(data: ReportData) -> str:
+        words = re.sub("<[^>]+>", " ", as_read(totals(data)))
+        return re.sub(r"[ ,]+", " ", words[words.index("Photos used") :])
+
+    used, usable = len(data.cameras), len(data.photos)
+    assert card(data).startswith(f"Photos used {used} of {usable} 1 without a place 1 more file left out")
+    nowhere = replace(data, cameras=row_cameras().of_photos(()), lost=(), photos=Photos(data.photos.items))
+    assert card(nowhere).startswith(f"Photos used 0 of {usable} {usable} without a place")
+    all_placed = replace(data, lost=(), photos=Photos(data.photos.items[:-1]))
+    assert card(all_placed).startswith(f"Photos used {used} of {used} all of them have a place")
 
 
 def test_no_fruit_is_a_valid_report() -> None:

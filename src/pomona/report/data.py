@@ -32,7 +32,7 @@ class ReportData:
     """All that the report shows of one survey.
 
     `cloud` holds the points of the scene (`fruit_id` 0) and of the fruits, in the frame of `cameras`. `photos` are
-    all that were given, with those that could not be read in `photos.skipped`; `lost` are those without a place,
+    all that can be used, with files that cannot, or are copies, in `photos.skipped`; `lost` are those without a place,
     `problems` those that are blurred or badly lit (None: not looked at).
     `detections` is their number in all photos (None: not known); `masks`, by photo, are those that may have become
     fruit, where outlines and crops are wanted. `corrections` is how many a person made that found their fruit. `scale`
@@ -67,6 +67,11 @@ class ReportData:
     engines: Mapping[str, str] = field(default_factory=dict)
     version: str = ""
     provisional: bool = False
+
+    @property
+    def usable_photos(self) -> int:
+        """How many photos could be used: files that cannot be read, and copies of others, are not among them."""
+        return max(len(self.photos), len(self.cameras) + len(self.lost))  # without their folder, few are known
 
     @property
     def sizes(self) -> SizeDistribution | None:

@@ -28,13 +28,12 @@ def quality(data: ReportData) -> str:
 
 
 def _photos(data: ReportData) -> Iterator[tuple[str, str, str]]:
-    given = len(data.photos) + len(data.photos.skipped)
     advice = ""
     if data.lost:
         advice = f"{few([photo.photo for photo in data.lost])}: {data.lost[0].advice}"
     elif data.photos.skipped:
         advice = f"{few([file.name for file in data.photos.skipped])}: {data.photos.skipped[0].reason}"
-    yield "photos with a place", f"{len(data.cameras)} of {given}", advice
+    yield "photos with a place", f"{len(data.cameras)} of {data.usable_photos}", advice
     if data.problems is not None:
         for names, what, advice in (
             (data.problems.blurred, "blurred photos", "hold still, walk more slowly or expose shorter"),

@@ -103,11 +103,13 @@ def _diameter(data: ReportData) -> str:
 
 
 def _photos(data: ReportData) -> str:
-    given = len(data.photos) + len(data.photos.skipped)
-    used, lost = len(data.cameras), len(data.lost)
-    parts = [f'<a href="#lost">{lost} without a place</a>'] if lost else []
-    if data.photos.skipped:
-        parts.append(f'<a href="#lost">{len(data.photos.skipped)} not readable</a>')
+    given, used = data.usable_photos, len(data.cameras)
+    parts = []
+    if given > used:  # no reasons are known where no fruit was found, which needs no places
+        without = f"{given - used} without a place"
+        parts.append(f'<a href="#lost">{without}</a>' if data.lost else without)
+    if skipped := len(data.photos.skipped):
+        parts.append(f'<a href="#lost">{skipped} more file{"s" if skipped > 1 else ""} left out</a>')
     return card(
         "Photos used",
         f"{amount(used)} <small>of {amount(given)}</small>",
