@@ -6,7 +6,9 @@ import io
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -17,6 +19,11 @@ from pomona.cli.app import app
 from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import seconds
 from pomona.errors import InputError
+from pomona.pipeline import run
+from pomona.progress import Progress
+from pomona.report import ReportData
+from pomona.scale.report import Placed
+from pomona.sfm.pieces import Unregistered
 from pomona.survey import SurveyFolder
 
 TRUTH = "id,x,y,z,diameter\n1,0,0,2,0.07\n2,1,0,2,0.07\n"
@@ -44,6 +51,31 @@ def test_run_says_what_a_person_wants_to_know(fakes: Fakes, photos: Path, tmp_pa
         assert text in result.stdout
     assert "a warning of fuse" in result.stderr
     assert "Warning" not in result.stdout
+
+
+def test_survey_and_report_of_a_command_name_its_options(
+    fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def place(reconstruction: object, photos: object, *, progress: Progress, **given: Any) -> Placed:
+        progress.warn("give `fruit_diameter_m`")
+        lost = (Unregistered("lost.jpg", "", "no side", "name the `sides`"),)
+        return replace(fakes._place(reconstruction, photos, progress=progress, **given), lost=lost)
+
+    shown: list[ReportData] = []
+    monkeypatch.setattr("pomona.scale.place_in_world", place)
+    monkeypatch.setattr(
+        "pomona.report.write_report", lambda data, path, **options: (shown.append(data), path.write_text(""))
+    )
+    for seed, name in enumerate(("anna", "bert")):  # which are warned of as sides, outside of all stages
+        make_photos(tmp_path / "row" / name, 3, seed=seed)
+    assert pomona("run", tmp_path / "row", "--out", tmp_path / "out").exit_code == 0
+    kept = SurveyFolder.open(tmp_path / "out").get("warnings")
+    assert "give --fruit-diameter" in kept
+    assert any("use --sides none" in warning for warning in kept)
+    assert list(shown[0].warnings) == kept
+    assert [photo.advice for photo in shown[0].lost] == ["name the --sides"]
+    run([tmp_path / "row"], tmp_path / "by python")
+    assert "give `fruit_diameter_m`" in SurveyFolder.open(tmp_path / "by python").get("warnings")
 
 
 def test_run_prints_json_alone_on_stdout(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

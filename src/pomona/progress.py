@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Sized
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
@@ -38,11 +38,20 @@ class Silent:
         self.warnings.append(message)
 
 
-class Recorder:
-    """A `Progress` that passes everything on, each warning once, and remembers the warnings."""
+def words_of(listener: Progress) -> Callable[[str], str]:
+    """Return what words messages for who listens: its method `words`, where it has one.
 
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
+    Messages name parameters of Python; a person at the command line knows its options.
+    """
+    words: Callable[[str], str] = getattr(listener, "words", str)
+    return words
+
+
+class Recorder:
+    """A `Progress` that passes everything on, each warning once and in `words`, and remembers the warnings."""
+
+    def __init__(self, progress: Progress, words: Callable[[str], str] = str) -> None:
+        self._progress, self._words = progress, words
         self.warnings: list[str] = []
 
     def start(self, label: str, total: int | None = None) -> None:
@@ -55,6 +64,7 @@ class Recorder:
 
     def warn(self, message: str) -> None:
         """Remember the warning and pass it on, the first time."""
+        message = self._words(message)
         if message not in self.warnings:
             self.warnings.append(message)
             self._progress.warn(message)

@@ -100,7 +100,11 @@ class TerminalProgress:
 
     def warn(self, message: str) -> None:
         """Print a warning at once."""
-        self._print(Text.assemble(("Warning: ", "yellow"), with_options(message)))
+        self._print(Text.assemble(("Warning: ", "yellow"), self.words(message)))
+
+    def words(self, message: str) -> str:
+        """Return a message as a survey that a command made keeps and shows it: it names options."""
+        return with_options(message)
 
     def _title(self) -> str:
         names = ("photos", *STAGES)

@@ -60,7 +60,8 @@ def _gathered(
     from pomona.report import ReportData, StageTime, engines_of, settings_in_words
 
     records = run_log.records
-    warnings = [*run_log.warnings, *(warning for record in records.values() for warning in record.warnings)]
+    words = run_log.words
+    warnings = [*run_log.warnings, *(words(w) for record in records.values() for w in record.warnings)]
     return ReportData(
         title=run_log.title,
         photos=replace(photos, skipped=skipped),
@@ -70,8 +71,8 @@ def _gathered(
         cloud=results.scene,
         detections=selected.counted.total,
         masks=selected.trusted,
-        lost=placed.lost,
-        scale=placed.report,
+        lost=tuple(replace(photo, reason=words(photo.reason), advice=words(photo.advice)) for photo in placed.lost),
+        scale=replace(placed.report, contradictions=tuple(map(words, placed.report.contradictions))),
         trees=results.trees,
         fruit_words=options.words,
         packing=options.packing,

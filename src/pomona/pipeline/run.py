@@ -21,7 +21,7 @@ from pomona.pipeline.tables import (
     set_aside_tables,
     tables_gone,
 )
-from pomona.progress import Progress, Recorder, Silent
+from pomona.progress import Progress, Recorder, Silent, words_of
 from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
 from pomona.survey.files import disk_errors
@@ -64,16 +64,26 @@ def run(
                 survey.clear()
             log = EventLog(survey, progress or Silent(), on_stage=on_stage)
             with log, disk_errors(survey.folder):  # the log tells of a full disk in the same words
-                return _run(paths, survey, options, used, log, until=until)
+                return _run(paths, survey, options, used, log, words_of(progress or Silent()), until=until)
     except PomonaError:
         survey.withdraw()
         raise
 
 
 def _run(
-    paths: Sequence[Path], survey: SurveyFolder, given: RunOptions, options: RunOptions, log: EventLog, *, until: str
+    paths: Sequence[Path],
+    survey: SurveyFolder,
+    given: RunOptions,
+    options: RunOptions,
+    log: EventLog,
+    words: Callable[[str], str],
+    *,
+    until: str,
 ) -> Summary:
-    """Run with `options`: those `given`, which the survey notes, with its copies of tables that are gone."""
+    """Run with `options`: those `given`, which the survey notes, with its copies of tables that are gone.
+
+    Messages are kept in the `words` of who listens.
+    """
     # Imported here, as they bring the engines: `pomona --help` has to be quick.
     from pomona.corrections import read_corrections
     from pomona.pipeline.runner import Runner
@@ -81,7 +91,7 @@ def _run(
     from pomona.pipeline.stage import SurveyContext
     from pomona.pipeline.stages import stages_of
 
-    recorder = Recorder(log)
+    recorder = Recorder(log, words)
     for table in tables_gone(given, options):
         recorder.warn(table)
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
@@ -111,6 +121,7 @@ def _run(
             progress=recorder,
             on_stage=log.stage,
             warnings=recorder.warnings,
+            words=words,
         )
         stages = stages_of(options.method, corrected=bool(corrections)).in_order
         survey.forget_records_but([stage.name for stage in stages])
@@ -118,7 +129,15 @@ def _run(
             runner.ensure(stage)
             if stage.name == until:
                 break
-    summary = summarise(survey, len(loaded), skipped, tuple(recorder.warnings), settled=runner.settled, ran=runner.ran)
+    summary = summarise(
+        survey,
+        len(loaded),
+        skipped,
+        tuple(recorder.warnings),
+        settled=runner.settled,
+        ran=runner.ran,
+        words=words,
+    )
     survey.note(summary=summary.to_json(), warnings=summary.warnings)
     return summary
 

@@ -57,7 +57,7 @@ class Runner:
 
     `finished` names stages that are taken as an earlier run left them, whatever they were made from: without the photos
     that cannot be known. `warnings` are those given outside of stages. `on_stage` is called with the name of each stage
-    that is computed.
+    that is computed. `words` puts messages as who listens knows them.
     """
 
     def __init__(
@@ -70,10 +70,11 @@ class Runner:
         on_stage: Callable[[str], None] = lambda name: None,
         warnings: Sequence[str] = (),
         finished: frozenset[str] = frozenset(),
+        words: Callable[[str], str] = str,
     ) -> None:
         self._context, self._options, self._sources = context, options, sources
         self._progress, self._on_stage, self._warnings = progress, on_stage, warnings
-        self._finished = finished
+        self._finished, self._words = finished, words
         self._records: dict[Stage[Any], StageRecord] = {}
         self._values: dict[Stage[Any], Any] = {}
         self.ran: set[str] = set()
@@ -137,7 +138,7 @@ class Runner:
             return self.ensure(source.stage).info[source.name]
         if source == RUN_LOG:
             chosen = self._survey.get("options") or {}
-            return RunLog(self._survey.folder.name, self._survey.records, self._warnings, chosen)
+            return RunLog(self._survey.folder.name, self._survey.records, self._warnings, chosen, self._words)
         return self._sources[source].value if isinstance(source, Source) else self.value(source)
 
     def _fingerprint(self, stage: Stage[Any]) -> str:

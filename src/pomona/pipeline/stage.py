@@ -45,12 +45,16 @@ RUN_LOG = Source("run log", watched=False)
 
 @dataclass(frozen=True)
 class RunLog:
-    """The survey's name, the records of the stages so far, warnings outside of stages in this run, and its options."""
+    """The survey's name, the records of the stages so far, warnings outside of stages in this run, and its options.
+
+    `words` puts messages, such as the warnings of stages, as who listens to the run knows them.
+    """
 
     title: str
     records: Mapping[str, StageRecord]
     warnings: Sequence[str]
     options: Mapping[str, Any] = field(default_factory=dict)
+    words: Callable[[str], str] = str
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,13 +75,18 @@ def summarise(
     *,
     settled: Set[str],
     ran: Set[str],
+    words: Callable[[str], str] = str,
 ) -> Summary:
-    """Return the summary of what `survey.json` knows of the stages that a run `settled`; those in `ran` it computed."""
+    """Return the summary of what `survey.json` knows of the stages that a run `settled`; those in `ran` it computed.
+
+    Warnings are in the `words` of who listens to the run.
+    """
     records = {name: record for name, record in survey.records.items() if name in settled}
     scale = records.get("scale")
     results = records.get("results")
     lost = _lost(scale, "lost") if scale else _lost(records.get("sfm"), "unregistered")
-    all_warnings = dict.fromkeys([*warnings, *(w for record in records.values() for w in record.warnings)])
+    of_stages = (words(warning) for record in records.values() for warning in record.warnings)
+    all_warnings = dict.fromkeys([*warnings, *of_stages])
     return Summary(
         survey=survey.folder,
         photos=photos,
