@@ -18,6 +18,14 @@ class InputError(PomonaError, ValueError):
     """What was given cannot be used: a wrong option value, an empty folder, inconsistent arrays."""
 
 
+class DamagedPhotoError(InputError):
+    """A photo's pixels cannot be decoded; `reason` says why without naming it, where others name it."""
+
+    def __init__(self, photo: str, reason: str) -> None:
+        super().__init__(f"{photo}: {reason}")
+        self.reason = reason
+
+
 class MissingFileError(PomonaError, FileNotFoundError):
     """A file or folder that was named does not exist."""
 

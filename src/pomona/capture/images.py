@@ -14,7 +14,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pomona.arrays import Array, ByteArray, FloatArray
 from pomona.capture.exif import Exif, parse_exif
-from pomona.errors import FormatError, InputError, LostFileError, MissingFileError, is_away
+from pomona.errors import DamagedPhotoError, FormatError, InputError, LostFileError, MissingFileError, is_away
 from pomona.photos import Photo
 
 pillow_heif.register_heif_opener()
@@ -157,7 +157,8 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
             pixels = _grey(image) if mode == "L" else _rgb(image)
     except _READ_ERRORS as error:
         check_unchanged(photo, error)
-        raise InputError(f"Photo {photo.name} ({photo.path}) cannot be decoded: {error}") from None
+        reason = f"its pixels cannot be decoded ({error})"
+        raise DamagedPhotoError(f"Photo {photo.name} ({photo.path})", reason) from None
     check_unchanged(photo)
     pixels = _upright(pixels, photo.orientation)
     if (pixels.shape[1], pixels.shape[0]) != size:

@@ -12,7 +12,7 @@ import numpy as np
 
 from pomona.arrays import ByteArray
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import DamagedPhotoError, InputError, MissingFileError
 from pomona.option_values import expect_kinds
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
@@ -179,6 +179,8 @@ def _look(
         segmenter, scale = segmenter.reading_at(scale)
     try:
         pixels = _pixels_at(photo, scale)
+    except DamagedPhotoError as error:
+        return error.reason
     except (InputError, MissingFileError) as error:
         return str(error)
     with turns:

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.errors import InputError, MissingFileError, ReconstructionError
+from pomona.errors import DamagedPhotoError, InputError, MissingFileError, ReconstructionError
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
@@ -104,7 +104,10 @@ def _reconstruct_side(
 
 
 def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progress: Progress) -> dict[int, str]:
-    """Find the features of the photos that have none yet; return which photos could not be read, and why."""
+    """Find the features of the photos that have none yet; return which photos could not be read, and why.
+
+    Nobody is warned of these here: who looks for fruits in them is, and they are among the photos without a place.
+    """
     photos, unreadable = workspace.photos, {}
     missing = engine.missing_features(workspace.database, len(photos))
     progress.start(f"Features{label}", len(photos))
@@ -117,14 +120,14 @@ def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progres
         unreadable.update({i: reason for i, reason in zip(batch, found, strict=True) if isinstance(reason, str)})
         workspace.save_features(good)
         progress.advance(len(batch))
-    for i, reason in unreadable.items():
-        progress.warn(f"Photo {photos[i].name} is left out: {reason}")
     return unreadable
 
 
 def _try_extract(photo: Photo, options: SfmOptions, kept: KeptFeatures) -> Features | str:
     try:
         return kept.get(photo) or extract(photo, options)
+    except DamagedPhotoError as error:
+        return error.reason
     except (InputError, MissingFileError) as error:
         return str(error)
 
