@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -162,12 +164,29 @@ def test_two_videos_are_two_sides(tmp_path: Path) -> None:
     assert photos.names[0].startswith("east/frame_")
 
 
-@pytest.mark.parametrize("content", [b"", b"\0\0\0\x18ftypmp42" + bytes(5000), b"nothing like a video" * 99])
+@pytest.mark.parametrize("content", [b"\0\0\0\x18ftypmp42" + bytes(5000), b"nothing like a video" * 99])
 def test_a_video_that_cannot_be_decoded_is_named(tmp_path: Path, content: bytes) -> None:
     video = tmp_path / "walk.mp4"
     video.write_bytes(content)
     with pytest.raises(InputError, match=r"walk\.mp4 cannot be decoded as a video"):
         load_photos([video], frames_dir=tmp_path / "frames", progress=Silent())
+
+
+def test_the_decoders_own_words_are_kept_from_the_terminal(tmp_path: Path) -> None:
+    (tmp_path / "walk.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(5000))
+    run = "import sys, pathlib; from pomona.capture import load_photos; load_photos([pathlib.Path(sys.argv[1])], "
+    run += "frames_dir=pathlib.Path(sys.argv[2]))"
+    # FFmpeg reads how much it may say once in a process.
+    command = [sys.executable, "-c", run, str(tmp_path / "walk.mp4"), str(tmp_path / "frames")]
+    said = subprocess.run(command, capture_output=True, text=True, check=False).stderr
+    assert "cannot be decoded as a video" in said
+    assert "moov atom" not in said
+
+
+def test_an_empty_video_is_said_to_be_empty(tmp_path: Path) -> None:
+    (tmp_path / "walk.mp4").touch()
+    with pytest.raises(InputError, match=r"walk\.mp4 cannot be decoded: the file is empty \(0 bytes\)"):
+        load_photos([tmp_path / "walk.mp4"], frames_dir=tmp_path / "frames")
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:

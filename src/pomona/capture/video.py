@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from pomona.errors import InputError
 from pomona.progress import Progress
 
 _MANIFEST = "frames.json"
+_QUIET = "-8"  # FFmpeg's AV_LOG_QUIET
 _VERSION = 2  # of `frames.json` and of how frames are chosen: another one takes them anew
 
 
@@ -134,6 +136,10 @@ def _read_manifest(frames_dir: Path) -> dict[str, Any] | None:
 
 def _decode(video: Path, options: KeyFrameOptions, progress: Progress) -> Iterator[Frame]:
     """Yield the video's frames, upright, at most `options.most_per_s` a second."""
+    if video.stat().st_size == 0:
+        raise InputError(f"{video} cannot be decoded: the file is empty (0 bytes). Copy it again from the camera")
+    # FFmpeg writes to the terminal itself, into progress and messages; what matters of that is said here.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", _QUIET)
     capture = cv2.VideoCapture(str(video))
     try:
         if not capture.isOpened():
