@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.fuse.paper.options import PaperOptions
 from pomona.pipeline import STAGES, RunOptions, go_on, run
+from pomona.scale.report import PieceScale, ScaleReport
 from pomona.survey import SurveyFolder
 
 ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
@@ -196,6 +198,29 @@ def test_two_sides(fakes: Fakes, tmp_path: Path) -> None:
     east, west = make_photos(tmp_path / "east"), make_photos(tmp_path / "west", seed=1)
     summary = run([east, west], tmp_path / "out")
     assert (summary.photos, summary.detections) == (8, 8)
+
+
+def test_sides_that_are_not_joined_are_in_the_summary(
+    fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def place(tied: int, *sides: str) -> None:
+        pieces = tuple(PieceScale(side, 4, "fruit-diameter", 1.0) for side in sides)
+        report = ScaleReport("fruit-diameter", pieces, tied_pieces=tied)
+        monkeypatch.setattr(
+            "pomona.scale.place_in_world",
+            lambda *given, **options: replace(fakes._place(*given, **options), report=report),
+        )
+
+    rows = make_photos(tmp_path / "east"), make_photos(tmp_path / "west", seed=1)
+    place(0, "east", "west")
+    assert run(rows, tmp_path / "out").sides == (
+        "east and west are not joined: fruits seen from both are counted twice",
+    )
+    place(2, "east", "west")
+    assert run(rows, tmp_path / "tied").sides == ()
+    place(2, "east", "east", "west")
+    (said,) = run(rows, tmp_path / "parts").sides
+    assert said.startswith("some pieces of east and west are not joined")
 
 
 def test_given_cameras_need_no_reconstruction(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from pomona.crop import Crop
 from pomona.fruits import TotalWeight
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
+from pomona.survey.facts import scale_report_from
 
 _SOURCES = {
     "markers": "metres from markers",
@@ -40,7 +41,8 @@ class Summary:
     """The end of a run. What a partial run did not come to is None.
 
     `fruit` is the kind that the person named; `crop` is all that hangs there, hidden fruits too; `sides` says how well
-    the sides of the row agree, `corrections` how many were applied; `lost` are photo names with reasons.
+    the sides of the row agree, or that they are not joined, `corrections` how many were applied; `lost` are
+    photo names with reasons.
     """
 
     survey: Path
@@ -99,7 +101,7 @@ def summarise(
         corrections=_corrections(results.info) if results else None,
         scale=_scale(scale.info) if scale else None,
         approximate=bool(scale.info["frame"]["approximate"]) if scale else None,
-        sides=tuple(_tie(entry) for entry in scale.info["report"]["ties"]) if scale else (),
+        sides=_sides(scale.info["report"]) if scale else (),
         lost=tuple(lost),
         skipped=skipped,
         stages=tuple(
@@ -137,6 +139,20 @@ def _scale(info: Mapping[str, Any]) -> str:
     if contradictions := len(info["report"]["contradictions"]):
         text += f"; contradicted by {contradictions} of the warnings"
     return text + (", approximate" if frame.approximate and frame.metric else "")
+
+
+def _sides(report: Mapping[str, Any]) -> tuple[str, ...]:
+    """How well sides agree that are in one frame, and which are in none."""
+    agree = [_tie(entry) for entry in report["ties"]]
+    if scale_report_from(report).sides_are_tied:
+        return tuple(agree)
+    sides = [*dict.fromkeys(piece["side"] for piece in report["pieces"])]
+    if len(sides) == 1:
+        apart = f"pieces of {sides[0]} are not joined: they were set beside each other"
+    else:
+        parts = "some pieces of " if report["tied_pieces"] > 1 else ""
+        apart = f"{parts}{' and '.join(sides)} are not joined: fruits seen from both are counted twice"
+    return (*agree, apart)
 
 
 def _tie(entry: Mapping[str, Any]) -> str:
