@@ -438,6 +438,41 @@ def test_fruit_diameter_gives_approximate_metres_and_says_so(diameter_m: float, 
     assert placed.report.pieces[0].source == "fruit-diameter"
 
 
+@pytest.mark.parametrize(("per_metre", "said"), [(100, "7.5 m"), (1000, "75.* m"), (0.1, "7.* mm")])
+def test_lengths_by_which_fruits_are_of_an_impossible_size_are_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, per_metre: float, said: str
+) -> None:
+    world, detections = with_fruit(WEST, 0.075)
+    one, photos = Reconstruction((as_piece(world, "west"),)), photos_of(WEST)
+    show_markers(monkeypatch, sighted([WEST], PLACES))
+    length = per_metre * float(np.linalg.norm(np.subtract(PLACES[0], PLACES[5])))
+    places = {i: [per_metre * x for x in place] for i, place in PLACES.items()}
+    for options, what in (
+        (ScaleOptions(scale_bar=(0, 5, length)), "`scale_bar`"),
+        (ScaleOptions(markers=marker_table(tmp_path / "markers.csv", places)), "`markers`"),
+    ):
+        with pytest.raises(InputError, match=f"fruits come out {said} wide .*expected about 75 mm: .*{what} in metres"):
+            place_in_world(one, photos, options=options, detections=detections)
+
+
+@pytest.mark.parametrize("diameter_m", [0.02, 0.075, 0.3])
+def test_fruits_of_another_kind_are_no_contradiction(monkeypatch: pytest.MonkeyPatch, diameter_m: float) -> None:
+    world, detections = with_fruit(WEST, diameter_m)
+    show_markers(monkeypatch, sighted([WEST], PLACES))
+    length = float(np.linalg.norm(np.subtract(PLACES[0], PLACES[5])))
+    one, options = Reconstruction((as_piece(world, "west"),)), ScaleOptions(scale_bar=(0, 5, length))
+    placed = place_in_world(one, photos_of(WEST), options=options, detections=detections)
+    assert not any("fruits come out" in text for text in placed.report.notes)
+
+
+def test_photos_by_whose_positions_fruits_are_of_an_impossible_size_are_doubted() -> None:
+    world, detections = with_fruit(WEST, 0.005)
+    one = Reconstruction((as_piece(world, "west"),))
+    placed = place_in_world(one, located(WEST), detections=detections)
+    assert placed.cameras.frame.scale_source == "gnss"
+    assert sum("fruits come out" in text for text in placed.report.contradictions) == 1
+
+
 def test_mostly_hidden_fruits_give_a_rougher_scale() -> None:
     world, detections = with_fruit(WEST, 0.075, hidden=1.0)
     placed = place_in_world(Reconstruction((as_piece(world, "west"),)), photos_of(WEST), detections=detections)

@@ -16,6 +16,7 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.errors import InputError
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
 from pomona.scale.upright import up_direction
@@ -39,6 +40,14 @@ _LEAST_PAIRS = 20
 _STANDS_OUT = 1.5
 # Median diameters of a row against what an average fruit is assumed to have: varieties and weeks differ by so much.
 _LIKELY = 1.4
+# Fruits of any variety and week are within this factor of it: beyond it, metres are none.
+_POSSIBLE = 5.0
+# What a person gave may be in other units; photos' positions are only doubted.
+_GIVEN = {
+    "markers": "are the places in `markers` in metres",
+    "control-points": "are the places in `gcp` or `markers` right",
+    "scale-bar": "is the length in `scale_bar` in metres",
+}
 # Rows lean less than this from z where z is up; frames with another axis up are 90 degrees off.
 _UPRIGHT_DEG = 30.0
 
@@ -60,6 +69,38 @@ def scale_by_fruit_size(placement: Placement, detections: SurveyDetections | Non
                 f"{1000 * options.fruit_diameter_m:.0f} mm in diameter (`fruit_diameter_m`); use markers or a scale "
                 "bar for exact ones"
             )
+
+
+def check_fruit_size(placement: Placement, detections: SurveyDetections | None, options: ScaleOptions) -> None:
+    """Raise `InputError` where fruits come out of an impossible size by what a person gave; warn where by GNSS.
+
+    Centimetres taken for metres would make tons of each apple.
+    """
+    usual_m = options.fruit_diameter_m
+    for idx, scale in placement.scales.items():
+        if detections is None or scale.source in ("fruit-diameter", "none"):
+            continue
+        found = fruit_size(placement.pieces[idx].cameras, detections, least_fruits=options.least_fruits)
+        if isinstance(found, str):
+            continue
+        size_m = found.diameter * scale.metres_per_unit
+        if usual_m / _POSSIBLE <= size_m <= usual_m * _POSSIBLE:
+            continue
+        said = (
+            f"{placement.name(idx)}: fruits come out {_length(size_m)} wide (median of {found.count}), expected about "
+            f"{_length(usual_m)}"
+        )
+        if scale.source not in _GIVEN:
+            placement.contradict(f"{said}: the positions of the photos give a wrong scale. Use markers or a scale bar")
+            continue
+        raise InputError(
+            f"{said}: {_GIVEN[scale.source]}? If fruits are of another size, say how wide with `fruit_diameter_m`"
+        )
+
+
+def _length(metres: float) -> str:
+    mm = 1000 * metres
+    return f"{metres:.1f} m" if metres >= 1 else f"{mm:.0f} mm" if mm >= 10 else f"{mm:.1f} mm"
 
 
 def frame_by_fruits(cameras: Cameras, detections: SurveyDetections, fruit_diameter_m: float) -> WorldFrame | None:

@@ -23,7 +23,7 @@ from pomona.scale.accuracy import (
 )
 from pomona.scale.control_points import ControlPoints, read_control_points, surveyed_markers
 from pomona.scale.fruit_landmarks import adjust_on_fruits
-from pomona.scale.fruit_size import scale_by_fruit_size
+from pomona.scale.fruit_size import check_fruit_size, scale_by_fruit_size
 from pomona.scale.gnss import place_by_gnss
 from pomona.scale.markers import find_sightings, place_by_markers
 from pomona.scale.options import ScaleOptions
@@ -61,7 +61,7 @@ def place_in_world(
     all adjusted on them. Pieces that nothing brings into one frame are set beside each other, with a warning.
 
     Raises `ReconstructionError` when there is no piece, and `InputError`, `FormatError` or `MissingFileError` for
-    options and marker tables that cannot be used.
+    options and marker tables that cannot be used, such as places by which fruits come out of an impossible size.
     """
     options, progress = options or ScaleOptions(), progress or Silent()
     control = _control_points(options, photos)
@@ -83,6 +83,7 @@ def place_in_world(
     scale_by_bar(placement, plates, photos.by_name(), options)
     if frame is None and options.use_gnss:
         frame = place_by_gnss(placement, photos, options)
+    check_fruit_size(placement, detections, options)
     scale_by_fruit_size(placement, detections, options)
     _scale_by_distance(placement)
     if find_fruits is not None:
