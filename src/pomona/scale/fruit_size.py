@@ -65,8 +65,8 @@ def scale_by_fruit_size(placement: Placement, detections: SurveyDetections | Non
         placement.set_scale(idx, "fruit-diameter", options.fruit_diameter_m / found.diameter)
         if placement.is_main(idx):
             placement.warn(
-                f"{placement.name(idx)}: metres are approximate. They come from {found.count} fruits taken to be "
-                f"{1000 * options.fruit_diameter_m:.0f} mm in diameter (`fruit_diameter_m`); use markers or a scale "
+                f"{placement.name(idx)}: metres are approximate. They come from {found.count} masks of fruits taken to "
+                f"be {1000 * options.fruit_diameter_m:.0f} mm in diameter (`fruit_diameter_m`); use markers or a scale "
                 "bar for exact ones"
             )
 
@@ -87,8 +87,8 @@ def check_fruit_size(placement: Placement, detections: SurveyDetections | None, 
         if usual_m / _POSSIBLE <= size_m <= usual_m * _POSSIBLE:
             continue
         said = (
-            f"{placement.name(idx)}: fruits come out {_length(size_m)} wide (median of {found.count}), expected about "
-            f"{_length(usual_m)}"
+            f"{placement.name(idx)}: fruits come out {_length(size_m)} wide (median of {found.count} masks), expected "
+            f"about {_length(usual_m)}"
         )
         if scale.source not in _GIVEN:
             placement.contradict(f"{said}: the positions of the photos give a wrong scale. Use markers or a scale bar")
