@@ -225,7 +225,7 @@ def test_rows_dates_and_failures_by_the_command_on_this_machine(tmp_path: Path) 
     said = runner.invoke(app, ["orchard", "status", str(path)])
     assert "4 surveys: 3 done, 1 failed" in said.stdout
     assert "9: " in said.stdout
-    assert "1 comparisons of dates: 1 done" in said.stdout
+    assert "1 comparison of dates: 1 done" in said.stdout
 
 
 @pytest.mark.slow
