@@ -142,11 +142,11 @@ def main() -> None:
     mixed = Mixed.of(parts, HELD_OUT)
     patches, labels, learnt = mixed.patches, mixed.labels, mixed.learnt
     print(f"{len(patches)} fruits of {len(arguments.folders)} folders", flush=True)
-    weights = 1 / np.sqrt(np.bincount(mixed.parts))[mixed.parts[:learnt]]
+    shares = 1 / np.sqrt(np.bincount(mixed.parts))[mixed.parts[:learnt]]
+    shares /= shares.sum()
     checkpoint = arguments.out.with_suffix(".pt")
     torch.manual_seed(arguments.seed)
     net, mean = CirclesNet(), CirclesNet()
-    shares = weights / weights.sum()
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
         some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH, p=shares)))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from pomona.pipeline.options import COMMAND_NAMES
+
 # Parameters whose option has another name.
 OTHER_NAMES = {
-    "fruit_diameter_m": "--fruit-diameter",
-    "use_gnss": "--gnss",
-    "filter_false_positives": "--filter",
+    **{field: f"--{said.replace('_', '-')}" for said, field in COMMAND_NAMES.items()},
     "crop_px": "--crop",
     "distance_m": "--distance",
     "min_size_px": "--min-size",

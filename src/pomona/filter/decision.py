@@ -52,10 +52,7 @@ def apply_to_views(
     """
     options = options or FilterOptions()
     values = view_features(fused, detections, cameras, options)
-    probability = _by_shipped(values) if svm is None else view_probability(values, svm)
-    unknown = np.isnan(probability)  # a machine that asks for a second look, of fruits that no photo could be looked at
-    probability[unknown] = _by_shipped(values[unknown])
-    return _kept(fused, probability, _BY_VIEWS if options.threshold is None else options.threshold)
+    return _kept(fused, _judged(values, svm), _BY_VIEWS if options.threshold is None else options.threshold)
 
 
 def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
@@ -67,12 +64,17 @@ def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
     return svm.probability(values) * place_probability(values)
 
 
-def _by_shipped(values: FloatArray) -> FloatArray:
+def _judged(values: FloatArray, svm: LinearSvm | None) -> FloatArray:
+    """Probabilities (n,) by a machine, or the shipped one of fruits that were looked at again.
+
+    Those that it cannot judge, as no photo could be looked at, are judged by what the association saw of them.
+    """
     probability = view_probability(values, LinearSvm.load(shipped("object")))
-    looked_at = np.isfinite(values).all(1) & (values.shape[1] == len(LOOKED_FEATURE_NAMES))
-    if looked_at.any():
-        machine = LinearSvm.load(shipped("object", "second-look"))
-        probability[looked_at] = view_probability(values[looked_at], machine)
+    if svm is None and values.shape[1] == len(LOOKED_FEATURE_NAMES):
+        svm = LinearSvm.load(shipped("object", "second-look"))
+    if svm is not None:
+        able = np.isfinite(values[:, : len(svm.names)]).all(1)
+        probability[able] = view_probability(values[able], svm)
     return probability
 
 
