@@ -34,7 +34,17 @@ from pomona.report.plots import bin_edges, heights, photos
 from pomona.report.quality import quality
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import kept_of_each
-from pomona.report.svg import Axis, Dot, dot_chart, nice_step
+from pomona.report.svg import (
+    Axis,
+    Bar,
+    Dot,
+    Point,
+    column_chart,
+    dot_chart,
+    nice_step,
+    row_chart,
+    scatter_chart,
+)
 from pomona.report.tables import trees_table
 from pomona.report.totals import duration, totals
 from pomona.report.truth import counts_by_tree
@@ -481,6 +491,26 @@ def test_a_short_row_from_the_side_is_no_wider_than_the_charts_beside_it() -> No
     )
     assert '<svg class="plot"' in short
     assert '<svg class="plot map"' in long
+
+
+def starts_of_labels(chart: str) -> list[float]:
+    """Where the labels on the left of a chart begin, in a font of 12 px whose digits are wide (DejaVu Sans)."""
+    found = re.findall(r'<text x="([\d.]+)" y="[\d.]+" text-anchor="end">(?:<tspan[^>]*>)?(-?[\d.]+)<', chart)
+    return [float(x) - sum({".": 3.8, "-": 10.0}.get(letter, 7.6) for letter in label) for x, label in found]
+
+
+def test_labels_on_the_left_are_not_cut_off() -> None:
+    axis = Axis(name="m")
+    charts = [
+        column_chart([Bar(-0.06, ""), Bar(0.03, "")], axis, counts=False),
+        column_chart([Bar(120_000, "")], axis),
+        row_chart([Bar(3, "")], Axis(name="z, m", ticks=[(0, "-0.025"), (1, "-100.25")])),
+        dot_chart([Dot(x, z, 0.04, "") for x in (0.0, 40.0) for z in (-1000.06, -996.02)], axis, axis),
+        scatter_chart([Point(100_000, 140_000, "")], axis, axis),
+    ]
+    starts = [starts_of_labels(chart) for chart in charts]
+    assert [len(each) > 1 for each in starts] == [True] * len(charts)
+    assert min(map(min, starts)) >= 0
 
 
 @pytest.mark.parametrize("length", [0.3, 1.8, 12.0, 200.0])

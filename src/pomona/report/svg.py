@@ -16,6 +16,9 @@ _BROKEN = re.compile(r"-?\b\d+\.\d+\b")
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34.0, 14.0, 18.0, 36.0
 _LABEL_WIDTH, _LABEL_HEIGHT = 40.0, 15.0  # room of a tick's number
 _LETTER_WIDTH = 7.0  # no letter of a name is wider on average
+# What is not a digit in a number, as wide as in the widest of usual fonts: a reader's language may have a long minus.
+_DIGIT_WIDTH, _WIDTHS = 7.7, {".": 4.0, "-": 10.1, "+": 10.1}
+_GAP = 6.0  # between the labels on the left and the chart
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,12 @@ def number(value: float) -> str:
     return "0" if text == "-0" else text
 
 
+def _left(labels: Sequence[str], least: float = _LEFT) -> float:
+    """Where a chart begins, so that the labels on its left are not cut off."""
+    widths = (sum(_WIDTHS.get(letter, _DIGIT_WIDTH) for letter in label) for label in labels)
+    return max(least, _GAP + max(widths, default=0.0))
+
+
 def column_chart(
     bars: Sequence[Bar],
     axis: Axis,
@@ -81,8 +90,10 @@ def column_chart(
     Axes of other things than `counts` may have steps below 1. `outline` are the heights of bars that only a line along
     their tops shows, one above each bar.
     """
-    width, height = WIDTH - _LEFT - _RIGHT, HEIGHT - _TOP - _BOTTOM
     low, top, step = _two_sided([*(bar.value for bar in bars), *outline], 4, counts)
+    steps = [i * step for i in range(round(low / step), round(top / step) + 1)]
+    left = _left([number(value) for value in steps])
+    width, height = WIDTH - left - _RIGHT, HEIGHT - _TOP - _BOTTOM
 
     def y_of(value: float) -> float:
         return _TOP + height * (top - value) / (top - low)
@@ -90,21 +101,21 @@ def column_chart(
     pitch = width / max(len(bars), 1)
     gap = min(2.0, 0.15 * pitch)
     parts = []
-    for i in range(round(low / step), round(top / step) + 1):
-        y = y_of(i * step)
-        parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{WIDTH - _RIGHT:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(_text(_LEFT - 6, y + 4, number(i * step), "end"))
+    for value in steps:
+        y = y_of(value)
+        parts.append(f'<line class="grid" x1="{left:.1f}" x2="{WIDTH - _RIGHT:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(_text(left - _GAP, y + 4, number(value), "end"))
     for i, bar in enumerate(bars):
         upper, lower = y_of(max(bar.value, 0.0)), y_of(min(bar.value, 0.0))
-        box = (_LEFT + i * pitch + gap / 2, upper, max(pitch - gap, 0.5), lower - upper)
+        box = (left + i * pitch + gap / 2, upper, max(pitch - gap, 0.5), lower - upper)
         parts.append(_rect(box, bar))
     if outline:
-        steps = [f"V{y_of(value):.1f}h{pitch:.2f}" for value in outline]
-        parts.append(f'<path class="outline" d="M{_LEFT:.1f} {y_of(0):.1f}{"".join(steps)}V{y_of(0):.1f}"/>')
-    parts += [_text(_LEFT + place * pitch, HEIGHT - _BOTTOM + 15, label) for place, label in axis.ticks]
-    parts.append(_text(_LEFT + width / 2, HEIGHT - 5, axis.name))
+        tops = "".join(f"V{y_of(value):.1f}h{pitch:.2f}" for value in outline)
+        parts.append(f'<path class="outline" d="M{left:.1f} {y_of(0):.1f}{tops}V{y_of(0):.1f}"/>')
+    parts += [_text(left + place * pitch, HEIGHT - _BOTTOM + 15, label) for place, label in axis.ticks]
+    parts.append(_text(left + width / 2, HEIGHT - 5, axis.name))
     if mark is not None:
-        x = _LEFT + mark[0] * pitch
+        x = left + mark[0] * pitch
         parts.append(f'<line class="mark" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP - 4:.1f}" y2="{_TOP + height:.1f}"/>')
         anchor = "end" if mark[0] > 0.6 * len(bars) else "start"
         parts.append(_text(x + (5 if anchor == "start" else -5), _TOP - 5, mark[1], anchor, "mark-label"))
@@ -113,19 +124,20 @@ def column_chart(
 
 def row_chart(bars: Sequence[Bar], axis: Axis) -> str:
     """Return lying bars, the first at the bottom: for heights. `axis` is the upright one."""
-    width, height = WIDTH - _LEFT - _RIGHT - 8, HEIGHT - _TOP - _BOTTOM + 8
+    left = _left([label for _, label in axis.ticks], _LEFT + 8)
+    width, height = WIDTH - left - _RIGHT, HEIGHT - _TOP - _BOTTOM + 8
     top, step = _scale([bar.value for bar in bars], 5)
     pitch = height / max(len(bars), 1)
     gap = min(2.0, 0.15 * pitch)
     parts = []
     for i in range(round(top / step) + 1):
-        x = _LEFT + 8 + width * i * step / top
+        x = left + width * i * step / top
         parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP:.1f}" y2="{_TOP + height:.1f}"/>')
         parts.append(_text(x, _TOP + height + 15, number(i * step)))
     for i, bar in enumerate(bars):
         y = _TOP + height - (i + 1) * pitch + gap / 2
-        parts.append(_rect((_LEFT + 8, y, width * bar.value / top, max(pitch - gap, 0.5)), bar))
-    parts += [_text(_LEFT + 2, _TOP + height - place * pitch + 4, label, "end") for place, label in axis.ticks]
+        parts.append(_rect((left, y, width * bar.value / top, max(pitch - gap, 0.5)), bar))
+    parts += [_text(left - _GAP, _TOP + height - place * pitch + 4, label, "end") for place, label in axis.ticks]
     parts.append(_text(2, 10, axis.name, "start"))
     return _svg(parts, axis.name)
 
@@ -134,24 +146,30 @@ def dot_chart(dots: Sequence[Dot], along: Axis, upward: Axis) -> str:
     """Return round things seen from the side, both axes at one scale; at most twice as wide as other charts."""
     left, right = min(d.x - d.radius for d in dots), max(d.x + d.radius for d in dots)
     low, high = min(d.y - d.radius for d in dots), max(d.y + d.radius for d in dots)
-    scale = min((2 * WIDTH - _LEFT - _RIGHT) / max(right - left, 1e-9), _HIGHEST / max(high - low, 1e-9))
+
+    def scale_from(start: float) -> float:
+        return min((2 * WIDTH - start - _RIGHT) / max(right - left, 1e-9), _HIGHEST / max(high - low, 1e-9))
+
+    step = nice_step(high - low, _steps_in(scale_from(_LEFT) * (high - low), _LABEL_HEIGHT, 5))
+    heights = [i * step for i in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    start = _left([number(value) for value in heights])
+    scale = scale_from(start)
     width, height = scale * (right - left), scale * (high - low)
     parts = []
-    step = nice_step(high - low, _steps_in(height, _LABEL_HEIGHT, 5))
-    for i in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
-        y = _TOP + height - scale * (i * step - low)
-        parts.append(f'<line class="grid" x1="{_LEFT:.1f}" x2="{_LEFT + width:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(_text(_LEFT - 6, y + 4, number(i * step), "end"))
+    for value in heights:
+        y = _TOP + height - scale * (value - low)
+        parts.append(f'<line class="grid" x1="{start:.1f}" x2="{start + width:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(_text(start - _GAP, y + 4, number(value), "end"))
     foot = _TOP + height
-    circles = [(_LEFT + scale * (d.x - left), foot - scale * (d.y - low), scale * d.radius) for d in dots]
+    circles = [(start + scale * (d.x - left), foot - scale * (d.y - low), scale * d.radius) for d in dots]
     parts += _discs(circles, dots)
     step = nice_step(right - left, _steps_in(width, _LABEL_WIDTH, 12))
     for i in range(math.ceil(left / step - 1e-9), math.floor(right / step + 1e-9) + 1):
-        parts.append(_text(_LEFT + scale * (i * step - left), _TOP + height + 16, number(i * step)))
+        parts.append(_text(start + scale * (i * step - left), _TOP + height + 16, number(i * step)))
     half_name = _LETTER_WIDTH * len(along.name) / 2
-    middle = max(_LEFT + width / 2, half_name)
+    middle = max(start + width / 2, half_name)
     parts += [_text(middle, _TOP + height + 32, along.name), _text(2, 10, upward.name, "start")]
-    whole = max(_LEFT + width + _RIGHT, middle + half_name)
+    whole = max(start + width + _RIGHT, middle + half_name)
     # A long row has a line of the page to itself; a short one is no larger than the charts beside it.
     classes, most_px = ("plot map", 1.6 * whole) if whole > WIDTH else ("plot", whole)
     view = f'viewBox="0 0 {whole:.0f} {_TOP + height + _BOTTOM:.0f}" style="max-width:{most_px:.0f}px"'
@@ -187,21 +205,19 @@ def scatter_chart(points: Sequence[Point], along: Axis, upward: Axis) -> str:
     """Return points over two axes of one scale from 0, with the line on which both are equal."""
     side = HEIGHT - _TOP - _BOTTOM
     top, step = _scale([value for p in points for value in (p.x, p.y)], 4)
+    steps = [i * step for i in range(round(top / step) + 1)]
+    left = _left([number(value) for value in steps])
     foot, parts = _TOP + side, []
-    for i in range(round(top / step) + 1):
-        at = side * i * step / top
-        parts.append(
-            f'<line class="grid" x1="{_LEFT:.1f}" x2="{_LEFT + side:.1f}" y1="{foot - at:.1f}" y2="{foot - at:.1f}"/>'
-        )
-        parts += [
-            _text(_LEFT - 6, foot - at + 4, number(i * step), "end"),
-            _text(_LEFT + at, foot + 15, number(i * step)),
-        ]
-    parts.append(f'<line class="mark" x1="{_LEFT:.1f}" y1="{foot:.1f}" x2="{_LEFT + side:.1f}" y2="{_TOP:.1f}"/>')
+    for value in steps:
+        at = side * value / top
+        y, label = foot - at, number(value)
+        parts.append(f'<line class="grid" x1="{left:.1f}" x2="{left + side:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts += [_text(left - _GAP, y + 4, label, "end"), _text(left + at, foot + 15, label)]
+    parts.append(f'<line class="mark" x1="{left:.1f}" y1="{foot:.1f}" x2="{left + side:.1f}" y2="{_TOP:.1f}"/>')
     for point in points:
-        place = f'cx="{_LEFT + side * point.x / top:.1f}" cy="{foot - side * point.y / top:.1f}"'
+        place = f'cx="{left + side * point.x / top:.1f}" cy="{foot - side * point.y / top:.1f}"'
         parts.append(f'<circle class="dot" {place} r="4"><title>{escape(point.hint)}</title></circle>')
-    parts += [_text(_LEFT + side / 2, HEIGHT - 5, along.name), _text(2, 10, upward.name, "start")]
+    parts += [_text(left + side / 2, HEIGHT - 5, along.name), _text(2, 10, upward.name, "start")]
     return _svg(parts, f"{upward.name} over {along.name}")
 
 
