@@ -130,7 +130,8 @@ def test_a_photo_that_cannot_be_decoded_is_left_out_with_a_warning(found: FoundF
     labels = label_photos(damaged, options=OPTIONS, progress=Listening())
 
     (warning,) = heard
-    assert warning.startswith(f"{photo} is not learnt from: Photo {photo}")
+    assert warning.startswith(f"{photo} is not learnt from: its pixels cannot be decoded (")
+    assert broken.name not in warning
     whole_row = label_photos(found, options=OPTIONS)
     assert labels.confirmed == whole_row.confirmed
     names = {labelled.name for labelled in labels.photos}

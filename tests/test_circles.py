@@ -209,7 +209,8 @@ def test_a_photo_that_cannot_be_decoded_measures_no_fruit_and_is_named(tmp_path:
     progress = Listening()
     measured = measure(fuse(detections, CAMERAS), detections, CAMERAS, photos, network=Exact(), progress=progress)
     (warning,) = heard
-    assert warning.startswith(f"{CAMERAS.photos[2]} measures no fruit: Photo {CAMERAS.photos[2]}")
+    assert warning.startswith(f"{CAMERAS.photos[2]} measures no fruit: its pixels cannot be decoded (")
+    assert warning.count(CAMERAS.photos[2]) == 1
     assert progress.advanced == 6
     assert np.isfinite(measured.diameters_m).all()
 

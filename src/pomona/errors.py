@@ -19,7 +19,10 @@ class InputError(PomonaError, ValueError):
 
 
 class DamagedPhotoError(InputError):
-    """A photo's pixels cannot be decoded; `reason` says why without naming it, where others name it."""
+    """A photo's pixels cannot be decoded, or are not as many as expected.
+
+    `reason` says why without naming the photo, where others name it.
+    """
 
     def __init__(self, photo: str, reason: str) -> None:
         super().__init__(f"{photo}: {reason}")

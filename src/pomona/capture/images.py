@@ -31,6 +31,7 @@ _READ_ERRORS = (
     OSError, ValueError, TypeError, SyntaxError, EOFError, RuntimeError, UnidentifiedImageError,
     Image.DecompressionBombError,
 )  # fmt: skip
+_NO_IMAGE = "this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)"
 # What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
 _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
 
@@ -68,7 +69,7 @@ def read_header(path: Path) -> Header:
     except InputError:
         raise
     except UnidentifiedImageError:
-        raise InputError("this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)") from None
+        raise InputError(_NO_IMAGE) from None
     except _READ_ERRORS as error:
         if isinstance(error, OSError) and is_away(error) and not isinstance(error, PermissionError):
             raise LostFileError(_lost(path, error)) from None
@@ -157,14 +158,17 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
             pixels = _grey(image) if mode == "L" else _rgb(image)
     except _READ_ERRORS as error:
         check_unchanged(photo, error)
-        reason = f"its pixels cannot be decoded ({error})"
+        # Pillow's own words name the file again.
+        why = _NO_IMAGE if isinstance(error, UnidentifiedImageError) else error
+        reason = f"its pixels cannot be decoded ({why})"
         raise DamagedPhotoError(f"Photo {photo.name} ({photo.path})", reason) from None
     check_unchanged(photo)
     pixels = _upright(pixels, photo.orientation)
     if (pixels.shape[1], pixels.shape[0]) != size:
         if scale == 1.0:
             found = f"{pixels.shape[1]} × {pixels.shape[0]}"
-            raise InputError(f"Photo {photo.name}: expected {size[0]} × {size[1]} pixels, found {found}: file changed?")
+            reason = f"expected {size[0]} × {size[1]} pixels, found {found}: file changed?"
+            raise DamagedPhotoError(f"Photo {photo.name}", reason)
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
     return np.ascontiguousarray(pixels)
 

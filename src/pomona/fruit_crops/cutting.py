@@ -10,7 +10,7 @@ import numpy as np
 from pomona.arrays import ByteArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
-from pomona.errors import InputError
+from pomona.errors import DamagedPhotoError
 from pomona.fruit_crops.crops import CropPlaces, cut
 from pomona.fruit_crops.likeness import SeenFruits, with_likeness
 from pomona.fruit_crops.sights import Sights
@@ -51,14 +51,14 @@ def crops_by_photo(
 
     of_survey = ColourCounts.none()
     for photo_idx in _spread(list(of_photo), cameras):
-        with contextlib.suppress(InputError):
+        with contextlib.suppress(DamagedPhotoError):
             of_survey += seen.colours_in(cameras.photos[photo_idx], smaller_copy(photo_idx))
     for photo_idx, mine in of_photo.items():
         photo = by_name[cameras.photos[photo_idx]]
         try:
             pixels = smaller_copy(photo_idx)
-        except InputError as error:
-            progress.warn(f"{photo.name} {left_out}: {error}")
+        except DamagedPhotoError as error:
+            progress.warn(f"{photo.name} {left_out}: {error.reason}")
         else:
             liked = with_likeness(pixels, seen.colours_in(photo.name, pixels), of_survey)
             yield mine, cut(liked, CropPlaces(sights.centers_px[mine], scales[mine]), side_px, photo.width_px)

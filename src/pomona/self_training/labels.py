@@ -15,7 +15,7 @@ from pomona.arrays import BoolArray, ByteArray, IntArray
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.detections import SurveyDetections
-from pomona.errors import InputError
+from pomona.errors import DamagedPhotoError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_crops.likeness import SeenFruits
 from pomona.fruit_geometry.spheres import Spheres
@@ -229,8 +229,8 @@ def _coloured(
     for photo in photos:
         try:
             pixels = read_pixels(photo, max_side_px=COLOURS_PX)
-        except InputError as error:
-            progress.warn(f"{photo.name} is not learnt from: {error}")
+        except DamagedPhotoError as error:
+            progress.warn(f"{photo.name} is not learnt from: {error.reason}")
             unreadable.add(photo.name)
             continue
         fruit, anything = np.zeros(pixels.shape[:2], bool), np.zeros(pixels.shape[:2], bool)
