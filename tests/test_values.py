@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import places_within, some_subsets
+from pomona.arrays import counted, places_within, some_subsets
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError, PomonaError
@@ -51,6 +51,10 @@ def random_cameras(rng: np.random.Generator, model: str = "OPENCV") -> Cameras:
 
 def points_in_front(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.stack([rng.uniform(-0.4, 0.4, n), rng.uniform(-0.3, 0.3, n), np.ones(n)], 1) * rng.uniform(1, 5, (n, 1))
+
+
+def test_what_is_counted_is_one_or_more_with_separators() -> None:
+    assert [counted(count, "row") for count in (0, 1, 1200)] == ["0 rows", "1 row", "1,200 rows"]
 
 
 @given(SEEDS)

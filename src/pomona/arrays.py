@@ -89,8 +89,8 @@ class OneLine:
 
 
 def counted(n: int, one: str) -> str:
-    """Return a number with what it counts: 1 fruit, 2 fruits."""
-    return f"{n} {one}{'' if n == 1 else 's'}"
+    """Return a number with what it counts: 1 fruit, 2 fruits, 1,000 fruits."""
+    return f"{n:,} {one}{'' if n == 1 else 's'}"
 
 
 def chosen(n: int, selection: Any) -> IntArray:

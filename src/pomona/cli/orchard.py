@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from pomona.arrays import counted
 from pomona.cli import options as shared
 from pomona.cli.failures import Stopped, reporting_errors, say
 from pomona.cli.progress import TerminalProgress
@@ -99,7 +100,7 @@ def _read(file: Path, out: str | None) -> Orchard:
 
 def _text(summary: OrchardSummary) -> str:
     totals = summary.totals
-    lines = [f"{_counted(totals.fruits, 'fruit')} found in {_counted(totals.rows, 'row')}"]
+    lines = [f"{counted(totals.fruits, 'fruit')} found in {counted(totals.rows, 'row')}"]
     if totals.all_fruits:
         span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}"
         lines.append(f"  all fruit   {totals.all_fruits:,.0f} ({span}){totals.of_rows}")
@@ -114,17 +115,13 @@ def _text(summary: OrchardSummary) -> str:
 
 def _standing(found: OrchardStatus) -> str:
     counts = ", ".join(f"{count:,} {standing}" for standing, count in found.counts().items() if count)
-    lines = [f"{_counted(len(found.surveys), 'survey')}: {counts}"]
+    lines = [f"{counted(len(found.surveys), 'survey')}: {counts}"]
     lines += _not_done(found.surveys)
     if found.comparisons:
         done = sum(each.standing == "done" for each in found.comparisons)
-        lines.append(f"{_counted(len(found.comparisons), 'comparison')} of dates: {done:,} done")
+        lines.append(f"{counted(len(found.comparisons), 'comparison')} of dates: {done:,} done")
         lines += _not_done(found.comparisons)
     return "\n".join([*lines, f"in {found.out}"])
-
-
-def _counted(count: int, name: str) -> str:
-    return f"{count:,} {name}{'' if count == 1 else 's'}"
 
 
 def _not_done(entries: Sequence[SurveyStatus]) -> list[str]:
