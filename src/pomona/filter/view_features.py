@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import erf
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, groups
+from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
 from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
+from pomona.fruit_geometry.near_photos import photos_near
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
@@ -89,21 +89,11 @@ def seen_shares(
 
     Photos farther away than those that see it are not looked at: the time grows with the row, not with its square.
     """
-    eyes, places = cameras.centers_in_world, spheres.centers_in_world
-    distances = np.linalg.norm(places[sphere_idx] - eyes[photo_idx], axis=1)
-    reach_m = np.zeros(len(spheres))
-    np.maximum.at(reach_m, sphere_idx, options.farther * distances)
-    near = cKDTree(eyes).query_ball_point(places, reach_m, return_sorted=True).tolist() if len(eyes) else []
+    places, limits = spheres.centers_in_world, {"farther": options.farther, "near_deg": options.near_deg}
     result = np.ones(len(spheres))
-    for i, mine in groups(sphere_idx):
-        seen, others = photo_idx[mine], np.array(near[i], np.int64)
-        sights = places[i] - eyes[others]
-        lengths = np.linalg.norm(sights, axis=1)
-        seen_sights = (places[i] - eyes[seen]) / distances[mine, None]
-        cosines = (sights / lengths[:, None]) @ seen_sights.T
-        should = (cosines.max(1) > np.cos(np.radians(options.near_deg))) & (lengths < reach_m[i])
-        should &= _in_picture(spheres, cameras, i, others)
-        result[i] = len(seen) / len(np.union1d(others[should], seen))
+    for i, seen, near in photos_near(places, sphere_idx, photo_idx, cameras, **limits):
+        should = near[_in_picture(spheres, cameras, i, near)]
+        result[i] = len(seen) / len(np.union1d(should, seen))
     return result
 
 

@@ -14,14 +14,12 @@ from pomona.arrays import FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.outline_weights import outline_weights
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import offsets_from_rays
 
 _RAYS = 16
-# Cauchy scales, in radii, of outlines inside of a disc, where leaves cut it, and outside; as many of an outline's
-# points as err independently.
-_INSIDE, _OUTSIDE, _INDEPENDENT = 0.06, 0.12, 3.0
 # Steps of the fit, and the longest of them in radii: they end far nearer than a disc can be measured.
 _STEPS, _LONGEST_STEP = 10, 0.3
 
@@ -102,8 +100,7 @@ def _fitted(
         off = np.maximum(np.linalg.norm(beside, axis=2), 1e-12)
         residuals = off / radii_m[:, None] - 1
         slopes = (beside / off[:, :, None]) @ np.swapaxes(across, 1, 2)
-        scales = np.where(residuals < 0, _INSIDE, _OUTSIDE)
-        weights = _INDEPENDENT / (_RAYS * _INSIDE**2) / (1 + (residuals / scales) ** 2)
+        weights = outline_weights(residuals)
         # A disc of which nothing is seen would be a radius off.
         normal = np.einsum("kr,kri,krj->kij", weights, slopes, slopes) + np.eye(2)
         pull = np.einsum("kr,kri,kr->ki", weights, slopes, residuals) + shifts

@@ -1,4 +1,4 @@
-"""Which photos have a place in their picture: of a long row, few are near it."""
+"""Which photos are near a place, or have it in their picture: of a long row, few."""
 
 from __future__ import annotations
 
@@ -7,10 +7,37 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 
 _ROUNDING = 1e-9  # the tree adds distances up in another way
+
+
+def photos_near(
+    places: FloatArray, place_idx: IntArray, photo_idx: IntArray, cameras: Cameras, *, farther: float, near_deg: float
+) -> Iterator[tuple[int, IntArray, IntArray]]:
+    """Yield each place that photos saw, with these photos (s,), and all (m,) that look at it as one of them does.
+
+    Photos `photo_idx` (k,) saw places `place_idx` (k,) of `places` (n, 3). Others count, in rising order, whose sights
+    are less than `near_deg` from one of theirs, and at most `farther` times as long as their longest.
+    """
+    eyes = cameras.centers_in_world
+    tree = cKDTree(eyes)
+    for i, mine in groups(place_idx):
+        seen = photo_idx[mine]
+        lengths, of_seen = _sights(places[i], eyes[seen])
+        reach = farther * lengths.max()
+        others = np.array(tree.query_ball_point(places[i], reach * (1 + _ROUNDING), return_sorted=True), np.int64)
+        lengths, of_others = _sights(places[i], eyes[others])
+        near = (of_others @ of_seen.T).max(1) > np.cos(np.radians(near_deg))
+        yield i, seen, others[near & (lengths <= reach)]
+
+
+def _sights(place: FloatArray, eyes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how far a place is from each of eyes (k, 3), and the directions (k, 3) in which they see it."""
+    sights = place - eyes
+    lengths = np.linalg.norm(sights, axis=1)
+    return lengths, sights / np.maximum(lengths, 1e-12)[:, None]
 
 
 def places_in_pictures(places: FloatArray, cameras: Cameras, reach: float) -> Iterator[tuple[int, IntArray]]:

@@ -16,6 +16,7 @@ from pomona.errors import InputError
 from pomona.fruit_crops.cutting import crops_by_photo
 from pomona.fruit_crops.likeness import SeenFruits
 from pomona.fruit_crops.sights import Sights, sights_of
+from pomona.fruit_geometry.near_photos import photos_near
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.photos import Photos
 from pomona.progress import Progress
@@ -103,21 +104,9 @@ def find_sights(
     spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, cameras: Cameras, options: SecondLookOptions
 ) -> Sights:
     """Return which photos should show each sphere, given that photos `photo_idx` (k,) saw spheres `sphere_idx` (k,)."""
-    eyes, tree = cameras.centers_in_world, cKDTree(cameras.centers_in_world)
-    order = np.argsort(sphere_idx, kind="stable")
-    bounds = np.searchsorted(sphere_idx[order], np.arange(len(spheres) + 1))
+    places, limits = spheres.centers_in_world, {"farther": options.farther, "near_deg": options.near_deg}
     spheres_of, photos_of = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for i, center in enumerate(spheres.centers_in_world):
-        seen = photo_idx[order[bounds[i] : bounds[i + 1]]]
-        if len(seen) == 0:
-            continue
-        of_seen = center - eyes[seen]
-        distances = np.linalg.norm(of_seen, axis=1)
-        near = np.array(sorted(tree.query_ball_point(center, options.farther * distances.max())), np.int64)
-        of_near = center - eyes[near]
-        of_near /= np.maximum(np.linalg.norm(of_near, axis=1, keepdims=True), 1e-12)
-        cosines = (of_near @ (of_seen / distances[:, None]).T).max(1)
-        near = near[cosines > np.cos(np.radians(options.near_deg))]
+    for i, _, near in photos_near(places, sphere_idx, photo_idx, cameras, **limits):
         spheres_of.append(np.full(len(near), i))
         photos_of.append(near)
     return sights_of(spheres, np.concatenate(spheres_of), np.concatenate(photos_of), cameras)

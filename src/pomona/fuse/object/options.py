@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pomona.errors import InputError
+from pomona.fruit_geometry.outline_weights import INSIDE_SCALE, OUTSIDE_SCALE
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
 from pomona.option_values import expect_kinds
 
@@ -57,8 +58,8 @@ class ObjectOptions:
     support_weight: float = 0.15
     rounds: int = 3
     repeats: int = 3
-    inside_scale: float = 0.06
-    outside_scale: float = 0.12
+    inside_scale: float = INSIDE_SCALE
+    outside_scale: float = OUTSIDE_SCALE
     radius_spread: float = 0.08
     radius_range: tuple[float, float] = (0.6, 1.5)
     overlap_radii: float = 1.1

@@ -9,14 +9,13 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.outline_weights import outline_weights
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.object.visible_parts import visible_parts
 from pomona.geometry import offsets_from_rays
 
-# Neighbouring rays of an outline err together: all of one mask count as so many.
-_INDEPENDENT = 3.0
 _START_SD = 1.4  # radii: how far a fit may run from its start
 _LONGEST_STEP, _STILL = 0.5, 1e-3  # radii: of one step of a fit, and below which a sphere is left where it is
 _TOGETHER = 256  # spheres fitted at once: as many as fit in a processor's cache
@@ -128,12 +127,10 @@ class _Equations:
     def at(self, spheres: Spheres) -> tuple[FloatArray, FloatArray]:
         """Return the matrices (n, 4, 4) and gradients (n, 4) by centre and radius."""
         idx, radii, radius_m = self._idx, spheres.radii_m, self._radius_m
-        inside_scale = self._options.inside_scale
         beside = offsets_from_rays(spheres.centers_in_world[idx][:, None], self._eyes[:, None], self._rays)
         off = np.maximum(np.sqrt(np.einsum("kji,kji->kj", beside, beside)), 1e-12)
         residuals = (off - radii[idx, None]) / radius_m
-        scales = np.where(residuals < 0, inside_scale, self._options.outside_scale)
-        weights = _INDEPENDENT / (self._rays.shape[1] * inside_scale**2) / (1 + (residuals / scales) ** 2)
+        weights = outline_weights(residuals, self._options.inside_scale, self._options.outside_scale)
         slopes = np.concatenate([beside / off[:, :, None], np.full((*off.shape, 1), -1.0)], axis=2)
         weighted = slopes * weights[:, :, None]
         normal = self._summed(np.swapaxes(weighted, 1, 2) @ slopes)
