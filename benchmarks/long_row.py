@@ -23,7 +23,7 @@ from pomona.adjustment.weights import Weights, weighted
 from pomona.cameras import Cameras, concatenate, split
 from pomona.detections import SurveyDetections
 from pomona.filter.view_features import view_features
-from pomona.fruit_geometry.discs import seen_fruits
+from pomona.fruit_geometry.discs import fruit_discs
 from pomona.fuse import object as association
 from pomona.geometry import Similarity, row_axis
 
@@ -87,7 +87,7 @@ def main() -> None:
         timed(covariance, seeing, weights)
         if not arguments.no_fruits:
             fused = timed(association.fuse, masks, row)
-            timed(seen_fruits, fused.fruits, fused.observations, masks, row)
+            timed(fruit_discs, fused.fruits, fused.observations, masks, row)
             timed(view_features, fused, masks, row)
         print("|".join(["", f" {photos} ", *(f" {1000 * s / photos:.1f} " for s in spent), ""]), flush=True)
     print("\nMilliseconds of processor time a photo.")

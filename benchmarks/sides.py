@@ -19,7 +19,7 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.capture import load_photos
 from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.fruit_geometry.discs import SeenFruits, seen_fruits
+from pomona.fruit_geometry.discs import FruitDiscs, fruit_discs
 from pomona.fuse import object
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.measure import measure
@@ -79,9 +79,9 @@ def line(row: Path, kind: str, by: str, placed: Placed, detections: SurveyDetect
 def finder(detections: SurveyDetections) -> FindFruits:
     """What finds fruits by these detections, with the discs that photos see of them."""
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         fused = object.fuse(detections, cameras)
-        return seen_fruits(fused.fruits, fused.observations, detections, cameras)
+        return fruit_discs(fused.fruits, fused.observations, detections, cameras)
 
     return find
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame, concatenate
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruit_geometry.discs import SeenFruits, seen_fruits
+from pomona.fruit_geometry.discs import FruitDiscs, fruit_discs
 from pomona.fruit_geometry.sphere_outlines import sphere_outlines_px
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import Similarity, estimate_similarity
@@ -27,7 +27,7 @@ def fruits_of_the_row(count: int = 60) -> FloatArray:
     return np.random.default_rng(0).uniform([0, -0.3, 0.6], [2, 0.3, 2.4], (count, 3))
 
 
-def seen_by(cameras: Cameras, centers: FloatArray, noise_px: float, wrong: float = 0.0) -> SeenFruits:
+def seen_by(cameras: Cameras, centers: FloatArray, noise_px: float, wrong: float = 0.0) -> FruitDiscs:
     """Discs of fruits as the true cameras see them; a share of them is wrong by up to 30 pixels."""
     random = np.random.default_rng(3)
     parts = []
@@ -41,7 +41,7 @@ def seen_by(cameras: Cameras, centers: FloatArray, noise_px: float, wrong: float
     fruit_idx, photo_idx, xy_px = (np.concatenate(part) for part in zip(*parts, strict=True))
     # What they say of themselves is twice too much, as of outlines that are more exact than usual.
     sds_px, shares = np.full(len(fruit_idx), 2 * noise_px), np.full(len(fruit_idx), 0.9)
-    return SeenFruits(centers, np.full(len(centers), DIAMETER_M), fruit_idx, photo_idx, xy_px, sds_px, shares)
+    return FruitDiscs(centers, np.full(len(centers), DIAMETER_M), fruit_idx, photo_idx, xy_px, sds_px, shares)
 
 
 def errors_mm(cameras: Cameras) -> FloatArray:
@@ -109,7 +109,7 @@ def test_fruits_that_few_photos_see_or_little_of_are_no_landmarks() -> None:
     in_two = np.isin(np.arange(len(seen.fruit_idx)), np.flatnonzero(seen.fruit_idx == 2)[2:])
     shares = np.where(seen.fruit_idx == 4, 0.2, 0.9)
     shares[in_two] = 0.1
-    some = SeenFruits(
+    some = FruitDiscs(
         seen.centers_in_world, seen.diameters_m, seen.fruit_idx, seen.photo_idx, seen.xy_px, seen.sds_px, shares
     )
     kept = landmarks(some)
@@ -144,7 +144,7 @@ def test_the_centre_of_a_disc_is_where_it_is_when_leaves_hide_a_part(hidden: flo
         np.array([1]), center + np.array([0.2 * radius_m, 0, 0]), np.array([DIAMETER_M]), np.ones(1), np.array([1])
     )
     observations = Observations(np.array([1]), (photo,), np.array([7]), mask.center_px[None])
-    seen = seen_fruits(thought, observations, SurveyDetections({photo: found}), east)
+    seen = fruit_discs(thought, observations, SurveyDetections({photo: found}), east)
     true_px = east.project(0, center)[0][0]
     off_radii = np.linalg.norm(seen.xy_px[0] - true_px) / radius_px
     assert off_radii < most_radii

@@ -23,7 +23,7 @@ from pomona.crop import Crop, SizeDistribution
 from pomona.errors import InputError
 from pomona.evaluate.fruits import Truth
 from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.intervals import Interval
+from pomona.intervals import CropInterval
 from pomona.photos import Photo, Photos, Skipped
 from pomona.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
 from pomona.report.axes import places_along, row_axes, seen_from
@@ -201,7 +201,7 @@ def test_sizes_of_the_whole_crop_stand_beside_those_measured(data: ReportData, t
     edges = tuple(np.arange(0.05, 0.1, 0.0005).tolist())
     below = tuple((400 * np.clip((np.array(edges) - 0.06) / 0.02, 0, 1)).tolist())
     sizes = SizeDistribution((0.07, 0.074, 0.08), (0.062, 0.07, 0.078), "so", edges, below, below)
-    every = Interval(400, 380, 420, "all")
+    every = CropInterval(400, 380, 420, "all")
     shown = report_html(replace(data, crop=Crop(every, every, None, None, 2, None, sizes)))
     assert "of the whole crop; 80 % lie between 62 and 78 mm" in shown
     assert shown.count('<path class="outline"') == 1
@@ -559,7 +559,7 @@ def test_numbers_and_days_carry_what_a_reader_s_language_needs(data: ReportData,
 
 def test_no_number_is_left_in_another_language_than_those_beside_it() -> None:
     data = row_report(3000, scene_points=5000)
-    crop = Crop(*(Interval(v, 0.9 * v, 1.1 * v, "all") for v in (2900.0, 4321.0, 1234.5)), None, 2)
+    crop = Crop(*(CropInterval(v, 0.9 * v, 1.1 * v, "all") for v in (2900.0, 4321.0, 1234.5)), None, 2)
     exact = ScaleReport(source="markers", accuracy=Accuracy(3.1, 0.0009))
     data = replace(data, crop=crop, detections=12345, corrections=1000, scale=exact)
     sections = Sections.of(data)

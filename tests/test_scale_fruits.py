@@ -11,7 +11,7 @@ import pytest
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.fruit_geometry.discs import SeenFruits
+from pomona.fruit_geometry.discs import FruitDiscs
 from pomona.geometry import Similarity
 from pomona.photos import Gnss, Photos
 from pomona.progress import Silent
@@ -166,16 +166,16 @@ def test_halfway_meets_in_the_middle_and_believes_vague_points_little() -> None:
 # Whole pieces.
 
 
-def in_no_photo(centers_in_world: FloatArray, diameters_m: FloatArray) -> SeenFruits:
+def in_no_photo(centers_in_world: FloatArray, diameters_m: FloatArray) -> FruitDiscs:
     """Fruits whose discs nobody measured: they align sides, and are no landmarks."""
     nothing = np.zeros(0, np.int64)
-    return SeenFruits(centers_in_world, diameters_m, nothing, nothing, np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    return FruitDiscs(centers_in_world, diameters_m, nothing, nothing, np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
 def finder(fruits: FloatArray, sides: dict[str, float]) -> FindFruits:
     """Finds in the cameras' frame what each side sees of fruits whose places in the world are known."""
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         side = cameras.photos[0].split("/")[0]
         world = EAST if side == "east" else WEST
         from_world = _between(world, cameras)
@@ -230,7 +230,7 @@ def test_sides_that_share_no_fruit_stay_apart() -> None:
     placement = both_in_metres()
     rows = {"east": fruits_on_a_row(90, 2.1, seed=1), "west": fruits_on_a_row(90, 2.1, seed=2)}
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
 
     align_sides(placement, None, find)
@@ -244,7 +244,7 @@ def test_sides_that_meet_along_a_part_of_the_row_are_not_tied_and_it_is_said(ste
     row = fruits_on_a_row(260, 12.0)
     bent = row + np.where(row[:, :1] > 7, [0.0, step_m, 0.0], 0.0)
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         side = cameras.photos[0].split("/")[0]
         return finder(row if side == "east" else bent, {"east": 0.7, "west": 0.7})(cameras)
 
@@ -357,7 +357,7 @@ def test_sides_on_markers_that_share_no_fruit_are_not_said_to_be_apart() -> None
         placement.set_scale(idx, "markers", 1.0, rms_mm=1.0)
     rows = {"east": fruits_on_a_row(90, 2.1, seed=1), "west": fruits_on_a_row(90, 2.1, seed=2)}
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         return finder(rows[cameras.photos[0].split("/")[0]], {"east": 0.6, "west": 0.6})(cameras)
 
     align_sides(placement, WorldFrame("markers", False, True), find)
@@ -373,7 +373,7 @@ def test_sides_whose_fruits_differ_in_size_are_named(ratio: float, named: int, s
         placement.set_scale(idx, source, 1.0, rms_mm=5.0)  # type: ignore[arg-type]
     of_row = finder(fruits_on_a_row(90, 2.0), {"east": 0.6, "west": 0.6})
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         found = of_row(cameras)
         scatter = np.random.default_rng(len(found)).normal(1, 0.06, len(found))
         larger = ratio if cameras.photos[0].startswith("west") else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
-from pomona.fruit_geometry.discs import SeenFruits
+from pomona.fruit_geometry.discs import FruitDiscs
 from pomona.progress import Silent
 from pomona.scale import Placed, ScaleOptions, place_in_world
 from pomona.scale.aruco import Sighting
@@ -38,7 +38,7 @@ LOST = EAST.photos[-2:]
 FRUITS = np.random.default_rng(0).uniform([0, -0.3, 0.6], [2, 0.3, 2.4], (60, 3))
 
 
-def fruits_as_seen(cameras: Cameras) -> SeenFruits:
+def fruits_as_seen(cameras: Cameras) -> FruitDiscs:
     """The fruits with the discs that the cameras' photos truly show, as far as places of the cameras lead to them."""
     random, discs = np.random.default_rng(3), []
     for i, name in enumerate(cameras.photos):
@@ -49,7 +49,7 @@ def fruits_as_seen(cameras: Cameras) -> SeenFruits:
         discs += [(k, i, *(true_px[k] + random.normal(0, 0.5, 2))) for k in np.flatnonzero(found)]
     fruit_idx, photo_idx, x_px, y_px = (np.array(part) for part in zip(*discs, strict=True))
     ones = np.ones(len(discs))
-    return SeenFruits(
+    return FruitDiscs(
         FRUITS, np.full(len(FRUITS), 0.07), fruit_idx, photo_idx, np.column_stack([x_px, y_px]), ones, 0.9 * ones
     )
 

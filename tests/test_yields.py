@@ -13,7 +13,7 @@ from pomona.crop import Crop, RowSegments
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.tables import read_segments, read_trees, write_segments, write_trees
 from pomona.fruits import Fruits, Observations
-from pomona.intervals import Interval
+from pomona.intervals import CropInterval
 from pomona.intrinsics import Intrinsics
 from pomona.measure.allometry import STORY_APPLES, weigh
 from pomona.planting import on_trees
@@ -113,7 +113,7 @@ def test_the_interval_holds_the_true_number(sides: int, leaves: float, widest: f
     assert 0.93 < np.mean(ratios) < (1.1 if sides == 2 else 1.2)  # of one side, fewer are seen than not
 
 
-def relative_width(interval: Interval) -> float:
+def relative_width(interval: CropInterval) -> float:
     """From low to high, as a share of the value."""
     return (interval.high - interval.low) / interval.value
 
@@ -597,8 +597,8 @@ def test_hand_counts_that_cannot_be(tmp_path: Path, text: str, said: str) -> Non
 
 def test_an_interval_holds_its_value() -> None:
     with pytest.raises(InputError, match="low"):
-        Interval(3.0, 4.0, 5.0, "nothing")
-    assert Interval.of_draws(10.0, np.array([1.0, 2.0]), "x").high == 10.0
+        CropInterval(3.0, 4.0, 5.0, "nothing")
+    assert CropInterval.of_draws(10.0, np.array([1.0, 2.0]), "x").high == 10.0
     with pytest.raises(InputError, match="draws"):
         YieldOptions(draws=3)
     with pytest.raises(InputError, match="segment_m"):

@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray, IntArray, OneLine, set_checked
 from pomona.data_frames import data_frame
-from pomona.intervals import Interval
+from pomona.intervals import CropInterval
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class Crop:
     estimated of the same trees; None where no tree was counted. `sizes` are None where nothing was measured.
     """
 
-    seen: Interval
-    fruits: Interval
-    per_metre: Interval | None
-    weight_kg: Interval | None
+    seen: CropInterval
+    fruits: CropInterval
+    per_metre: CropInterval | None
+    weight_kg: CropInterval | None
     sides: int
-    calibration: Interval | None = None
+    calibration: CropInterval | None = None
     sizes: SizeDistribution | None = None
 
     @classmethod
@@ -65,12 +65,12 @@ class Crop:
         """Return the crop of which the facts of the stage `results` hold the entries; None where they are None."""
         if values is None:
             return None
-        intervals = {name: Interval.from_json(values[name]) for name in _INTERVALS}
+        intervals = {name: CropInterval.from_json(values[name]) for name in _INTERVALS}
         sizes = SizeDistribution.from_json(values["sizes"])
         return cls(**intervals, sides=values["sides"], sizes=sizes)  # type: ignore[arg-type]
 
 
-_INTERVALS = [field.name for field in fields(Crop) if "Interval" in str(field.type)]
+_INTERVALS = [field.name for field in fields(Crop) if "CropInterval" in str(field.type)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -25,7 +25,7 @@ _STEPS, _LONGEST_STEP = 10, 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class SeenFruits:
+class FruitDiscs:
     """n fruits, `centers_in_world` (n, 3) and `diameters_m` (n,), and the k discs by which photos see them.
 
     `fruit_idx` and `photo_idx` (k,), `xy_px` (k, 2) where a disc's centre is, each coordinate to `sds_px` (k,) if
@@ -54,9 +54,9 @@ class SeenFruits:
         return len(self.diameters_m)
 
 
-def seen_fruits(
+def fruit_discs(
     fruits: Fruits, observations: Observations, detections: SurveyDetections, cameras: Cameras
-) -> SeenFruits:
+) -> FruitDiscs:
     """Return the fruits with the discs in their photos.
 
     Each disc is that of its fruit's sphere, moved across the sight until the mask's outline lies on it: least squares,
@@ -73,7 +73,7 @@ def seen_fruits(
     depths = masks.depths(centers, mask_idx)
     focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])[cameras.intrinsics_idx[photo_idx]]
     shares = np.minimum(masks.areas[mask_idx] * depths**2 / (np.pi * radii_m**2), 1)
-    return SeenFruits(
+    return FruitDiscs(
         fruits.centers_in_world,
         fruits.diameters_m,
         fruit_idx,

@@ -67,14 +67,14 @@ def _find_fruits(detections: SurveyDetections, association: ObjectOptions | None
     """Return what finds the fruits that cameras see: once is enough for those that many photos see clearly."""
     if association is None:
         return None
-    from pomona.fruit_geometry.discs import SeenFruits, seen_fruits
+    from pomona.fruit_geometry.discs import FruitDiscs, fruit_discs
     from pomona.fuse import object
 
     once = replace(association, rounds=1, repeats=1)
 
-    def find(cameras: Cameras) -> SeenFruits:
+    def find(cameras: Cameras) -> FruitDiscs:
         fused = object.fuse(detections, cameras, options=once)
-        return seen_fruits(fused.fruits, fused.observations, detections, cameras)
+        return fruit_discs(fused.fruits, fused.observations, detections, cameras)
 
     return find
 

@@ -17,7 +17,7 @@ from pomona.adjustment.lenses import credible_focals, share_lenses
 from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray, groups
 from pomona.cameras import Cameras, WorldFrame, concatenate, split
-from pomona.fruit_geometry.discs import SeenFruits
+from pomona.fruit_geometry.discs import FruitDiscs
 from pomona.geometry import Similarity, estimate_similarity
 from pomona.photos import Photo
 from pomona.progress import Progress
@@ -89,7 +89,7 @@ def _with_axes(cameras: Cameras, reach: float) -> FloatArray:
     return np.concatenate([centers, *(centers + reach * cameras.cam_from_world[:, k, :3] for k in range(3))])
 
 
-def landmarks(seen: SeenFruits) -> list[Landmark]:
+def landmarks(seen: FruitDiscs) -> list[Landmark]:
     """Return the fruits that photos enough see, enough of them."""
     good = seen.shares >= _LEAST_SHARE
     good &= np.bincount(seen.fruit_idx[good], minlength=len(seen))[seen.fruit_idx] >= _LEAST_PHOTOS

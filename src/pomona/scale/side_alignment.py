@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pomona.arrays import FloatArray, IntArray
 from pomona.cameras import Cameras, WorldFrame
-from pomona.fruit_geometry.discs import SeenFruits
+from pomona.fruit_geometry.discs import FruitDiscs
 from pomona.geometry import Similarity
 from pomona.scale.placement import Placement
 from pomona.scale.registration import (
@@ -25,7 +25,7 @@ from pomona.scale.registration import (
 from pomona.scale.report import PieceScale, SideTie, TiedBy
 from pomona.scale.upright import row_frame
 
-FindFruits = Callable[[Cameras], SeenFruits]
+FindFruits = Callable[[Cameras], FruitDiscs]
 """Finds the fruits that cameras in metres see."""
 
 # Correspondences are found anew so often while sides in the markers' frame meet; the motions are small.

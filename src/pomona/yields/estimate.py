@@ -15,7 +15,7 @@ from pomona.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from pomona.cameras import Cameras
 from pomona.crop import Crop, RowSegments, SizeDistribution
 from pomona.fruits import Fruits, Observations
-from pomona.intervals import Interval
+from pomona.intervals import CropInterval
 from pomona.measure.allometry import Allometry, total_weight
 from pomona.progress import Progress, Silent
 from pomona.row_line import RowLine, row_line, walk_of
@@ -175,15 +175,15 @@ def _crop(
     encounters: Encounters,
     draws: _Draws,
     covers: str,
-    ratio: Interval | None,
+    ratio: CropInterval | None,
     allometry: Allometry,
 ) -> Crop:
     total: FloatArray = draws.counts.sum(axis=1, dtype=float)
-    everything = Interval.of_draws(float(draws.expected.sum()), total, covers)
+    everything = CropInterval.of_draws(float(draws.expected.sum()), total, covers)
     length = float(np.ptp(line.along_across(fruits.centers_in_world)[0]))
     sizes = size_distribution(fruits, allometry)
     return Crop(
-        seen=Interval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
+        seen=CropInterval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
         fruits=everything,
         per_metre=everything.times(1 / length) if length > 0 else None,
         weight_kg=_weight(fruits, sizes, everything, total, allometry),
@@ -194,8 +194,8 @@ def _crop(
 
 
 def _weight(
-    fruits: Fruits, sizes: SizeDistribution | None, everything: Interval, total: FloatArray, allometry: Allometry
-) -> Interval | None:
+    fruits: Fruits, sizes: SizeDistribution | None, everything: CropInterval, total: FloatArray, allometry: Allometry
+) -> CropInterval | None:
     """The weight of all fruit: of the number, and of the mean weight, whose errors are not of each other."""
     found = total_weight(fruits, allometry)
     if found is None or sizes is None or everything.value == 0:
@@ -204,7 +204,7 @@ def _weight(
     rng = np.random.default_rng(len(fruits))
     spread = (found.high_kg - found.low_kg) / (2 * 1.96 * found.kg)
     weights = total * mean_kg * (1 + spread * rng.standard_normal(len(total)))
-    return Interval.of_draws(mean_kg * everything.value, np.maximum(weights, 0.0), everything.covers)
+    return CropInterval.of_draws(mean_kg * everything.value, np.maximum(weights, 0.0), everything.covers)
 
 
 def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError
 from pomona.formats.small_table import read_small_table
-from pomona.intervals import Interval
+from pomona.intervals import CropInterval
 from pomona.progress import Progress
 
 _FAR_OFF = 2.0  # a count that is so many times more or less than it should be is named
@@ -91,7 +91,7 @@ class Calibration:
     `seen_draws` (k,) and `hidden_draws` (k,) are of both as they may be.
     """
 
-    ratio: Interval
+    ratio: CropInterval
     seen: float
     hidden: float
     seen_draws: FloatArray
@@ -133,7 +133,7 @@ def calibration(counts: HandCounts, trees: OnTrees, rng: np.random.Generator, pr
     seen, hidden = _shares(counted.sum(), np.array(trees.seen.sum()), np.array(expected))
     words = f"hand counts of {n} tree{'s' if n > 1 else ''} to their estimates"
     return Calibration(
-        Interval.of_draws(ratio, fruits / sums, words), float(seen), float(hidden), *_shares(fruits, found, sums)
+        CropInterval.of_draws(ratio, fruits / sums, words), float(seen), float(hidden), *_shares(fruits, found, sums)
     )
 
 
