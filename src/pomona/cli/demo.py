@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.summary import show
 from pomona.errors import MissingFileError
@@ -16,9 +17,7 @@ from pomona.pipeline import run as run_pipeline
 
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="SURVEY", help="Folder to write.")] = Path("pomona-demo"),
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")
-    ] = False,
+    overwrite: shared.Overwrite = False,
 ) -> None:
     """Run Pomona on the bundled sample, and print where the report is."""
     import pomona

@@ -86,4 +86,5 @@ Variant = Annotated[
         metavar="text|published-code", help="With --method paper: as the text says, or as its authors' code does it."
     ),
 ]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

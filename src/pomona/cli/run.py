@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,18 @@ from pomona.cli.summary import show
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
 from pomona.pipeline.options import parse_names, parse_scale_bar
+
+_ENGINE = Annotated[
+    str, typer.Option(metavar="auto|opencv|patchmatch", help="Engine for the dense cloud; patchmatch needs a GPU.")
+]
+_GNSS = Annotated[bool, typer.Option(help="Use the photos' GNSS positions for scale and place.")]
+_SECOND_LOOK = Annotated[bool, typer.Option(help="Look at every fruit again in all photos, to place it better.")]
+_SCENE = Annotated[bool, typer.Option(help="Make a dense cloud of the whole row for viewing.")]
+_FILTER = Annotated[bool, typer.Option("--filter/--no-filter", help="Remove fruits that are probably false.")]
+_FILTER_MODEL = Annotated[
+    Path | None, typer.Option(metavar="JSON", help="Use your own support vector machine for --filter.")
+]
+_ADAPT = Annotated[bool, typer.Option("--adapt", help="Train the segmenter on this survey, then run again with it.")]
 
 
 def run(
@@ -41,24 +54,14 @@ def run(
     method: shared.Method = "object",
     variant: shared.Variant = None,
     sides: shared.Sides = "auto",
-    engine: Annotated[
-        str, typer.Option(metavar="auto|opencv|patchmatch", help="Engine for the dense cloud; patchmatch needs a GPU.")
-    ] = "auto",
-    gnss: Annotated[bool, typer.Option(help="Use the photos' GNSS positions for scale and place.")] = True,
-    second_look: Annotated[
-        bool, typer.Option(help="Look at every fruit again in all photos, to place it better.")
-    ] = True,
-    scene: Annotated[bool, typer.Option(help="Make a dense cloud of the whole row for viewing.")] = True,
-    filter: Annotated[bool, typer.Option("--filter/--no-filter", help="Remove fruits that are probably false.")] = True,
-    filter_model: Annotated[
-        Path | None, typer.Option(metavar="JSON", help="Use your own support vector machine for --filter.")
-    ] = None,
-    adapt: Annotated[
-        bool, typer.Option("--adapt", help="Train the segmenter on this survey, then run again with it.")
-    ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")
-    ] = False,
+    engine: _ENGINE = "auto",
+    gnss: _GNSS = True,
+    second_look: _SECOND_LOOK = True,
+    scene: _SCENE = True,
+    filter: _FILTER = True,
+    filter_model: _FILTER_MODEL = None,
+    adapt: _ADAPT = False,
+    overwrite: shared.Overwrite = False,
     as_json: shared.Json = False,
 ) -> None:
     """Find every fruit in photos of a row, with its position and size, as a table, a map, a cloud and a report.
@@ -66,42 +69,34 @@ def run(
     An interrupted run continues where it stopped; a changed option recomputes only what depends on it.
     """
     chosen = RunOptions(
-        sides=sides,
-        method=method,
-        variant=variant,
-        model=model,
-        score_threshold=score_threshold,
-        detections=detections,
-        classes=parse_names(classes),
-        cameras=cameras,
-        markers=markers,
-        markers_crs=markers_crs,
-        gcp=gcp,
-        positions=positions,
-        scale_bar=parse_scale_bar(scale_bar),
-        marker_dictionary=marker_dictionary,
-        use_gnss=gnss,
-        fruit=fruit,
-        fruit_diameter_m=fruit_diameter,
-        weights=weights,
-        trees=trees,
-        tree_spacing=tree_spacing,
-        hand_counts=hand_counts,
-        packing=packing,
-        engine=engine,
-        second_look=second_look,
-        scene=scene,
-        filter_false_positives=filter,
-        filter_model=filter_model,
+        sides=sides, model=model, score_threshold=score_threshold,
+        detections=detections, classes=parse_names(classes), cameras=cameras,
+        markers=markers, markers_crs=markers_crs, marker_dictionary=marker_dictionary,
+        gcp=gcp, positions=positions, use_gnss=gnss, scale_bar=parse_scale_bar(scale_bar),
+        fruit=fruit, fruit_diameter_m=fruit_diameter, weights=weights,
+        trees=trees, tree_spacing=tree_spacing, hand_counts=hand_counts, packing=packing,
+        method=method, variant=variant, engine=engine, second_look=second_look, scene=scene,
+        filter_false_positives=filter, filter_model=filter_model,
+    )  # fmt: skip
+    work = _run_adapted if adapt else run_pipeline
+    summary = with_progress(
+        lambda progress: work(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage), out
     )
+    show(summary, as_json=as_json)
 
-    def work(progress: TerminalProgress) -> Summary:
-        if not adapt:
-            return run_pipeline(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage)
-        from pomona.self_training.rerun import run_adapted
 
-        rerun = run_adapted(photos, out, chosen, progress, overwrite=overwrite, on_stage=progress.stage)
-        say("Learnt", "bold", rerun.changed)
-        return rerun.summary
+def _run_adapted(
+    photos: list[Path],
+    out: Path,
+    options: RunOptions,
+    progress: TerminalProgress,
+    *,
+    overwrite: bool,
+    on_stage: Callable[[str], None],
+) -> Summary:
+    """Run, train the segmenter on what was found, and run again with it; says what that changed."""
+    from pomona.self_training.rerun import run_adapted
 
-    show(with_progress(work, out), as_json=as_json)
+    rerun = run_adapted(photos, out, options, progress, overwrite=overwrite, on_stage=on_stage)
+    say("Learnt", "bold", rerun.changed)
+    return rerun.summary

@@ -22,9 +22,7 @@ def segment(
     model: shared.Model = None,
     score_threshold: shared.ScoreThreshold = None,
     sides: _SIDES = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")
-    ] = False,
+    overwrite: shared.Overwrite = False,
     as_json: shared.Json = False,
 ) -> None:
     """Only find the fruits in each photo: writes SURVEY/detections.json. `pomona run` continues from there.
