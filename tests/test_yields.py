@@ -178,6 +178,18 @@ def test_sizes_count_fruits_as_often_as_there_are_such() -> None:
     assert Crop.from_json(older) == replace(crop, sizes=None)
 
 
+def test_weights_that_are_hardly_known_are_as_wide_as_they_are_uncertain() -> None:
+    """The curve is known to 80 %: less than nothing is no weight, but the upper end says it."""
+    fruits, observations, cameras, _ = grown(3, 2)
+    vague = replace(STORY_APPLES, weight_sd=0.8)
+    fruits = weigh(fruits, vague, METRES)
+    crop = estimate_crop(fruits, observations, cameras, trees_of(fruits, Trunks.unknown(), vague), vague).crop
+    assert crop is not None
+    assert crop.weight_kg is not None
+    assert crop.weight_kg.low == 0
+    assert crop.weight_kg.high == pytest.approx((1 + 1.96 * 0.8) * crop.weight_kg.value, rel=0.07)
+
+
 def test_the_crop_is_as_large_as_its_fruits_where_small_ones_are_not_measured() -> None:
     """Diameters of 66 to 82 mm; of those below 72 mm most are too hidden, and what is measured errs."""
     rng = np.random.default_rng(8)

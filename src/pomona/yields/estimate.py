@@ -202,7 +202,7 @@ def _weight(
         return None
     mean_kg = sizes.weights_below_kg[-1] / sizes.below[-1]
     rng = np.random.default_rng(len(fruits))
-    spread = (found.high_kg - found.low_kg) / (2 * 1.96 * found.kg)
+    spread = (found.high_kg - found.kg) / (1.96 * found.kg)  # its lower end is not below 0
     weights = total * mean_kg * (1 + spread * rng.standard_normal(len(total)))
     return CropInterval.of_draws(mean_kg * everything.value, np.maximum(weights, 0.0), everything.covers)
 
