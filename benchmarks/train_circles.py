@@ -1,6 +1,6 @@
 """Train the network that measures circles of whole fruits in crops about them (`pomona.measure.circle_network`).
 
-python benchmarks/train_circles.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N]
+python benchmarks/train_circles.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--batch N]
     [--weights CHECKPOINT.pt | MODEL.onnx]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; each is drawn from by the root
@@ -133,6 +133,7 @@ def main() -> None:
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--steps", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--batch", type=int, default=BATCH)
     parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
@@ -149,7 +150,7 @@ def main() -> None:
     net, mean = CirclesNet(), CirclesNet()
 
     def loss_of_some(net: nn.Module, rng: np.random.Generator) -> Tensor:
-        some = torch.from_numpy(np.sort(rng.choice(learnt, BATCH, p=shares)))
+        some = torch.from_numpy(np.sort(rng.choice(learnt, arguments.batch, p=shares)))
         crops, wanted = crops_of(patches[some], labels[some], varied=True)
         return loss_of(in_bfloat16(net, crops), wanted)
 

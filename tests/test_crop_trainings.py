@@ -150,7 +150,7 @@ def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(
 
 def test_a_training_of_circles_goes_on_and_its_file_is_one_to_measure_with(row: Path, tmp_path: Path) -> None:
     file = tmp_path / "new.onnx"
-    assert "\n1 " in trained("train_circles", str(file), str(row), "--steps", "1")
+    assert "\n1 " in trained("train_circles", str(file), str(row), "--steps", "1", "--batch", "4")
     longer = trained("train_circles", str(file), str(row), "--steps", "2")
     assert "\n2 " in longer
     assert "\n1 " not in longer
