@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -19,6 +23,8 @@ from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.gpkg import read_layer
 from pomona.formats.tables import write_trees
+from pomona.fuse import Fused
+from pomona.fuse.object import fuse
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
 from pomona.orchard.folder import LAYERS, OrchardFolder
 from pomona.orchard.jobs import Outcome, Part, SurveyJob
@@ -29,7 +35,7 @@ from pomona.orchard.run import parts_of
 from pomona.orchard.tables import write_tables
 from pomona.orchard.work import do_job
 from pomona.pipeline import STAGES
-from pomona.progress import Silent
+from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
 from pomona.trees import Trees
 
@@ -207,6 +213,38 @@ def test_why_a_survey_failed(scene: Path, tmp_path: Path, monkeypatch: pytest.Mo
     assert "Input/output error" in outcome.reason
     assert "test_orchard.py" in outcome.details
     assert Outcome.from_json(json.loads(json.dumps(outcome.to_json()))) == outcome
+
+
+def test_surveys_of_the_command_name_its_options_whatever_worker_makes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Here:
+        """One worker, this process; jobs come to it as they do to one elsewhere."""
+
+        dashboard = "here"
+
+        def run(self, jobs: Iterable[SurveyJob], work: Callable[[SurveyJob, Path], Outcome]) -> Iterator[Outcome]:
+            return (work(pickle.loads(pickle.dumps(job)), tmp_path) for job in jobs)
+
+    def warning(*given: Any, progress: Progress, **more: Any) -> Fused:
+        progress.warn("give `fruit_diameter_m`")
+        return fuse(*given, progress=progress, **more)
+
+    monkeypatch.setattr("pomona.fuse.object.fuse", warning)
+    monkeypatch.setattr("pomona.orchard.run.local_workers", lambda options: nullcontext(Here()))
+    path = write_rows(tmp_path, [{"row": "1"}, {"row": "2"}])
+    path.write_text(path.read_text() + 'classes = ["potato"]\n')
+    said = runner.invoke(app, ["orchard", str(path)])
+    orchard = read_orchard(path)
+    folder = OrchardFolder(Place(orchard.out))
+    assert "give --fruit-diameter" in SurveyFolder.open(folder.survey("1").path).get("warnings")
+    refused = folder.outcome("surveys", "2")
+    assert refused is not None
+    assert refused.reason.startswith("--classes: expected")
+    assert f"2: {refused.reason}" in said.stdout
+    job = job_of(orchard.surveys[0], tmp_path / "by python")
+    assert do_job(job, tmp_path).state == "done"
+    assert "give `fruit_diameter_m`" in SurveyFolder.open(Path(job.out)).get("warnings")
 
 
 # ---- shared storage --------------------------------------------------------------------------------------------------

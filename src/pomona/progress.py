@@ -22,10 +22,14 @@ class Progress(Protocol):
 
 
 class Silent:
-    """A `Progress` that says nothing and remembers the warnings (for libraries and tests)."""
+    """A `Progress` that says nothing and remembers the warnings (for libraries and tests).
 
-    def __init__(self) -> None:
+    `words` are those for who reads the survey later; see `words_of`.
+    """
+
+    def __init__(self, words: Callable[[str], str] = str) -> None:
         self.warnings: list[str] = []
+        self.words = words
 
     def start(self, label: str, total: int | None = None) -> None:
         """Ignore the step."""

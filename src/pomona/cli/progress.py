@@ -102,9 +102,8 @@ class TerminalProgress:
         """Print a warning at once."""
         self._print(Text.assemble(("Warning: ", "yellow"), self.words(message)))
 
-    def words(self, message: str) -> str:
-        """Return a message as a survey that a command made keeps and shows it: it names options."""
-        return with_options(message)
+    # How surveys that a command made keep and show messages; workers on other machines import it.
+    words = staticmethod(with_options)
 
     def _title(self) -> str:
         names = ("photos", *STAGES)

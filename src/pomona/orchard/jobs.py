@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
 from typing import Any, Literal, Protocol, Self
@@ -44,6 +44,7 @@ class SurveyJob:
     """A survey to be made: `photos`, files in `options` and `out`, its folder, are paths or URLs.
 
     `left` is what an earlier outcome says of it, by which a survey that nothing changed is known without its photos.
+    `words`, a function that workers can import, words messages for who reads them.
     """
 
     name: str
@@ -53,6 +54,7 @@ class SurveyJob:
     parts: tuple[Part, ...] = (Part("report"),)
     part: int = 0
     left: Mapping[str, str] = field(default_factory=dict)
+    words: Callable[[str], str] = str
     version: str = __version__
 
     def at(self, part: int) -> SurveyJob:

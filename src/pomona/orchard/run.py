@@ -18,7 +18,7 @@ from pomona.orchard.plan import Orchard
 from pomona.orchard.tables import comparison_name, is_done, write_tables
 from pomona.orchard.work import do_job
 from pomona.pipeline import STAGES
-from pomona.progress import Progress, Silent
+from pomona.progress import Progress, Silent, words_of
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors
 
@@ -71,7 +71,8 @@ def run_orchard(
     """Make all surveys of an orchard that are not made yet, compare those of one row, write tables, map and report.
 
     What is done is not done again; a survey that fails does not stop others. `scheduler` is the address of a Dask
-    cluster; None: processes of this machine. `on_start` is told the address of the dashboard.
+    cluster; None: processes of this machine. `on_start` is told the address of the dashboard. Where `progress` has
+    `words`, a function that workers can import, messages of surveys are worded by it.
 
     Raises `InputError` where no local worker has the tags wanted, `SurveyError` where the scheduler does not answer or
     goes away, or `out` cannot be written, and `MissingExtraError` without the extra `cluster`.
@@ -85,7 +86,7 @@ def run_orchard(
         _check_tags(workers, orchard, local=scheduler is None, progress=progress)
         plans = {survey.name: survey.key for survey in orchard.surveys}
         progress.start("surveys", len(orchard.surveys))
-        for outcome in workers.run(_survey_jobs(orchard, folder), do_job):
+        for outcome in workers.run(_survey_jobs(orchard, folder, words_of(progress)), do_job):
             _note(folder, "surveys", replace(outcome, plan=plans[outcome.name]), progress)
             surveys = surveys.plus(outcome)
         progress.start("comparisons", len(orchard.comparisons))
@@ -118,7 +119,7 @@ def parts_of(resources: Mapping[str, Mapping[str, float]], method: str) -> tuple
     return tuple(parts)
 
 
-def _survey_jobs(orchard: Orchard, folder: OrchardFolder) -> Iterator[SurveyJob]:
+def _survey_jobs(orchard: Orchard, folder: OrchardFolder, words: Callable[[str], str]) -> Iterator[SurveyJob]:
     for planned in orchard.surveys:
         before = folder.outcome("surveys", planned.name)
         yield SurveyJob(
@@ -128,6 +129,7 @@ def _survey_jobs(orchard: Orchard, folder: OrchardFolder) -> Iterator[SurveyJob]
             out=folder.survey(planned.name).text,
             parts=parts_of(orchard.resources, planned.options.get("method", "object")),
             left=before.left if before else {},
+            words=words,
         )
 
 

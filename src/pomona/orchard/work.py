@@ -21,6 +21,7 @@ from pomona.orchard.jobs import Attempt, ComparisonJob, Outcome, SurveyJob
 from pomona.orchard.places import Place, Sender, is_url
 from pomona.pipeline import STAGES, RunOptions, run
 from pomona.pipeline.code import code_digest, engine_versions
+from pomona.progress import Silent
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest
 from pomona.survey.record import now
@@ -35,6 +36,7 @@ def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
     `scratch` is a local folder for copies of what is not on this machine.
     """
     began, start = now(), time.monotonic()
+    words = job.words if isinstance(job, SurveyJob) else str
     try:
         if job.version != __version__:
             raise InputError(f"Pomona is {__version__} here and {job.version} where the orchard was started: use one")
@@ -42,7 +44,8 @@ def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
             here = Path(folder)
             outcome = _survey(job, here) if isinstance(job, SurveyJob) else _comparison(job, here)
     except PomonaError as error:
-        outcome = Outcome(name=job.name, state="failed", reason=str(error), may_pass=isinstance(error, SurveyError))
+        may_pass = isinstance(error, SurveyError)
+        outcome = Outcome(name=job.name, state="failed", reason=words(str(error)), may_pass=may_pass)
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".rstrip(": ")
         details = "".join(traceback.format_exception(error))
@@ -64,7 +67,7 @@ def _survey(job: SurveyJob, scratch: Path) -> Outcome:
     folder = scratch / "survey" / out.name if out.is_remote else out.path
     send = _brought(out, folder).send if out.is_remote else lambda: None
     # What a stage has finished is there for another worker once the next one begins.
-    summary = run(photos, folder, options, until=job.until, on_stage=lambda name: send())
+    summary = run(photos, folder, options, Silent(job.words), until=job.until, on_stage=lambda name: send())
     send()
     kept = all(stage.kept for stage in summary.stages)
     return Outcome(name=job.name, state="done", kept=kept, left={"from": made_from, "manifest": _mark(out)})
