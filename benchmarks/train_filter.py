@@ -34,7 +34,6 @@ from pomona.filter import (
     LinearSvm,
     resized,
     view_features,
-    view_probability,
 )
 from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.filter.training import training_table
@@ -151,13 +150,17 @@ class Learnt:
 
 @dataclass(frozen=True)
 class Example:
-    """What one survey teaches: features (n, k), whether each is a fruit (n,), and the fruits as they are measured."""
+    """What one survey teaches: features (n, k), whether each is a fruit (n,), and the fruits as they are measured.
+
+    `place_probability` (n,): that it is where it is said, which no machine learns.
+    """
 
     label: str
     values: np.ndarray
     is_fruit: np.ndarray
     fruits: Fruits
     truth: Truth
+    place_probability: np.ndarray
 
 
 def kinds_of_detections(
@@ -216,7 +219,8 @@ def paper_example(
     names = CODE_FEATURE_NAMES if variant == "published-code" else FEATURE_NAMES
     values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth, names=names)
     values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)), names)
-    return Example(label, values, is_fruit, measured[np.isin(measured.ids, fused.cloud.fruit_id)], truth)
+    fruits = measured[np.isin(measured.ids, fused.cloud.fruit_id)]
+    return Example(label, values, is_fruit, fruits, truth, np.ones(len(fruits)))
 
 
 def object_example(
@@ -228,9 +232,11 @@ def object_example(
         fused = look_again(fused, detections, photos, cameras)
     measured = measure(fused, detections, cameras, photos, options=RunOptions().of_stages.measure)
     near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
-    values, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
-    judged = np.isfinite(values).all(1)  # others no photo shows well enough to be looked at
-    return Example(label, values[judged], is_fruit[judged], measured[judged], truth)
+    features, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
+    judged = np.isfinite(features.values).all(1)  # others no photo shows well enough to be looked at
+    features = features[judged]
+    placed = features.place_probability(looked=photos is not None)
+    return Example(label, features.values, is_fruit[judged], measured[judged], truth, placed)
 
 
 def trained(done: list[Example], learnt: Learnt) -> LinearSvm:
@@ -274,9 +280,8 @@ def main() -> None:
     svm = trained(done, learnt)
     svm.save(arguments.out)
     print(svm.trained_on, dict(zip(svm.names, svm.weights.round(2).tolist(), strict=True)))
-    probability = svm.probability if arguments.method == "paper" else lambda values: view_probability(values, svm)
     for example in done:
-        kept = probability(example.values) >= 0.5
+        kept = svm.probability(example.values) * example.place_probability >= 0.5
         before = evaluate_fruits(example.fruits, example.truth).all
         after = evaluate_fruits(example.fruits[kept], example.truth).all
         print(f"{example.label}: F1 {before.f1:.3f} -> {after.f1:.3f}, FDR {before.false_detection_rate:.3f} -> "

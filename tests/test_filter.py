@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.cameras import Cameras
-from pomona.detections import Detections, SurveyDetections
+from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.fruits import Truth
 from pomona.filter import (
@@ -31,7 +31,7 @@ from pomona.filter import (
 )
 from pomona.filter.point_features import hull_volume_m3, psi
 from pomona.filter.training import training_table
-from pomona.filter.view_features import place_probability
+from pomona.filter.view_features import ViewFeatures
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused, Shown
 from pomona.fuse.object import fuse
@@ -265,7 +265,7 @@ def test_views_tell_how_often_a_fruit_was_seen_where_it_should_be() -> None:
     worse = SurveyDetections(fewer)
     fused = fuse(worse, cameras)
     assert len(fused.fruits) == 2
-    log_views, seen_share, mean_score, largest_share, log_place_sd = view_features(fused, worse, cameras).T
+    log_views, seen_share, mean_score, largest_share, log_place_sd = view_features(fused, worse, cameras).values.T
     np.testing.assert_array_equal(np.round(np.exp(log_views)), [8, 4])
     np.testing.assert_allclose(seen_share, [1, 0.5], atol=0.08)
     np.testing.assert_allclose(mean_score, [0.9, 0.6])
@@ -296,7 +296,7 @@ def three_alike() -> tuple[Fused, SurveyDetections, Cameras]:
 def test_what_the_second_look_saw_counts_for_a_fruit_and_against_it() -> None:
     fused, detections, cameras = three_alike()
     fused = looked_at(fused, [0.8, 0.3, 0.02], [8.0, 2.0, -1.0])
-    values = view_features(fused, detections, cameras)
+    values = view_features(fused, detections, cameras).values
     np.testing.assert_allclose(values[:, -2:], [[0.8, 8.0], [0.3, 2.0], [0.02, -1.0]])
     machine = LinearSvm.load(shipped("object", "second-look"))
     assert machine.names == LOOKED_FEATURE_NAMES
@@ -341,10 +341,10 @@ def test_photos_from_nearly_one_place_do_not_tell_where_a_fruit_is(step_m: float
     fused = Fused(
         Fruits(np.array([1]), center, np.array([0.08]), np.ones(1), np.array([8])), observations, FruitCloud.empty()
     )
-    values = view_features(fused, detections, cameras)
-    assert least < np.exp(values[0, -1]) < most
+    features = view_features(fused, detections, cameras)
+    assert least < np.exp(features.values[0, -1]) < most
     machine = LinearSvm.load(shipped("object"))
-    assert view_probability(values, machine)[0] <= machine.probability(values)[0]
+    assert view_probability(features, machine)[0] <= machine.probability(features.values)[0]
     if step_m < 0.01:
         assert len(apply_to_views(fused, detections, cameras, machine).fruits) == 0
 
@@ -352,4 +352,31 @@ def test_photos_from_nearly_one_place_do_not_tell_where_a_fruit_is(step_m: float
 def test_the_probability_of_the_place_is_that_of_half_a_diameter() -> None:
     values = np.zeros((3, len(VIEW_FEATURE_NAMES)))
     values[:, VIEW_FEATURE_NAMES.index("log_place_sd")] = np.log([0.05, 0.5, 5.0])
-    np.testing.assert_allclose(place_probability(values), [1, 0.683, 0.0797], atol=1e-3)
+    features = ViewFeatures(values, np.zeros(3))
+    np.testing.assert_allclose(features.place_probability(looked=False), [1, 0.683, 0.0797], atol=1e-3)
+
+
+def test_the_less_of_a_fruit_shows_the_less_sure_is_its_place_however_many_photos_agree() -> None:
+    values = np.zeros((4, len(LOOKED_FEATURE_NAMES)))
+    values[:, LOOKED_FEATURE_NAMES.index("log_place_sd")] = np.log(0.05)
+    features = ViewFeatures(values, np.array([0.0, 0.3, 0.6, 1.0]))
+    np.testing.assert_allclose(features.place_probability(looked=True), [1, 0.998, 0.898, 0.679], atol=1e-3)
+    assert (features.place_probability(looked=False) == 1).all()
+    with pytest.raises(InputError, match=r"ViewFeatures\.hidden"):
+        ViewFeatures(values, np.zeros((4, 1)))
+
+
+def test_what_is_hidden_is_the_part_that_no_photo_shows() -> None:
+    cameras, centers = cameras_in_a_row(8, step_m=0.1), np.array([[-0.15, 0.0, 0.0], [0.15, 0.05, 0.1]])
+    detections = detections_of(cameras, centers, np.full(2, 0.08))
+    fused = fuse(detections, cameras)
+    whole = view_features(fused, detections, cameras).hidden
+    assert (whole < 0.12).all()
+    halves = {}
+    for name, found in detections.items():
+        cut = found.masks[1].pixels.copy()
+        cut[:, cut.shape[1] // 2 :] = False
+        masks = (found.masks[0], Mask.from_pixels(cut, found.masks[1].x_px, found.masks[1].y_px))
+        halves[name] = Detections(name, found.width_px, found.height_px, masks, found.scores, found.ids)
+    hidden = view_features(fused, SurveyDetections(halves), cameras).hidden
+    np.testing.assert_allclose(hidden, [whole[0], 0.5], atol=0.06)

@@ -12,7 +12,7 @@ from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import features, resized
 from pomona.filter.svm import LinearSvm, shipped
-from pomona.filter.view_features import LOOKED_FEATURE_NAMES, place_probability, view_features
+from pomona.filter.view_features import LOOKED_FEATURE_NAMES, ViewFeatures, view_features
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 
@@ -51,30 +51,30 @@ def apply_to_views(
     fruits of `fuse.object`, and for those that were looked at again. Those kept keep their ids.
     """
     options = options or FilterOptions()
-    values = view_features(fused, detections, cameras, options)
-    return _kept(fused, _judged(values, svm), _BY_VIEWS if options.threshold is None else options.threshold)
+    features = view_features(fused, detections, cameras, options)
+    return _kept(fused, _judged(features, svm), _BY_VIEWS if options.threshold is None else options.threshold)
 
 
-def view_probability(values: FloatArray, svm: LinearSvm) -> FloatArray:
-    """Return for features (n, 5 or 7) the probability (n,) that a fruit is within half a diameter of where it is said.
+def view_probability(features: ViewFeatures, svm: LinearSvm) -> FloatArray:
+    """Return the probability (n,) that there is a fruit within half a diameter of where each is said.
 
     A machine of `VIEW_FEATURE_NAMES` judges fruits that were looked at again by these alone.
     """
-    values = values[:, : len(svm.names)]
-    return svm.probability(values) * place_probability(values)
+    looked = svm.names == LOOKED_FEATURE_NAMES
+    return svm.probability(features.values[:, : len(svm.names)]) * features.place_probability(looked=looked)
 
 
-def _judged(values: FloatArray, svm: LinearSvm | None) -> FloatArray:
+def _judged(features: ViewFeatures, svm: LinearSvm | None) -> FloatArray:
     """Probabilities (n,) by a machine, or the shipped one of fruits that were looked at again.
 
     Those that it cannot judge, as no photo could be looked at, are judged by what the association saw of them.
     """
-    probability = view_probability(values, LinearSvm.load(shipped("object")))
-    if svm is None and values.shape[1] == len(LOOKED_FEATURE_NAMES):
+    probability = view_probability(features, LinearSvm.load(shipped("object")))
+    if svm is None and features.values.shape[1] == len(LOOKED_FEATURE_NAMES):
         svm = LinearSvm.load(shipped("object", "second-look"))
     if svm is not None:
-        able = np.isfinite(values[:, : len(svm.names)]).all(1)
-        probability[able] = view_probability(values[able], svm)
+        able = np.isfinite(features.values[:, : len(svm.names)]).all(1)
+        probability[able] = view_probability(features[able], svm)
     return probability
 
 

@@ -2,43 +2,81 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import erf
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.filter.options import FilterOptions
-from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
+from pomona.fruit_geometry.mask_rays import mask_rays
 from pomona.fruit_geometry.near_photos import photos_near
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
 from pomona.fuse.object import ObjectOptions
-from pomona.fuse.object.matches import Matches, shares_of
+from pomona.fuse.object.matches import Matches
 from pomona.fuse.object.refinement import place_sds_m
 
 VIEW_FEATURE_NAMES = ("log_views", "seen_share", "mean_score", "largest_share", "log_place_sd")
 LOOKED_FEATURE_NAMES = (*VIEW_FEATURE_NAMES, "shown", "likelihood_nats")
 """Of fruits that were looked at again."""
 
-# Outlines are surer of places than they are. Of a real video's fruits of a score of 0.8, two halves of the photos agree
-# on the fewer the less this is; above 1.5 it costs fruits that are right (docs/lab/second-look.md).
-_PLACE_AFTER_LOOKING = 1.4
+# Outlines are surer of places than they are, by this factor.
+_PLACE_AFTER_LOOKING = 1.2
+# Leaves that cut a fruit's outline are before it in all photos from about one direction, which then agree on a wrong
+# place: that of a fruit of which nothing shows is known no better than this, in diameters. Halves of the photos of a
+# real video agree on fewer of such fruits than scores without it say (docs/lab/second-look.md).
+_WHOLLY_HIDDEN_SD = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFeatures:
+    """What photos say of n fruits: `values` (n, 5 or 7), and `hidden` (n,), the share that no photo shows of each.
+
+    `values` are `VIEW_FEATURE_NAMES`, or `LOOKED_FEATURE_NAMES` of fruits that were looked at again: the logarithm of
+    the number of photos that saw it; these as a share of the photos that should have, being near to one that did and
+    having it in the picture; the mean score of its detections; the largest share of its disc that a mask fills; and the
+    logarithm of how well its place is known by outlines, a standard deviation in diameters. Of the second look, what is
+    seen of the fruit's centre in the photos that show it best, and how much likelier all photos are with a fruit there
+    than without; both NaN where no photo was looked at.
+
+    `hidden` is of a disc of the usual size: fruits that leaves hide seem small.
+    """
+
+    values: FloatArray
+    hidden: FloatArray
+
+    def __post_init__(self) -> None:
+        set_checked(self, "hidden", (None,), np.float64)
+        set_checked(self, "values", (len(self.hidden), None), np.float64)
+
+    def __len__(self) -> int:
+        return len(self.hidden)
+
+    def __getitem__(self, selection: BoolArray | IntArray) -> ViewFeatures:
+        return ViewFeatures(self.values[selection], self.hidden[selection])
+
+    def place_probability(self, *, looked: bool) -> FloatArray:
+        """Return the probability (n,) that fruits are within half a diameter of where they are said.
+
+        Rows that the filter learns from are seen from many sides. What they do not teach is geometry: a fruit that all
+        photos see from one direction may be a fruit for sure, and nobody knows how far away. `looked`: as the second
+        look has placed them.
+        """
+        sds = np.exp(self.values[:, VIEW_FEATURE_NAMES.index("log_place_sd")])
+        if looked:
+            sds = np.hypot(_PLACE_AFTER_LOOKING * sds, _WHOLLY_HIDDEN_SD * self.hidden)
+        result: FloatArray = erf(0.5 / (np.sqrt(2) * sds))
+        return result
 
 
 def view_features(
     fused: Fused, detections: SurveyDetections, cameras: Cameras, options: FilterOptions | None = None
-) -> FloatArray:
-    """Return features of the n fruits: `VIEW_FEATURE_NAMES` (n, 5), or `LOOKED_FEATURE_NAMES` (n, 7) where they were
-    looked at again. Each has observations in photos that have cameras.
-
-    The logarithm of the number of photos that saw it; these as a share of the photos that should have, being near to
-    one that did and having it in the picture; the mean score of its detections; the largest share of its disc that a
-    mask fills; and the logarithm of how well its place is known, a standard deviation in diameters. Of the second look,
-    what is seen of the fruit's centre in the photos that show it best, and how much likelier all photos are with a
-    fruit there than without; both NaN where no photo was looked at.
-    """
+) -> ViewFeatures:
+    """Return what photos say of the fruits, each of which has observations in photos that have cameras."""
     options = options or FilterOptions()
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_mask, only=fused.observations)
     size = size_of_fruits(fused.fruits.diameters_m, FruitSize())
@@ -46,40 +84,21 @@ def view_features(
     sphere_idx, mask_idx = masks.seen(fused.observations, fused.fruits.ids)
     n = len(spheres)
     views = np.maximum(np.bincount(sphere_idx, minlength=n), 1)
-    largest_share = np.zeros(n)
-    np.maximum.at(largest_share, sphere_idx, shares_of(spheres, sphere_idx, mask_idx, masks))
+    matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
+    place_sds = place_sds_m(spheres, matches, masks, size.radius_m, ObjectOptions()) / size.diameter_m
     columns = [
         np.log(views),
         seen_shares(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options),
         np.bincount(sphere_idx, masks.scores[mask_idx], n) / views,
-        largest_share,
-        np.log(np.maximum(_place_sds(spheres, sphere_idx, mask_idx, masks, size), options.least_place_sd)),
+        matches.largest_shares(n),
+        np.log(np.maximum(place_sds, options.least_place_sd)),
     ]
     if fused.shown is not None:
         none_looked = np.isnan(fused.shown.seen)
         columns += [fused.shown.seen, np.where(none_looked, np.nan, fused.shown.likelihoods_nats)]
-    return np.stack(columns, axis=1)
-
-
-def place_probability(values: FloatArray) -> FloatArray:
-    """Return the probability (n,) that fruits with these features are within half a diameter of where they are said.
-
-    Rows that the filter learns from are seen from many sides. What they do not teach is geometry: a fruit that all
-    photos see from one direction may be a fruit for sure, and nobody knows how far away.
-    """
-    sds = np.exp(np.asarray(values)[:, VIEW_FEATURE_NAMES.index("log_place_sd")])
-    if values.shape[1] == len(LOOKED_FEATURE_NAMES):
-        sds = _PLACE_AFTER_LOOKING * sds
-    result: FloatArray = erf(0.5 / (np.sqrt(2) * sds))
-    return result
-
-
-def _place_sds(
-    spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays, size: FruitSize
-) -> FloatArray:
-    """Return how well it is known where each fruit is (n,): standard deviations in diameters of the fruits."""
-    matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
-    return place_sds_m(spheres, matches, masks, size.radius_m, ObjectOptions()) / size.diameter_m
+    alike = Spheres.alike(spheres.centers_in_world, size.radius_m)
+    hidden = 1 - Matches.known(alike, sphere_idx, mask_idx, masks).largest_shares(n)
+    return ViewFeatures(np.stack(columns, axis=1), hidden)
 
 
 def seen_shares(
