@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from pomona.errors import InputError
-from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits, match
+from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits, frame_doubt, match
 from pomona.evaluate.fruits.matching import Candidates, assign
 from pomona.evaluate.tables import fruits_table
 from pomona.fruits import Fruits
@@ -208,3 +208,21 @@ def test_counts_always_add_up(n_found: int, n_true: int, seed: int) -> None:
         assert len(tally.outcomes) == n_found + tally.true_fruits - tally.true_positives
     assert scores.visible is not None
     assert scores.visible.hidden <= n_found
+
+
+def test_true_fruits_in_millimetres_are_refused() -> None:
+    row = [(0.5 * k, 0, 1) for k in range(6)]
+    with pytest.raises(InputError, match=r"true fruits are 0\.08 m wide \(median\), the found ones 8e-05 m: expected"):
+        evaluate_fruits(found(row, 0.00008), known(row))
+    for diameter in (math.nan, 0.03, 0.4):
+        assert evaluate_fruits(found(row, diameter), known(row)).all.f1 == 1
+
+
+def test_a_frame_in_which_hardly_any_fruit_matches_is_doubted() -> None:
+    truth = known(ROW)
+    for fruits, doubted in ((found(ROW), False), (found([(5, 0, 1), (6, 0, 2.5)]), True), (found([]), False)):
+        doubt = frame_doubt(fruits, truth, evaluate_fruits(fruits, truth))
+        assert bool(doubt) == doubted
+    there = "fruits lie at x 0.00 to 1.50, y 0.00 to 0.00, z 1.00 to 1.00, found ones at x 5.00 to 6.00, y 0.00 to"
+    elsewhere = found([(5, 0, 1), (6, 0, 2.5)])
+    assert there in frame_doubt(elsewhere, truth, evaluate_fruits(elsewhere, truth))

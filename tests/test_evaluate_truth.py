@@ -31,10 +31,14 @@ def test_a_rows_truth_is_read_with_what_can_be_seen(tmp_path: Path) -> None:
         '"id","x","y","z","diameter"\n3,0.5,0,1,0.08\n7,1,0,1,0.07\n',
         "id;x;y;z;diameter\n3;0,5;0;1;0,08\n7;1;0;1;0,07\n",
         "ID\tX\tY\tZ\tDIAMETER\tTREE\n3\t0.5\t0\t1\t0.08\t\n7\t1\t0\t1\t0.07\t\n",
+        "sep=;\nid;x;y;z;diameter\n3;0,5;0;1;0,08\n7;1;0;1;0,07\n",
+        "# measured by hand\n\nid,x (m),y (m),z (m),diameter (m)\n3,0.5,0,1,0.08\n7,1,0,1,0.07\n",
+        "id,x_m,y_m,z_m,diameter_m,score,tree_id\n3,0.5,0,1,0.08,0.9,\n7,1,0,1,0.07,1.0,\n",
     ],
 )
-def test_tables_of_spreadsheets_are_read(tmp_path: Path, text: str) -> None:
-    (tmp_path / "fruits.csv").write_text(text)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_tables_of_spreadsheets_are_read(tmp_path: Path, text: str, encoding: str) -> None:
+    (tmp_path / "fruits.csv").write_text(text, encoding=encoding)
     truth = read_truth(tmp_path)
     assert truth.ids.tolist() == [3, 7]
     assert truth.centers_in_world.tolist() == [[0.5, 0, 1], [1, 0, 1]]
@@ -74,11 +78,14 @@ def test_boxes_are_read_as_columns_lines_and_corners(tmp_path: Path) -> None:
     ("text", "says"),
     [
         ("id,x,y,z,diameter\n1,0,0,east,0.08\n", "line 2"),
-        ("id,x,y,z,diameter\n1,0,0,1,0\n", "positive"),
-        ("id,x,y,z,diameter\n1,0,0,1,0.08\n1,0,0,2,0.08\n", "unique"),
+        ("id,x,y,z,diameter\n1,0,0,1,0\n", "line 2, column diameter: expected metres above 0, found 0"),
+        ("id,x,y,z,diameter\n1,0,0,1,0.08\n1,0,0,2,0.08\n", "line 3, column id: fruit 1 stands there twice"),
+        ("id,x,y,z,diameter\n1,0,5,0,75,1,2,0,08\n", "line 2: expected 5 cells, .* a decimal comma needs cells parted"),
+        ("id,x,y,z,diameter_mm\n1,0,0,1,80\n", "expected the columns id,x,y,z,diameter, .* found 'id,x,y,z,diam"),
+        ("x_min,y_min,z_min,x_max,y_max,z_max\n\n0,0,0,1,1,0\n", "line 3: expected the lowest corner and then the"),
         ("fruit,where\n1,there\n", "expected the columns id,x,y,z,diameter"),
         ("1 2 3 4\n", "6, 24 or 3 numbers"),
-        ("0 0 0 1 1 0\n", "highest corner"),
+        ("0 0 0 1 1 0\n", "box 1: expected the lowest corner and then the highest, found 0 0 0 1 1 0"),
         ("0 0 0\n1 1 1\n", "eight corners"),
         ("", "empty"),
     ],
@@ -87,6 +94,12 @@ def test_what_is_no_truth_is_named(tmp_path: Path, text: str, says: str) -> None
     (tmp_path / "truth.csv").write_text(text)
     with pytest.raises(FormatError, match=says):
         read_truth(tmp_path / "truth.csv")
+
+
+def test_labels_of_photos_are_no_truth_in_space(tmp_path: Path) -> None:
+    (tmp_path / "labels.json").write_text('{"images": [], "annotations": []}')
+    with pytest.raises(FormatError, match=r"labels of photos are compared .* `pomona evaluate --detections`"):
+        read_truth(tmp_path / "labels.json")
 
 
 def test_broken_visible_pixels_are_named(tmp_path: Path) -> None:

@@ -46,13 +46,18 @@ class Survey(SurveySource):
     def evaluate(self, truth: AnyPath, *, match: str = "auto") -> Scores:
         """Return the paper's scores against true fruits in a table of centres and diameters, or of boxes.
 
-        `match`: what makes a found fruit a true one ("auto", "centers", "boxes", "inside"). Raises `MissingFileError`,
-        and `FormatError` for a table that cannot be read.
+        `match`: what makes a found fruit a true one ("auto", "centers", "boxes", "inside"). Warns where hardly any
+        fruit matches. Raises `MissingFileError`, `FormatError` for a table that cannot be read, and `InputError` for
+        sizes in another unit.
         """
-        from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, read_truth
+        from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, frame_doubt, read_truth
 
         options = EvaluateOptions(match=match)  # type: ignore[arg-type]
-        return evaluate_fruits(self.fruits, read_truth(_path("truth", truth)), options=options)
+        true_fruits = read_truth(_path("truth", truth))
+        scores = evaluate_fruits(self.fruits, true_fruits, options=options)
+        if doubt := frame_doubt(self.fruits, true_fruits, scores):
+            self.progress.warn(doubt)
+        return scores
 
     def export(self, to: str, path: AnyPath | None = None) -> Path:
         """Write the survey in the format `to` ("gpkg", "colmap", …), by default in its folder `export/`; return where.

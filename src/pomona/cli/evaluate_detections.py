@@ -32,7 +32,7 @@ class Pictures:
 
     def __post_init__(self) -> None:
         if self.worst is not None and self.worst < 1:
-            raise InputError(f"--worst: expected at least 1 photo, found {self.worst}")
+            raise InputError(f"--worst: expected at least 1, found {self.worst}")
         if (self.folder / MANIFEST).is_file():
             raise InputError(f"--pictures {self.folder} is a survey: choose another folder, such as a new one in it")
 

@@ -31,7 +31,7 @@ def evaluate_mistakes(
 ) -> None:
     """Print the scores of a survey's fruits and what went wrong, and write the page of it."""
     from pomona.evaluate.diagnosis import MistakeOptions, find_mistakes, masks_beside, write_mistakes
-    from pomona.evaluate.fruits import evaluate_fruits, read_truth
+    from pomona.evaluate.fruits import evaluate_fruits, frame_doubt, read_truth
     from pomona.evaluate.tables import fruits_table, mistakes_table
 
     drawing = MistakeOptions(worst=pictures.worst)
@@ -39,6 +39,8 @@ def evaluate_mistakes(
         truth = read_truth(truth_path)
         survey = read_result(source, truth_path, pictures.photos, progress)
         scores = evaluate_fruits(survey.fruits, truth, options=options)
+        if doubt := frame_doubt(survey.fruits, truth, scores):
+            progress.warn(doubt)
         masks = masks_beside(truth_path, survey.cameras.photos)
         found = find_mistakes(survey, truth, scores, masks=masks, match=options, options=drawing, progress=progress)
         page = write_mistakes(

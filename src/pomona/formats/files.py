@@ -27,6 +27,11 @@ def read_text(path: Path, expected: str) -> str:
     return text
 
 
+def read_bytes(path: Path, expected: str) -> bytes:
+    """Return what a file holds; raises `MissingFileError`, `LostFileError`, and `FormatError` if it cannot be read."""
+    return _read(path, expected, path.read_bytes)
+
+
 def write_whole(path: Path, content: bytes | memoryview, part: Path) -> None:
     """Write a file under the temporary name `part`, then rename it; what could not be written whole does not stay."""
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +19,9 @@ _GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
 _GREATEST = 1e15  # nothing that is measured is larger, and squares of larger numbers may have no place
 
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # Excel's first line
-_METRES = re.compile(r"\s*[(\[]\s*m\s*[)\]]$")  # x (m); columns in another unit are not those asked for
+_UNIT = re.compile(r"[\s_]*[(\[]\s*(\w+)\s*[)\]]$")  # x (m), diameter [mm]
 _POINT = re.compile(r"[-+]?\d*\.\d*")
+_WHOLE = re.compile(r"[-+]?\d+")
 
 
 @dataclass(frozen=True)
@@ -53,15 +54,15 @@ class SmallTable:
 
     def ids(self, column: str) -> list[int]:
         """Return a column of whole numbers of 0 or more, each there once; raises `FormatError`."""
-        found: list[int] = []
+        found: dict[int, None] = {}  # in their order
         for line, cell in self._of(column):
             value = self._number(line, column, cell)
             if value != int(value) or not 0 <= value <= _GREATEST_ID:
                 raise FormatError(f"{self._at(line, column)}: expected a whole number of 0 or more, found {cell!r}")
             if int(value) in found:
                 raise FormatError(f"{self._at(line, column)}: {self.entry} {int(value)} stands there twice")
-            found.append(int(value))
-        return found
+            found[int(value)] = None
+        return list(found)
 
     def _of(self, column: str) -> list[tuple[int, str]]:
         return list(zip(self.lines, self.cells[column], strict=True))
@@ -90,34 +91,29 @@ def read_small_table(
 ) -> SmallTable:
     """Read a table that has these columns, in any order and case, and maybe the optional ones; others are ignored.
 
-    `also_called` are other names of columns, by column, which count where the first one is not there. `option` names in
-    messages what asks for it, `entry` what a row is. Raises `MissingFileError` where there is no such file, and
-    `FormatError` where it is no text, a column is missing, or nothing stands below the header.
+    A column `x` may be called `x_m` or `x (m)`, too, and `diameter_mm` `Diameter (mm)`. `also_called` are other names
+    of columns, by column, which count where the first one is not there. `option` names in messages what asks for it,
+    `entry` what a row is. Raises `MissingFileError` where there is no such file, and `FormatError` where it is no text,
+    a column is missing or there twice, a row has numbers in more cells than the header, or none stands below it.
     """
     wanted = f"a table with the columns {','.join(columns)}"
     if not path.is_file():
         found = "a folder" if path.is_dir() else "no such file"
         raise MissingFileError(f"{option} {path}: {found}; expected {wanted}")
-    text = _decoded(path.read_bytes())
+    text = decoded(path.read_bytes())
     if text is None:
         named = ",".join(columns)
         raise FormatError(f"{path}: expected a text file (CSV with the columns {named}), found other data")
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
-    lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
-    separator = None
-    if lines and (said := _SEPARATOR.fullmatch(lines[0][1].strip())):
-        separator = said[1]
-        del lines[0]
+    lines, separator = _lines(text)
     if not lines:
         raise FormatError(f"{path}: the file is empty; expected {wanted}")
-    separator = separator or separator_of(lines[0][1])
     # Line by line: a quotation mark that nothing closes is of its own line alone.
     header, *rows = (_cells(path, number, line, separator) for number, line in lines)
     # Spreadsheets keep rows that were emptied.
     filled = [any(cell.strip() for cell in row) for row in rows]
     numbers = tuple(number for (number, _), keep in zip(lines[1:], filled, strict=True) if keep)
     rows = [row for row, keep in zip(rows, filled, strict=True) if keep]
-    names = [_METRES.sub("", cell.strip().lower()) for cell in header]
+    names = _named(header, {*columns, *optional, *(also_called or {}).values()})
     for column, other in (also_called or {}).items():
         if column not in names and other in names:
             names[names.index(other)] = column
@@ -128,6 +124,10 @@ def read_small_table(
         )
     if not rows:
         raise FormatError(f"{path}: expected at least one {entry} below the header, found none")
+    for column in [*columns, *optional]:
+        if names.count(column) > 1:
+            raise FormatError(f"{path}, line {lines[0][0]}: the column {column} is there {names.count(column)} times")
+    _check_widths(path, numbers, rows, len(header), separator)
     at = {column: names.index(column) for column in [*columns, *optional] if column in names}
     cells = {column: tuple(row[k].strip() if k < len(row) else "" for row in rows) for column, k in at.items()}
     # Where a comma parts cells, or others have a point, one within a number may stand after the thousands.
@@ -135,13 +135,54 @@ def read_small_table(
     return SmallTable(path, numbers, cells, entry, decimal_comma)
 
 
-def separator_of(header: str) -> str:
-    """Return what parts the cells of a table, by its first line: a semicolon, a tab or a comma."""
-    return ";" if ";" in header else "\t" if "\t" in header else ","
+def _named(header: Sequence[str], wanted: Set[str]) -> list[str]:
+    """The names of columns in lower case; with a unit behind it, one of the `wanted` where none is called just so."""
+    plain = [cell.strip().lower() for cell in header]
+    names = []
+    for name in plain:
+        with_unit = _UNIT.sub(r"_\1", name)
+        in_metres = with_unit.removesuffix("_m")  # columns in another unit are not those asked for
+        meant = [each for each in (with_unit, in_metres) if each in wanted and each not in plain]
+        names.append(name if name in wanted or not meant else meant[0])
+    return names
 
 
-def _decoded(content: bytes) -> str | None:
-    """The text of a file as spreadsheets write it: UTF-8, UTF-16 that says so, or Windows' own; None of other data."""
+def _check_widths(
+    path: Path, numbers: Sequence[int], rows: Sequence[Sequence[str]], width: int, separator: str
+) -> None:
+    """Raise where cells without a column hold numbers: 1,5 in cells parted by commas would be 1 and 5."""
+    for number, row in zip(numbers, rows, strict=True):
+        if any(_WHOLE.fullmatch(cell.strip()) for cell in row[width:]):
+            advice = ": a decimal comma needs cells parted by semicolons or tabs" if separator == "," else ""
+            raise FormatError(
+                f"{path}, line {number}: expected {width} cells, as in the first line, found {len(row)}{advice}"
+            )
+
+
+def column_names(text: str, wanted: Set[str]) -> list[str]:
+    """Return the names of a table's columns, in lower case, as `read_small_table` takes them; none of an empty one."""
+    lines, separator = _lines(text)
+    try:
+        return _named(next(csv.reader([lines[0][1]], delimiter=separator)), wanted) if lines else []
+    except csv.Error:  # a line that is no row of a table
+        return []
+
+
+def _lines(text: str) -> tuple[list[tuple[int, str]], str]:
+    """The lines of a table that hold cells, with their numbers, and what parts the cells, by its first line."""
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    lines = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
+    if lines and (said := _SEPARATOR.fullmatch(lines[0][1].strip())):
+        return lines[1:], said[1]
+    header = lines[0][1] if lines else ""
+    return lines, ";" if ";" in header else "\t" if "\t" in header else ","
+
+
+def decoded(content: bytes) -> str | None:
+    """Return the text of a file as spreadsheets write it: UTF-8, UTF-16 that says so, or Windows' own.
+
+    None of other data.
+    """
     if content.startswith(UTF16_MARKS):
         encodings: tuple[str, ...] = ("utf-16",)
     else:

@@ -30,7 +30,7 @@ KINDS: dict[Kind, str] = {
 }
 # In the order in which the pipeline comes to them.
 STAGES: dict[Stage, str] = {
-    "unplaced": "shown only by photos without a camera",
+    "unplaced": "no photo that has a camera shows it",
     "undetected": "no detection in any photo",
     "covered": "only inside detections of neighbours",
     "weak": "only detections too weak to be used",

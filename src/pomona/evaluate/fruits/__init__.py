@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pomona.evaluate.fruits.matching import EvaluateOptions
-from pomona.evaluate.fruits.scores import Outcome, Scores, Tally, evaluate_fruits, match
+from pomona.evaluate.fruits.scores import Outcome, Scores, Tally, evaluate_fruits, frame_doubt, match
 from pomona.evaluate.fruits.truth import Truth, read_truth
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Tally",
     "Truth",
     "evaluate_fruits",
+    "frame_doubt",
     "match",
     "read_truth",
 ]

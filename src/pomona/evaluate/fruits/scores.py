@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import BoolArray, IntArray
+from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.errors import InputError
 from pomona.evaluate.fruits.matching import (
     Candidates,
     EvaluateOptions,
@@ -20,6 +21,10 @@ from pomona.evaluate.fruits.matching import (
 from pomona.evaluate.fruits.truth import Truth
 from pomona.evaluate.rates import Rates, known, ratio
 from pomona.fruits import Fruits
+
+_OTHER_UNIT = 5.0  # times as wide: found and true fruits differ less where their units are the same
+_FEWEST_SIZES = 5  # of fewer, the median says little
+_HARDLY_ANY_F1 = 0.1  # less is chance: frames are not the same, or nothing was found rightly
 
 Kind = Literal["matched", "missed", "merged", "false", "double", "hidden"]
 
@@ -151,9 +156,11 @@ def evaluate_fruits(fruits: Fruits, truth: Truth, *, options: EvaluateOptions | 
     Matches are one-to-one. A found fruit near a matched one, left over, is a double; near none it is false. Over the
     visible fruits, a found fruit that is a true but invisible one is neither right nor wrong.
 
-    Raises `InputError` where `options.match` asks for boxes and the truth has none.
+    Raises `InputError` where `options.match` asks for boxes and the truth has none, and where true fruits are more than
+    five times as wide as the found ones: they are not in metres, and what is that wide would match anything.
     """
     options = options or EvaluateOptions()
+    _check_sizes(fruits, truth)
     candidates = candidates_of(fruits, truth, options)
     over = covered(fruits, truth)
     everything = np.ones(len(truth), dtype=bool)
@@ -162,6 +169,33 @@ def evaluate_fruits(fruits: Fruits, truth: Truth, *, options: EvaluateOptions | 
         _tally("all", fruits, truth, candidates, over, everything),
         None if visible is None else _tally("visible", fruits, truth, candidates, over, visible),
     )
+
+
+def frame_doubt(fruits: Fruits, truth: Truth, scores: Scores) -> str:
+    """Return what to say where hardly any fruit matches: where found and true ones lie; else nothing."""
+    if not len(fruits) or not len(truth) or scores.all.f1 >= _HARDLY_ANY_F1:
+        return ""
+    return (
+        f"Hardly any found fruit is a true one. True fruits lie at {_extent(truth.centers_in_world)}, found ones at "
+        f"{_extent(fruits.centers_in_world)}: expected both in the survey's frame, in metres, z up"
+    )
+
+
+def _extent(points: FloatArray) -> str:
+    ends = zip("xyz", points.min(axis=0), points.max(axis=0), strict=True)
+    return ", ".join(f"{axis} {low:.2f} to {high:.2f}" for axis, low, high in ends)
+
+
+def _check_sizes(fruits: Fruits, truth: Truth) -> None:
+    measured_m = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
+    if len(measured_m) < _FEWEST_SIZES or not len(truth):
+        return
+    true_m, found_m = float(np.median(truth.diameters_m)), float(np.median(measured_m))
+    if true_m > _OTHER_UNIT * found_m:
+        raise InputError(
+            f"The true fruits are {true_m:.3g} m wide (median), the found ones {found_m:.3g} m: expected places and "
+            "diameters in metres"
+        )
 
 
 def match(fruits: Fruits, truth: Truth, *, options: EvaluateOptions | None = None) -> IntArray:

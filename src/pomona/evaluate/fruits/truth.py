@@ -9,9 +9,9 @@ import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, OneLine, set_checked
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.files import read_text
+from pomona.formats.files import read_bytes
 from pomona.formats.json_file import load_json
-from pomona.formats.small_table import read_small_table, separator_of
+from pomona.formats.small_table import SmallTable, column_names, decoded, read_small_table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,13 +75,15 @@ class Truth(OneLine):
 _FRUIT_COLUMNS = ("id", "x", "y", "z", "diameter")
 _BOX_COLUMNS = ("x_min", "y_min", "z_min", "x_max", "y_max", "z_max")
 _CORNERS = 8
+_OF_PHOTOS = frozenset({".json", ".xml"})
 
 
 def read_truth(path: Path) -> Truth:
     """Read true fruits (metres, world frame) from one of these, recognised by what they hold:
 
-    - a row's folder, its `truth` folder, or `fruits.csv` with the columns `id,x,y,z,diameter` and perhaps `tree`; a
-      `visible_pixels.json` beside it, {photo: {fruit id: pixels}}, says what can be seen;
+    - a row's folder, its `truth` folder, or `fruits.csv` with the columns `id,x,y,z,diameter` and perhaps `tree`, or as
+      surveys call them (`x_m`, `diameter_m`, `tree_id`); a `visible_pixels.json` beside it, {photo: {fruit id:
+      pixels}}, says what can be seen;
     - a table with the columns `x_min,y_min,z_min,x_max,y_max,z_max` and perhaps `id` and `tree`, a line a fruit;
     - numbers without a header, the paper's annotation of boxes: 6 a line (lowest and highest corner), 24 a line (the
       eight corners), or 3 a line (eight lines of corners a fruit). Turned boxes become the upright box around them.
@@ -89,18 +91,42 @@ def read_truth(path: Path) -> Truth:
     Raises `MissingFileError`, and `FormatError` naming the line and what was expected.
     """
     file = _file_of(Path(path))
-    lines = read_text(file, "true fruits").splitlines()
-    header = {name.strip(' "').lower() for name in lines[0].split(separator_of(lines[0]))} if lines else set()
-    if header >= set(_FRUIT_COLUMNS):
+    text = decoded(read_bytes(file, "true fruits"))
+    if text is None:
+        raise FormatError(f"{file}: expected true fruits, a text file (CSV), found other data")
+    if not text.strip():
+        raise FormatError(f"{file}: expected true fruits, but the file is empty")
+    if file.suffix.lower() in _OF_PHOTOS:
+        raise FormatError(
+            f"{file}: expected a table of true fruits in space ({', '.join(_FRUIT_COLUMNS)}); labels of photos are "
+            "compared with the detections in these: `pomona evaluate --detections`"
+        )
+    names = set(column_names(text, {*_FRUIT_COLUMNS, *_BOX_COLUMNS}))
+    if names >= set(_FRUIT_COLUMNS):
         return _with_visible(file, _read_columns(file))
-    if header >= set(_BOX_COLUMNS):
-        rows = _rows(file, _BOX_COLUMNS, optional=("id", "tree"))
-        ids, trees = rows[:, 6:].astype(np.int64).T
-        return _boxes(file, rows[:, :6], None if (ids == 0).all() else ids, trees)
-    return _boxes(file, _read_boxes(file, lines))
+    if names >= set(_BOX_COLUMNS):
+        table = _table(file, _BOX_COLUMNS, optional=("id", "tree"))
+        boxes = np.stack([table.numbers(name) for name in _BOX_COLUMNS], axis=1)
+        numbered = any(table.cells.get("id", ()))
+        ids = np.array(table.ids("id"), np.int64) if numbered else None
+        return _boxes(file, boxes, ids, _trees(table), table.lines)
+    return _boxes(file, _read_boxes(file, text.splitlines()))
 
 
-def _boxes(file: Path, boxes: FloatArray, ids: IntArray | None = None, trees: IntArray | None = None) -> Truth:
+def _boxes(
+    file: Path,
+    boxes: FloatArray,
+    ids: IntArray | None = None,
+    trees: IntArray | None = None,
+    lines: tuple[int, ...] = (),
+) -> Truth:
+    flat = np.flatnonzero(~(boxes[:, 3:] > boxes[:, :3]).all(axis=1))
+    if len(flat):
+        where = f", line {lines[flat[0]]}" if lines else f", box {flat[0] + 1}"
+        raise FormatError(
+            f"{file}{where}: expected the lowest corner and then the highest, found "
+            f"{' '.join(f'{value:g}' for value in boxes[flat[0]])}"
+        )
     try:
         truth = Truth.from_boxes(boxes, ids)
         return truth if trees is None else replace(truth, tree_ids=trees)
@@ -122,18 +148,23 @@ def _file_of(path: Path) -> Path:
 
 
 def _read_columns(file: Path) -> Truth:
-    rows = _rows(file, _FRUIT_COLUMNS, optional=("tree",))
-    try:
-        return Truth(rows[:, 0].astype(np.int64), rows[:, 1:4], rows[:, 4], rows[:, 5].astype(np.int64))
-    except InputError as error:
-        raise FormatError(f"{file}: {error}") from error
+    table = _table(file, _FRUIT_COLUMNS, optional=("tree",))
+    ids = np.array(table.ids("id"), np.int64)
+    centers = np.stack([table.numbers(axis) for axis in "xyz"], axis=1)
+    diameters_m = table.numbers("diameter")
+    for line, diameter_m in zip(table.lines, diameters_m, strict=True):
+        if diameter_m <= 0:
+            raise FormatError(f"{file}, line {line}, column diameter: expected metres above 0, found {diameter_m:g}")
+    return Truth(ids, centers, diameters_m, _trees(table))
 
 
-def _rows(file: Path, columns: tuple[str, ...], *, optional: tuple[str, ...]) -> FloatArray:
-    """Return the columns and after them the `optional` ones (0 where they are missing) as (n, all columns)."""
-    table = read_small_table(file, columns, "the truth", "fruit", optional=optional)
-    needed = [table.numbers(name) for name in columns]
-    return np.stack([*needed, *(np.nan_to_num(table.numbers_if_given(name)) for name in optional)], axis=1)
+def _table(file: Path, columns: tuple[str, ...], *, optional: tuple[str, ...]) -> SmallTable:
+    return read_small_table(file, columns, "the truth", "fruit", optional=optional, also_called={"tree": "tree_id"})
+
+
+def _trees(table: SmallTable) -> IntArray:
+    """The trees of fruits, 0 where they are not known."""
+    return np.nan_to_num(table.numbers_if_given("tree")).astype(np.int64)
 
 
 def _with_visible(file: Path, truth: Truth) -> Truth:
