@@ -37,7 +37,7 @@ from pomona.evaluate.tables import detections_table
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.rle import encode
-from pomona.photo_names import pair_names
+from pomona.photo_names import PhotoNames, pair_names
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 
@@ -266,6 +266,17 @@ def test_names_that_fit_several_photos_are_refused() -> None:
     with pytest.raises(InputError, match="both fit the photo"):
         pair_names(["a/1.png", "b/1.png"], ["c/1.jpg"])
     assert pair_names(["2"], ["1.jpg"]) == {}
+
+
+def test_letter_case_and_suffix_tell_photos_apart_that_fit_alike() -> None:
+    photos = ["east/IMG_1.JPG", "east/img_1.jpg", "east/img_1.png"]
+    for name, photo in (("x/east/IMG_1.JPG", 0), ("IMG_1", 0), ("x/east/img_1.jpg", 1), ("img_1.png", 2)):
+        assert pair_names([name], photos) == {name: photos[photo]}
+        assert PhotoNames(photos).meant_by(name) == (photos[photo],)
+    for name in ("img_1", "Img_1.jpg"):
+        assert len(PhotoNames(photos).meant_by(name)) > 1
+        with pytest.raises(InputError, match="fits several photos"):
+            pair_names([name], photos)
 
 
 def test_dots_and_accents_of_names_are_no_suffixes() -> None:

@@ -16,7 +16,8 @@ class PhotoNames:
     """The names of photos, to look up what other programs call them.
 
     A name means the photo of that very name; else the one with the same end of the path, without suffix and in any
-    letter case: the last three parts, two, or the stem alone. Accents are the same however they are encoded.
+    letter case: the last three parts, two, or the stem alone. Where several have it, letter case and suffix count.
+    Accents are the same however they are encoded.
     """
 
     def __init__(self, photos: Sequence[str]) -> None:
@@ -24,7 +25,7 @@ class PhotoNames:
 
     def meant_by(self, name: str) -> tuple[str, ...]:
         """Return the photos that `name` may mean: none, one, or several that it does not tell apart."""
-        return next((tuple(found) for form, by in self._by_form if (found := by.get(form(name)))), ())
+        return next((tuple(_nearest(name, found)) for form, by in self._by_form if (found := by.get(form(name)))), ())
 
 
 def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
@@ -56,7 +57,7 @@ def _paired(names: Sequence[str], photos: Sequence[str], form: Callable[[str], s
     pairs: dict[str, str] = {}
     owner: dict[str, str] = {}
     for name in names:
-        fitting = by_form.get(form(name), [])
+        fitting = _nearest(name, by_form.get(form(name), []))
         if len(fitting) > 1:
             raise InputError(f"'{name}' fits several photos, {', '.join(fitting[:3])}: give their names in full")
         if fitting and fitting[0] in owner:
@@ -65,6 +66,15 @@ def _paired(names: Sequence[str], photos: Sequence[str], form: Callable[[str], s
             pairs[name] = fitting[0]
             owner[fitting[0]] = name
     return pairs
+
+
+def _nearest(name: str, fitting: list[str]) -> list[str]:
+    """Of the photos whose names fit, the one of the same file name, or the same stem, in letter case, too; else all."""
+    for part in (_file_name, _stem):
+        same = [photo for photo in fitting if part(photo) == part(name)] if len(fitting) > 1 else []
+        if len(same) == 1:
+            return same
+    return fitting
 
 
 def _by(form: Callable[[str], str], photos: Sequence[str]) -> dict[str, list[str]]:
@@ -82,12 +92,19 @@ def _end(parts: int) -> Callable[[str], str]:
     """The form of a name that is its last `parts` parts, without suffix, in lower case."""
 
     def form(name: str) -> str:
-        path = PurePosixPath(_whole(name))
-        # What stands behind the last dot of a name without suffix is no suffix: 12.34.56.
-        stem = path.stem if path.suffix.lower() in _SUFFIXES else path.name
-        return "/".join([*path.parts[:-1], stem][-parts:]).lower()
+        return "/".join([*PurePosixPath(_whole(name)).parts[:-1], _stem(name)][-parts:]).lower()
 
     return form
+
+
+def _file_name(name: str) -> str:
+    return PurePosixPath(_whole(name)).name
+
+
+def _stem(name: str) -> str:
+    path = PurePosixPath(_whole(name))
+    # What stands behind the last dot of a name without suffix is no suffix: 12.34.56.
+    return path.stem if path.suffix.lower() in _SUFFIXES else path.name
 
 
 # Of photos, and of the files that other programs write for each of them.
