@@ -82,6 +82,20 @@ def test_kinds_weigh_what_such_fruits_weigh(kind: str, diameter_m: float, least_
     assert least_g < weight < most_g
 
 
+def test_a_pair_with_a_slip_of_the_pen_is_named(tmp_path: Path) -> None:
+    pairs = "61.5,106\n74,188\n65,120\n70,150\n80,230\n"
+    (tmp_path / "pairs.csv").write_text("Diameter (mm),Weight [g]\n" + pairs)
+    assert 150 < read_allometry(tmp_path / "pairs.csv").weights_g(np.array([0.072]))[0] < 190
+    for slip, said in (
+        ("74,18.8", "74 mm and 18.8 g"),
+        ("7.4,188", "7.4 mm and 188 g"),
+        ("61.5,1060", "61.5 mm and 1060 g"),
+    ):
+        (tmp_path / "pairs.csv").write_text("diameter_mm,weight_g\n" + pairs + slip + "\n")
+        with pytest.raises(FormatError, match=f"{said} are not of a fruit like the others: .*point wrong"):
+            read_allometry(tmp_path / "pairs.csv")
+
+
 def test_a_fruit_that_was_not_measured_has_no_weight() -> None:
     weighed = weigh(fruits_of([0.07, np.nan]), STORY_APPLES, METRES)
     assert 140 < weighed.weights_g[0] < 190

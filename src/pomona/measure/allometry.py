@@ -20,6 +20,7 @@ FEWEST_PAIRS = 5
 """With fewer pairs of diameter and weight, the scatter about the curve is not known."""
 _LIKELY_DIAMETERS_MM = (5.0, 300.0)
 _LIKELY_DENSITIES_G_CM3 = (0.3, 2.0)  # of a sphere of that diameter: outside, a unit is wrong
+_OF_ANOTHER_FRUIT = 4.0  # times as dense, or as light, as usual: no scatter of fruits, but a slip of the pen
 # Of kinds that were not weighed for Pomona, the density and the height to width of a variety are known to about that.
 _PRESET_SD, _PRESET_SHARED_SD = 0.12, 0.08
 _WITHIN_95 = 1.96
@@ -104,7 +105,8 @@ def fit_allometry(diameters_mm: FloatArray, weights_g: FloatArray, *, source: st
     """Return the allometry of n pairs of a calliper diameter (n,) and a weight (n,).
 
     Raises `InputError` for fewer than `FEWEST_PAIRS` pairs, for values that are not those of fruit in millimetres and
-    grams, where all diameters are the same, and where weight does not rise with the diameter.
+    grams, one pair that is far off the others included, where all diameters are the same, and where weight does not
+    rise with the diameter.
     """
     if len(diameters_mm) < FEWEST_PAIRS:
         raise InputError(f"expected at least {FEWEST_PAIRS} pairs of diameter and weight, found {len(diameters_mm)}")
@@ -116,10 +118,18 @@ def fit_allometry(diameters_mm: FloatArray, weights_g: FloatArray, *, source: st
             f"expected diameters in millimetres, between {low_mm:.0f} and {high_mm:.0f}, found "
             f"{np.median(diameters_mm):g} in the middle of them"
         )
-    density = float(np.median(weights_g / (np.pi / 6 * (diameters_mm / 10) ** 3)))
+    densities = weights_g / (np.pi / 6 * (diameters_mm / 10) ** 3)
+    density = float(np.median(densities))
     if not _LIKELY_DENSITIES_G_CM3[0] <= density <= _LIKELY_DENSITIES_G_CM3[1]:
         raise InputError(
             f"expected weights in grams: as spheres of their diameters, these fruits have {density:.3g} g/cm³"
+        )
+    off = np.abs(np.log(densities / density))
+    if off.max() > np.log(_OF_ANOTHER_FRUIT):
+        worst = int(np.argmax(off))
+        raise InputError(
+            f"{diameters_mm[worst]:g} mm and {weights_g[worst]:g} g are not of a fruit like the others: as spheres, "
+            f"these have {density:.2g} g/cm³, and it {densities[worst]:.2g}; is a digit or a point wrong?"
         )
     x, y = np.log(diameters_mm), np.log(weights_g)
     spread = float(((x - x.mean()) ** 2).sum())
