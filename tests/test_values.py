@@ -119,6 +119,16 @@ def test_cameras_see_the_same_pixels_in_any_frame(seed: int, model: str) -> None
         np.testing.assert_allclose(after[seen], before[seen], rtol=1e-5, atol=1e-4)
 
 
+def test_one_point_or_pixel_alone_is_refused_in_words() -> None:
+    cameras = random_cameras(np.random.default_rng(3), "RADIAL")
+    with pytest.raises(
+        InputError, match=r"expected points \(n, 3\), found an array of shape \(3,\): of one, give \[\["
+    ):
+        cameras.project(0, np.zeros(3))
+    with pytest.raises(InputError, match=r"expected pixels \(n, 2\), found an array of shape \(1, 3\)"):
+        cameras.rays_in_world(0, np.zeros((1, 3)))
+
+
 def test_rays_point_from_the_centre_to_the_projected_point() -> None:
     cameras = random_cameras(np.random.default_rng(3), "RADIAL")
     centre, rotation = cameras.centers_in_world[2], cameras.cam_from_world[2, :, :3]

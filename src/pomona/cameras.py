@@ -164,11 +164,11 @@ class Cameras(OneLine):
         """Project points (n, 3) into a photo, given by its index or name.
 
         Returns pixels (n, 2), NaN behind the camera, and depths (n,): the paper's equations 1 and 2, with lens
-        distortion. Raises `InputError` for a name that has no camera.
+        distortion. Raises `InputError` for a name that has no camera, and for points that are not (n, 3).
         """
         photo_idx = self._idx_of(photo)
         pose = self.cam_from_world[photo_idx]
-        points_in_cam = np.asarray(points_in_world) @ pose[:, :3].T + pose[:, 3]
+        points_in_cam = _rows_of(points_in_world, 3, "points (n, 3)") @ pose[:, :3].T + pose[:, 3]
         return self.intrinsics_of(photo_idx).px_from_cam(points_in_cam), points_in_cam[:, 2]
 
     def project_each(self, photo_idx: IntArray, points_in_world: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -181,8 +181,12 @@ class Cameras(OneLine):
         return xy_px, points_in_cam[:, 2]
 
     def rays_in_world(self, photo: int | str, xy_px: FloatArray) -> FloatArray:
-        """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2) of a photo: its index or name."""
+        """Return unit viewing directions (n, 3) in the world frame for pixels (n, 2) of a photo: its index or name.
+
+        Raises `InputError` for a name that has no camera, and for pixels that are not (n, 2).
+        """
         photo_idx = self._idx_of(photo)
+        xy_px = _rows_of(xy_px, 2, "pixels (n, 2)")
         rays: FloatArray = self.intrinsics_of(photo_idx).cam_from_px(xy_px) @ self.cam_from_world[photo_idx][:, :3]
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return rays
@@ -250,3 +254,10 @@ def _part(cameras: Cameras, start: int, end: int) -> Cameras:
         track_xy_px=cameras.track_xy_px[in_part],
         frame=cameras.frame,
     )
+
+
+def _rows_of(values: FloatArray, width: int, expected: str) -> FloatArray:
+    rows = np.asarray(values, float)
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InputError(f"Cameras: expected {expected}, found an array of shape {rows.shape}: of one, give [[…]]")
+    return rows
