@@ -51,6 +51,28 @@ def test_something_else(tmp_path: Path, name: str, text: str) -> None:
         read_cameras(tmp_path / name, PHOTOS)
 
 
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("rc.csv", "a table, such as RealityCapture's: export the cameras as COLMAP or Bundler"),
+        ("IMG_1.xmp", "RealityCapture's: export its cameras as COLMAP or Bundler"),
+        ("opk.txt", "of Metashape export the cameras as Agisoft XML, of other programs as COLMAP or Bundler"),
+    ],
+)
+def test_what_cannot_be_read_says_what_to_export(tmp_path: Path, name: str, advice: str) -> None:
+    (tmp_path / name).write_text("#name,x,y,alt,heading,pitch,roll\n")
+    with pytest.raises(FormatError, match=advice):
+        read_cameras(tmp_path / name, PHOTOS)
+    if name == "IMG_1.xmp":
+        with pytest.raises(FormatError, match=f"found {advice}"):
+            read_cameras(tmp_path, PHOTOS)
+
+
+def test_cameras_of_another_survey(tmp_path: Path) -> None:
+    _written("colmap text", tmp_path / "cameras")
+    assert len(read_cameras(tmp_path, PHOTOS).cameras) == 3
+
+
 def test_folder_of_nothing_and_of_several(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="found none in the folder"):
         read_cameras(tmp_path, PHOTOS)

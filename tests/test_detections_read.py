@@ -120,7 +120,9 @@ def test_label_images_of_another_size_are_refused(tmp_path: Path, name: str) -> 
 def test_images_that_say_fruit_but_not_which_are_refused(tmp_path: Path) -> None:
     path = scenes.label_images(tmp_path, "8 bits")
     cv2.imwrite(str(tmp_path / "east" / "IMG_1.png"), (scenes.label_image("east/IMG_1.JPG") > 0).astype(np.uint8) * 255)
-    with pytest.raises(FormatError, match=r"IMG_1\.png: .*black and white alone"):
+    with pytest.raises(
+        FormatError, match=r"IMG_1\.png: .*black and white alone, .* give each fruit its own number \(1, 2, …\)"
+    ):
         read_detections(path, scene_photos())
 
 

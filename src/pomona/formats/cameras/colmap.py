@@ -146,7 +146,7 @@ FORMAT = CameraFormat(
     title="COLMAP (a folder with cameras, images and points3D, .txt or .bin)",
     recognise=_recognise,
     read=lambda folder, photos: read_model(folder),
-    places=(".", "sparse", "sparse/*", "colmap/sparse/*", "[0-9]"),
+    places=(".", "cameras", "sparse", "sparse/*", "colmap/sparse/*", "[0-9]"),
     folder_files=frozenset(
         f"{stem}{suffix}" for stem in ("cameras", "images", "points3D", "frame") for suffix in (".txt", ".bin", ".json")
     ),

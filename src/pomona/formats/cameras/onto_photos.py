@@ -103,7 +103,7 @@ def _factor(lens: Intrinsics, photo: Photo, where: str) -> float:
     if max(abs(lens.width_px * factor - photo.width_px), abs(lens.height_px * factor - photo.height_px)) > 1:
         raise InputError(
             f"{where}: the camera of {photo.name} is for photos of {lens.width_px} × {lens.height_px} pixels, but the "
-            f"photo has {photo.width_px} × {photo.height_px}: it was cropped, or is another photo"
+            f"photo has {photo.width_px} × {photo.height_px}: it was cropped or turned, or is another photo"
         )
     return factor
 

@@ -25,7 +25,9 @@ _FARTHEST = 1e12
 _OTHERS = {
     ".psx": "a Metashape project: export its cameras with File > Export > Export Cameras (Agisoft XML)",
     ".nvm": "VisualSFM's: convert it with COLMAP, or export Bundler's format",
-    ".rc": "RealityCapture's: export its cameras as Bundler or COLMAP",
+    **dict.fromkeys((".rc", ".rcproj", ".xmp"), "RealityCapture's: export its cameras as COLMAP or Bundler"),
+    ".csv": "a table, such as RealityCapture's: export the cameras as COLMAP or Bundler",
+    ".txt": "none of them: of Metashape export the cameras as Agisoft XML, of other programs as COLMAP or Bundler",
 }
 
 
@@ -105,7 +107,9 @@ def _in_folder(folder: Path) -> Found:
     if len(whole) + len(files) == 1:
         return whole[0] if whole else _file(files[0])
     if not whole and not files:
-        raise FormatError(f"{folder}: expected cameras of {KNOWN}, found none in the folder")
+        unread = {file.suffix.lower() for file in folder.iterdir()} & (_OTHERS.keys() - {".csv", ".txt"})
+        found = f"found {_OTHERS[min(unread)]}" if unread else "found none in the folder"
+        raise FormatError(f"{folder}: expected cameras of {KNOWN}, {found}")
     named = [str(found.path) for found in whole] + [str(path) for path in files]
     raise InputError(f"{folder} holds several sets of cameras: {few(named)}. Name one of them")
 

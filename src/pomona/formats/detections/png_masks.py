@@ -141,7 +141,8 @@ def read_ids(path: Path) -> IntArray:
     white = base ** colours.shape[2] - 1
     if (ids == white).any() and ((ids == 0) | (ids == white)).all():
         raise FormatError(
-            f"{path}: expected a number for each fruit, found black and white alone: which pixel is whose?"
+            f"{path}: expected a number for each fruit, found black and white alone, which does not say where one "
+            "fruit ends and the next begins: give each fruit its own number (1, 2, …) or colour"
         )
     return ids
 
