@@ -208,6 +208,9 @@ def test_wrong_control_points_say_where_and_what(tmp_path: Path) -> None:
     refused([good[0], good[1], good[1].replace("000.jpg", "001.jpg").replace(good[1].split()[2], "900")],
             FormatError, "line 3: point point_0 has another place")  # fmt: skip
     words = good[1].split()
+    refused(
+        [good[0], ",".join(words)], FormatError, r"line 2: expected x y z .* with spaces between them, found 1 word$"
+    )
     refused([good[0], " ".join([*words[:3], "9000", *words[4:]])], FormatError, "pixel 9000 .* is not in east/000.jpg")
     refused([good[0], good[1].replace("000.jpg", "other.jpg")], InputError, "expected points in some of the 8 photos")
     with pytest.raises(MissingFileError, match="does not exist"):
@@ -229,3 +232,23 @@ def test_options_that_contradict_each_other(tmp_path: Path) -> None:
         RunOptions(markers=table, gcp=path)
     with pytest.raises(InputError, match="`markers_crs` EPSG:25831 is of `markers`, which is not given"):
         RunOptions(markers_crs="EPSG:25831")
+
+
+@pytest.mark.parametrize(
+    ("crs", "x", "y"),
+    [("EPSG:25831", -0.5, -0.75), ("EPSG:25831", 4612345.0, 301234.0), ("EPSG:2193", 301234.0, 4612345.0)],
+    ids=["metres of a row", "exchanged", "another country"],
+)
+def test_places_where_a_coordinate_system_is_not_used_are_refused(crs: str, x: float, y: float) -> None:
+    with pytest.raises(InputError, match=f"here: expected places where {crs} is used .*, found latitude .* exchanged"):
+        in_local_metres(np.array([[x, y, 0.0], [x + 1, y, 0.0]]), crs, "here")
+
+
+@pytest.mark.parametrize(
+    ("crs", "x", "y"),
+    [("EPSG:25832", 900000.0, 5500000.0), ("EPSG:4326", -179.9, -16.0), ("EPSG:3832", 3306000.0, -1800000.0)],
+    ids=["beyond a zone's edge", "degrees", "over the date line"],
+)
+def test_places_about_where_a_coordinate_system_is_used_are_taken(crs: str, x: float, y: float) -> None:
+    local, _ = in_local_metres(np.array([[x, y, 0.0], [x, y, 2.0]]), crs, "here")
+    assert np.ptp(local, axis=0) == pytest.approx([0, 0, 2], abs=1e-6)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.photo_names import PhotoNames
@@ -115,7 +116,10 @@ def _crs(header: str) -> str:
 
 def _line(path: Path, number: int, cells: list[str]) -> _Line:
     if len(cells) < _LEAST_COLUMNS:
-        raise FormatError(f"{path}, line {number}: expected x y z column row photo [name], found {len(cells)} words")
+        raise FormatError(
+            f"{path}, line {number}: expected x y z column row photo [name] with spaces between them, found "
+            f"{counted(len(cells), 'word')}"
+        )
     try:
         x, y, z, column, row = (float(cell) for cell in cells[:5])
     except ValueError as error:

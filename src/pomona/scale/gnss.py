@@ -25,6 +25,7 @@ _LEAST_SCATTER_M = 0.05
 # Positions contradict a scale that they differ from by more than this share and so many standard deviations.
 _SAME_SCALE, _CONTRADICTION = 0.03, 4.0
 _MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG = 90.0, 360.0
+_OUT_OF_USE_DEG = 10.0  # so far outside of a system's area it may be used: zones are, beyond their edges
 
 
 @dataclass(frozen=True)
@@ -141,10 +142,12 @@ def _frame_amid(
 def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArray, LocalFrame]:
     """Return points (n, 3) of a CRS (easting or longitude first, height last) as local metres, and the frame of these.
 
-    `where` names the CRS in errors. Raises `InputError` for a CRS that does not exist, or points that it cannot have.
+    `where` names the CRS in errors. Raises `InputError` for a CRS that does not exist, or points that it cannot have:
+    far outside of where it is used, they are of another one, or x and y are exchanged.
     """
     try:
-        to_degrees = Transformer.from_crs(CRS.from_user_input(crs), "EPSG:4326", always_xy=True)
+        system = CRS.from_user_input(crs)
+        to_degrees = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
         longitudes, latitudes = to_degrees.transform(points[:, 0].tolist(), points[:, 1].tolist(), errcheck=True)
     except ProjError as error:
         raise InputError(
@@ -155,11 +158,26 @@ def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArra
             f"{where}: expected places on Earth in {crs}, found {points[0, 0]:g} and {points[0, 1]:g}, which are no "
             "degrees: are they metres, of another coordinate system?"
         )
+    _check_use(system, crs, float(np.median(longitudes)), float(np.median(latitudes)), where)
     frame = _frame_amid(latitudes, longitudes, points[:, 2].tolist())
     to_local = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
     east, north = to_local.transform(longitudes, latitudes)
     local: FloatArray = np.stack([east, north, points[:, 2] - frame.origin[2]], axis=1)
     return local, frame
+
+
+def _check_use(system: CRS, crs: str, longitude: float, latitude: float, where: str) -> None:
+    area = system.area_of_use
+    if area is None:
+        return
+    width = area.east - area.west + (360 if area.east < area.west else 0)  # over the date line
+    from_middle = abs((longitude - area.west - width / 2 + 180) % 360 - 180)
+    off = max(from_middle - width / 2, area.south - latitude, latitude - area.north)
+    if off > _OUT_OF_USE_DEG:
+        raise InputError(
+            f"{where}: expected places where {crs} is used ({area.name}), found latitude {latitude:.1f}, longitude "
+            f"{longitude:.1f}: are they of another coordinate system, or easting and northing exchanged?"
+        )
 
 
 def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray:
