@@ -16,6 +16,7 @@ from pomona.planting import PlantingOptions, find_trunks, on_trees, read_trunks
 from pomona.planting.summary import trees_of
 from pomona.progress import Silent
 from pomona.row_line import row_line
+from pomona.scale.gnss import in_local_metres
 from pomona.trees import Trees, Trunks
 
 
@@ -254,6 +255,23 @@ def test_trunks_of_another_frame_are_refused(tmp_path: Path) -> None:
     fruits, _ = row(2, 1.0)  # about (100, -50)
     with pytest.raises(FormatError, match=r"in the survey's frame, near its fruits; found the nearest 11[0-9] m"):
         find_trunks(fruits, PlantingOptions(trees=path))
+
+
+def test_trunks_may_be_in_the_coordinate_system_of_the_markers(tmp_path: Path) -> None:
+    posts = np.array([[301234.0, 4612345.0, 212.0], [301244.0, 4612345.0, 212.0], [301239.0, 4612347.0, 214.0]])
+    local, there = in_local_metres(posts, "EPSG:25831", "here")
+    fruits = Fruits(np.arange(1, 4), local, np.full(3, 0.08), np.ones(3), np.full(3, 5))
+    path = tmp_path / "trees.csv"
+    path.write_text("id;x;y\n7;301234,0;4612345,0\n8;301244,0;4612345,0\n")
+    options = PlantingOptions(trees=path, trees_crs="EPSG:25831")
+    trunks = find_trunks(fruits, options, crs=there.crs)
+    assert trunks.ids.tolist() == [7, 8]
+    np.testing.assert_allclose(trunks.xy_in_world, local[:2, :2], atol=1e-4)
+    path.write_text("id,x,y\n" + "".join(f"{k},{x},{y}\n" for k, (x, y, _) in enumerate(local.tolist(), start=7)))
+    assert find_trunks(fruits, options, crs=there.crs).xy_in_world.tolist() == local[:, :2].tolist()  # in metres, too
+    path.write_text("id,x,y\n7,401234,4612345\n8,401244,4612345\n")
+    with pytest.raises(FormatError, match="expected trunks in the survey's frame or in EPSG:25831, near its fruits"):
+        find_trunks(fruits, options, crs=there.crs)
 
 
 def test_a_missing_table_and_a_distance_that_cannot_be_are_named(tmp_path: Path) -> None:

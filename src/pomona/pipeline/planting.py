@@ -25,7 +25,7 @@ def _find(measured: Fused, placed: Placed, *, options: PlantingOptions, progress
         if options.trees is not None or options.spacing_m is not None:
             progress.warn("Fruits are on no tree: that needs metres (`markers`, `scale_bar` or `fruit_diameter_m`)")
         return Trunks.unknown()
-    return find_trunks(measured.fruits, options, progress)
+    return find_trunks(measured.fruits, options, progress, crs=placed.cameras.frame.crs)
 
 
 def _save(trunks: Trunks, context: SurveyContext) -> Mapping[str, Any]:

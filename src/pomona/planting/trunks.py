@@ -7,7 +7,7 @@ angle says where the trunks are. A distance that is not known is that of the lar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import fft
@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
+from pomona.formats.between_crs import xy_between
 from pomona.fruits import Fruits
 from pomona.planting.options import PlantingOptions
 from pomona.planting.trunk_table import read_trunks
@@ -29,14 +30,21 @@ _STRAY = 0.15  # of the fruits that trees usually have: fewer are no tree
 _CLEARLY = 1.25  # by so much another distance must fit better than a given one to be said
 
 
-def find_trunks(fruits: Fruits, options: PlantingOptions | None = None, progress: Progress | None = None) -> Trunks:
+def find_trunks(
+    fruits: Fruits,
+    options: PlantingOptions | None = None,
+    progress: Progress | None = None,
+    *,
+    crs: str | None = None,
+) -> Trunks:
     """Return the trunks of the row on which n fruits hang, in metres; none where trees are not known.
 
+    `crs` is that of the fruits' frame, where this has a place on Earth: the table may then be in `options.trees_crs`.
     Raises what `read_trunks` raises, and `FormatError` where the table's trunks are nowhere near the fruits.
     """
     options, progress = options or PlantingOptions(), progress or Silent()
     if options.trees is not None:
-        return _given(read_trunks(options.trees), fruits, options)
+        return _given(read_trunks(options.trees), fruits, options, crs)
     if len(fruits) < 2:
         return Trunks.unknown()
     row = _Row.of(fruits.centers_in_world)
@@ -49,15 +57,28 @@ def find_trunks(fruits: Fruits, options: PlantingOptions | None = None, progress
     return Trunks.unknown() if best is None else row.trunks(best, "fruits")
 
 
-def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions) -> Trunks:
-    if len(fruits):
-        away = np.asarray(cKDTree(trunks.xy_in_world).query(fruits.centers_in_world[:, :2])[0])
-        if away.min() > options.longest_m:
-            raise FormatError(
-                f"{options.trees}: expected trunks in the survey's frame, near its fruits; found the nearest "
-                f"{away.min():.0f} m from any fruit"
-            )
-    return trunks
+def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions, crs: str | None) -> Trunks:
+    """The trunks of the table in the fruits' frame, as they are or from their CRS: where they stand near the fruits."""
+    if not len(fruits):
+        return trunks
+    away_m = _nearest_m(trunks, fruits)
+    if away_m <= options.longest_m:
+        return trunks
+    if options.trees_crs is not None and crs is not None:
+        xy = xy_between(trunks.xy_in_world, options.trees_crs, crs, str(options.trees))
+        local = replace(trunks, xy_in_world=xy)
+        if _nearest_m(local, fruits) <= options.longest_m:
+            return local
+    either = "" if options.trees_crs is None else f" or in {options.trees_crs}"
+    raise FormatError(
+        f"{options.trees}: expected trunks in the survey's frame{either}, near its fruits; found the nearest "
+        f"{away_m:.0f} m from any fruit"
+    )
+
+
+def _nearest_m(trunks: Trunks, fruits: Fruits) -> float:
+    away_m = cKDTree(trunks.xy_in_world).query(fruits.centers_in_world[:, :2])[0]
+    return float(np.min(away_m))
 
 
 def _compare(row: _Row, spacing_m: float, options: PlantingOptions, progress: Progress) -> None:
