@@ -116,6 +116,11 @@ def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert placed.report.notes == tuple(progress.warnings)
 
 
+def test_control_points_are_not_called_markers() -> None:
+    said = "0 of the control points were seen well in two or more photos, expected at least 3"
+    assert fit_markers(EAST, [], {}, called="control points") == said
+
+
 def test_no_marker_seen_loses_no_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     show_markers(monkeypatch, [])
     progress = Silent()

@@ -113,13 +113,14 @@ def place_by_markers(
     """Put every piece that sees enough markers into their frame, and refine those together."""
     places = markers.places()
     source: ScaleSource = "markers" if options.gcp is None else "control-points"
+    called = source.replace("-", " ")
     fits: dict[int, MarkerFit] = {}
     for idx, piece in enumerate(placement.pieces):
-        fit = fit_markers(piece.cameras, sightings, places)
+        fit = fit_markers(piece.cameras, sightings, places, called=called)
         if isinstance(fit, str):
             placement.add_failure(idx, fit)
             if placement.is_main(idx):
-                placement.warn(f"{placement.name(idx)} has no place from the markers: {fit}")
+                placement.warn(f"{placement.name(idx)} has no place from the {called}: {fit}")
             continue
         fits[idx] = fit
         placement.set_scale(idx, source, fit.world_from_piece.scale, 1000 * fit.rms_m)
@@ -222,17 +223,19 @@ class MarkerFit:
         return [*(sighting for marker in self.used.values() for sighting in marker.sightings), *self.seen_once]
 
 
-def fit_markers(cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]) -> MarkerFit | str:
+def fit_markers(
+    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray], *, called: str = "markers"
+) -> MarkerFit | str:
     """Return a piece's fit to markers of known places, or why there is none.
 
     Three markers that are not on one line give place, rotation and scale. With two, or on one line, the rotation
-    about the line comes from how the cameras were held.
+    about the line comes from how the cameras were held. `called` is what a person calls them.
     """
     sightings = [sighting for sighting in sightings if sighting.marker_id in places]
     found, failed = triangulate_markers(cameras, sightings)
     ids = list(found)
     if len(ids) < 2:
-        return f"{len(ids)} of the markers were seen well in two or more photos, expected at least 3"
+        return f"{len(ids)} of the {called} were seen well in two or more photos, expected at least 3"
     source = np.array([found[i].triangulated.point for i in ids])
     target = np.array([places[i] for i in ids])
     noise_m = _noise_m(found, target)
