@@ -444,6 +444,15 @@ def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
     assert {float(row["growth_mm_per_day"]) for row in grown} == {0.25}
     assert sum(int(row["same"]) for row in csv.DictReader((out / "trees.csv").open())) == 38
     assert (out / "growth.svg").read_text().startswith("<svg")
+    reference = (Path(__file__).parents[1] / "docs/reference/methods/compare.md").read_text()
+    for part, names in (
+        ("`fruits.csv`:", rows[0]),
+        ("`trees.csv`:", next(csv.reader((out / "trees.csv").open()))),
+        ("`comparison.json`:", json.loads((out / "comparison.json").read_text())),
+    ):
+        table = reference.split(f"\n{part}", 1)[1].split("\n\n", 2)[1]
+        first_cells = "".join(line.split("|")[1] for line in table.splitlines()[2:])
+        assert re.findall(r"`(\w+)`", first_cells) == list(names), part
     page = (out / "comparison.html").read_text()
     assert "38" in page
     assert "40 days later" in page
