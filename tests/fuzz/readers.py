@@ -251,7 +251,7 @@ def _write_text(name: str, text: str, folder: Path) -> None:
 def _read_markers(path: Path) -> object:
     from pomona.scale.control_points import surveyed_markers
 
-    return [surveyed_markers(path, crs) for crs in (None, "EPSG:25831")]
+    return [surveyed_markers(path, crs) for crs in (None, "EPSG:3857")]
 
 
 def _read_control_points(path: Path) -> object:

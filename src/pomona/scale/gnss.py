@@ -175,8 +175,8 @@ def _check_use(system: CRS, crs: str, longitude: float, latitude: float, where: 
     off = max(from_middle - width / 2, area.south - latitude, latitude - area.north)
     if off > _OUT_OF_USE_DEG:
         raise InputError(
-            f"{where}: expected places where {crs} is used ({area.name}), found latitude {latitude:.1f}, longitude "
-            f"{longitude:.1f}: are they of another coordinate system, or easting and northing exchanged?"
+            f"{where}: expected places where {crs} is used ({area.name.split(':')[0]}), found latitude {latitude:.1f}, "
+            f"longitude {longitude:.1f}: are they of another coordinate system, or easting and northing exchanged?"
         )
 
 

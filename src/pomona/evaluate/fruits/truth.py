@@ -124,7 +124,7 @@ def _boxes(
     if len(flat):
         where = f", line {lines[flat[0]]}" if lines else f", box {flat[0] + 1}"
         raise FormatError(
-            f"{file}{where}: expected the lowest corner and then the highest, found "
+            f"{file}{where}: expected the lowest, then the highest corner, found "
             f"{' '.join(f'{value:g}' for value in boxes[flat[0]])}"
         )
     try:
