@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -12,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -364,6 +366,28 @@ def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path
     assert "10 fruits found on each" in page
     assert "180 g each, without 41 in rows that have no weight" in page
     assert "intervals, added, of 1 of the rows" in page
+
+
+def test_names_on_the_map_are_in_it_and_not_over_each_other(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    surveys = [PlannedSurvey(row=f"Block 17 West {k:02}", day=None, photos=("p",), options={}) for k in range(50)]
+    surveys.append(PlannedSurvey(row="x" * 60, day=None, photos=("p",), options={}))
+    orchard = Orchard(title="Rows", out=str(tmp_path), surveys=tuple(surveys))
+    write_finished(orchard, fruits=1)
+    (tmp_path / "tables").mkdir()
+    write_tables(orchard, OrchardFolder(Place(orchard.out)), tmp_path / "tables", Silent())
+    write_page(orchard, tmp_path / "tables" / "orchard.gpkg", tmp_path / "report.html", Silent())
+    page = (tmp_path / "report.html").read_text()
+    found = re.findall(r'<text x="([\d.-]+)" y="([\d.-]+)" text-anchor="end">([^<]+)</text>', page)
+    assert 10 < len(found) < 40
+    feet = sorted(float(y) for _, y, _ in found)
+    assert min(np.diff(feet)) >= 14
+    assert all(float(x) - 7 * len(name) > 0 for x, _, name in found)
+    assert re.search(r"<title>Block 17 West 00: 1 fruit found, ", page)
+    assert "6.5 fruits found on each" in page  # 1 + 2 + … + 51 fruits on 204 trees
+    edges = re.search(r"hidden ones too:</li>(.*?)</ul>", page)
+    assert edges
+    assert {len(edge.partition(".")[2]) for edge in re.findall(r"[\d.]+(?= to |</li>)", edges[1])} == {2}
 
 
 def test_the_geopackage_opens_in_another_reader(tmp_path: Path) -> None:

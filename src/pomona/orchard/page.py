@@ -30,9 +30,20 @@ _PAGE = files("pomona.orchard") / "page.html"
 _BODY = "<!-- body -->"
 _COLOURS = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")  # viridis: few to many
 _WIDTH, _MARGIN = 1000.0, 60.0
+_LEAST_WIDTH = 460.0
 _LEAST_HEIGHT, _MOST_HEIGHT = 160.0, 620.0
 _MOST_NAMES = 60  # rows whose names are written on the map
+_MOST_LETTERS = 30  # of such a name
+_LETTER, _LINE = 8.0, 14.0  # the room of a letter of it
 _DEGREE_M = 111_195.0  # of latitude
+_SCALES = {
+    "control-points": "control points",
+    "scale-bar": "scale bar",
+    "gnss": "GNSS",
+    "fruit-diameter": "fruit diameter",
+    "given": "given cameras",
+    "none": "",
+}
 _MOST_COUNTED = 20_000  # rows that the classes of colour are found from
 
 Row = Mapping[str, Any]
@@ -137,7 +148,7 @@ def _cards(totals: Totals) -> str:
         cards.append(card("Weight of those found", figure, f"{each_g:.0f} g each{without}"))
     if totals.trees:
         on_each = totals.fruits_on_trees / totals.trees
-        cards.append(card("Trees", f"{totals.trees:,}", f"{on_each:.0f} fruits found on each"))
+        cards.append(card("Trees", f"{totals.trees:,}", f"{on_each:.{int(on_each < 10)}f} fruits found on each"))
     cards.append(card("Photos", f"{totals.photos:,}", ""))
     return "".join(cards)
 
@@ -155,6 +166,7 @@ class _Map:
     squeeze: float
     unit_m: float
     left: float
+    width: float
     height: float
 
     def at(self, places: FloatArray) -> FloatArray:
@@ -165,7 +177,7 @@ class _Map:
 
 def _write_map(file: TextIO, package: Path) -> None:
     """Write the newest survey of each row as a line, coloured by fruits a metre; what has no place is said."""
-    extent, density, placed, nowhere = _extent(package)
+    extent, density, placed, nowhere, letters = _extent(package)
     file.write('<section class="sheet"><h2>Map</h2>')
     if extent is None:
         file.write(
@@ -173,16 +185,20 @@ def _write_map(file: TextIO, package: Path) -> None:
             "control points give one.</p></section>\n"
         )
         return
-    shown = _map_of(extent)
+    named = placed <= _MOST_NAMES
+    shown = _map_of(extent, max(_MARGIN, 14 + _LETTER * min(letters, _MOST_LETTERS)) if named else _MARGIN)
     classes = np.percentile(density, np.linspace(0, 100, len(_COLOURS) + 1)) if len(density) else np.zeros(0)
-    file.write(f'<svg viewBox="0 0 {_WIDTH:g} {shown.height:.0f}" role="img" aria-label="Map of the rows">\n')
+    size = f'viewBox="0 0 {shown.width:.0f} {shown.height:.0f}" style="--wide:{shown.width:.0f}px"'
+    file.write(f'<div class="map"><svg {size} role="img" aria-label="Map of the rows">\n')
+    names = _Names()
     for row in _newest(package):
         if row["places"] is not None:
-            file.write(_line(row, shown, classes, named=placed <= _MOST_NAMES))
-    file.write(_scale_bar(shown) + "</svg>")
+            file.write(_line(row, shown, classes) + (names.beside(row, shown) if named else "") + "\n")
+    file.write(_scale_bar(shown) + "</svg></div>")
     if len(classes) and classes[0] < classes[-1]:
+        digits = max(0, 2 - math.floor(math.log10(classes[-1])))
         entries = (
-            f'<li><i style="background:{colour}"></i>{classes[k]:.3g} to {classes[k + 1]:.3g}</li>'
+            f'<li><i style="background:{colour}"></i>{classes[k]:.{digits}f} to {classes[k + 1]:.{digits}f}</li>'
             for k, colour in enumerate(_COLOURS)
         )
         file.write(f'<ul class="legend"><li>Fruits a metre of row, hidden ones too:</li>{"".join(entries)}</ul>')
@@ -195,57 +211,73 @@ def _newest(package: Path) -> Iterator[dict[str, Any]]:
     return (row for row in read_layer(package, "rows") if row["newest"])
 
 
-def _extent(package: Path) -> tuple[FloatArray | None, FloatArray, int, int]:
-    """West, south, east, north of all rows (None: none has a place), fruits a metre, rows with and without a place."""
-    extent, placed, nowhere = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0, 0
+def _extent(package: Path) -> tuple[FloatArray | None, FloatArray, int, int, int]:
+    """West, south, east, north of all rows (None: none has a place), fruits a metre, rows with and without a place, and
+    letters of the longest name."""
+    extent, placed, nowhere, letters = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0, 0, 0
     density: list[float] = []
     for row in _newest(package):
         if row["places"] is None:
             nowhere += 1
             continue
         placed += 1
+        letters = max(letters, len(row["row"]))
         extent[:2] = np.minimum(extent[:2], row["places"].min(0))
         extent[2:] = np.maximum(extent[2:], row["places"].max(0))
         if row["all_per_metre"] is not None and len(density) < _MOST_COUNTED:
             density.append(row["all_per_metre"])
-    return (extent if np.isfinite(extent).all() else None), np.array(density), placed, nowhere
+    return (extent if np.isfinite(extent).all() else None), np.array(density), placed, nowhere, letters
 
 
-def _map_of(extent: FloatArray) -> _Map:
+def _map_of(extent: FloatArray, room: float) -> _Map:
+    """The map of an extent, with so much room for names on its left."""
     west, south, east, north = extent.tolist()
     squeeze = math.cos(math.radians((south + north) / 2))
     width_m = max((east - west) * squeeze * _DEGREE_M, 1.0)
     height_m = max((north - south) * _DEGREE_M, 1.0)
-    unit_m = min((_WIDTH - 2 * _MARGIN) / width_m, (_MOST_HEIGHT - 2 * _MARGIN) / height_m)
-    left = (_WIDTH - width_m * unit_m) / 2
-    return _Map(west, north, squeeze, unit_m, left, max(_LEAST_HEIGHT, height_m * unit_m + 2 * _MARGIN))
+    unit_m = min((_WIDTH - room - _MARGIN) / width_m, (_MOST_HEIGHT - 2 * _MARGIN) / height_m)
+    across = width_m * unit_m + room + _MARGIN
+    width = max(_LEAST_WIDTH, across)
+    left = room + (width - across) / 2
+    return _Map(west, north, squeeze, unit_m, left, width, max(_LEAST_HEIGHT, height_m * unit_m + 2 * _MARGIN))
 
 
-def _line(row: Row, shown: _Map, classes: FloatArray, *, named: bool) -> str:
+def _line(row: Row, shown: _Map, classes: FloatArray) -> str:
     (x0, y0), (x1, y1) = shown.at(row["places"])
     value = row["all_per_metre"]
     colour = ' class="bare"'
     if value is not None and len(classes):
         k = min(int(np.searchsorted(classes[1:-1], value, side="right")), len(_COLOURS) - 1)
         colour = f' stroke="{_COLOURS[k]}"'
-    said = f"{row['row']} {row['date']}".strip() + f": {row['fruits']:,} fruits found"
+    fruits = f"{row['fruits']:,} fruit{'s' * (row['fruits'] != 1)}"
+    said = f"{row['row']} {row['date']}".strip() + f": {fruits} found"
     said += f", {value:.3g} a metre with hidden ones" if value is not None else ""
     return (
         f'<line{colour} stroke-width="4" x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}">'
-        f"<title>{escape(said)}</title></line>{_name(row['row'], (x0, y0), (x1, y1)) if named else ''}\n"
+        f"<title>{escape(said)}</title></line>"
     )
 
 
-def _name(name: str, start: tuple[float, float], end: tuple[float, float]) -> str:
-    """A row's name beyond its western end."""
-    x, y = min(start, end)
-    return f'<text x="{x - 8:.1f}" y="{y + 4:.1f}" text-anchor="end">{escape(name)}</text>'
+class _Names:
+    """Names of rows beyond their western ends; where they would lie over each other, the first is written."""
+
+    def __init__(self) -> None:
+        self._written: list[tuple[float, float, float]] = []  # left, right and foot
+
+    def beside(self, row: Row, shown: _Map) -> str:
+        x, y = min(shown.at(row["places"]).tolist())
+        name = row["row"] if len(row["row"]) <= _MOST_LETTERS else row["row"][: _MOST_LETTERS - 1] + "…"
+        left, right, foot = x - 8 - _LETTER * len(name), x - 8, y + 4
+        if any(left < other[1] and other[0] < right and abs(foot - other[2]) < _LINE for other in self._written):
+            return ""
+        self._written.append((left, right, foot))
+        return f'<text x="{right:.1f}" y="{foot:.1f}" text-anchor="end">{escape(name)}</text>'
 
 
 def _scale_bar(shown: _Map) -> str:
-    length_m = nice_step((_WIDTH - 2 * _MARGIN) / shown.unit_m, 6)
-    x, y = _WIDTH - _MARGIN - length_m * shown.unit_m, shown.height - 10
-    end = _WIDTH - _MARGIN
+    end = shown.width - _MARGIN
+    length_m = nice_step((end - _MARGIN) / shown.unit_m, 6)
+    x, y = end - length_m * shown.unit_m, shown.height - 10
     return (
         f'<line class="scale" stroke-width="2" x1="{x:.1f}" x2="{end:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
         f'<text x="{(x + end) / 2:.1f}" y="{y - 6:.1f}" text-anchor="middle">{number(length_m)} m</text>'
@@ -267,10 +299,15 @@ def _write_surveys(file: TextIO, package: Path) -> None:
         span = "" if row["all_low"] is None else f"{row['all_low']:,.0f} to {row['all_high']:,.0f}"
         cells = [
             row["date"], row["state"], used, _said(row["fruits"]), _said(row["all_fruits"]), span, _said(row["trees"]),
-            _said(row["length_m"], 1), _said(row["weight_kg"], 1), _said(row["diameter_mm"], 1), row["scale"] or "",
+            _said(row["length_m"], 1), _said(row["weight_kg"], 1), _said(row["diameter_mm"], 1), _scale(row),
         ]  # fmt: skip
         _write_row(file, row["state"], name, cells, row["reason"])
     _end_table(file)
+
+
+def _scale(row: Row) -> str:
+    source = row["scale"] or ""
+    return _SCALES.get(source, source)
 
 
 def _write_changes(file: TextIO, package: Path) -> None:
