@@ -15,8 +15,9 @@ from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.fuse.paper.options import PaperOptions
 from pomona.pipeline import STAGES, RunOptions, go_on, run
+from pomona.pipeline.times import stage_times
 from pomona.scale.report import PieceScale, ScaleReport
-from pomona.survey import SurveyFolder
+from pomona.survey import StageRecord, SurveyFolder
 
 ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
 
@@ -381,3 +382,12 @@ def test_a_survey_beside_its_photos_is_none_of_them(fakes: Fakes, tmp_path: Path
     assert first.photos == again.photos == 6
     assert fakes.calls["tiles"] == segmented
     assert not any("sub-folders" in warning for warning in again.warnings)
+
+
+def test_times_are_in_the_order_of_a_run_whatever_was_computed_last() -> None:
+    order = ("report", "dense", "segment", "select", "fuse", "scale", "sfm", "of-another-version")
+    records = {name: StageRecord(fingerprint=name, finished=name != "scale") for name in order}
+    before, after = ["Fruits in photos", "Fruits that count", "Cameras"], ["Report"]
+    words = {method: [one.name for one in stage_times(records, {"method": method})] for method in ("object", "paper")}
+    assert words["object"] == [*before, "Fruits in space", "Cloud of the fruits", *after]
+    assert words["paper"] == [*before, "Cloud of the fruits", "Fruits in space", *after]

@@ -21,24 +21,8 @@ from rich.text import Text
 
 from pomona.cli.wording import with_options
 from pomona.pipeline import STAGES
+from pomona.pipeline.names import STAGE_WORDS
 
-LABELS = {
-    "photos": "Photos",
-    "segment": "Fruits in photos",
-    "select": "Fruits that count",
-    "sfm": "Cameras",
-    "scale": "Metres",
-    "dense": "Cloud of the fruits",
-    "fuse": "Fruits in space",
-    "second_look": "Second look",
-    "filter": "False fruits out",
-    "measure": "Sizes",
-    "planting": "Trees",
-    "scene": "Scene",
-    "results": "Tables and map",
-    "report": "Report",
-    "learn": "Learning",  # with --adapt, between two runs
-}
 _QUIET_S = 30.0  # in a log, which has no bar: often enough to see that it works, without filling the log
 
 
@@ -108,8 +92,8 @@ class TerminalProgress:
     def _title(self) -> str:
         names = ("photos", *STAGES)
         if self._stage not in names:
-            return LABELS.get(self._stage, self._stage)
-        return f"{names.index(self._stage) + 1:2}/{len(names)} {LABELS[self._stage]}"
+            return STAGE_WORDS.get(self._stage, self._stage)
+        return f"{names.index(self._stage) + 1:2}/{len(names)} {STAGE_WORDS[self._stage]}"
 
     def _end_stage(self, *, finished: bool) -> None:
         if self._stage and finished:

@@ -6,10 +6,10 @@ import json
 
 import typer
 
-from pomona.cli.progress import LABELS
 from pomona.cli.wording import all_with_options, with_options
 from pomona.fruit_traits.kinds import fruit_kind
 from pomona.pipeline import Summary
+from pomona.pipeline.names import STAGE_WORDS
 
 _MOST_LISTED = 5  # of photos lost: `survey.json` and the report have all of them
 
@@ -88,8 +88,8 @@ def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, 
 
 def _times(summary: Summary) -> str:
     done = [stage for stage in summary.stages if not stage.kept]
-    kept = [LABELS[stage.name].lower() for stage in summary.stages if stage.kept]
-    parts = [f"{LABELS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in done]
+    kept = [STAGE_WORDS[stage.name].lower() for stage in summary.stages if stage.kept]
+    parts = [f"{STAGE_WORDS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in done]
     text = f"{seconds(sum(stage.wall_s for stage in done))}" + (f" ({', '.join(parts)})" if parts else "")
     return text + (f"; kept from before: {', '.join(kept)}" if kept else "")
 

@@ -13,6 +13,7 @@ from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Input, RunLog, Stage, Store, SurveyContext
+from pomona.pipeline.times import stage_times
 from pomona.progress import Progress
 from pomona.survey.files import write_file
 
@@ -57,7 +58,7 @@ def _gathered(
     *,
     options: _Shown,
 ) -> ReportData:
-    from pomona.report import ReportData, StageTime, engines_of, settings_in_words
+    from pomona.report import ReportData, engines_of, settings_in_words
 
     records = run_log.records
     words = run_log.words
@@ -79,7 +80,7 @@ def _gathered(
         weight=results.weight,
         crop=results.crop,
         segments=results.segments,
-        stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
+        stages=stage_times(records, run_log.options),
         warnings=tuple(dict.fromkeys(warnings)),
         settings=settings_in_words(run_log.options),
         engines=engines_of(record.engines for record in records.values()),

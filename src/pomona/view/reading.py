@@ -8,9 +8,10 @@ from pomona import __version__
 from pomona.fruit_traits.kinds import many_of
 from pomona.fruits import FruitCloud, TotalWeight
 from pomona.measure.allometry import STORY_APPLES
+from pomona.pipeline.times import stage_times
 from pomona.planting.summary import trees_of
 from pomona.progress import Progress, Silent
-from pomona.report import ReportData, StageTime, engines_of, settings_in_words
+from pomona.report import ReportData, engines_of, settings_in_words
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.reader import SurveyReader
 from pomona.survey.unfinished import unfinished_in_words
@@ -57,7 +58,7 @@ def page_data(survey: SurveyReader) -> ReportData:
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
         crop=survey.crop,
         segments=survey.segments,
-        stages=tuple(StageTime(name, r.wall_s, r.peak_memory_mb) for name, r in records.items() if r.finished),
+        stages=stage_times(records, files.get("options") or {}),
         warnings=tuple(filter(None, (unfinished_in_words(files), *files.get("warnings", ())))),
         settings=settings_in_words(files.get("options") or {}),
         engines=engines_of(record.engines for record in records.values()),
