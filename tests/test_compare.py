@@ -371,7 +371,8 @@ def test_without_a_scale_nothing_is_in_millimetres(tmp_path: Path, capsys: pytes
     shown = _totals(comparison) + _trees_table(comparison) + _sizes_figure(comparison)
     assert "mm" not in shown
     assert ">growth units<" in shown
-    low, high = re.search(r"(0\.00\d+) to (0\.00\d+) units \(95 %\)", shown).groups()
+    words = re.sub("<[^>]+>", "", shown)
+    low, high = re.search(r"(0\.00\d+) to (0\.00\d+) units \(95 %\)", words).groups()
     assert 0.0035 < float(low) < 0.0045 < float(high) < 0.0055
     _show(comparison)
     assert "growth         no scale" in capsys.readouterr().out
@@ -456,6 +457,7 @@ def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
     page = (out / "comparison.html").read_text()
     assert "38" in page
     assert "40 days later" in page
+    assert '<data value="10.0" data-digits="1">10.0</data> <small>mm</small>' in page  # in the reader's language
     assert "growth         10.0 mm" in CliRunner().invoke(app, [*arguments, "--out", str(out)]).stdout
     with pytest.raises(SurveyError, match="holds something else"):
         pomona.compare(*surveys, out=surveys[0])

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.change.comparison import Comparison
 from pomona.errors import SurveyError
 from pomona.formats.tables import write_table
 from pomona.report.contract import F32, U8, EarlierFruits, packed
 from pomona.report.data import ReportData
+from pomona.report.html import Html, about, amount
 from pomona.report.page import Sections, note_of, page_html
 from pomona.report.plots import bars_of, bin_edges, caption, framed, ticks_at
 from pomona.report.scene import SceneOptions, origin_of, survey_data
@@ -94,7 +96,7 @@ def _unit_of_page(found: Comparison, after: ReportData) -> float:
 
 
 def _days_later(found: Comparison) -> str:
-    return f", {found.days:z.0f} days later" if math.isfinite(found.days) else ""
+    return f", {counted(round(found.days), 'day')} later" if math.isfinite(found.days) else ""
 
 
 def _unit_of(found: Comparison) -> tuple[str, float]:
@@ -102,12 +104,10 @@ def _unit_of(found: Comparison) -> tuple[str, float]:
     return ("mm", 1000.0) if found.metric else ("units", 1.0)
 
 
-def _size(value_m: float, found: Comparison, digits: int = 1) -> str:
+def _size(value_m: float, found: Comparison, digits: int = 1) -> Html:
     """A size as a number in that unit: to `digits` of a millimetre, or to three figures of what may be anything."""
-    factor = _unit_of(found)[1]
-    if not math.isfinite(value_m):
-        return "–"
-    return f"{factor * value_m:z.{digits}f}" if found.metric else f"{factor * value_m:z.3g}"
+    value = _unit_of(found)[1] * value_m
+    return amount(round(value, digits) + 0.0, digits) if found.metric else about(value, 3)  # no -0.0
 
 
 def _totals(found: Comparison) -> str:
@@ -118,14 +118,17 @@ def _totals(found: Comparison) -> str:
     span = f"{_size(growth.low, found)} to {_size(growth.high, found)} {unit} (95 %)"
     apart = _size(float(np.median(found.apart_m)), found, 0)
     missed = before.count("out of view")
+    ends = f"{amount(gone.low)} to {amount(gone.high)}"
     return "".join(
         [
-            card("In both", f"{len(found.pairs):,}", f"of {len(before):,} and {len(after):,} fruits", "main"),
+            card(
+                "In both", amount(len(found.pairs)), f"of {amount(len(before))} and {amount(len(after))} fruits", "main"
+            ),
             card("Growth", f"{_size(growth.value, found)} <small>{unit}</small>", span + per_day),
-            card("Not found again", f"{before.count('gone'):,}", f"and {missed:,} that no photo shows the place of"),
-            card("Really gone, about", f"{gone.value:.0f}", f"{gone.low:.0f} to {gone.high:.0f} (95 %); {_HIDDEN}"),
-            card("New", f"{after.count('new'):,}", "which the first survey missed"),
-            card("Laid over to", f"{apart} <small>{unit}</small>", "median of pairs"),
+            card("Not found again", amount(before.count("gone")), f"and {amount(missed)} where no photo looks"),
+            card("Really gone, about", amount(gone.value), f"{ends} (95 %); {_HIDDEN}"),
+            card("New", amount(after.count("new")), "fruits that the first survey lacks"),
+            card("Aligned to", f"{apart} <small>{unit}</small>", "median of pairs"),
         ]
     )
 
@@ -163,7 +166,7 @@ def _sizes_figure(found: Comparison) -> str:
     for k, low in enumerate(edges[:-1]):
         mine = growth[known][group == k]
         value = float(np.median(mine)) if len(mine) else 0.0
-        bars.append(Bar(value, f"from {low:.4g} {unit}: {value:z.3g} {unit}, {len(mine)} fruits", "leaf"))
+        bars.append(Bar(value, f"from {low:.4g} {unit}: {value:z.3g} {unit}, {counted(len(mine), 'fruit')}", "leaf"))
     title = caption("Growth by size before", f"median, {unit}")
     return title + column_chart(bars, Axis(name=f"diameter before, {unit}", ticks=ticks_at(edges)), counts=False)
 
@@ -202,7 +205,7 @@ def _trees_table(found: Comparison) -> str:
         (
             *(str(table[name][k]) for name in names),
             _size(growth.value, found),
-            f"{_size(growth.low, found)} to {_size(growth.high, found)}",
+            Html(f"{_size(growth.low, found)} to {_size(growth.high, found)}"),
         )
         for k, growth in enumerate(found.tree_growth().values())
     ]
