@@ -173,6 +173,37 @@ def test_click_on_a_crop_opens_the_photo_with_all_outlines(opened: Opened) -> No
     assert page.inner_text("#card h3") == f"Fruit {expected[1]}"
 
 
+def test_the_wheel_zooms_where_the_pointer_is_and_a_window_of_another_size_keeps_the_photo(opened: Opened) -> None:
+    page = opened.page
+    _open_fruit(page, 20)
+    page.locator(".crop").first.click()
+    page.wait_for_selector("#photo path.mine")
+    page.click("#photo-whole")
+    stage = page.locator("#photo .stage").bounding_box()
+    x, y = stage["x"] + 0.4 * stage["width"], stage["y"] + 0.7 * stage["height"]
+
+    def at_pointer() -> tuple[float, float, float]:
+        box = page.locator("#photo .photo-sheet").bounding_box()
+        return (x - box["x"]) / box["width"], (y - box["y"]) / box["height"], box["width"]
+
+    before = at_pointer()
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -200)
+    page_until(page, "w => document.querySelector('#photo .photo-sheet').getBoundingClientRect().width > w", before[2])
+    after = at_pointer()
+    assert after[2] > 1.3 * before[2]
+    assert after[:2] == pytest.approx(before[:2], abs=0.003)
+
+    page.click("#photo-whole")
+    page.set_viewport_size({"width": 400, "height": 800})
+    whole = "(() => { const inner = document.querySelector('#photo .photo-sheet').getBoundingClientRect();"
+    whole += " const room = document.querySelector('#photo .stage').getBoundingClientRect();"
+    whole += " return inner.width > room.width - 2 && Math.abs(inner.left - room.left) < 2; })()"
+    page_until(page, whole)
+    page.set_viewport_size({"width": 1200, "height": 800})
+    page.click("#photo-close")
+
+
 def test_looking_through_a_camera_lays_the_photo_over_the_scene(opened: Opened) -> None:
     page = opened.page
     page.select_option("#colour-by", "fruit")

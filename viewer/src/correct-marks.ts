@@ -2,6 +2,7 @@
 
 import type { PhotoMark, SightLines, SurveyData } from "./contract";
 import { find, say, svg } from "./dom";
+import { measured, short } from "./locale";
 import type { Box, Photo } from "./payload";
 import type { PhotoWindow } from "./photo";
 
@@ -158,7 +159,7 @@ export class Marking {
     this.size.disabled = now.marks.length < 1;
     this.back.disabled = !now.marks.length;
     const usual = this.data.corrections?.usualDiameter;
-    const width = usual && (this.data.metric ? `${(1000 * usual).toFixed(0)} mm` : usual.toPrecision(3));
+    const width = usual && (this.data.metric ? `${measured(1000 * usual, 0)} mm` : short(usual, 3));
     const size = now.size.length === 2 ? " Its size is as clicked." : now.kind === "add" && now.marks.length > 1 && width ? ` It is taken to be ${width} wide, as the others are.` : "";
     this.tell(advice(now, this.sizing) + (this.sizing ? "" : size));
     this.draw();

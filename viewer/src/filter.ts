@@ -3,6 +3,7 @@
 import * as three from "three";
 import type { SurveyData } from "./contract";
 import { find } from "./dom";
+import { localised, measured } from "./locale";
 import type { Fruit } from "./payload";
 
 export interface Limits {
@@ -64,12 +65,12 @@ export class Filter {
     const shown = within(this.fruits, this.data.view.along, limits);
     const [, , z] = this.data.origin;
     const unit = this.data.unit;
-    const far = (value: number): string => `${value.toFixed(2)} ${unit}`;
-    find("#limit-score-text").textContent = limits.score.toFixed(2);
+    const far = (value: number): string => `${measured(value, 2)} ${unit}`;
+    find("#limit-score-text").textContent = measured(limits.score, 2);
     find("#limit-height-text").textContent = `${far(limits.low + z)} to ${far(limits.high + z)}`;
     const [start] = this.data.view.row;
     find("#limit-row-text").textContent = `${far(limits.start - start)} to ${far(limits.end - start)}`;
-    find("#limit-count").textContent = `${shown.filter(Boolean).length} of ${shown.length} fruits`;
+    find("#limit-count").textContent = `${localised(shown.filter(Boolean).length, 0)} of ${localised(shown.length, 0)} ${shown.length === 1 ? "fruit" : "fruits"}`;
     this.onChange(shown, this.planes(limits), limits);
   }
 

@@ -13,6 +13,12 @@ export function measured(value: number, digits: number): string {
   return format.format(value);
 }
 
+/** A number as short as it is, with three places at most, or so many figures that count. */
+export function short(value: number, figures?: number): string {
+  const digits = figures ? { maximumSignificantDigits: figures } : { maximumFractionDigits: 3 };
+  return new Intl.NumberFormat(undefined, { ...digits, useGrouping: false }).format(value);
+}
+
 /** A day such as 2026-08-12, without a time zone. */
 export function localisedDay(day: string, locale?: string): string {
   return new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeZone: "UTC" }).format(new Date(`${day}T00:00:00Z`));

@@ -123,7 +123,7 @@ class Page {
     };
     fillCard(this.card, fruit, wants);
     void this.look(fruit, wants);
-    say(`Fruit ${fruit.id} selected, seen in ${fruit.views} photos`);
+    say(`Fruit ${fruit.id} selected, seen in ${fruit.views === 1 ? "1 photo" : `${fruit.views} photos`}`);
     if (from === "table") this.box.scrollIntoView({ block: "nearest", behavior: "smooth" });
   }
 

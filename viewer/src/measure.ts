@@ -2,6 +2,7 @@
 
 import * as three from "three";
 import { find, say } from "./dom";
+import { measured } from "./locale";
 import type { View } from "./view";
 
 const COLOUR = 0xd1006c;
@@ -32,7 +33,7 @@ export class Measure {
     }
     if (this.places.length === 2) this.clear();
     this.places.push(at);
-    if (this.places.length === 2) this.tell(`${this.places[0]!.distanceTo(at).toFixed(3)} ${this.unit}`);
+    if (this.places.length === 2) this.tell(`${measured(this.places[0]!.distanceTo(at), 3)} ${this.unit}`);
     else this.tell("Now the second place");
     this.show();
   }

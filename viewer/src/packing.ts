@@ -83,7 +83,7 @@ function fill(table: HTMLElement, classes: Class[], crop: { fruits: number; kg: 
   const all = counts.reduce((sum, fruits) => sum + fruits, 0);
   const most = Math.max(1e-9, ...counts);
   const weighed = weights.some((weight) => weight > 0);
-  const share = new Intl.NumberFormat(undefined, { style: "percent", maximumFractionDigits: 1 });
+  const share = new Intl.NumberFormat(undefined, { style: "percent", minimumFractionDigits: 1, maximumFractionDigits: 1 });
   const count = new Intl.NumberFormat();
   const kilograms = new Intl.NumberFormat(undefined, { maximumFractionDigits: 1, minimumFractionDigits: 1 });
   const line = (cells: string[], tag: "th" | "td"): HTMLElement => {

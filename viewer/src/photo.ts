@@ -1,6 +1,7 @@
 /** The photo window: one whole photo with the outlines of all its detections; zoom, move, step to the next. */
 
 import { find, pathOf, say, svg } from "./dom";
+import { measured } from "./locale";
 import type { Box, Detection, Fruit, Photo, Sighting } from "./payload";
 import type { PhotoSource } from "./source";
 
@@ -28,6 +29,9 @@ export class PhotoWindow {
   /** Photo pixels to screen, and the place of the photo's corner. */
   private zoom = 1;
   private corner: [number, number] = [0, 0];
+  /** How large the stage was, and how to fill it anew where it is of another size; null: a person has zoomed or moved. */
+  private room: [number, number] = [0, 0];
+  private frame: (() => void) | null = null;
 
   constructor(private readonly photos: Photo[], private readonly source: PhotoSource, private readonly byId: Map<number, Fruit>) {
     const buttons: [string, () => void][] = [
@@ -44,9 +48,10 @@ export class PhotoWindow {
     });
     this.stage.addEventListener("wheel", (event) => {
       event.preventDefault();
-      this.zoomBy(Math.exp(-event.deltaY / 400), [event.offsetX, event.offsetY]);
+      this.zoomBy(Math.exp(-event.deltaY / 400), this.onStage(event));
     }, { passive: false });
     this.drag();
+    new ResizeObserver(() => this.resized()).observe(this.stage);
   }
 
   /** Show a photo; where a fruit is selected, at its place there. */
@@ -69,14 +74,34 @@ export class PhotoWindow {
   openAt(photo: number, box?: Box): void {
     if (!this.dialog.open) this.open(photo, null, []);
     else this.show(photo);
-    if (!box) return;
-    this.lookAt(box);
-    this.keepInside();
+    if (box) this.frameIt(() => { this.lookAt(box); this.keepInside(); });
   }
 
   /** Mark what is in the middle of the stage, for those who use no mouse. */
   markMiddle(): void {
     this.onMark?.(...this.pixelAt(this.stage.clientWidth / 2, this.stage.clientHeight / 2));
+  }
+
+  /** Where a pointer is on the stage, whatever lies there below it. */
+  private onStage({ clientX, clientY }: MouseEvent): [number, number] {
+    const { left, top } = this.stage.getBoundingClientRect();
+    return [clientX - left, clientY - top];
+  }
+
+  private frameIt(frame: () => void): void {
+    this.frame = frame;
+    this.room = [this.stage.clientWidth, this.stage.clientHeight];
+    frame();
+  }
+
+  /** A window of another size, a turned phone: what is framed is framed again, else the middle stays in the middle. */
+  private resized(): void {
+    const { clientWidth, clientHeight } = this.stage;
+    const [width, height] = this.room;
+    if (!clientWidth || (clientWidth === width && clientHeight === height)) return;
+    if (this.frame) this.frameIt(this.frame);
+    else this.pan([(clientWidth - width) / 2, (clientHeight - height) / 2]);
+    this.room = [clientWidth, clientHeight];
   }
 
   private pixelAt(x: number, y: number): [number, number] {
@@ -99,8 +124,10 @@ export class PhotoWindow {
     this.drawing.setAttribute("viewBox", `0 0 ${photo.width} ${photo.height}`);
     this.drawing.replaceChildren();
     const mine = this.seen.find((sighting) => sighting.photo === index);
-    this.lookAt(mine ? around(mine.box, 6) : [0, 0, photo.width, photo.height]);
-    if (mine) this.keepInside();
+    this.frameIt(() => {
+      this.lookAt(mine ? around(mine.box, 6) : [0, 0, photo.width, photo.height]);
+      if (mine) this.keepInside();
+    });
     this.onShow(index);
     void this.source.ofPhoto(index).then((detections) => this.at === index && this.draw(detections), () => undefined);
   }
@@ -111,15 +138,15 @@ export class PhotoWindow {
       const kind = !fruit ? "loose" : fruit === this.fruit ? "mine" : "other";
       const shape = svg("path", { d: pathOf(detection.outline), class: `outline ${kind}` });
       const title = svg("title", {});
-      title.textContent = fruit ? `Fruit ${fruit.id}, detected with score ${detection.score.toFixed(2)}`
-        : `Detected with score ${detection.score.toFixed(2)}, became no fruit`;
+      const score = measured(detection.score, 2);
+      title.textContent = fruit ? `Fruit ${fruit.id}, detected with score ${score}` : `Detected with score ${score}, became no fruit`;
       shape.append(title);
       shape.dataset.fruit = String(detection.fruit);
       return shape;
     });
     this.drawing.replaceChildren(...shapes);
     const fruits = detections.filter(({ fruit }) => this.byId.has(fruit)).length;
-    const text = detections.length ? `${detections.length} detections, ${fruits} of them became fruits` : "";
+    const text = detectedText(detections.length, fruits);
     find("#photo-summary").textContent = text;
     say(`Photo ${this.photos[this.at]!.name}. ${text}`);
   }
@@ -150,10 +177,11 @@ export class PhotoWindow {
 
   private whole(): void {
     const photo = this.photos[this.at]!;
-    this.lookAt([0, 0, photo.width, photo.height]);
+    this.frameIt(() => this.lookAt([0, 0, photo.width, photo.height]));
   }
 
   private zoomBy(factor: number, at: [number, number] = [this.stage.clientWidth / 2, this.stage.clientHeight / 2]): void {
+    this.frame = null;
     const zoom = Math.min(Math.max(this.zoom * factor, 0.02), MOST_ZOOM);
     const by = zoom / this.zoom;
     this.corner = [at[0] - (at[0] - this.corner[0]) * by, at[1] - (at[1] - this.corner[1]) * by];
@@ -191,6 +219,7 @@ export class PhotoWindow {
   }
 
   private pan([x, y]: [number, number]): void {
+    this.frame = null;
     this.corner = [this.corner[0] + x, this.corner[1] + y];
     this.place();
   }
@@ -205,6 +234,7 @@ export class PhotoWindow {
     this.stage.addEventListener("pointermove", (event) => {
       if (!from || !event.buttons) return;
       moved ||= Math.hypot(event.clientX - from.x, event.clientY - from.y) > 4;
+      this.frame = null;
       this.corner = [from.corner[0] + event.clientX - from.x, from.corner[1] + event.clientY - from.y];
       this.place();
     });
@@ -212,8 +242,7 @@ export class PhotoWindow {
       const id = Number((event.target as SVGElement).dataset.fruit ?? 0);
       if (moved) return;
       if (this.onMark) {
-        const { left, top } = this.stage.getBoundingClientRect();
-        this.onMark(...this.pixelAt(event.clientX - left, event.clientY - top));
+        this.onMark(...this.pixelAt(...this.onStage(event)));
         return;
       }
       if (!this.byId.has(id)) return;
@@ -221,6 +250,13 @@ export class PhotoWindow {
       this.onFruit(id);
     });
   }
+}
+
+/** What was detected in a photo, in words; nothing where nothing was. */
+export function detectedText(detections: number, fruits: number): string {
+  if (!detections) return "";
+  if (detections === 1) return fruits ? "1 detection, which became a fruit" : "1 detection, which became no fruit";
+  return `${detections} detections, ${fruits} of them became ${fruits === 1 ? "a fruit" : "fruits"}`;
 }
 
 function around(box: Box, times: number): Box {

@@ -2,6 +2,7 @@
 
 import * as three from "three";
 import type { SurveyData } from "./contract";
+import { short } from "./locale";
 
 const COLOUR = 0x8a6d3b;
 const MOST_LABELS = 12;
@@ -19,6 +20,37 @@ export function marks(start: number, end: number, grid: number): number[] {
   return Array.from({ length: Math.floor((end - start) / step + 1e-9) + 1 }, (_, i) => i * step);
 }
 
+/** Where a label is in the picture: its middle and its size, in any unit. */
+export interface Place {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
+/** Which labels can be read: those that lie over none of the readable ones before them. */
+export function readable(places: Place[]): boolean[] {
+  const kept: Place[] = [];
+  return places.map((place) => {
+    const free = kept.every((other) => Math.abs(other.x - place.x) * 2 >= other.width + place.width || Math.abs(other.y - place.y) * 2 >= other.height + place.height);
+    if (free) kept.push(place);
+    return free;
+  });
+}
+
+/** Hide the labels of a row that would lie over others, as a camera sees them. */
+export function thinLabels(group: three.Object3D, camera: three.PerspectiveCamera): void {
+  camera.updateMatrixWorld();
+  const { elements } = camera.projectionMatrix;
+  const labels = group.children.filter((child) => child instanceof three.Sprite);
+  // As large from near as from afar: see `text`.
+  const places = labels.map(({ position, scale }) => ({ seen: position.clone().project(camera), width: scale.x * elements[0]!, height: scale.y * elements[5]! }));
+  const inFront = places.map(({ seen }) => seen.z < 1);
+  const free = readable(places.filter((_, i) => inFront[i]).map(({ seen, width, height }) => ({ x: seen.x, y: seen.y, width, height })));
+  let next = 0;
+  labels.forEach((label, i) => (label.visible = inFront[i]! && free[next++]!));
+}
+
 export function row(data: SurveyData): three.Object3D {
   const { along, across, row: ends, ground, grid, radius, high } = data.view;
   const size = radius / 14;
@@ -28,7 +60,7 @@ export function row(data: SurveyData): three.Object3D {
   for (const far of marks(ends[0], ends[1], grid)) {
     const place = at(ends[0] + far);
     lines.push(place, place.clone().setZ(ground + size / 3));
-    const label = text(`${Number(far.toPrecision(6))} ${data.unit}`);
+    const label = text(`${short(far)} ${data.unit}`);
     // In front of the axis, where most cameras are.
     label.position.copy(place).addScaledVector(new three.Vector3().fromArray(across), size);
     group.add(label);

@@ -6,6 +6,7 @@ import { colouring, css, rampCss, type ColourBy, type Colouring } from "./colour
 import { element, find, say } from "./dom";
 import { byChange, byGrowth } from "./earlier";
 import { Filter, type Limits } from "./filter";
+import { measured, short } from "./locale";
 import { Measure } from "./measure";
 import type { Look } from "./navigation";
 import type { Fruit } from "./payload";
@@ -132,9 +133,9 @@ export class Tools {
 }
 
 function formatted(data: SurveyData, by: ColourBy, value: number): string {
-  if (by === "growth") return data.metric ? `${(1000 * value).toFixed(1)} mm` : value.toPrecision(3);
-  if (by === "diameter") return data.metric ? `${(1000 * value).toFixed(0)} mm` : value.toPrecision(3);
-  return by === "score" ? value.toFixed(2) : value.toFixed(0);
+  if (by === "growth") return data.metric ? `${measured(1000 * value, 1)} mm` : short(value, 3);
+  if (by === "diameter") return data.metric ? `${measured(1000 * value, 0)} mm` : short(value, 3);
+  return measured(value, by === "score" ? 2 : 0);
 }
 
 function fillLegend(box: HTMLElement, data: SurveyData, by: ColourBy, colours: Colouring): void {

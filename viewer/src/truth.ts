@@ -5,6 +5,7 @@ import { Balls } from "./balls";
 import type { Rates, TruthData } from "./contract";
 import { css, type Colouring, type Rgb } from "./colours";
 import { element, find } from "./dom";
+import { measured } from "./locale";
 
 const KINDS: { name: string; colour: Rgb; count(rates: Rates): number }[] = [
   { name: "true", colour: [0.16, 0.6, 0.33], count: (rates) => rates.true },
@@ -25,7 +26,7 @@ export function stepAt(steps: Rates[], score: number): number {
   return at;
 }
 
-const percent = (value: number | null): string => (value === null ? "–" : value.toFixed(3));
+const percent = (value: number | null): string => (value === null ? "–" : measured(value, 3));
 
 export class TruthLayer {
   readonly object: three.Object3D;
@@ -64,6 +65,6 @@ export class TruthLayer {
       return entry;
     }));
     const whole = this.truth.label === "visible" ? "true fruits that photos show" : "all true fruits";
-    find("#truth-note").textContent = `Fruits with a score of at least ${rates.threshold.toFixed(2)}, of the whole row, against ${whole}.`;
+    find("#truth-note").textContent = `Fruits with a score of at least ${measured(rates.threshold, 2)}, of the whole row, against ${whole}.`;
   }
 }

@@ -9,7 +9,7 @@ import { Frusta, FruitBalls, ground, halo, sightLines } from "./layers";
 import { Navigation } from "./navigation";
 import type { Fruit, Photo } from "./payload";
 import { LATER, PointCloud } from "./points";
-import { row } from "./row";
+import { row, thinLabels } from "./row";
 import type { PhotoSource } from "./source";
 
 export type Layer = "scene" | "fruitPoints" | "fruits" | "cameras" | "row" | "ground" | "earlier";
@@ -210,6 +210,7 @@ export class View {
     for (const cloud of Object.values(this.clouds)) cloud.limit(moves ? this.moving.points : Infinity);
     const sharpness = this.sharpness * (moves ? this.moving.sharpness : 1);
     if (sharpness !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(sharpness);
+    thinLabels(this.layers.row, camera);
     camera.layers.set(0);
     this.renderer.clear();
     this.renderer.render(this.world, camera);

@@ -3,6 +3,7 @@
 import type { SurveyData, WatchHint, WatchState } from "./contract";
 import { forget, remember } from "./correct-memory";
 import { button, element, find, say } from "./dom";
+import { measured } from "./locale";
 import type { Fruit } from "./payload";
 import type { View } from "./view";
 
@@ -96,9 +97,9 @@ class Following {
 export function figuresOf(state: WatchState): HTMLElement[] {
   const { photos, placed, fruits, length, step, wellSeen, phase } = state;
   const known: [string, string][] = [];
-  if (fruits !== null) known.push([fruits.toLocaleString(), phase === "finished" ? "fruits" : "fruits so far"]);
-  known.push([`${placed} of ${photos}`, "photos have a place"]);
-  if (length !== null) known.push([`${length.toFixed(1)} m`, `of row${step === null ? "" : `, a photo each ${(100 * step).toFixed(0)} cm`}`]);
+  if (fruits !== null) known.push([fruits.toLocaleString(), `${fruits === 1 ? "fruit" : "fruits"}${phase === "finished" ? "" : " so far"}`]);
+  known.push([`${placed} of ${photos}`, photos === 1 ? "photo has a place" : "photos have a place"]);
+  if (length !== null) known.push([`${measured(length, 1)} m`, `of row${step === null ? "" : `, a photo each ${(100 * step).toFixed(0)} cm`}`]);
   if (wellSeen !== null) known.push([`${Math.round(100 * wellSeen)} %`, "of the fruits seen in three photos or more"]);
   return known.map(([value, what]) => {
     const one = element("span");

@@ -8,9 +8,10 @@ import { within } from "../src/filter";
 import { detectionsOf, fruitsOf, median, quantile, sightingsOf } from "../src/payload";
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
-import { localised, localisedDay } from "../src/locale";
+import { localised, localisedDay, short } from "../src/locale";
 import { classesOf, cropClasses, edgesIn } from "../src/packing";
-import { marks } from "../src/row";
+import { detectedText } from "../src/photo";
+import { marks, readable } from "../src/row";
 import { columnsOf, compared, rowsInSight } from "../src/table";
 import { stepAt } from "../src/truth";
 
@@ -158,6 +159,24 @@ test("marks along the row begin at 0 and are few", () => {
   expect(marks(0, 200, 1).length).toBeLessThanOrEqual(13);
   expect(marks(0, 0, 1)).toEqual([0]);
   expect(marks(0, 5000, 1).length).toBeLessThanOrEqual(14);
+});
+
+test("labels that would lie over others are left out, the first ones stay", () => {
+  const at = (x: number, y = 0) => ({ x, y, width: 2, height: 1 });
+  expect(readable([at(0), at(1.9), at(2), at(3), at(4), at(3, 1)])).toEqual([true, false, true, false, true, true]);
+  expect(readable([])).toEqual([]);
+});
+
+test("what was detected in a photo is said in the singular, too", () => {
+  expect(detectedText(0, 0)).toBe("");
+  expect(detectedText(1, 1)).toBe("1 detection, which became a fruit");
+  expect(detectedText(1, 0)).toBe("1 detection, which became no fruit");
+  expect(detectedText(5, 1)).toBe("5 detections, 1 of them became a fruit");
+  expect(detectedText(5, 3)).toBe("5 detections, 3 of them became fruits");
+});
+
+test("short numbers have no more places than they need", () => {
+  expect([short(0.5), short(12), short(1000.25), short(0.07473, 3)]).toEqual(["0.5", "12", "1000.25", "0.0747"]);
 });
 
 test("points are as large as they are far apart", () => {
