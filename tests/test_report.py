@@ -694,3 +694,11 @@ def test_photos_at_several_heights_are_no_steps() -> None:
     data = _walked(stops + rng.normal(0, 0.02, stops.shape))
     assert re.search(r">(0\.9\d|1) m as a rule, 1 m at most", _steps_in_words(data))
     assert "would close the gap" not in _steps_in_words(data)
+
+
+def test_one_fruit_is_spoken_of_in_the_singular() -> None:
+    page = report_html(row_report(1, scene_points=50))
+    assert ": 1 fruit</title>" in page
+    assert "one fruit measured" in page
+    assert not re.search(r"\b1(?:</data>)? fruits(?! in fewer)", page)
+    assert "80 % lie between" not in page

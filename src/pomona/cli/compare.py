@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pomona.arrays import counted
 from pomona.cli import options as shared
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
@@ -65,7 +66,9 @@ def _show(found: Comparison) -> None:
     elif growth["value"] is not None:
         span = f" ({growth['low']:z.1f} to {growth['high']:z.1f})" if growth["low"] is not None else ""
         per_day = figures["growth_mm_per_day"]
-        a_day = f", {per_day:z.3f} mm a day over {figures['days']:z.0f} days" if per_day is not None else ""
+        a_day = (
+            f", {per_day:z.3f} mm a day over {counted(round(figures['days']), 'day')}" if per_day is not None else ""
+        )
         typer.echo(f"growth         {growth['value']:z.1f} mm{span}{a_day}")
     typer.echo(
         f"not found again {figures['gone']}, of which really gone about {gone['value']:.0f} "

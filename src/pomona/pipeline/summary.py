@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pomona.arrays import counted
 from pomona.cameras import WorldFrame
 from pomona.crop import Crop
 from pomona.fruits import TotalWeight
@@ -157,4 +158,5 @@ def _sides(report: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _tie(entry: Mapping[str, Any]) -> str:
     names = f"{entry['side']} and {entry['other']}" if entry["side"] != entry["other"] else f"pieces of {entry['side']}"
-    return f"{names} agree to {entry['median_mm']:.0f} mm (median of {entry['fruits']} fruits that each sees alone)"
+    fruits = counted(entry["fruits"], "fruit")
+    return f"{names} agree to {entry['median_mm']:.0f} mm (median of {fruits} that each sees alone)"

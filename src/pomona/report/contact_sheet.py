@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray, counted
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.drawing import (
@@ -100,7 +100,7 @@ def _cell(photo: Photo, drawn: _Drawn, options: ContactSheetOptions) -> ByteArra
     _draw(picture, drawn, PictureFromPhoto(left / scale, top / scale, scale))
     caption = np.full((_CAPTION_PX, picture.shape[1], 3), PAPER, np.uint8)
     inside = np.isfinite(drawn.centers_px).all(axis=1) & _within(drawn.centers_px, photo)
-    text = f"{photo.name}: {len(drawn.seen)} fruits seen, {int(inside.sum())} in view"
+    text = f"{photo.name}: {counted(len(drawn.seen), 'fruit')} seen, {int(inside.sum())} in view"
     write(caption, text, (8.0, 22.0), size=0.55)
     return np.concatenate([picture, caption])
 

@@ -164,7 +164,7 @@ def _digest(script: str) -> str:
 
 def _subtitle(data: ReportData) -> str:
     """The line below the title, as HTML."""
-    parts = [f"{amount(len(data.photos))} photos"]
+    parts = [f"{amount(len(data.photos))} photo{'s' * (len(data.photos) != 1)}"]
     named = [side for side in data.photos.sides if side]
     if len(named) > 1:
         parts.append(escape("sides " + " and ".join([", ".join(named[:-1]), named[-1]])))

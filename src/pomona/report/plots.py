@@ -9,7 +9,7 @@ from html import escape
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, counted
 from pomona.crop import SizeDistribution
 from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.report.axes import places_along, row_axes
@@ -124,7 +124,7 @@ def by_tree(data: ReportData) -> str:
     if not len(trees):
         return ""
     bars = [
-        Bar(float(n), f"tree {tree}: {n} {data.fruit_words}, {low} to {high} (95 %)", "leaf")
+        Bar(float(n), f"tree {tree}: {n} ({low} to {high}, 95 %)", "leaf")
         for tree, n, low, high in zip(trees.ids, trees.fruits, trees.fruits_low, trees.fruits_high, strict=True)
     ]
     step = max(1, round(nice_step(len(bars), 10)))
@@ -193,7 +193,9 @@ def bars_of(values: FloatArray, edges: FloatArray, unit: str, colour: str = "") 
     """Return a bar for each class between edges: how many of the values are in it."""
     counts, _ = np.histogram(values, edges)
     spans = zip(counts, edges[:-1], edges[1:], strict=True)
-    return [Bar(float(n), f"{number(a)} to {number(b)} {unit}: {n} fruits", colour) for n, a, b in spans]
+    return [
+        Bar(float(n), f"{number(a)} to {number(b)} {unit}: {counted(int(n), 'fruit')}", colour) for n, a, b in spans
+    ]
 
 
 def ticks_at(edges: FloatArray) -> Sequence[tuple[float, str]]:

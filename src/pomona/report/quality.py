@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.errors import few
 from pomona.report.axes import along_bend, walk_direction
 from pomona.report.data import ReportData
@@ -62,7 +63,7 @@ def _sides(data: ReportData) -> Iterator[tuple[str, str, str]]:
     if data.scale is None or len(data.photos.sides) < 2:
         return
     for tie in data.scale.ties:
-        yield f"{tie.side} and {tie.other}", f"agree to {tie.median_mm:.0f} mm, {tie.fruits} fruits", ""
+        yield f"{tie.side} and {tie.other}", f"agree to {tie.median_mm:.0f} mm, {counted(tie.fruits, 'fruit')}", ""
     if not data.scale.sides_are_tied:
         yield "sides", "not tied to each other", "photos round the row's end, or markers that both sides see, tie them"
 

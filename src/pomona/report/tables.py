@@ -9,6 +9,8 @@ from html import escape
 from pomona.report.data import ReportData
 from pomona.report.html import Html, about, amount, as_html
 
+_INTERVAL = "95\N{NO-BREAK SPACE}%"
+
 
 def trees_table(data: ReportData) -> str:
     """Return fruits, size and weight of each tree with intervals; nothing where trees are not known."""
@@ -33,7 +35,7 @@ def trees_table(data: ReportData) -> str:
     if on_none:
         rows.append(("none", amount(on_none), *("",) * 6))
     size = f"median diameter {'mm' if metric else 'units'}"
-    heads = ("tree", data.fruit_words, "95 %", "hidden ones too", "95 %", size, "weight kg", "95 %")
+    heads = ("tree", data.fruit_words, _INTERVAL, "hidden ones too", _INTERVAL, size, "weight kg", _INTERVAL)
     note = "<p><small>The first interval is of what photos show; hidden fruits are in that of all.</small></p>"
     return f'<div class="sheet"><h2>Trees</h2>{plain_table(heads, rows)}{note}</div>'
 

@@ -94,7 +94,7 @@ def _diameter(data: ReportData) -> str:
     if not data.cameras.frame.metric:
         return card("Median diameter", f"{about(float(np.median(sizes)), 3)} <small>units</small>", "no scale is known")
     low, middle, high = 1000 * np.percentile(sizes, [10, 50, 90])
-    more = f"80 % lie between {low:.0f} and {high:.0f} mm"
+    more = f"80 % lie between {low:.0f} and {high:.0f} mm" if len(sizes) > 1 else "one fruit measured"
     if data.sizes is not None:
         low, all_middle, high = 1000 * np.array(data.sizes.crop)
         more = f"of the whole crop; 80 % lie between {low:.0f} and {high:.0f} mm. Measured: {amount(middle, 1)} mm"
@@ -156,7 +156,8 @@ def _sides(data: ReportData) -> str:
         return ""
     tie = max(ties, key=lambda tie: tie.fruits)
     seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
-    more = f"{amount(seen_from_both)} fruits seen from both, {amount(tie.fruits)} of them placed by each side alone"
+    fruits = f"{amount(seen_from_both)} fruit{'s' * (seen_from_both != 1)}"
+    more = f"{fruits} seen from both, {amount(tie.fruits)} of them placed by each side alone"
     return card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 

@@ -12,7 +12,7 @@ from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import Covariance, covariance, left_out
 from pomona.adjustment.lenses import credible_focals, frames_of
 from pomona.adjustment.weights import Landmark, weighted
-from pomona.arrays import BoolArray, FloatArray
+from pomona.arrays import BoolArray, FloatArray, counted
 from pomona.cameras import Cameras
 from pomona.photos import Photo
 from pomona.scale.placement import Adjusted, Placement
@@ -117,7 +117,7 @@ def warn_of_vague_places(
     runs = np.split(vague, np.flatnonzero(np.diff(vague) > 1) + 1)
     listed = ", ".join(_run_of_photos([photos[i] for i in run], 1000 * center_sds_m[run]) for run in runs)
     placement.warn(
-        f"The places of {len(vague)} photos are uncertain: {listed}. Few points hold them: take photos at "
+        f"The places of {counted(len(vague), 'photo')} are uncertain: {listed}. Few points hold them: take photos at "
         "shorter steps there, or set up markers that they see"
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.dense.views import View, make_view
@@ -63,7 +64,9 @@ def dense_scene(
 
 def _warn_of_gaps(maps: _Maps, cameras: Cameras, progress: Progress) -> None:
     if maps.unread:
-        progress.warn(f"The scene lacks {len(maps.unread)} photos that could not be read: {few(maps.unread)}")
+        progress.warn(
+            f"The scene lacks {counted(len(maps.unread), 'photo')} that could not be read: {few(maps.unread)}"
+        )
     alone = [cameras.photos[i] for i in maps.order if not maps.partners[i]]
     if 2 * len(alone) > len(cameras):
         progress.warn(

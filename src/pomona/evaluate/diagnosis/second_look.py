@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pomona.arrays import counted
 from pomona.evaluate.fruits.matching import EvaluateOptions
 from pomona.evaluate.fruits.scores import match
 from pomona.evaluate.fruits.truth import Truth
@@ -40,10 +41,10 @@ class SecondLookEffect:
     def in_words(self) -> str:
         """A sentence for a page or a terminal."""
         return (
-            f"The second look moved {self.moved} of {self.fruits} fruits: {self.nearer} nearer to a true fruit, "
-            f"{self.farther} farther away. It added {self.added} and removed {self.removed}, {self.rightly} of these "
-            f"rightly. At the place of {len(self.gained)} true fruits there is one only since; of {len(self.lost)} "
-            "there is none any more."
+            f"The second look moved {self.moved} of {counted(self.fruits, 'fruit')}: {self.nearer} nearer to a true "
+            f"fruit, {self.farther} farther away. It added {self.added} and removed {self.removed}, {self.rightly} of "
+            f"these rightly. Found only by it: {counted(len(self.gained), 'true fruit')}; lost by it: "
+            f"{len(self.lost)}."
         )
 
     def to_json(self) -> dict[str, Any]:
