@@ -84,6 +84,7 @@ def test_the_page_and_its_policy(page: Page) -> None:
         status, headers, body = page.get(f"/static/{name}")
         assert (status, headers["Content-Type"].partition(";")[0]) == (200, kind)
         assert len(body) > 1000
+    assert page.get("/favicon.ico")[0] == 200
     assert page.get("/static/../page.html")[0] == 404
 
 

@@ -104,7 +104,7 @@ def test_a_blurred_photo_is_named_once_also_when_it_was_the_first() -> None:
     said = [(f"p{k}", checks.sharpness(f"p{k}", s)) for k, s in enumerate([0.02, 0.3, 0.28, 0.31, 0.05, 0.29])]
     named = {after: [hint.photo for hint in hints] for after, hints in said if hints}
     assert named == {"p2": ["p0"], "p4": ["p4"]}
-    assert "18% of the usual" in dict(said)["p4"][0].text
+    assert "18 % of the usual" in dict(said)["p4"][0].text
 
 
 def test_photos_that_share_little_are_told_of() -> None:
@@ -321,6 +321,7 @@ def test_the_page_follows_by_addresses_of_each_answer() -> None:
     data = ReportData(title="row", photos=Photos(()), cameras=row_cameras(4), fruits=row_fruits(6))
     with running(WatchServer("row")) as server:
         assert server.url == f"http://127.0.0.1:{server.port}/"
+        assert get(server, "/favicon.ico")[0] == 200
         status, headers, _ = get(server, "/")
         assert (status, headers["Location"]) == (303, "/at/0/")
         assert get(server, "/at/0/")[0] == 200  # nothing is known yet

@@ -24,11 +24,17 @@ export function localisedDay(day: string, locale?: string): string {
   return new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeZone: "UTC" }).format(new Date(`${day}T00:00:00Z`));
 }
 
+/** A text with the decimal fractions in it as the reader's language writes them; names of files stay as they are. */
+export function localisedText(text: string, locale?: string): string {
+  return text.replace(/(?<![\w./])\d+\.\d+(?=[ ,:]|$)/g, (number) => localised(Number(number), number.split(".")[1]!.length, locale));
+}
+
 export function localisePage(): void {
   for (const number of document.querySelectorAll<SVGTSpanElement>("tspan[data-value]")) {
     const digits = number.dataset.value!.split(".")[1]!.length;
     number.textContent = localised(Number(number.dataset.value), digits);
   }
+  for (const hint of document.querySelectorAll("svg.plot title")) hint.textContent = localisedText(hint.textContent ?? "");
   for (const data of document.querySelectorAll<HTMLDataElement>("data[value]")) data.textContent = localised(Number(data.value), Number(data.dataset.digits ?? 0));
   for (const time of document.querySelectorAll<HTMLTimeElement>("time[datetime]")) time.textContent = localisedDay(time.dateTime);
 }

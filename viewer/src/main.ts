@@ -40,6 +40,7 @@ class Page {
     this.table = new FruitTable(find("#fruits"), data, this.fruits, (id) => this.select(id, "table"));
     showPacking(this.fruits);
     find("#no-fruits").hidden = this.fruits.length > 0;
+    if (data.provisional) find("#no-fruits").textContent = "No fruit so far.";
     this.photoWindow = new PhotoWindow(this.photos, this.source, this.byId);
     this.photoWindow.onFruit = (id) => this.select(id, "photo");
     this.photoWindow.onLookThrough = (photo) => this.lookThrough(photo);

@@ -8,7 +8,7 @@ import { within } from "../src/filter";
 import { detectionsOf, fruitsOf, median, quantile, sightingsOf } from "../src/payload";
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
-import { localised, localisedDay, short } from "../src/locale";
+import { localised, localisedDay, localisedText, short } from "../src/locale";
 import { classesOf, cropClasses, edgesIn } from "../src/packing";
 import { detectedText } from "../src/photo";
 import { marks, readable } from "../src/row";
@@ -173,6 +173,11 @@ test("what was detected in a photo is said in the singular, too", () => {
   expect(detectedText(1, 0)).toBe("1 detection, which became no fruit");
   expect(detectedText(5, 1)).toBe("5 detections, 1 of them became a fruit");
   expect(detectedText(5, 3)).toBe("5 detections, 3 of them became fruits");
+});
+
+test("fractions in hints are written as the reader's language does, names are not", () => {
+  expect(localisedText("-3.5 to 3.75 mm: 1 fruit", "de")).toBe("-3,5 to 3,75 mm: 1 fruit");
+  expect(localisedText("row.2/IMG_1.5.JPG: 2.5", "de")).toBe("row.2/IMG_1.5.JPG: 2,5");
 });
 
 test("short numbers have no more places than they need", () => {

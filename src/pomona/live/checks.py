@@ -56,7 +56,7 @@ class Checks:
             Hint(
                 name,
                 "blurred",
-                f"is blurred: it has {share:.0%} of the usual sharpness. Hold still, walk more "
+                f"is blurred: it has {100 * share:.0f} % of the usual sharpness. Hold still, walk more "
                 "slowly or expose shorter; then take this place again",
             )
             for name, share in blurred.items()

@@ -151,7 +151,12 @@ class Site:
 
     def icon(self) -> Response:
         """The page's icon."""
-        return Response(_ICON, media_type="image/svg+xml")
+        return icon()
+
+
+def icon() -> Response:
+    """Answer with the icon of Pomona's pages."""
+    return Response(_ICON, media_type="image/svg+xml")
 
 
 ADDRESSES: dict[str, Callable[..., Response | None]] = {
