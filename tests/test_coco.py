@@ -158,7 +158,7 @@ def test_a_box_alone_becomes_its_ellipse_with_a_warning(tmp_path: Path) -> None:
     (mask,) = read_detections(path, photos_named("a.jpg"), progress=progress)["a.jpg"].masks
     assert mask.area_px == pytest.approx(np.pi / 4 * 12 * 6, rel=0.08)
     assert mask.box_px == (10, 8, 22, 14)
-    assert "1 annotations are boxes" in progress.warnings[0]
+    assert "1 annotation without a mask: " in progress.warnings[0]
     assert ellipse_mask((10.6, 10.6, 0.3, 0.3), WIDTH, HEIGHT) is None
 
 
@@ -170,7 +170,7 @@ def test_what_is_no_fruit_is_left_out_with_a_warning(tmp_path: Path) -> None:
     found = read_detections(path, photos_named("a.jpg", "b.jpg"), progress=progress)
     assert found["a.jpg"].ids.tolist() == [7]
     assert list(found) == ["a.jpg"]
-    for said in ("crowds", "cover no pixel", "1 photos have no detections given: b.jpg"):
+    for said in ("1 crowd (iscrowd) left out", "cover no pixel", "photos without detections: b.jpg"):
         assert sum(said in warning for warning in progress.warnings) == 1
 
 
@@ -200,7 +200,7 @@ def test_images_that_are_not_among_the_photos_are_warned_of(tmp_path: Path) -> N
     images = [{"id": k, "file_name": f"{n}.jpg", "width": WIDTH, "height": HEIGHT} for k, n in enumerate("ax", 1)]
     progress = Silent()
     read_detections(coco(tmp_path / "d.json", images=images), photos_named("a.jpg"), progress=progress)
-    assert any("1 images are not among the photos: x.jpg" in warning for warning in progress.warnings)
+    assert any("images that are not among the photos: x.jpg" in warning for warning in progress.warnings)
 
 
 def test_several_categories_need_a_choice(tmp_path: Path) -> None:
@@ -288,7 +288,7 @@ def test_a_mask_of_nothing_is_left_out_whatever_its_box(tmp_path: Path) -> None:
         path = coco(tmp_path / "d.json", {"bbox": bbox, "segmentation": runs}, {})
         found = read_detections(path, photos_named("a.jpg"), progress=progress)
         assert found["a.jpg"].ids.tolist() == [8]
-        assert any("1 annotations cover no pixel and are left out: 7" in text for text in progress.warnings)
+        assert any("annotations that cover no pixel are left out: 7" in text for text in progress.warnings)
         assert read_coco(path)["a.jpg"].ids.tolist() == [8]
 
 

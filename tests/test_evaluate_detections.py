@@ -454,8 +454,8 @@ def test_photos_without_truth_are_left_out_with_a_warning() -> None:
     truth = DetectionTruth({"1": truth_of("1", [square(0, 0, 20)]), "3": truth_of("3", [])})
     progress = Silent()
     assert list(truth.of_photos(["1.jpg", "2.jpg"], progress=progress)) == ["1.jpg"]
-    assert "1 photos have no truth" in progress.warnings[0]
-    assert "1 photos that were not searched" in progress.warnings[1]
+    assert progress.warnings[0] == "Photos without truth are left out: 2.jpg."
+    assert progress.warnings[1] == "Truth of photos that were not searched is left out: 3."
 
 
 def test_truth_of_other_photos(row: Path, detections: Path) -> None:

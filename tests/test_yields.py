@@ -549,7 +549,7 @@ def test_trees_that_bear_nothing_count() -> None:
     nothing = HandCounts(np.array([2]), np.zeros(1))
     few = OnTrees(np.array([2.0]), np.array([2.0]), np.full((200, 1), 2.0), np.full((200, 1), 2.0))
     assert calibration(nothing, few, np.random.default_rng(0), listening) is None
-    assert "all 0" in listening.warnings[-1]
+    assert "All hand counts are 0, " in listening.warnings[-1]
 
 
 @pytest.mark.parametrize("typed", [3.0, 340.0, 0.0])

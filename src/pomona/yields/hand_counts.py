@@ -54,9 +54,7 @@ def known_counts(counts: HandCounts, tree_ids: IntArray, progress: Progress) -> 
     """Return the counts of trees that there are, with a warning that names the others."""
     known = np.isin(counts.tree_ids, tree_ids)
     if len(tree_ids) == 0:
-        progress.warn(
-            f"Hand counts of {len(counts)} trees are of no use, as trees are not known: give `trees` or `tree_spacing`"
-        )
+        progress.warn("Hand counts are of no use where trees are not known: give `trees` or `tree_spacing`")
     elif not known.all():
         strange = ", ".join(str(i) for i in counts.tree_ids[~known])
         progress.warn(
@@ -113,8 +111,8 @@ def calibration(counts: HandCounts, trees: OnTrees, rng: np.random.Generator, pr
         return None
     if counted.sum() == 0:
         progress.warn(
-            f"Hand counts of {n} trees are all 0, where some {expected:.0f} fruits were expected from the photos: they "
-            "were left out. Count trees that bear fruit, too"
+            f"All hand counts are 0, where some {expected:.0f} fruits were expected from the photos: they were left "
+            "out. Count trees that bear fruit, too"
         )
         return None
     ratio = float(counted.sum()) / expected

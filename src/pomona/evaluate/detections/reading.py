@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.arrays import IntArray
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import FormatError, MissingFileError
+from pomona.errors import FormatError, MissingFileError, few
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
@@ -99,7 +99,7 @@ def _from_coco(path: Path, progress: Progress) -> DetectionTruth:
         of_image[annotation.image_id].append(annotation)
     empty = [str(a.id) for a in content.annotations if a.mask is None and (boxes == 0 or a.box_px is None)]
     if empty:
-        progress.warn(f"{path}: {len(empty)} annotations cover no pixel and are left out: {', '.join(empty[:5])}.")
+        progress.warn(f"{path}: annotations that cover no pixel are left out: {few(empty)}.")
     by_photo: dict[str, PhotoTruth] = {}
     for image in content.images:
         if image.file_name in by_photo:

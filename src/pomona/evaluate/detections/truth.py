@@ -101,7 +101,7 @@ class DetectionTruth(Mapping[str, PhotoTruth]):
         renamed = {photo: replace(self.by_photo[known], photo=photo) for known, photo in pairs.items()}
         kept = {photo: renamed[photo] for photo in photos if photo in renamed}
         if without := [photo for photo in photos if photo not in kept]:
-            progress.warn(f"{len(without)} photos have no truth and are left out: {few(without)}.")
+            progress.warn(f"Photos without truth are left out: {few(without)}.")
         if others := [name for name in self.by_photo if name not in pairs]:
-            progress.warn(f"The truth has {len(others)} photos that were not searched, left out: {few(others)}.")
+            progress.warn(f"Truth of photos that were not searched is left out: {few(others)}.")
         return DetectionTruth(kept)

@@ -36,7 +36,7 @@ def labelled_coco(
         else:
             of_image[annotation.image_id].append(fruit)
     if empty:
-        (progress or Silent()).warn(f"{path}: {len(empty)} annotations cover no pixel and are left out: {few(empty)}.")
+        (progress or Silent()).warn(f"{path}: annotations that cover no pixel are left out: {few(empty)}.")
     source = sources(path)
     photos = []
     for image in content.images:

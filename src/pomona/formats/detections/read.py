@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.detections.coco_masks import ellipse_mask
@@ -51,9 +52,9 @@ def read_detections(
     labelled = _of_classes(path, labelled, classes)
     detections = _detections(path, labelled, photos, progress)
     if given.strangers:
-        progress.warn(f"{path}: {len(given.strangers)} images are not among the photos: {few(given.strangers)}.")
+        progress.warn(f"{path}: images that are not among the photos: {few(given.strangers)}.")
     if unmatched := [photo.name for photo in photos if photo.name not in detections]:
-        progress.warn(f"{path}: {len(unmatched)} photos have no detections given: {few(unmatched)}.")
+        progress.warn(f"{path}: photos without detections: {few(unmatched)}.")
     return detections
 
 
@@ -173,14 +174,14 @@ def _in_box(box: Box, photo: LabelledPhoto) -> Mask | None:
 
 def _tell(path: Path, said: dict[str, int], total: int, progress: Progress) -> None:
     if said["boxes"]:
-        progress.warn(
-            f"{path}: {said['boxes']} annotations are boxes without masks: the ellipse in the box is used instead."
-        )
+        boxes = counted(said["boxes"], "annotation")
+        progress.warn(f"{path}: {boxes} without a mask: the ellipse in the box is used instead.")
     if said["crowds"]:
-        progress.warn(
-            f"{path}: {said['crowds']} annotations are crowds (iscrowd) and are left out: a detection is one fruit."
-        )
+        crowds = counted(said["crowds"], "crowd")
+        progress.warn(f"{path}: {crowds} (iscrowd) left out: a detection is one fruit.")
     if said["small"]:
-        progress.warn(f"{path}: {said['small']} boxes cover no pixel and are left out.")
+        progress.warn(
+            f"{path}: boxes that cover no pixel are left out: {said['small']} (pixels of the photo are expected)."
+        )
     if said["scoreless"]:
         progress.warn(f"{path}: {said['scoreless']} of {total} detections have no score: it is taken to be 1.")

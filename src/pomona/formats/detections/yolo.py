@@ -311,8 +311,8 @@ def _read(given: AnnotationFiles) -> list[LabelledPhoto]:
     bare = given.photos.unused if given.photos is not None else []
     if labelled and bare:
         given.progress.warn(
-            f"{given.given}: {len(bare)} photos have no file and are taken as photos without fruit, as YOLO writes "
-            f"none for them: {few([photo.name for photo in bare])}."
+            f"{given.given}: photos without a file are taken as photos without fruit, as YOLO writes none for them: "
+            f"{few([photo.name for photo in bare])}."
         )
         labelled += [LabelledPhoto(p.path, p.name, p.width_px, p.height_px, ()) for p in bare]
     return labelled
