@@ -16,6 +16,7 @@ from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.fuse.paper.options import PaperOptions
 from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.pipeline.times import stage_times
+from pomona.progress import Silent
 from pomona.scale.report import PieceScale, ScaleReport
 from pomona.survey import StageRecord, SurveyFolder
 
@@ -340,6 +341,23 @@ def test_a_survey_is_not_replaced_by_one_of_other_photos(fakes: Fakes, photos: P
     make_photos(other, 5, seed=4)  # edited where they lie
     assert run([other], tmp_path / "out").photos == 5
     assert run([photos], tmp_path / "out", overwrite=True).photos == 4
+
+
+def test_photos_that_a_survey_loses_with_their_folder_are_told_of(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    both, one = tmp_path / "both", tmp_path / "one"
+    shutil.copytree(photos, one)
+    shutil.copytree(photos, both / "east")
+    make_photos(both / "west", 4, seed=9)
+    assert run([both], tmp_path / "out").photos == 8
+    progress = Silent()
+    assert run([one], tmp_path / "out", progress=progress).photos == 4
+    said = [warning for warning in progress.warnings if "are not given now" in warning]
+    assert len(said) == 1
+    assert "was made of 8 photos, of which 4 are not given now (west/" in said[0]
+    (one / "IMG_0000.jpg").unlink()  # a person knows of it
+    again = Silent()
+    assert run([one], tmp_path / "out", progress=again).photos == 3
+    assert not any("are not given now" in warning for warning in again.warnings)
 
 
 def test_a_refused_table_of_trunks_is_not_kept(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -198,7 +198,7 @@ def test_photos_that_few_points_hold_are_named() -> None:
     placement = Placement([Piece("west", loose, 0.3)], Silent())
     warn_of_vague_places(placement, loose.photos, sds_m, fruit_diameter_m=0.075)
     (note,) = placement.notes
-    assert note.startswith("The places of 1 photos are uncertain: west/007.jpg (±")
+    assert note.startswith("The places of 1 photo are uncertain: west/007.jpg (±")
 
 
 def test_photos_that_two_or_three_points_see_have_no_known_place() -> None:

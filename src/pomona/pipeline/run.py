@@ -103,7 +103,7 @@ def _run(
     loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
     if places_photos:
         _check_sides(loaded, least)
-    _check_same_row(survey, paths, loaded, digests)
+    _check_same_row(survey, paths, loaded, digests, recorder)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     with _kept_unless_refused(survey):
         # Only now: a survey goes on with the photos and options that it has where these cannot be used.
@@ -172,11 +172,14 @@ def _check_sides(photos: Photos, least: int) -> None:
         )
 
 
-def _check_same_row(survey: SurveyFolder, paths: Sequence[Path], photos: Photos, digests: Mapping[str, str]) -> None:
+def _check_same_row(
+    survey: SurveyFolder, paths: Sequence[Path], photos: Photos, digests: Mapping[str, str], progress: Progress
+) -> None:
     """Raise `SurveyError` where a survey that has results shares no photo with this run, which would replace them.
 
     Photos are the same by their contents, wherever they lie and whatever they are called; those that were edited where
-    they lie, by their names. A video is the same by its place: how its frames are chosen may have changed.
+    they lie, by their names. A video is the same by its place: how its frames are chosen may have changed. Warns where
+    photos from elsewhere are some of the survey's and others are left out, such as one side of two.
     """
     before = {entry["name"]: entry["digest"] for entry in survey.get("photos") or () if entry.get("digest")}
     if not before or not any(record.finished for record in survey.records.values()):
@@ -188,6 +191,12 @@ def _check_same_row(survey: SurveyFolder, paths: Sequence[Path], photos: Photos,
         raise SurveyError(
             f"{survey.folder} is a survey of other photos ({few([*before], 2)}): expected some of these, found "
             f"{few(photos.names, 2)}. Its results are kept: choose another `out`, or discard them with `overwrite`"
+        )
+    lacking = [name for name, digest in before.items() if digest not in digests.values()]
+    if lacking and not in_place:
+        progress.warn(
+            f"{survey.folder} was made of {len(before)} photos, of which {len(lacking)} are not given now "
+            f"({few(lacking, 2)}): its results become those of the others"
         )
 
 
