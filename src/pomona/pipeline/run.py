@@ -187,12 +187,13 @@ def _check_same_row(
     in_place = [path.as_posix() for path in paths] == survey.get("sources")
     if in_place and (photos.from_video or before.keys() & set(photos.names)):
         return
-    if not set(before.values()) & set(digests.values()):
+    given = set(digests.values())
+    if not set(before.values()) & given:
         raise SurveyError(
             f"{survey.folder} is a survey of other photos ({few([*before], 2)}): expected some of these, found "
             f"{few(photos.names, 2)}. Its results are kept: choose another `out`, or discard them with `overwrite`"
         )
-    lacking = [name for name, digest in before.items() if digest not in digests.values()]
+    lacking = [name for name, digest in before.items() if digest not in given]
     if lacking and not in_place:
         progress.warn(
             f"{survey.folder} was made of {len(before)} photos, of which {len(lacking)} are not given now "
