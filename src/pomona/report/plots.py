@@ -133,7 +133,9 @@ def by_tree(data: ReportData) -> str:
 
 
 def along_row(data: ReportData) -> str:
-    """Return how many fruits hang along the row, from its first fruit on."""
+    """Return how many fruits hang along the row, from its first fruit on; nothing of one alone."""
+    if len(data.fruits) < 2:
+        return ""
     places, unit = places_along(data), _length_unit(data)
     edges = bin_edges(places, _MOST_BINS)
     chart = column_chart(
@@ -143,7 +145,9 @@ def along_row(data: ReportData) -> str:
 
 
 def heights(data: ReportData) -> str:
-    """Return how many fruits hang at which height (z of the world frame)."""
+    """Return how many fruits hang at which height (z of the world frame); nothing of one alone."""
+    if len(data.fruits) < 2:
+        return ""
     values, unit = data.fruits.centers_in_world[:, 2], _length_unit(data)
     edges = bin_edges(values, 14)
     axis = Axis(name=f"z, {unit}", ticks=ticks_at(edges))
