@@ -700,6 +700,7 @@ def test_one_fruit_is_spoken_of_in_the_singular() -> None:
     page = report_html(row_report(1, scene_points=50))
     assert ": 1 fruit</title>" in page
     assert "one fruit measured" in page
-    assert "Fruits along the row" not in page and "Fruits by height" not in page
+    assert "Fruits along the row" not in page
+    assert "Fruits by height" not in page
     assert not re.search(r"\b1(?:</data>)? fruits(?! in fewer)", page)
     assert "80 % lie between" not in page

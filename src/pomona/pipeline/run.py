@@ -87,7 +87,7 @@ def _run(
     # Imported here, as they bring the engines: `pomona --help` has to be quick.
     from pomona.corrections import read_corrections
     from pomona.pipeline.runner import Runner
-    from pomona.pipeline.sources import load_photos, sources_of
+    from pomona.pipeline.sources import sources_of
     from pomona.pipeline.stage import SurveyContext
     from pomona.pipeline.stages import stages_of
 
@@ -97,13 +97,7 @@ def _run(
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
     survey.check(sources=paths, options=given.to_json())
     log.stage("photos")
-    places_photos = until not in _OF_PHOTOS and options.cameras is None
-    of_stages = options.of_stages
-    least = of_stages.sfm.min_piece_photos if places_photos else 1
-    loaded, digests = load_photos(survey, paths, options, recorder, min_photos=least)
-    if places_photos:
-        _check_sides(loaded, least)
-    _check_same_row(survey, paths, loaded, digests, recorder)
+    loaded, digests = _photos_for(survey, paths, options, recorder, until=until)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     with _kept_unless_refused(survey):
         # Only now: a survey goes on with the photos and options that it has where these cannot be used.
@@ -116,7 +110,7 @@ def _run(
         )
         runner = Runner(
             SurveyContext(survey, loaded),
-            of_stages,
+            options.of_stages,
             sources_of(loaded, digests, corrections),
             progress=recorder,
             on_stage=log.stage,
@@ -140,6 +134,21 @@ def _run(
     )
     survey.note(summary=summary.to_json(), warnings=summary.warnings)
     return summary
+
+
+def _photos_for(
+    survey: SurveyFolder, paths: Sequence[Path], options: RunOptions, progress: Progress, *, until: str
+) -> tuple[Photos, Mapping[str, str]]:
+    """Return the photos and their digests, once it is known that a run can do something with them, and may."""
+    from pomona.pipeline.sources import load_photos
+
+    places_photos = until not in _OF_PHOTOS and options.cameras is None
+    least = options.of_stages.sfm.min_piece_photos if places_photos else 1
+    photos, digests = load_photos(survey, paths, options, progress, min_photos=least)
+    if places_photos:
+        _check_sides(photos, least)
+    _check_same_row(survey, paths, photos, digests, progress)
+    return photos, digests
 
 
 @contextmanager
