@@ -127,7 +127,7 @@ def test_every_row_can_be_sorted_to_and_filtered(opened: Opened, big: ReportData
     page.click("#tool-filter")
     page.fill("#limit-score", "0.99")
     few = int((big.fruits.scores >= 0.99).sum())
-    assert page.inner_text("#limit-count") == f"{few} of 6000 fruits"
+    assert page.inner_text("#limit-count") == f"{few:,} of 6,000 fruits"
     assert page.locator("#fruits").get_attribute("aria-rowcount") == str(few + 1)
     page.click("#limit-reset")
     page.click("#tool-filter")
