@@ -8,6 +8,7 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
+from pomona.arrays import counted
 from pomona.photos import Photo, Skipped
 from pomona.progress import Progress
 
@@ -18,7 +19,7 @@ _ADVISED_PHOTOS = 3  # of a side: two rays place a fruit, a third checks it
 def too_few(paths: Sequence[Path], photos: Sequence[Photo], skipped: Sequence[Skipped], min_photos: int) -> str:
     """Say why there are fewer photos than `min_photos`, and what to do."""
     where = " and ".join(str(path) for path in paths)
-    message = f"{where}: found {_count(len(photos), 'photo')} that can be used, expected at least {min_photos}"
+    message = f"{where}: found {counted(len(photos), 'photo')} that can be used, expected at least {min_photos}"
     if min_photos > 1:
         message += f" (places in 3D need overlapping photos from different places: {_ADVISED_PHOTOS} or more)"
     if skipped:
@@ -38,11 +39,11 @@ def warn_of(
     if skipped:
         reasons = [f"{s.name} ({s.reason})" for s in skipped]
         progress.warn(
-            f"{_count(len(skipped), 'file')} could not be used and {_was(skipped)} skipped: {_listed(reasons)}"
+            f"{counted(len(skipped), 'file')} could not be used and {_was(skipped)} skipped: {_listed(reasons)}"
         )
     if cropped:
         progress.warn(
-            f"{_count(len(cropped), 'photo')} {_was(cropped)} cropped: EXIF has sides of another proportion: "
+            f"{counted(len(cropped), 'photo')} {_was(cropped)} cropped: EXIF has sides of another proportion: "
             f"{_listed(cropped)}. What is off the middle is placed wrongly, and EXIF's focal length is of the whole; "
             "give the photos as they come from the camera"
         )
@@ -50,7 +51,7 @@ def warn_of(
     without = [photo for photo in photos if photo.focal_px is None and photo.name not in told]
     if without and not from_video:
         progress.warn(
-            f"{len(without)} of {_count(len(photos), 'photo')} say nothing of their focal length (no EXIF, or an "
+            f"{len(without)} of {counted(len(photos), 'photo')} say nothing of their focal length (no EXIF, or an "
             f"unknown camera), such as {without[0].name}: it will be estimated from the photos themselves. "
             "Photos straight from the camera, not from a messenger or an editor, are better"
         )
@@ -58,7 +59,7 @@ def warn_of(
     for side in dict.fromkeys(photo.side for photo in photos):
         count = sum(photo.side == side for photo in photos)
         if len(photos) > 1 and count < _ADVISED_PHOTOS:
-            progress.warn(f"Side {side} has only {_count(count, 'photo')}; {_ADVISED_PHOTOS} or more are advised")
+            progress.warn(f"Side {side} has only {counted(count, 'photo')}; {_ADVISED_PHOTOS} or more are advised")
 
 
 def _warn_of_cameras(photos: Sequence[Photo], progress: Progress) -> None:
@@ -66,14 +67,14 @@ def _warn_of_cameras(photos: Sequence[Photo], progress: Progress) -> None:
     for photo in photos:
         cameras[re.sub(r" \d+x\d+$", "", photo.camera_key)].append(photo)
     if len(cameras) > 1:
-        listed = [f"{key} ({_count(len(of_key), 'photo')})" for key, of_key in cameras.items()]
+        listed = [f"{key} ({counted(len(of_key), 'photo')})" for key, of_key in cameras.items()]
         progress.warn(
             f"Photos of {len(cameras)} cameras or zooms are mixed: {_listed(listed)}. "
             "Each is calibrated by itself, which needs more photos than one camera at one zoom"
         )
     sizes = Counter((min(p.width_px, p.height_px), max(p.width_px, p.height_px)) for p in photos)
     if len(sizes) > 1:
-        listed = [f"{long} × {short} ({_count(count, 'photo')})" for (short, long), count in sizes.most_common()]
+        listed = [f"{long} × {short} ({counted(count, 'photo')})" for (short, long), count in sizes.most_common()]
         progress.warn(
             f"Photos have different sizes: {_listed(listed)}. Crops and resized copies hurt; use the originals"
         )
@@ -103,10 +104,6 @@ def _sha256(path: Path, head_bytes: int = -1) -> bytes:
         if head_bytes >= 0:
             return hashlib.sha256(file.read(head_bytes)).digest()
         return hashlib.file_digest(file, "sha256").digest()
-
-
-def _count(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _was(things: Sequence[object]) -> str:

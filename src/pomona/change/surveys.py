@@ -7,7 +7,7 @@ from datetime import date, datetime
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, FloatArray, IntArray, counted
 from pomona.cameras import Cameras
 from pomona.change.comparison import Comparison
 from pomona.change.matching import Overlay, lay_over
@@ -171,7 +171,7 @@ def _days(before: SurveyReader, after: SurveyReader, dates: Dates | None) -> tup
     if abs(days) < 0.5:
         return float("nan"), ["Both surveys are of one day: growth a day is left out"]
     if days < 0:
-        older = f"{-days:.0f} day{'' if round(-days) == 1 else 's'} older"
+        older = f"{counted(round(-days), 'day')} older"
         return days, [
             f"{after.folder.name} is {older} than {before.folder.name}: what is called gone came, and "
             "what grew shrank. Name the older survey first"

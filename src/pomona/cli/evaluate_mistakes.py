@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.console import Console
 
+from pomona.arrays import counted
 from pomona.cli.evaluate_detections import Pictures, find_photos
 from pomona.cli.progress import TerminalProgress
 from pomona.survey import SurveyFolder
@@ -56,7 +57,7 @@ def evaluate_mistakes(
     console.print(mistakes_table(found))
     if found.second_look is not None:
         console.print(found.second_look.in_words)
-    typer.echo(f"{len(found)} fruit{'s' * (len(found) != 1)} that went wrong: {page}")
+    typer.echo(f"{counted(len(found), 'fruit')} that went wrong: {page}")
 
 
 def read_result(source: Path, truth: Path, photos: Path | None, progress: Progress) -> SurveyResult:

@@ -53,9 +53,6 @@ class ViewFeatures:
         set_checked(self, "hidden", (None,), np.float64)
         set_checked(self, "values", (len(self.hidden), None), np.float64)
 
-    def __len__(self) -> int:
-        return len(self.hidden)
-
     def __getitem__(self, selection: BoolArray | IntArray) -> ViewFeatures:
         return ViewFeatures(self.values[selection], self.hidden[selection])
 

@@ -19,7 +19,7 @@ from urllib.parse import quote
 import numpy as np
 
 from pomona import __version__
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, counted
 from pomona.formats.gpkg import read_layer
 from pomona.orchard.plan import Orchard
 from pomona.progress import Progress
@@ -249,8 +249,7 @@ def _line(row: Row, shown: _Map, classes: FloatArray) -> str:
     if value is not None and len(classes):
         k = min(int(np.searchsorted(classes[1:-1], value, side="right")), len(_COLOURS) - 1)
         colour = f' stroke="{_COLOURS[k]}"'
-    fruits = f"{row['fruits']:,} fruit{'s' * (row['fruits'] != 1)}"
-    said = f"{row['row']} {row['date']}".strip() + f": {fruits} found"
+    said = f"{row['row']} {row['date']}".strip() + f": {counted(row['fruits'], 'fruit')} found"
     said += f", {value:.3g} a metre with hidden ones" if value is not None else ""
     return (
         f'<line{colour} stroke-width="4" x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}">'

@@ -11,7 +11,7 @@ from typing import Any
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError, few
 from pomona.photos import Photos
 from pomona.pipeline.names import STAGES
-from pomona.pipeline.options import RunOptions
+from pomona.pipeline.options import RunOptions, StageOptions
 from pomona.pipeline.summary import Summary, summarise
 from pomona.pipeline.tables import (
     checked_options,
@@ -97,7 +97,8 @@ def _run(
     corrections = read_corrections(survey.corrections)  # a mistake in it is said before hours of work
     survey.check(sources=paths, options=given.to_json())
     log.stage("photos")
-    loaded, digests = _photos_for(survey, paths, options, recorder, until=until)
+    of_stages = options.of_stages
+    loaded, digests = _photos_for(survey, paths, of_stages, recorder, until=until)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     with _kept_unless_refused(survey):
         # Only now: a survey goes on with the photos and options that it has where these cannot be used.
@@ -110,7 +111,7 @@ def _run(
         )
         runner = Runner(
             SurveyContext(survey, loaded),
-            options.of_stages,
+            of_stages,
             sources_of(loaded, digests, corrections),
             progress=recorder,
             on_stage=log.stage,
@@ -137,14 +138,14 @@ def _run(
 
 
 def _photos_for(
-    survey: SurveyFolder, paths: Sequence[Path], options: RunOptions, progress: Progress, *, until: str
+    survey: SurveyFolder, paths: Sequence[Path], options: StageOptions, progress: Progress, *, until: str
 ) -> tuple[Photos, Mapping[str, str]]:
     """Return the photos and their digests, once it is known that a run can do something with them, and may."""
     from pomona.pipeline.sources import load_photos
 
-    places_photos = until not in _OF_PHOTOS and options.cameras is None
-    least = options.of_stages.sfm.min_piece_photos if places_photos else 1
-    photos, digests = load_photos(survey, paths, options, progress, min_photos=least)
+    places_photos = until not in _OF_PHOTOS and options.run.cameras is None
+    least = options.sfm.min_piece_photos if places_photos else 1
+    photos, digests = load_photos(survey, paths, options.run, progress, min_photos=least)
     if places_photos:
         _check_sides(photos, least)
     _check_same_row(survey, paths, photos, digests, progress)

@@ -25,6 +25,11 @@ def amount(value: float, digits: int = 0) -> Html:
     return Html(f'<data value="{value:.{digits}f}" data-digits="{digits}">{value:,.{digits}f}</data>')
 
 
+def amount_of(count: int, one: str) -> Html:
+    """Return how many there are of what, as `amount` writes it: 1 fruit, 2 fruits."""
+    return Html(f"{amount(count)} {one}{'s' * (count != 1)}")
+
+
 def about(value: float, digits: int = 2) -> Html:
     """Return a number rounded to so many digits that count, or to a whole one; see `amount`."""
     if not math.isfinite(value):

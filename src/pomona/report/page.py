@@ -20,7 +20,7 @@ from pomona.report.columns import as_base64
 from pomona.report.contract import Source, SurveyData
 from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
-from pomona.report.html import about, amount
+from pomona.report.html import about, amount, amount_of
 from pomona.report.options import ReportOptions
 from pomona.report.plots import plots
 from pomona.report.quality import quality
@@ -164,7 +164,7 @@ def _digest(script: str) -> str:
 
 def _subtitle(data: ReportData) -> str:
     """The line below the title, as HTML."""
-    parts = [f"{amount(len(data.photos))} photo{'s' * (len(data.photos) != 1)}"]
+    parts: list[str] = [amount_of(len(data.photos), "photo")]
     named = [side for side in data.photos.sides if side]
     if len(named) > 1:
         parts.append(escape("sides " + " and ".join([", ".join(named[:-1]), named[-1]])))

@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.fruits import BOTH_SIDES
 from pomona.report.data import ReportData
-from pomona.report.html import Html, about, amount, as_html
+from pomona.report.html import Html, about, amount, amount_of, as_html
 from pomona.scale.report import ScaleReport
 
 _SOURCES = {
@@ -156,8 +156,9 @@ def _sides(data: ReportData) -> str:
         return ""
     tie = max(ties, key=lambda tie: tie.fruits)
     seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
-    fruits = f"{amount(seen_from_both)} fruit{'s' * (seen_from_both != 1)}"
-    more = f"{fruits} seen from both, {amount(tie.fruits)} of them placed by each side alone"
+    more = (
+        f"{amount_of(seen_from_both, 'fruit')} seen from both, {amount(tie.fruits)} of them placed by each side alone"
+    )
     return card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.evaluate.diagnosis.associations import Associations
 from pomona.evaluate.diagnosis.mistakes import Kind, Mistake, MistakeView, Stage
 
@@ -92,7 +93,7 @@ def _sightings(true_idx: int, links: Associations) -> _Sightings:
 def _why_not_found(seen: _Sightings, links: Associations, dropped: int | None) -> tuple[Stage, str, tuple[int, ...]]:
     """Return the stage, the reason in words, and the found fruits concerned."""
     n, k = len(seen.px_of), links.photos(seen.usable)
-    of = f"Detected in {k} of {_photos(n)}{_in_pieces(seen, links)}"
+    of = f"Detected in {k} of {counted(n, 'photo')}{_in_pieces(seen, links)}"
     if n == 0:
         return "unplaced", "No photo that has a camera shows it.", ()
     if dropped is not None:
@@ -111,13 +112,13 @@ def _undetected(seen: _Sightings, links: Associations) -> tuple[Stage, str, tupl
     unsure = "" if math.isfinite(seen.best_px) else ", if leaves do not hide it there"
     if weak >= _FEWEST and weak >= covered:
         best = max(float(links.compared.scores[row]) for row in seen.rows)
-        reason = f"Detected in {weak} of {_photos(n)}, but with scores of up to {best:.2f}"
+        reason = f"Detected in {weak} of {counted(n, 'photo')}, but with scores of up to {best:.2f}"
         return "weak", f"{reason}, and those below {links.survey.least_score:.2f} are not used.", ()
     if covered >= _FEWEST:
-        reason = f"Not detected by itself in any of {_photos(n)}{unsure}"
+        reason = f"Not detected by itself in any of {counted(n, 'photo')}{unsure}"
         return "covered", f"{reason}; in {covered} a neighbour's detection covers it.", ()
     also = [f"; weakly in {weak}"] * (weak > 0) + [f"; a neighbour's detection covers it in {covered}"] * (covered > 0)
-    return "undetected", f"Not detected in any of {_photos(n)}{unsure}{''.join(also)}.", ()
+    return "undetected", f"Not detected in any of {counted(n, 'photo')}{unsure}{''.join(also)}.", ()
 
 
 def _detected(seen: _Sightings, links: Associations, of: str) -> tuple[Stage, str, tuple[int, ...]]:
@@ -140,10 +141,6 @@ def _in_pieces(seen: _Sightings, links: Associations) -> str:
     """In how many photos more than one detection shows it, where there are any."""
     several = sum(count > 1 for count in Counter(links.photo(row) for row in seen.usable).values())
     return f", in pieces in {several}" if several else ""
-
-
-def _photos(count: int) -> str:
-    return f"{count} photo{'s' * (count != 1)}"
 
 
 def _fruits_of(seen: _Sightings) -> tuple[int, ...]:
@@ -172,8 +169,8 @@ def _facts(seen: _Sightings) -> str:
     if not seen.px_of:
         return ""
     if math.isnan(seen.best_px):
-        return f"in the picture of {_photos(len(seen.px_of))}"
-    return f"shown by {_photos(len(seen.px_of))}, at best {seen.best_px:.0f} pixels"
+        return f"in the picture of {counted(len(seen.px_of), 'photo')}"
+    return f"shown by {counted(len(seen.px_of), 'photo')}, at best {seen.best_px:.0f} pixels"
 
 
 def _view(photo_idx: int, seen: _Sightings, links: Associations) -> MistakeView:
@@ -214,7 +211,7 @@ def explain_found(kind: Kind, fruit_id: int, links: Associations, doubled: tuple
     score = float(fruits.scores[i])
     views = int(fruits.views[i])
     facts = [] if math.isnan(score) else [f"score {score:.2f}"]
-    facts.append(f"seen in {views} photo{'s' * (views != 1)}")
+    facts.append(f"seen in {counted(views, 'photo')}")
     concerned = (fruit_id,) if doubled is None else (fruit_id, doubled[1])
     return Mistake(
         kind=kind,

@@ -12,6 +12,7 @@ from pathlib import Path
 from string import Template
 
 from pomona import __version__
+from pomona.arrays import counted
 from pomona.drawing import DOUBLE, DROPPED, FALSE, MISSED, OTHER, OWN, RIGHT, UNUSED, Rgb
 from pomona.errors import few
 from pomona.evaluate.diagnosis.crops import CropCutter, CropFiles
@@ -109,7 +110,7 @@ def _subtitle(tally: Tally, mistakes: Mistakes) -> str:
     of = "visible" if mistakes.label == "visible" else "true"
     if not len(mistakes):
         return f"Nothing is wrong: all {tally.true_fruits} {of} fruits were found, once each, and no other."
-    wrong = f"{len(mistakes)} fruit{'s' * (len(mistakes) != 1)} went wrong"
+    wrong = f"{counted(len(mistakes), 'fruit')} went wrong"
     return f"{wrong}; {tally.true_positives} of {tally.true_fruits} {of} fruits were found"
 
 
