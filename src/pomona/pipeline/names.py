@@ -4,7 +4,17 @@ STAGES = (
     "segment", "select", "sfm", "scale", "fuse", "second_look", "filter", "measure", "planting", "dense", "scene",
     "results", "report",
 )  # fmt: skip
-"""In the order of the default method; the paper's makes its cloud, `dense`, before `fuse`, and does not look again."""
+"""In the order of the default method."""
+
+
+def stages_by(method: str) -> tuple[str, ...]:
+    """Return the stages of a method in order: the paper's makes its cloud before it fuses, and does not look again."""
+    if method != "paper":
+        return STAGES
+    others = [name for name in STAGES if name not in ("dense", "second_look")]
+    fuse = others.index("fuse")
+    return (*others[:fuse], "dense", *others[fuse:])
+
 
 STAGE_WORDS = {
     "photos": "Photos",

@@ -12,6 +12,7 @@ from pomona.pipeline.dense import FRUIT_CLOUD, sphere_cloud_stage
 from pomona.pipeline.filter import filter_stage
 from pomona.pipeline.fuse import FUSE_BY_OBJECT, FUSE_BY_PAPER
 from pomona.pipeline.measure import measure_stage
+from pomona.pipeline.names import stages_by
 from pomona.pipeline.planting import planted_stage, planting_stage
 from pomona.pipeline.report import report_stage
 from pomona.pipeline.results import Results, results_stage
@@ -41,21 +42,18 @@ class Stages:
 
 def stages_of(method: str, *, corrected: bool) -> Stages:
     """Return the stages of a run by `method`; `corrected` says whether the survey has corrections."""
-    first = (SEGMENT, SELECT, SFM, SCALE)
     fuse: tuple[Stage[Fused], ...]
-    middle: tuple[Stage[Any], ...]
     fuse = (FUSE_BY_PAPER,) if method == "paper" else (FUSE_BY_OBJECT, second_look_stage(FUSE_BY_OBJECT))
     filtered = filter_stage(fuse[-1])
     measured = measure_stage(filtered)
     trunks = planting_stage(measured)
-    if method == "paper":
-        with_points, middle = measured, (FRUIT_CLOUD, *fuse, filtered, measured, trunks)
-    else:
-        with_points = sphere_cloud_stage(measured)
-        middle = (*fuse, filtered, measured, trunks, with_points)
+    with_points = measured if method == "paper" else sphere_cloud_stage(measured)
+    dense: Stage[Any] = FRUIT_CLOUD if method == "paper" else with_points
     shown = planted_stage(with_points, trunks)
     found = found_stage(shown)
     by_person = correct_stage(found) if corrected else None
     results = results_stage(fuse[-1], shown, trunks, by_person)
     report = report_stage(results, by_person)
-    return Stages((*first, *middle, SCENE, results, report), shown, found, by_person, results)
+    every = (SEGMENT, SELECT, SFM, SCALE, *fuse, filtered, measured, trunks, dense, SCENE, results, report)
+    by_name = {stage.name: stage for stage in every}
+    return Stages(tuple(by_name[name] for name in stages_by(method)), shown, found, by_person, results)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from pomona.pipeline.names import STAGE_WORDS, STAGES
+from pomona.pipeline.names import STAGE_WORDS, stages_by
 from pomona.survey import StageRecord
 
 if TYPE_CHECKING:
@@ -19,9 +19,6 @@ def stage_times(records: Mapping[str, StageRecord], options: Mapping[str, Any]) 
     """
     from pomona.report import StageTime
 
-    order = list(STAGES)
-    if options.get("method") == "paper":
-        order.remove("dense")
-        order.insert(order.index("fuse"), "dense")
+    order = stages_by(options.get("method", ""))
     finished = [name for name in order if name in records and records[name].finished]
     return tuple(StageTime(STAGE_WORDS[name], records[name].wall_s, records[name].peak_memory_mb) for name in finished)
