@@ -53,6 +53,15 @@ def test_all_answers_say_what_browsers_may_do() -> None:
         assert get(server, "/", Host="evil.example")[1]["X-Content-Type-Options"] == "nosniff"
 
 
+def test_every_server_has_the_icon_that_browsers_ask_for(locked: PageServer) -> None:
+    with running(_server()) as server:
+        status, headers, body = get(server, "/favicon.ico")
+        assert (status, headers["Content-Type"]) == (200, "image/svg+xml")
+        assert body.startswith(b"<svg")
+        assert get(server, "/favicon.ico/")[0] == 404
+    assert get(locked, "/favicon.ico")[0] == 403
+
+
 def test_the_token_comes_in_the_address_once_and_as_a_cookie_then(locked: PageServer) -> None:
     assert locked.url == f"http://127.0.0.1:{locked.port}/?token=secret"
     status, headers, _ = get(locked, "/?token=secret")

@@ -35,7 +35,6 @@ from pomona.report.page import script_source
 from pomona.server import PageServer, Updates, json_of
 from pomona.survey.reader import SurveyReader
 from pomona.view import Corrector, SurveyPages
-from pomona.view.site import icon
 
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -87,7 +86,6 @@ class AppServer(PageServer):
         return [
             Route("/", _page),
             Route("/static/{name}", _static),
-            Route("/favicon.ico", lambda request: icon()),
             Route("/api/events", self._updates.endpoint),
             Route("/api/surveys", _doing(self._begin), methods=["POST"]),
             Route("/api/surveys/add", _doing(lambda v, i: service.add(_text(v, "folder"))), methods=["POST"]),

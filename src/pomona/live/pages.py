@@ -23,7 +23,6 @@ from pomona.report.contract import WatchState, camel_case
 from pomona.report.page import policy
 from pomona.server import LOOPBACK, PageServer, Updates
 from pomona.view import SurveyPages
-from pomona.view.site import icon
 
 # Pages that are still loading may ask for what was there before.
 _KEPT = 3
@@ -53,7 +52,6 @@ class WatchServer(PageServer):
                 Route("/", self._latest),
                 Route("/events", self._updates.endpoint),
                 Route("/stop", self._stop, methods=["POST"]),
-                Route("/favicon.ico", lambda request: icon()),
                 Mount("/at/{revision:int}", app=self._answer),
             ]
         )

@@ -9,17 +9,24 @@ from types import TracebackType
 from typing import Self
 
 import uvicorn
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
 from pomona.server.guard import TOKEN, Access, Guard
 
 LOOPBACK = "127.0.0.1"
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><circle cx="8" cy="9" r="6" fill="#b8322a"/>'
+    '<path d="M8 4q0-3 3-3" fill="none" stroke="#4f7d5a" stroke-width="1.6"/></svg>'
+)
 # Answers that are under way when a server ends get so long.
 _GRACE_S = 3
 
 
 class PageServer:
-    """Serves an application on one address of this computer, behind a `Guard`.
+    """Serves an application, and the icon of its pages, on one address of this computer, behind a `Guard`.
 
     `port` 0 takes a free one; raises `OSError` where a port is taken, or the address is none of this computer's.
     `policy` is the content security policy of all that is served, `framed_by` says in whose pages it may be shown
@@ -43,7 +50,7 @@ class PageServer:
         self._socket = socket.create_server((host, port), family=family)
         listens = self._socket.getsockname()
         self._access = Access(listens[0], listens[1], token)
-        self.application: ASGIApp = Guard(app, self._access, policy, framed_by)
+        self.application: ASGIApp = Guard(_with_icon(app), self._access, policy, framed_by)
         config = uvicorn.Config(
             self.application,
             http="h11",
@@ -109,6 +116,15 @@ class _Uvicorn(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         self._on_stop()
         await super().shutdown(sockets)
+
+
+def _with_icon(app: ASGIApp) -> ASGIApp:
+    """Have the icon answered that browsers ask for beside every page."""
+    return Router([Route("/favicon.ico", _icon)], redirect_slashes=False, default=app)
+
+
+def _icon(request: Request) -> Response:
+    return Response(_ICON, media_type="image/svg+xml")
 
 
 def _address_in_network() -> str:

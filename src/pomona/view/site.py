@@ -30,10 +30,6 @@ PIECE_POINTS = 125_000
 """So many points of a cloud are sent at once; the first ones with the survey's other data."""
 _DATA_URL = "data/survey.bin"
 _COLUMNS, _HTML, _JPEG = "application/octet-stream", "text/html", "image/jpeg"
-_ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><circle cx="8" cy="9" r="6" fill="#b8322a"/>'
-    '<path d="M8 4q0-3 3-3" fill="none" stroke="#4f7d5a" stroke-width="1.6"/></svg>'
-)
 
 
 class _Index(IntegerConvertor):
@@ -149,15 +145,6 @@ class Site:
         """The crop of a detection; corrected masks have new ones."""
         return Response(self._pictures.crop(photo, detection), media_type=_JPEG)
 
-    def icon(self) -> Response:
-        """The page's icon."""
-        return icon()
-
-
-def icon() -> Response:
-    """Answer with the icon of Pomona's pages."""
-    return Response(_ICON, media_type="image/svg+xml")
-
 
 ADDRESSES: dict[str, Callable[..., Response | None]] = {
     "/": Site.page,
@@ -170,7 +157,6 @@ ADDRESSES: dict[str, Callable[..., Response | None]] = {
     "/straight/{photo:index}/{side_px:index}.jpg": Site.straight,
     "/data/lines/{photo:index}/{x:index}/{y:index}.json": Site.lines,
     "/crops/{photo:index}/{detection:index}.jpg": Site.crop,
-    "/favicon.ico": Site.icon,
 }
 """What answers an address: a response, None or a `KeyError` or `IndexError` where there is no such thing, an error of
 files for a lost photo."""
