@@ -232,7 +232,7 @@ def test_given_cameras_need_no_reconstruction(fakes: Fakes, photos: Path, tmp_pa
     summary = run([photos], tmp_path / "out", RunOptions(cameras=tmp_path / "cameras"))
     assert (fakes.calls["sfm"], fakes.calls["scale"]) == (1, 1)
     assert summary.photos_used == 4
-    assert summary.scale == "metres as in the cameras given"
+    assert summary.scale == "metres from the cameras given"
 
 
 def test_given_cameras_of_unknown_scale_are_scaled(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -19,6 +19,15 @@ from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 
 ScaleSource = Literal["markers", "control-points", "scale-bar", "gnss", "fruit-diameter", "given", "none"]
+METRES_FROM: dict[ScaleSource, str] = {
+    "markers": "markers",
+    "control-points": "control points",
+    "scale-bar": "the scale bar",
+    "gnss": "GNSS positions",
+    "fruit-diameter": "an assumed fruit diameter",
+    "given": "the cameras given",
+}
+"""Where metres come from, in words; nowhere with "none"."""
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 
 from pomona import __version__
 from pomona.arrays import FloatArray, counted
+from pomona.cameras import METRES_FROM
 from pomona.formats.gpkg import read_layer
 from pomona.orchard.plan import Orchard
 from pomona.progress import Progress
@@ -36,14 +37,6 @@ _MOST_NAMES = 60  # rows whose names are written on the map
 _MOST_LETTERS = 30  # of such a name
 _LETTER, _LINE = 8.0, 14.0  # the room of a letter of it
 _DEGREE_M = 111_195.0  # of latitude
-_SCALES = {
-    "control-points": "control points",
-    "scale-bar": "scale bar",
-    "gnss": "GNSS",
-    "fruit-diameter": "fruit diameter",
-    "given": "given cameras",
-    "none": "",
-}
 _MOST_COUNTED = 20_000  # rows that the classes of colour are found from
 
 Row = Mapping[str, Any]
@@ -298,15 +291,11 @@ def _write_surveys(file: TextIO, package: Path) -> None:
         span = "" if row["all_low"] is None else f"{row['all_low']:,.0f} to {row['all_high']:,.0f}"
         cells = [
             row["date"], row["state"], used, _said(row["fruits"]), _said(row["all_fruits"]), span, _said(row["trees"]),
-            _said(row["length_m"], 1), _said(row["weight_kg"], 1), _said(row["diameter_mm"], 1), _scale(row),
+            _said(row["length_m"], 1), _said(row["weight_kg"], 1), _said(row["diameter_mm"], 1),
+            METRES_FROM.get(row["scale"], ""),
         ]  # fmt: skip
         _write_row(file, row["state"], name, cells, row["reason"])
     _end_table(file)
-
-
-def _scale(row: Row) -> str:
-    source = row["scale"] or ""
-    return _SCALES.get(source, source)
 
 
 def _write_changes(file: TextIO, package: Path) -> None:

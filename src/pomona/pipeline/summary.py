@@ -9,22 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from pomona.arrays import counted
-from pomona.cameras import WorldFrame
+from pomona.cameras import METRES_FROM, WorldFrame
 from pomona.crop import Crop
 from pomona.fruits import TotalWeight
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
 from pomona.survey.facts import scale_report_from
-
-_SOURCES = {
-    "markers": "metres from markers",
-    "control-points": "metres from control points",
-    "scale-bar": "metres from the scale bar",
-    "gnss": "metres from GNSS",
-    "fruit-diameter": "metres from an assumed fruit diameter",
-    "given": "metres as in the cameras given",
-    "none": "unknown",
-}
 
 
 @dataclass(frozen=True)
@@ -128,7 +118,7 @@ def _lost(record: StageRecord | None, entry: str) -> list[tuple[str, str]]:
 
 def _scale(info: Mapping[str, Any]) -> str:
     frame = WorldFrame(info["frame"]["scale_source"], bool(info["frame"]["approximate"]))
-    text = _SOURCES[frame.scale_source]
+    text = f"metres from {METRES_FROM[frame.scale_source]}" if frame.metric else "unknown"
     residuals = [m["residual_mm"] for m in info["report"]["markers"] if m["used"] and m["residual_mm"] is not None]
     accuracy = info["report"]["accuracy"]
     if accuracy:

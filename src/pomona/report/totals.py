@@ -8,20 +8,12 @@ from html import escape
 
 import numpy as np
 
+from pomona.cameras import METRES_FROM
 from pomona.fruits import BOTH_SIDES
 from pomona.report.data import ReportData
 from pomona.report.html import Html, about, amount, amount_of, as_html
 from pomona.scale.report import ScaleReport
 
-_SOURCES = {
-    "markers": "from markers",
-    "control-points": "from control points",
-    "scale-bar": "from the scale bar",
-    "gnss": "from GNSS positions",
-    "fruit-diameter": "from an assumed fruit diameter",
-    "given": "as in the cameras given",
-    "none": "",
-}
 _BROUGHT_TOGETHER = {"markers": "", "gnss": "", "fruits": ", which brought the sides into one frame"}
 _MOST_WARNINGS_SHOWN = 8  # more are folded away, so that the view stays on the first screen
 
@@ -135,8 +127,8 @@ def _scale(data: ReportData) -> str:
 
 
 def scale_source(data: ReportData) -> str:
-    """Return where metres come from, in words."""
-    return _SOURCES[data.cameras.frame.scale_source]
+    """Return where metres come from, in words; there must be metres."""
+    return f"from {METRES_FROM[data.cameras.frame.scale_source]}"
 
 
 def exactness(scale: ScaleReport) -> list[Html]:
