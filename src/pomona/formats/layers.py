@@ -12,7 +12,7 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.crop import RowSegments
-from pomona.formats.on_earth import places_of
+from pomona.formats.coordinate_systems import places_on_earth
 from pomona.formats.tables import FRUIT_COLUMNS, SEGMENT_COLUMNS, TREE_COLUMNS, fruit_rows, rows_of
 from pomona.fruits import Fruits
 from pomona.trees import Trees
@@ -70,8 +70,8 @@ def kinds_of(columns: Sequence[str]) -> dict[str, Kind]:
 
 
 def fruit_layer(fruits: Fruits, frame: WorldFrame) -> Layer:
-    """Return fruits as points, with the columns of `fruits.csv`; places as `places_of` gives them."""
-    places = places_of(fruits.centers_in_world, frame).reshape(-1, 3)
+    """Return fruits as points, with the columns of `fruits.csv`; places as `places_on_earth` gives them."""
+    places = places_on_earth(fruits.centers_in_world, frame).reshape(-1, 3)
     return Layer("fruits", kinds_of(FRUIT_COLUMNS), fruit_rows(fruits), places[:, None], "diameter_m")
 
 
@@ -89,8 +89,8 @@ def segment_layer(segments: RowSegments, frame: WorldFrame) -> Layer:
 
 
 def on_ground(xy_in_world: FloatArray, frame: WorldFrame) -> FloatArray:
-    """Return places (n, 2) of x and y (n, 2), as `places_of`."""
-    places = places_of(np.column_stack([xy_in_world, np.zeros(len(xy_in_world))]), frame)
+    """Return places (n, 2) of x and y (n, 2), as `places_on_earth`."""
+    places = places_on_earth(np.column_stack([xy_in_world, np.zeros(len(xy_in_world))]), frame)
     return np.asarray(places.reshape(-1, 3)[:, :2])
 
 

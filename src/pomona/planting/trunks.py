@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
-from pomona.formats.between_crs import xy_between
+from pomona.formats.coordinate_systems import given_xy_between
 from pomona.fruits import Fruits
 from pomona.planting.options import PlantingOptions
 from pomona.planting.trunk_table import read_trunks
@@ -65,7 +65,7 @@ def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions, crs: str | 
     if away_m <= options.longest_m:
         return trunks
     if options.trees_crs is not None and crs is not None:
-        xy = xy_between(trunks.xy_in_world, options.trees_crs, crs, str(options.trees))
+        xy = given_xy_between(trunks.xy_in_world, options.trees_crs, crs, str(options.trees))
         local = replace(trunks, xy_in_world=xy)
         if _nearest_m(local, fruits) <= options.longest_m:
             return local

@@ -1,4 +1,4 @@
-"""Metres and an east-north-up frame from the GNSS positions of photos. pyproj is touched here alone in this room."""
+"""Metres and an east-north-up frame from the GNSS positions of photos."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pyproj import CRS, Transformer
-from pyproj.exceptions import ProjError
 
 from pomona.arrays import BoolArray, FloatArray, some_subsets, weighted_median
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError, few
+from pomona.formats.coordinate_systems import DEGREES, check_use, given_xy_between, xy_between
 from pomona.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.options import ScaleOptions
@@ -25,7 +24,6 @@ _LEAST_SCATTER_M = 0.05
 # Positions contradict a scale that they differ from by more than this share and so many standard deviations.
 _SAME_SCALE, _CONTRADICTION = 0.03, 4.0
 _MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG = 90.0, 360.0
-_OUT_OF_USE_DEG = 10.0  # so far outside of a system's area it may be used: zones are, beyond their edges
 
 
 @dataclass(frozen=True)
@@ -145,48 +143,25 @@ def in_local_metres(points: FloatArray, crs: str, where: str) -> tuple[FloatArra
     `where` names the CRS in errors. Raises `InputError` for a CRS that does not exist, or points that it cannot have:
     far outside of where it is used, they are of another one, or x and y are exchanged.
     """
-    try:
-        system = CRS.from_user_input(crs)
-        to_degrees = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
-        longitudes, latitudes = to_degrees.transform(points[:, 0].tolist(), points[:, 1].tolist(), errcheck=True)
-    except ProjError as error:
-        raise InputError(
-            f"{where}: expected a coordinate system, such as EPSG:32631, and places in it, found {crs}: {error}"
-        ) from None
-    if max(map(abs, latitudes)) > _MOST_LATITUDE_DEG or max(map(abs, longitudes)) > _MOST_LONGITUDE_DEG:
+    degrees = given_xy_between(points[:, :2], crs, DEGREES, where)
+    if (np.abs(degrees).max(axis=0) > (_MOST_LONGITUDE_DEG, _MOST_LATITUDE_DEG)).any():
         raise InputError(
             f"{where}: expected places on Earth in {crs}, found {points[0, 0]:g} and {points[0, 1]:g}, which are no "
             "degrees: are they metres, of another coordinate system?"
         )
-    _check_use(system, crs, float(np.median(longitudes)), float(np.median(latitudes)), where)
+    longitudes, latitudes = degrees.T.tolist()
+    check_use(crs, float(np.median(longitudes)), float(np.median(latitudes)), where)
     frame = _frame_amid(latitudes, longitudes, points[:, 2].tolist())
-    to_local = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
-    east, north = to_local.transform(longitudes, latitudes)
-    local: FloatArray = np.stack([east, north, points[:, 2] - frame.origin[2]], axis=1)
-    return local, frame
-
-
-def _check_use(system: CRS, crs: str, longitude: float, latitude: float, where: str) -> None:
-    area = system.area_of_use
-    if area is None:
-        return
-    width = area.east - area.west + (360 if area.east < area.west else 0)  # over the date line
-    from_middle = abs((longitude - area.west - width / 2 + 180) % 360 - 180)
-    off = max(from_middle - width / 2, area.south - latitude, latitude - area.north)
-    if off > _OUT_OF_USE_DEG:
-        raise InputError(
-            f"{where}: expected places where {crs} is used ({area.name.split(':')[0]}), found latitude {latitude:.1f}, "
-            f"longitude {longitude:.1f}: are they of another coordinate system, or easting and northing exchanged?"
-        )
+    return np.column_stack([xy_between(degrees, DEGREES, frame.crs), points[:, 2] - frame.origin[2]]), frame
 
 
 def positions_in_local(photos: Sequence[Photo], frame: LocalFrame) -> FloatArray:
     """Return the photos' positions (n, 3) in metres east, north and up; NaN where a photo has none, or no altitude."""
-    transformer = Transformer.from_crs("EPSG:4326", frame.crs, always_xy=True)
     positions = np.full((len(photos), 3), np.nan)
     for i, photo in enumerate(photos):
         if photo.gnss is not None:
-            positions[i, :2] = transformer.transform(photo.gnss.longitude_deg, photo.gnss.latitude_deg)
+            place = np.array([[photo.gnss.longitude_deg, photo.gnss.latitude_deg]])
+            positions[i, :2] = xy_between(place, DEGREES, frame.crs)[0]
             if photo.gnss.altitude_m is not None:
                 positions[i, 2] = photo.gnss.altitude_m - frame.origin[2]
     return positions
