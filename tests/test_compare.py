@@ -461,6 +461,9 @@ def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
     assert "growth         10.0 mm" in CliRunner().invoke(app, [*arguments, "--out", str(out)]).stdout
     with pytest.raises(SurveyError, match="holds something else"):
         pomona.compare(*surveys, out=surveys[0])
+    undated = CliRunner().invoke(app, [*arguments[:3], "--out", str(out), "--json"])
+    assert "Say the dates with --dates" in " ".join(json.loads(undated.stdout)["warnings"])
+    assert "Say the dates with --dates" in (out / "comparison.html").read_text()
     refused = CliRunner().invoke(app, [*arguments[:3], "--out", str(out), "--dates", "spring"])
     assert refused.exit_code == 1
     assert "expected two days" in refused.stderr

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from pomona.fuse import Fused
 from pomona.fuse.object import fuse
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
 from pomona.orchard.folder import LAYERS, OrchardFolder
-from pomona.orchard.jobs import Outcome, Part, SurveyJob
+from pomona.orchard.jobs import ComparisonJob, Outcome, Part, SurveyJob
 from pomona.orchard.page import write_page
 from pomona.orchard.places import Place, Sender, is_url
 from pomona.orchard.plan import option_fields
@@ -247,6 +248,15 @@ def test_surveys_of_the_command_name_its_options_whatever_worker_makes_them(
     job = job_of(orchard.surveys[0], tmp_path / "by python")
     assert do_job(job, tmp_path).state == "done"
     assert "give `fruit_diameter_m`" in SurveyFolder.open(Path(job.out)).get("warnings")
+
+
+def test_why_a_comparison_failed_is_worded_for_who_reads_it(tmp_path: Path) -> None:
+    days = (date(2026, 7, 1), date(2026, 8, 1))
+    before, after, out = (str(tmp_path / name) for name in ("before", "after", "out"))
+    job = ComparisonJob(name="1", before=before, after=after, days=days, out=out)
+    plain, worded = do_job(job, tmp_path), do_job(replace(job, words=str.upper), tmp_path)
+    assert (plain.state, worded.state) == ("failed", "failed")
+    assert worded.reason == plain.reason.upper() != plain.reason
 
 
 # ---- shared storage --------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -13,7 +14,7 @@ from pomona.errors import InputError, SurveyError
 from pomona.export.survey import SurveySource, export_survey
 from pomona.option_values import expect_kind
 from pomona.pipeline.options import RunOptions, named_options
-from pomona.progress import Progress, Silent
+from pomona.progress import Progress, Silent, words_of
 from pomona.survey import SurveyFolder
 from pomona.survey.unfinished import unfinished_in_words
 
@@ -191,6 +192,7 @@ def compare(
     target = _path_or_none("out", out)
     surveys = [s if isinstance(s, Survey) else open(s, progress=progress) for s in (before, after)]
     found = compare_surveys(surveys[0], surveys[1], dates=dates)
+    found = replace(found, warnings=tuple(map(words_of(surveys[1].progress), found.warnings)))
     for warning in found.warnings:
         surveys[1].progress.warn(warning)
     if target is not None:

@@ -22,7 +22,10 @@ class Part:
 
 
 class Job(Protocol):
-    """Something that a worker does whole; `parts` of it are done one after the other, each by any worker."""
+    """Something that a worker does whole; `parts` of it are done one after the other, each by any worker.
+
+    `words`, a function that workers can import, words messages for who reads them.
+    """
 
     @property
     def name(self) -> str:
@@ -32,6 +35,11 @@ class Job(Protocol):
     @property
     def parts(self) -> tuple[Part, ...]:
         """At least one."""
+        ...
+
+    @property
+    def words(self) -> Callable[[str], str]:
+        """By default as they are."""
         ...
 
     def at(self, part: int) -> Self:
@@ -44,7 +52,6 @@ class SurveyJob:
     """A survey to be made: `photos`, files in `options` and `out`, its folder, are paths or URLs.
 
     `left` is what an earlier outcome says of it, by which a survey that nothing changed is known without its photos.
-    `words`, a function that workers can import, words messages for who reads them.
     """
 
     name: str
@@ -79,6 +86,7 @@ class ComparisonJob:
     left: Mapping[str, str] = field(default_factory=dict)
     version: str = __version__
     parts: tuple[Part, ...] = (Part("comparison"),)
+    words: Callable[[str], str] = str
 
     def at(self, part: int) -> ComparisonJob:
         """Return what does that part: it has one."""

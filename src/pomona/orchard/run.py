@@ -72,13 +72,13 @@ def run_orchard(
 
     What is done is not done again; a survey that fails does not stop others. `scheduler` is the address of a Dask
     cluster; None: processes of this machine. `on_start` is told the address of the dashboard. Where `progress` has
-    `words`, a function that workers can import, messages of surveys are worded by it.
+    `words`, a function that workers can import, messages of jobs are worded by it.
 
     Raises `InputError` where no local worker has the tags wanted, `SurveyError` where the scheduler does not answer or
     goes away, or `out` cannot be written, and `MissingExtraError` without the extra `cluster`.
     """
     progress = progress or Silent()
-    folder = OrchardFolder(Place(orchard.out))
+    folder, words = OrchardFolder(Place(orchard.out)), words_of(progress)
     surveys = comparisons = Ended()
     cluster = workers_at(scheduler, orchard.workers) if scheduler else local_workers(orchard.workers)
     with cluster as workers:
@@ -86,11 +86,11 @@ def run_orchard(
         _check_tags(workers, orchard, local=scheduler is None, progress=progress)
         plans = {survey.name: survey.key for survey in orchard.surveys}
         progress.start("surveys", len(orchard.surveys))
-        for outcome in workers.run(_survey_jobs(orchard, folder, words_of(progress)), do_job):
+        for outcome in workers.run(_survey_jobs(orchard, folder, words), do_job):
             _note(folder, "surveys", replace(outcome, plan=plans[outcome.name]), progress)
             surveys = surveys.plus(outcome)
         progress.start("comparisons", len(orchard.comparisons))
-        for outcome in workers.run(_comparison_jobs(orchard, folder), do_job):
+        for outcome in workers.run(_comparison_jobs(orchard, folder, words), do_job):
             _note(folder, "comparisons", outcome, progress)
             comparisons = comparisons.plus(outcome)
     totals = _written(orchard, folder, progress)
@@ -133,7 +133,7 @@ def _survey_jobs(orchard: Orchard, folder: OrchardFolder, words: Callable[[str],
         )
 
 
-def _comparison_jobs(orchard: Orchard, folder: OrchardFolder) -> Iterator[ComparisonJob]:
+def _comparison_jobs(orchard: Orchard, folder: OrchardFolder, words: Callable[[str], str]) -> Iterator[ComparisonJob]:
     for pair in orchard.comparisons:
         if not all(is_done(folder, survey) for survey in pair):
             continue
@@ -149,6 +149,7 @@ def _comparison_jobs(orchard: Orchard, folder: OrchardFolder) -> Iterator[Compar
             days=(before.day, after.day),
             out=folder.comparison(name).text,
             left=earlier.left if earlier else {},
+            words=words,
         )
 
 

@@ -36,7 +36,6 @@ def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
     `scratch` is a local folder for copies of what is not on this machine.
     """
     began, start = now(), time.monotonic()
-    words = job.words if isinstance(job, SurveyJob) else str
     try:
         if job.version != __version__:
             raise InputError(f"Pomona is {__version__} here and {job.version} where the orchard was started: use one")
@@ -45,7 +44,7 @@ def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
             outcome = _survey(job, here) if isinstance(job, SurveyJob) else _comparison(job, here)
     except PomonaError as error:
         may_pass = isinstance(error, SurveyError)
-        outcome = Outcome(name=job.name, state="failed", reason=words(str(error)), may_pass=may_pass)
+        outcome = Outcome(name=job.name, state="failed", reason=job.words(str(error)), may_pass=may_pass)
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".rstrip(": ")
         details = "".join(traceback.format_exception(error))
@@ -145,7 +144,7 @@ def _comparison(job: ComparisonJob, scratch: Path) -> Outcome:
         return Outcome(name=job.name, state="done", kept=True, left=job.left, figures=json.loads(figures))
     before, after = (survey.bring(scratch, leave=("work",)) for survey in surveys)
     folder = scratch / "comparison" if out.is_remote else out.path
-    found = pomona.compare(before, after, out=folder, dates=job.days)
+    found = pomona.compare(before, after, out=folder, dates=job.days, progress=Silent(job.words))
     if out.is_remote:
         Sender(folder, out, _FIGURES).send()
     return Outcome(name=job.name, state="done", left={"from": made_from}, figures=found.to_json())
