@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, counted
 from pomona.corrections import Applier, Corrected, Correction, Corrections, read_corrections, write_corrections
 from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
 from pomona.corrections.log import Added, Deleted, Mark, Merged, Moved, Split, in_words, place_of
@@ -274,4 +274,4 @@ def _said(request: CorrectionRequest, fruits: Sequence[int], count: int) -> str:
         "undo": "Undone",
         "redo": "Done again",
     }[request.kind]
-    return f"{done}. {count} fruit{'' if count == 1 else 's'}"
+    return f"{done}. {counted(count, 'fruit')}"
