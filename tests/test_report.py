@@ -24,7 +24,7 @@ from pomona.errors import InputError
 from pomona.evaluate.fruits import Truth
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.intervals import CropInterval
-from pomona.photos import Photo, Photos, Skipped
+from pomona.photos import ONE_SIDE, Photo, Photos, Skipped
 from pomona.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
 from pomona.report.axes import places_along, row_axes, seen_from
 from pomona.report.columns import as_bytes
@@ -382,6 +382,23 @@ def test_photos_are_counted_as_the_command_counts_them(data: ReportData) -> None
     assert card(nowhere).startswith(f"Photos used 0 of {usable} {usable} without a place")
     all_placed = replace(data, lost=(), photos=Photos(data.photos.items[:-1]))
     assert card(all_placed).startswith(f"Photos used {used} of {used} all of them have a place")
+
+
+def test_of_one_side_no_side_is_named(data: ReportData) -> None:
+    """What the only side is called tells a person nothing."""
+    assert set(values_in(report_html(data))["fruits"]["sides"]) == {"east", "west"}
+    photos = Photos(tuple(replace(photo, side=ONE_SIDE) for photo in data.photos))
+    fruits = replace(data.fruits, sides=(ONE_SIDE,) * len(data.fruits))
+    said = report_html(replace(data, photos=photos, fruits=fruits))
+    assert set(values_in(said)["fruits"]["sides"]) == {""}
+    assert "<td>steps of the walk</td>" in re.sub(' class="[^"]*"', "", said)
+
+
+def test_one_fruit_is_no_median_of_many() -> None:
+    said = re.sub("<[^>]+>", "", as_read(report_html(replace(row_report(1), detections=1))))
+    assert "from 1 detection, seen" in said
+    assert " each" not in said[said.index("from 1 detection, seen") :][:40]
+    assert "in fewer than" not in said
 
 
 def test_no_fruit_is_a_valid_report() -> None:

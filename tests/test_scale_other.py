@@ -243,7 +243,7 @@ def test_few_positions_and_switched_off_gnss_are_not_used() -> None:
 def test_a_scale_from_rough_positions_is_said_to_be_uncertain(noise_m: float, named: int) -> None:
     progress = Silent()
     placed = place_in_world(Reconstruction((as_piece(LONG, "row"),)), located(LONG, noise_m), progress=progress)
-    said = [w for w in progress.warnings if w.startswith("Side row: the scale is uncertain (± 1.")]
+    said = [w for w in progress.warnings if w.startswith("The row: the scale is uncertain (± 1.")]
     assert len(said) == named
     assert placed.report.pieces[0].scale_sd == pytest.approx(0.015 * noise_m, rel=0.4)
 

@@ -19,6 +19,10 @@ PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".
 _USUAL_FOCAL_SD = 0.015
 
 
+ONE_SIDE = "row"
+"""What their side is called where photos are all of one."""
+
+
 @dataclass(frozen=True)
 class Gnss:
     """Where the camera says it was: WGS 84 degrees and metres above the ellipsoid or sea (EXIF does not say which).
@@ -131,3 +135,8 @@ class Photos(OneLine):
     def by_name(self) -> dict[str, Photo]:
         """Return the photos keyed by name."""
         return {photo.name: photo for photo in self.items}
+
+
+def side_in_words(side: str) -> str:
+    """Return a side as messages name it: `side east`, or `the row` where photos are all of one."""
+    return "the row" if side in ("", ONE_SIDE) else f"side {side}"

@@ -13,11 +13,11 @@ from pomona.capture.exif import Exif, focal_px, was_cropped
 from pomona.capture.files import VIDEO_SUFFIXES, are_camera_folders, list_photos, may_be_sides, natural_key
 from pomona.capture.images import Header, read_header
 from pomona.capture.keyframes import KeyFrameOptions
-from pomona.capture.sides import ONE_SIDE, are_known_pair, check_option, sides_by_globs, sides_by_names
+from pomona.capture.sides import are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
 from pomona.errors import InputError, MissingFileError, as_text, few
 from pomona.formats.files import is_there
-from pomona.photos import PHOTO_SUFFIXES, Photo, Photos, Skipped
+from pomona.photos import ONE_SIDE, PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
 
 

@@ -11,7 +11,6 @@ from pathlib import PurePosixPath
 
 from pomona.errors import InputError
 
-ONE_SIDE = "row"
 _LEAST_PHOTOS = 3  # of a side: a word that fewer names have is a slip, or a photo of something else
 
 # Words that name a side wherever they stand in a file name, in pairs.

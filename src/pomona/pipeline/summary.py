@@ -12,6 +12,7 @@ from pomona.arrays import counted
 from pomona.cameras import METRES_FROM, WorldFrame
 from pomona.crop import Crop
 from pomona.fruits import TotalWeight
+from pomona.photos import side_in_words
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
 from pomona.survey.facts import scale_report_from
@@ -139,7 +140,7 @@ def _sides(report: Mapping[str, Any]) -> tuple[str, ...]:
         return tuple(agree)
     sides = [*dict.fromkeys(piece["side"] for piece in report["pieces"])]
     if len(sides) == 1:
-        apart = f"pieces of {sides[0]} are not joined: they were set beside each other"
+        apart = f"pieces of {side_in_words(sides[0])} are not joined: they were set beside each other"
     else:
         parts = "some pieces of " if report["tied_pieces"] > 1 else ""
         apart = f"{parts}{' and '.join(sides)} are not joined: fruits seen from both are counted twice"
@@ -147,6 +148,7 @@ def _sides(report: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _tie(entry: Mapping[str, Any]) -> str:
-    names = f"{entry['side']} and {entry['other']}" if entry["side"] != entry["other"] else f"pieces of {entry['side']}"
+    one, other = entry["side"], entry["other"]
+    names = f"{one} and {other}" if one != other else f"pieces of {side_in_words(one)}"
     fruits = counted(entry["fruits"], "fruit")
     return f"{names} agree to {entry['median_mm']:.0f} mm (median of {fruits} that each sees alone)"

@@ -73,8 +73,10 @@ def _views(data: ReportData) -> Iterator[tuple[str, str, str]]:
         return
     views = data.fruits.views
     rarely = int((views < _FEW_VIEWS).sum())
-    of_all = f"{amount(rarely)} of {amount(len(views))} {as_html(data.fruit_words)}"
-    found = Html(f"{np.median(views):.0f} (median); {of_all} in fewer than {_FEW_VIEWS}")
+    found = Html(f"{np.median(views):.0f}")
+    if len(views) > 1:
+        of_all = f"{amount(rarely)} of {amount(len(views))} {as_html(data.fruit_words)}"
+        found = Html(f"{found} (median); {of_all} in fewer than {_FEW_VIEWS}")
     advice = "photos closer to each other see more of each fruit" if 4 * rarely > len(views) else ""
     yield "photos that saw each fruit", found, advice
     seeing = set(data.observations.photo)
@@ -92,7 +94,7 @@ def _gaps(data: ReportData) -> Iterator[tuple[str, str, str]]:
         if len(names) < _FEW_VIEWS:
             continue
         before, after, largest, usual = _largest_step(data, names)
-        called = f"steps of the walk, {side}" if side else "steps of the walk"
+        called = f"steps of the walk, {side}" if len(data.photos.sides) > 1 else "steps of the walk"
         wide = largest > _GAP * usual
         advice = f"nothing lies between {before} and {after}: photos there would close the gap" if wide else ""
         yield called, Html(f"{about(usual)} {unit} as a rule, {about(largest)} {unit} at most"), advice

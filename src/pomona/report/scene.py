@@ -114,7 +114,8 @@ def _fruits(data: ReportData, middle: FloatArray) -> FruitColumns:
         weights=F32(packed(fruits.weights_g, "<f4")),
         scores=F32(packed(fruits.scores, "<f4")),
         views=U32(packed(fruits.views, "<u4")),
-        sides=list(fruits.sides),
+        # Of one side, there is nothing to tell apart.
+        sides=list(fruits.sides) if len(data.photos.sides) > 1 else [""] * len(fruits),
         trees=fruits.tree_ids.tolist(),
         reasons=list(fruits.reasons),
     )

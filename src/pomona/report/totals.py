@@ -45,11 +45,12 @@ def card(label: str, figure: str, more: str, kind: str = "") -> str:
 def _fruits(data: ReportData) -> str:
     parts = []
     if data.detections is not None:
-        parts.append(f"from {amount(data.detections)} detections")
+        parts.append(f"from {amount_of(data.detections, 'detection')}")
     if len(data.fruits):
-        parts.append(f"seen {amount(float(data.fruits.views.mean()), 1)} times each")
+        each = " each" if len(data.fruits) > 1 else ""
+        parts.append(f"seen {amount(float(data.fruits.views.mean()), 1)} times{each}")
     if data.corrections:
-        parts.append(f"{amount(data.corrections)} correction{'s' if data.corrections > 1 else ''} by hand")
+        parts.append(f"{amount_of(data.corrections, 'correction')} by hand")
     return card(data.fruit_words.capitalize(), amount(len(data.fruits)), ", ".join(parts), "main")
 
 
@@ -101,7 +102,7 @@ def _photos(data: ReportData) -> str:
         without = f"{given - used} without a place"
         parts.append(f'<a href="#lost">{without}</a>' if data.lost else without)
     if skipped := len(data.photos.skipped):
-        parts.append(f'<a href="#lost">{skipped} more file{"s" if skipped > 1 else ""} left out</a>')
+        parts.append(f'<a href="#lost">{amount_of(skipped, "more file")} left out</a>')
     return card(
         "Photos used",
         f"{amount(used)} <small>of {amount(given)}</small>",

@@ -9,6 +9,7 @@ import numpy as np
 
 from pomona.adjustment.weights import Landmark
 from pomona.cameras import Cameras, ScaleSource
+from pomona.photos import side_in_words
 from pomona.progress import Progress
 from pomona.scale.report import Accuracy, MarkerResidual, PieceScale, SideTie
 from pomona.sfm.pieces import Piece
@@ -92,7 +93,8 @@ class Placement:
     def name(self, idx: int) -> str:
         """Name a piece for a person."""
         piece = self.pieces[idx]
-        return f"Side {piece.side or 'of the row'}{'' if self.is_main(idx) else f', piece {idx + 1}'}"
+        called = side_in_words(piece.side)
+        return f"{called[0].upper()}{called[1:]}{'' if self.is_main(idx) else f', piece {idx + 1}'}"
 
     def marker_name(self, marker_id: int) -> str:
         """Name a marker, or a point that was clicked, for a person."""

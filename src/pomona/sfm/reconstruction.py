@@ -12,10 +12,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, counted
 from pomona.errors import DamagedPhotoError, InputError, MissingFileError, ReconstructionError
 from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
+from pomona.photos import ONE_SIDE, Photo, Photos, side_in_words
 from pomona.progress import Progress, Silent
 from pomona.sfm import engine
 from pomona.sfm.engine import CAMERA_MODEL, Overlap
@@ -86,7 +86,7 @@ def kept_features(work_dir: Path, options: SfmOptions, code_key: str) -> KeptFea
 
 
 def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistered]:
-    reason = f"side {side or 'of the row'} has {len(photos)} photos, fewer than {options.min_piece_photos}"
+    reason = f"{side_in_words(side)} has {counted(len(photos), 'photo')}, fewer than {options.min_piece_photos}"
     advice = "Take more photos of this side, or check how the photos were divided into sides (`sides`)."
     return [Unregistered(photo.name, side, reason, advice) for photo in photos]
 
@@ -94,7 +94,7 @@ def _too_few(photos: Photos, side: str, options: SfmOptions) -> list[Unregistere
 def _reconstruct_side(
     workspace: Workspace, kept: KeptFeatures, side: str, progress: Progress
 ) -> tuple[list[Piece], list[Unregistered]]:
-    label = f" (side {side})" if side else ""
+    label = "" if side in ("", ONE_SIDE) else f" ({side_in_words(side)})"
     _warn_of_cameras(workspace, label, progress)
     unreadable = _find_features(workspace, kept, label, progress)
     match_photos(workspace, label, progress)
