@@ -28,6 +28,20 @@ def test_others_are_refused_before_any_work(text: str) -> None:
         RunOptions(packing=text)
 
 
+@pytest.mark.parametrize("text", ["6.5,7,7.5", "9", "6,12"])
+def test_centimetres_are_refused_with_the_millimetres_that_are_meant(text: str) -> None:
+    """Before any work is done; a survey that was made with them can still be read."""
+    options = RunOptions(packing=text)
+    meant = ",".join(f"{10 * float(edge):g}" for edge in text.split(","))
+    with pytest.raises(InputError, match=f"`packing`: expected edges in mm, found {text}, .* give {meant}$"):
+        options.check_files()
+
+
+@pytest.mark.parametrize("text", [*sorted(PACKING_PRESETS), "18,20", "12,16"])
+def test_classes_of_small_fruits_are_taken(text: str) -> None:
+    RunOptions(packing=text).check_files()
+
+
 def test_the_reference_lists_all_names() -> None:
     page = (REPOSITORY / "docs/reference/commands.md").read_text(encoding="utf-8")
     for name, classes in PACKING_PRESETS.items():

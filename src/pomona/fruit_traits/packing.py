@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 from pomona.errors import InputError
 
+_LEAST_MM = 15.0  # of the largest edge: cherries are 18 mm and more, apples up to 9 cm
+_MM_IN_CM = 10
+
 
 @dataclass(frozen=True)
 class PackingClasses:
@@ -50,3 +53,13 @@ def packing_classes(text: str) -> PackingClasses:
             f"60,65,70; found '{text}'"
         )
     return PackingClasses("own", tuple(edges))
+
+
+def check_unit(classes: PackingClasses) -> None:
+    """Raise `InputError` for edges that are smaller than any fruit in mm: they are centimetres."""
+    if classes.edges_mm[-1] < _LEAST_MM:
+        edges, meant = (",".join(f"{factor * edge:g}" for edge in classes.edges_mm) for factor in (1, _MM_IN_CM))
+        raise InputError(
+            f"`packing`: expected edges in mm, found {edges}, and no fruit is so small: if these are centimetres, give "
+            f"{meant}"
+        )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hint
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import is_there
 from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind, fruit_kind
-from pomona.fruit_traits.packing import packing_classes
+from pomona.fruit_traits.packing import check_unit, packing_classes
 from pomona.option_values import expect_kind
 from pomona.survey.digest import plain
 
@@ -300,6 +300,8 @@ class RunOptions:
                 raise InputError(
                     f"`marker_dictionary`: expected one of OpenCV's, such as {known}, found '{self.marker_dictionary}'"
                 )
+        if self.packing is not None:
+            check_unit(packing_classes(self.packing))
         self._read_tables()
         if self.filter_model is not None:
             self._check_filter_model(self.filter_model)
