@@ -267,6 +267,10 @@ def test_trunks_may_be_in_the_coordinate_system_of_the_markers(tmp_path: Path) -
     trunks = find_trunks(fruits, options, crs=there.crs)
     assert trunks.ids.tolist() == [7, 8]
     np.testing.assert_allclose(trunks.xy_in_world, local[:2, :2], atol=1e-4)
+    points = tmp_path / "gcp_list.txt"
+    points.write_text("EPSG:25831\n301234 4612345 212 100 100 a.jpg post\n")
+    by_gcp = find_trunks(fruits, PlantingOptions(trees=path, trees_gcp=points), crs=there.crs)
+    assert by_gcp.xy_in_world.tolist() == trunks.xy_in_world.tolist()
     path.write_text("id,x,y\n" + "".join(f"{k},{x},{y}\n" for k, (x, y, _) in enumerate(local.tolist(), start=7)))
     assert find_trunks(fruits, options, crs=there.crs).xy_in_world.tolist() == local[:, :2].tolist()  # in metres, too
     path.write_text("id,x,y\n7,401234,4612345\n8,401244,4612345\n")

@@ -75,11 +75,11 @@ class RunOptions:
     photos. `scene`: whether a dense cloud of the whole row is made, to look at. `filter_false_positives`: whether the
     support vector machine decides which fruits are dropped, with `filter_model` (None: the shipped one).
 
-    `trees`, a table of trunks (`id,x,y`, in the survey's frame or in `markers_crs`), or `tree_spacing`, the planting
-    distance in metres, say which tree a fruit hangs on; without either, trees are where fruits gather at equal
-    distances, if they do. `hand_counts`, a table of trees that were counted by hand (`tree,count`), calibrates the
-    estimate of all fruit. `packing` are the classes of size of the report: a name of `PACKING_PRESETS`, or edges in mm
-    such as "60,65,70".
+    `trees`, a table of trunks (`id,x,y`, in the survey's frame or the system of `markers_crs` or `gcp`), or
+    `tree_spacing`, the planting distance in metres, say which tree a fruit hangs on; without either, trees are where
+    fruits gather at equal distances, if they do. `hand_counts`, a table of trees that were counted by hand
+    (`tree,count`), calibrates the estimate of all fruit. `packing` are the classes of size of the report: a name of
+    `PACKING_PRESETS`, or edges in mm such as "60,65,70".
 
     `key_frames` says how the frames of a video are chosen. `segment`, `select`, `sfm`, `scale`, `object`, `paper`,
     `dense`, `looking` (of the second look), `dense_scene`, `filter`, `measure`, `planting`, `yields`, `report` are
@@ -254,8 +254,8 @@ class RunOptions:
         options = self.planting or usual
         if self.trees is None and self.tree_spacing is None:
             return options
-        crs = None if self.trees is None else self.markers_crs
-        return replace(options, trees=self.trees, trees_crs=crs, spacing_m=self.tree_spacing)
+        crs, gcp = (None, None) if self.trees is None else (self.markers_crs, self.gcp)
+        return replace(options, trees=self.trees, trees_crs=crs, trees_gcp=gcp, spacing_m=self.tree_spacing)
 
     def _yields(self, usual: YieldOptions) -> YieldOptions:
         options = self.yields or usual

@@ -13,15 +13,16 @@ from pomona.option_values import expect_kinds
 class PlantingOptions:
     """How fruits come to their trees.
 
-    `trees` is a table of trunks (`id,x,y`, metres in the world frame, or coordinates of `trees_crs`); without one,
-    `spacing_m` is the planting distance, and without that too, distances of `shortest_m` to `longest_m` are tried:
-    trees are then numbered along the row, where fruits gather at equal distances. They are believed to if fruits
-    hanging anywhere would do so with a probability of at most `chance`. A fruit is between two trees where it is nearer
-    to the line midway between them than `between` of their distance.
+    `trees` is a table of trunks (`id,x,y`, metres in the world frame, or coordinates of `trees_crs` or of the system of
+    `trees_gcp`, a `gcp_list.txt`); without one, `spacing_m` is the planting distance, and without that too, distances
+    of `shortest_m` to `longest_m` are tried: trees are then numbered along the row, where fruits gather at equal
+    distances. They are believed to if fruits hanging anywhere would do so with a probability of at most `chance`. A
+    fruit is between two trees where it is nearer to the line midway between them than `between` of their distance.
     """
 
     trees: Path | None = None
     trees_crs: str | None = None
+    trees_gcp: Path | None = None
     spacing_m: float | None = None
     shortest_m: float = 0.5
     longest_m: float = 8.0

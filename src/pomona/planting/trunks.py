@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from pomona.arrays import FloatArray
 from pomona.errors import FormatError
 from pomona.formats.coordinate_systems import given_xy_between
+from pomona.formats.gcp_list import read_gcp_list
 from pomona.fruits import Fruits
 from pomona.planting.options import PlantingOptions
 from pomona.planting.trunk_table import read_trunks
@@ -39,7 +40,7 @@ def find_trunks(
 ) -> Trunks:
     """Return the trunks of the row on which n fruits hang, in metres; none where trees are not known.
 
-    `crs` is that of the fruits' frame, where this has a place on Earth: the table may then be in `options.trees_crs`.
+    `crs` is that of the fruits' frame, where this has a place on Earth: the table may then be in a system of `options`.
     Raises what `read_trunks` raises, and `FormatError` where the table's trunks are nowhere near the fruits.
     """
     options, progress = options or PlantingOptions(), progress or Silent()
@@ -64,12 +65,15 @@ def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions, crs: str | 
     away_m = _nearest_m(trunks, fruits)
     if away_m <= options.longest_m:
         return trunks
-    if options.trees_crs is not None and crs is not None:
-        xy = given_xy_between(trunks.xy_in_world, options.trees_crs, crs, str(options.trees))
+    trees_crs = options.trees_crs
+    if trees_crs is None and options.trees_gcp is not None:
+        trees_crs = read_gcp_list(options.trees_gcp).crs
+    if trees_crs is not None and crs is not None:
+        xy = given_xy_between(trunks.xy_in_world, trees_crs, crs, str(options.trees))
         local = replace(trunks, xy_in_world=xy)
         if _nearest_m(local, fruits) <= options.longest_m:
             return local
-    either = "" if options.trees_crs is None else f" or in {options.trees_crs}"
+    either = "" if trees_crs is None else f" or in {trees_crs}"
     raise FormatError(
         f"{options.trees}: expected trunks in the survey's frame{either}, near its fruits; found the nearest "
         f"{away_m:.0f} m from any fruit"

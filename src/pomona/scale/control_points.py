@@ -1,33 +1,25 @@
-"""Points on Earth of known places: markers surveyed in a CRS, and ground control points clicked in photos.
-
-The format of `gcp_list.txt` is OpenDroneMap's: the CRS in the first line, then a line for each point in a photo, with
-its place, its pixel (from the photo's upper left corner), the photo's file name, and the point's name if it has one.
-"""
+"""Points on Earth of known places: markers surveyed in a CRS, and ground control points clicked in photos."""
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import counted
 from pomona.cameras import WorldFrame
-from pomona.errors import FormatError, InputError, MissingFileError, few
+from pomona.errors import FormatError, InputError, few
+from pomona.formats.gcp_list import GcpLine, read_gcp_list
 from pomona.photo_names import PhotoNames
 from pomona.photos import Photos
 from pomona.scale.aruco import Sighting
 from pomona.scale.gnss import LocalFrame, in_local_metres
 from pomona.scale.marker_table import Markers, check_apart, read_markers
 
-_LEAST_COLUMNS = 6
 # A point is a plate without a size: its corners lie so many pixels about it.
 _POINT = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-# How OpenDroneMap itself writes the first line; PROJ knows its other forms.
-_UTM = re.compile(r"WGS ?84 UTM (?:zone )?(\d{1,2}) ?([NS])", re.IGNORECASE)
 _SAME_PLACE_M = 1e-3  # lines of one point without a name have the same place
 
 
@@ -47,15 +39,6 @@ class ControlPoints:
     def in_world(self, frame: WorldFrame) -> WorldFrame:
         """Return the frame of the markers with its place on Earth."""
         return frame if self.frame is None else replace(frame, crs=self.frame.crs, origin=self.frame.origin)
-
-
-@dataclass(frozen=True)
-class _Line:
-    number: int
-    place: tuple[float, float, float]
-    pixel: tuple[float, float]
-    photo: str
-    name: str
 
 
 def surveyed_markers(table: Path, crs: str | None) -> ControlPoints:
@@ -78,7 +61,8 @@ def read_control_points(path: Path, photos: Photos | None = None) -> ControlPoin
     Without `photos`, the file is read and checked alone. Raises `MissingFileError`, `FormatError` naming the line, and
     `InputError` for a CRS that does not exist, or where no line is of one of the photos.
     """
-    crs, lines = _read(path)
+    given = read_gcp_list(path)
+    crs, lines = given.crs, given.lines
     names = _named(lines)
     ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
     first = {ids[name]: line.place for name, line in reversed(list(zip(names, lines, strict=True)))}
@@ -90,57 +74,18 @@ def read_control_points(path: Path, photos: Photos | None = None) -> ControlPoin
     return ControlPoints(markers, frame, tuple(sightings), {k: f"point {name}" for name, k in ids.items()})
 
 
-def _read(path: Path) -> tuple[str, list[_Line]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise MissingFileError(f"`gcp`: {path} does not exist") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path}: expected a text file: {error}") from None
-    rows = [(k, row.split()) for k, row in enumerate(text.splitlines(), start=1)]
-    rows = [(k, cells) for k, cells in rows if cells and not cells[0].startswith("#")]
-    if len(rows) < 2:
-        raise FormatError(
-            f"{path}: expected a line with the CRS, such as EPSG:32631 or WGS84 UTM 31N, then lines of points"
-        )
-    return _crs(" ".join(rows[0][1])), [_line(path, number, cells) for number, cells in rows[1:]]
-
-
-def _crs(header: str) -> str:
-    """The first line as PROJ understands it: WGS84 UTM 31N is EPSG:32631, and text for PROJ may be in quotes."""
-    utm = _UTM.fullmatch(header)
-    if utm is not None and 1 <= int(utm[1]) <= 60:
-        return f"EPSG:{326 if utm[2].upper() == 'N' else 327}{int(utm[1]):02d}"
-    return header.strip("'\"")
-
-
-def _line(path: Path, number: int, cells: list[str]) -> _Line:
-    if len(cells) < _LEAST_COLUMNS:
-        raise FormatError(
-            f"{path}, line {number}: expected x y z column row photo [name] with spaces between them, found "
-            f"{counted(len(cells), 'word')}"
-        )
-    try:
-        x, y, z, column, row = (float(cell) for cell in cells[:5])
-    except ValueError as error:
-        raise FormatError(f"{path}, line {number}: expected five numbers, then a photo: {error}") from None
-    if not np.isfinite([x, y, z, column, row]).all():
-        raise FormatError(f"{path}, line {number}: expected finite numbers, found {' '.join(cells[:5])}")
-    return _Line(number, (x, y, z), (column, row), cells[5], cells[6] if len(cells) > _LEAST_COLUMNS else "")
-
-
-def _named(lines: list[_Line]) -> list[str]:
+def _named(lines: Sequence[GcpLine]) -> list[str]:
     """The name of each line's point; points without a name are told apart by their places."""
     return [line.name or "at " + " ".join(f"{value:.4f}" for value in line.place) for line in lines]
 
 
-def _check_places(path: Path, lines: list[_Line], places: list[tuple[float, float, float]]) -> None:
+def _check_places(path: Path, lines: Sequence[GcpLine], places: list[tuple[float, float, float]]) -> None:
     for line, place in zip(lines, places, strict=True):
         if max(abs(a - b) for a, b in zip(line.place, place, strict=True)) > _SAME_PLACE_M:
             raise FormatError(f"{path}, line {line.number}: point {line.name} has another place than further above")
 
 
-def _sightings(path: Path, lines: list[_Line], ids: list[int], photos: Photos) -> list[Sighting]:
+def _sightings(path: Path, lines: Sequence[GcpLine], ids: list[int], photos: Photos) -> list[Sighting]:
     names, sizes = PhotoNames(photos.names), {photo.name: (photo.width_px, photo.height_px) for photo in photos}
     found: list[Sighting] = []
     missing: dict[str, int] = defaultdict(int)
