@@ -249,6 +249,9 @@ def test_evaluate(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert "--photos" not in idle.stderr
     result = pomona("evaluate", tmp_path / "out", "--truth", tmp_path / "nowhere.csv")
     assert result.exit_code == 1
+    for command in ("evaluate", "view", "report"):
+        nowhere = pomona(command, tmp_path / "out", "--truth", tmp_path / "truth.csv", "--truth-crs", "EPSG:25831")
+        assert "Error: --truth-crs EPSG:25831: the survey's frame has no place on Earth" in nowhere.stderr
 
 
 def test_export(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

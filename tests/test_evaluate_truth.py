@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.errors import FormatError, MissingFileError
-from pomona.evaluate.fruits import evaluate_fruits, read_truth
+from pomona.cameras import WorldFrame
+from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.fruits import Fruits
+from pomona.scale.gnss import in_local_metres
 
 
 def test_a_rows_truth_is_read_with_what_can_be_seen(tmp_path: Path) -> None:
@@ -72,6 +74,38 @@ def test_boxes_are_read_as_columns_lines_and_corners(tmp_path: Path) -> None:
         assert truth.boxes_in_world == pytest.approx(boxes)
         assert truth.diameters_m == pytest.approx([0.08, 0.08])
     assert read_truth(tmp_path / "columns.csv").ids.tolist() == [4, 9]
+
+
+POSTS = np.array([[301234.0, 4612345.0, 212.0], [301244.0, 4612345.0, 212.5], [301239.0, 4612347.0, 214.0]])
+
+
+def test_truth_in_a_coordinate_system_comes_into_the_surveys_frame() -> None:
+    local, on_earth = in_local_metres(POSTS, "EPSG:25831", "here")
+    frame = WorldFrame("gnss", crs=on_earth.crs, origin=on_earth.origin)
+    truth = Truth(
+        np.arange(3), POSTS, np.full(3, 0.08), seen_photo=("a",), seen_id=np.array([1]), seen_px=np.array([9])
+    )
+    brought = truth.brought_from("EPSG:25831", frame)
+    np.testing.assert_allclose(brought.centers_in_world, local, atol=1e-6)
+    assert brought.diameters_m.tolist() == truth.diameters_m.tolist()
+    assert brought.seen_photo == ("a",)
+    half = np.array([0.04, 0.03, 0.05])
+    boxes = np.hstack([POSTS - half, POSTS + half])
+    boxed = Truth.from_boxes(boxes).brought_from("EPSG:25831", frame)
+    assert boxed.boxes_in_world is not None
+    np.testing.assert_allclose(boxed.centers_in_world, local, atol=1e-6)
+    sides = boxed.boxes_in_world[:, 3:] - boxed.boxes_in_world[:, :3]
+    np.testing.assert_allclose(sides, [[0.08, 0.06, 0.10]] * 3, rtol=1e-3)  # metres of the ground, not of the map
+    np.testing.assert_allclose(boxed.diameters_m, 0.08, rtol=1e-3)
+
+
+def test_truth_in_a_coordinate_system_needs_a_survey_on_earth() -> None:
+    truth = Truth(np.arange(3), POSTS, np.full(3, 0.08))
+    with pytest.raises(InputError, match="`truth_crs` EPSG:25831: the survey's frame has no place on Earth"):
+        truth.brought_from("EPSG:25831", WorldFrame("markers"))
+    _, on_earth = in_local_metres(POSTS, "EPSG:25831", "here")
+    with pytest.raises(InputError, match="`truth_crs`: expected a coordinate system, such as EPSG:32631"):
+        truth.brought_from("EPSG:none", WorldFrame("gnss", crs=on_earth.crs, origin=on_earth.origin))
 
 
 @pytest.mark.parametrize(

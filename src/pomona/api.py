@@ -44,17 +44,20 @@ class Survey(SurveySource):
     def __repr__(self) -> str:
         return f"Survey({str(self.folder)!r})"
 
-    def evaluate(self, truth: AnyPath, *, match: str = "auto") -> Scores:
+    def evaluate(self, truth: AnyPath, *, match: str = "auto", truth_crs: str | None = None) -> Scores:
         """Return the paper's scores against true fruits in a table of centres and diameters, or of boxes.
 
-        `match`: what makes a found fruit a true one ("auto", "centers", "boxes", "inside"). Warns where hardly any
-        fruit matches. Raises `MissingFileError`, `FormatError` for a table that cannot be read, and `InputError` for
-        sizes in another unit.
+        `match`: what makes a found fruit a true one ("auto", "centers", "boxes", "inside"). `truth_crs`: the coordinate
+        system of the table's places, such as "EPSG:25831", with heights in metres (None: they are in the survey's
+        frame). Warns where hardly any fruit matches. Raises `MissingFileError`, `FormatError` for a table that cannot
+        be read, and `InputError` for sizes in another unit, and for a system where the survey has no place on Earth.
         """
         from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, frame_doubt, read_truth
 
         options = EvaluateOptions(match=match)  # type: ignore[arg-type]
         true_fruits = read_truth(_path("truth", truth))
+        if truth_crs is not None:
+            true_fruits = true_fruits.brought_from(truth_crs, self.frame)
         scores = evaluate_fruits(self.fruits, true_fruits, options=options)
         if doubt := frame_doubt(self.fruits, true_fruits, scores):
             self.progress.warn(doubt)
@@ -71,15 +74,16 @@ class Survey(SurveySource):
             raise SurveyError(f"{target} exists already: name another file")
         return export_survey(to, self, target)
 
-    def viewer(self, *, port: int = 0, truth: AnyPath | None = None) -> ViewServer:
+    def viewer(self, *, port: int = 0, truth: AnyPath | None = None, truth_crs: str | None = None) -> ViewServer:
         """Return the server of the page of this survey, on this computer alone.
 
         `url` says where the page is, `serve_forever` serves it; it is a context manager, too. `port` 0 takes a free
-        one. Corrections are made in the page. Raises `InputError` where the port is taken.
+        one. `truth` and `truth_crs` are those of `evaluate`. Corrections are made in the page. Raises `InputError`
+        where the port is taken.
         """
         from pomona.view import Corrector, ViewServer
 
-        corrector = Corrector.of(self, _path_or_none("truth", truth))
+        corrector = Corrector.of(self, _path_or_none("truth", truth), truth_crs)
         if corrector.note and self.files.corrections.is_file():
             self.progress.warn(corrector.note)
         try:
@@ -89,7 +93,12 @@ class Survey(SurveySource):
             raise InputError(f"`port` {port}: {reason}: choose another, or none for a free one") from None
 
     def export_view(
-        self, folder: AnyPath, *, truth: AnyPath | None = None, options: FolderOptions | None = None
+        self,
+        folder: AnyPath,
+        *,
+        truth: AnyPath | None = None,
+        truth_crs: str | None = None,
+        options: FolderOptions | None = None,
     ) -> Path:
         """Write the page of this survey as a folder that opens from disk, with its photos; return the page's path.
 
@@ -97,18 +106,18 @@ class Survey(SurveySource):
         """
         from pomona.view import Corrector, export_folder
 
-        corrector = Corrector.of(self, _path_or_none("truth", truth))
+        corrector = Corrector.of(self, _path_or_none("truth", truth), truth_crs)
         return export_folder(
             corrector.data, _path("folder", folder), truth=corrector.truth, options=options, progress=self.progress
         )
 
-    def view(self, *, port: int = 0, truth: AnyPath | None = None) -> None:
+    def view(self, *, port: int = 0, truth: AnyPath | None = None, truth_crs: str | None = None) -> None:
         """Show the survey in the browser until Ctrl-C, then bring its tables up to date with what was corrected."""
         import webbrowser
 
         from pomona.pipeline.reopen import bring_up_to_date
 
-        with self.viewer(port=port, truth=truth) as server:
+        with self.viewer(port=port, truth=truth, truth_crs=truth_crs) as server:
             webbrowser.open(server.url)
             with contextlib.suppress(KeyboardInterrupt):
                 server.serve_forever()

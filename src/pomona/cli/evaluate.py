@@ -84,6 +84,7 @@ def show_scores(scores: Scores) -> None:
 def evaluate(
     survey: _SURVEY,
     truth: _TRUTH,
+    truth_crs: shared.TruthCrs = None,
     match: _MATCH = "auto",
     detections: _DETECTIONS = False,
     min_size: _MIN_SIZE = _LEAST_SIZE_PX,
@@ -108,6 +109,7 @@ def evaluate(
             "--min-size": (min_size != _LEAST_SIZE_PX, "--detections", detections),
             "--min-visible": (min_visible != 0, "--detections", detections),
             "--outcomes": (outcomes, "--json", as_json),
+            "--truth-crs": (truth_crs is not None, "fruits in space: leave --detections out", not detections),
         }
     )
     if detections:
@@ -122,10 +124,10 @@ def evaluate(
 
         of_fruits = EvaluateOptions(match=match)  # type: ignore[arg-type]
         page = Pictures(folder=pictures, worst=worst, photos=photos)
-        evaluate_mistakes(survey, truth, of_fruits, page, outcomes=outcomes, as_json=as_json)
+        evaluate_mistakes(survey, truth, of_fruits, truth_crs, page, outcomes=outcomes, as_json=as_json)
         return
     with TerminalProgress() as progress:
-        scores = pomona.open(survey, progress=progress).evaluate(truth, match=match)
+        scores = pomona.open(survey, progress=progress).evaluate(truth, match=match, truth_crs=truth_crs)
     if as_json:
         typer.echo(json.dumps(scores.to_json(outcomes=outcomes), indent=1))
     else:

@@ -34,6 +34,7 @@ Gcp = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Ground control points clicked in photos: OpenDroneMap's gcp_list.txt."),
 ]
+TruthCrs = Annotated[str | None, typer.Option(metavar="EPSG:CODE", help="Coordinate system of the places in --truth.")]
 Positions = Annotated[
     Path | None,
     typer.Option(metavar="CSV", help="Table photo,latitude,longitude,altitude,sd: positions to use instead of EXIF's."),

@@ -88,6 +88,7 @@ def report(
         Path | None,
         typer.Option(metavar="FILE", help="True fruits: also write report-truth.html with the paper's scores."),
     ] = None,
+    truth_crs: shared.TruthCrs = None,
     packing: shared.Packing = None,
     as_json: shared.Json = False,
 ) -> None:
@@ -102,7 +103,7 @@ def report(
     page, made = files.report, []
     if true_fruits is not None:
         page = files.truth_report
-        _write_truth_report(survey, true_fruits, page)
+        _write_truth_report(survey, true_fruits, truth_crs, page)
         made.append(page)
     if pdf:
         write_pdf(page, files.pdf)
@@ -112,12 +113,14 @@ def report(
             typer.echo(str(path))
 
 
-def _write_truth_report(survey: Path, true_fruits: Truth, path: Path) -> None:
+def _write_truth_report(survey: Path, true_fruits: Truth, truth_crs: str | None, path: Path) -> None:
     from pomona.report import write_report
     from pomona.survey.files import write_file
     from pomona.view.reading import read_survey
 
     data = read_survey(survey)
+    if truth_crs is not None:
+        true_fruits = true_fruits.brought_from(truth_crs, data.cameras.frame)
     write_file(path, lambda part: write_report(data, part, truth=true_fruits))
 
 

@@ -27,6 +27,7 @@ def view(
     no_browser: NoBrowser = False,
     photos: _PHOTOS = None,
     truth: _TRUTH = None,
+    truth_crs: shared.TruthCrs = None,
     export: _EXPORT = None,
 ) -> None:
     """View and correct a survey in the browser: every fruit in 3D, and the photos that saw it. Ctrl-C ends it.
@@ -38,9 +39,9 @@ def view(
     with TerminalProgress() as progress:
         opened = pomona.open(survey, photos=photos, progress=progress)
         if export is not None:
-            typer.echo(str(opened.export_view(export, truth=truth)))
+            typer.echo(str(opened.export_view(export, truth=truth, truth_crs=truth_crs)))
             return
-        server = opened.viewer(port=port, truth=truth)
+        server = opened.viewer(port=port, truth=truth, truth_crs=truth_crs)
     serve_page(server, no_browser=no_browser)
     if server.changed:
         pomona.open(survey)

@@ -24,7 +24,7 @@ SAME_NAMES = frozenset(
     (
         "sides", "method", "fruit", "tree_spacing", "variant", "model", "score_threshold", "detections", "classes",
         "cameras", "markers", "scale_bar", "marker_dictionary", "engine", "filter_model", "overwrite", "out", "photos",
-        "truth", "match", "worst", "to", "port", "arch", "weights", "preset", "steps", "epochs", "batch",
+        "truth", "truth_crs", "match", "worst", "to", "port", "arch", "weights", "preset", "steps", "epochs", "batch",
         "learning_rate", "copy_paste", "check_every", "patience", "held_out", "split_by", "workers", "seed", "trees",
         "fruits_per_tree", "bunch_share", "variety", "light", "photos_per_side", "photos_round_end", "rough",
         "second_look", "scene", "packing",

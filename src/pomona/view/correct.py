@@ -63,9 +63,11 @@ class Corrector:
         self.note = self._why_not()
 
     @classmethod
-    def of(cls, survey: SurveyReader, truth: Path | None = None) -> Corrector:
-        """Return the corrector of an open survey, with the true fruits of a table beside its own."""
-        return cls(survey.files, page_data(survey), compare=comparison_with(truth) if truth else None)
+    def of(cls, survey: SurveyReader, truth: Path | None = None, truth_crs: str | None = None) -> Corrector:
+        """Return the corrector of an open survey, with the true fruits of a table, in `truth_crs`, beside its own."""
+        data = page_data(survey)
+        compare = None if truth is None else comparison_with(truth, data.cameras.frame, truth_crs)
+        return cls(survey.files, data, compare=compare)
 
     def _why_not(self) -> str:
         """Why nothing can be corrected; "" where it can."""

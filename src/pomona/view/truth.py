@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
+from pomona.cameras import WorldFrame
 from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits, read_truth
 from pomona.fruits import Fruits
 from pomona.report import ReportData
@@ -21,9 +22,14 @@ _SLACK = 1e-6
 _CODES = {"matched": 1, "false": 2, "double": 3, "hidden": 4}
 
 
-def comparison_with(path: Path) -> Callable[[ReportData], TruthData]:
-    """Return what compares a survey with the true fruits of a table; raises what `read_truth` raises."""
+def comparison_with(path: Path, frame: WorldFrame, crs: str | None = None) -> Callable[[ReportData], TruthData]:
+    """Return what compares a survey in `frame` with the true fruits of a table, whose places may be of a `crs`.
+
+    Raises what `read_truth` and `Truth.brought_from` raise.
+    """
     truth = read_truth(path)
+    if crs is not None:
+        truth = truth.brought_from(crs, frame)
     return lambda data: truth_data(data.fruits, truth, origin_of(data))
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, OneLine, set_checked
+from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.coordinate_systems import given_xy_between
 from pomona.formats.files import read_bytes
 from pomona.formats.json_file import load_json
 from pomona.formats.small_table import SmallTable, column_names, decoded, read_small_table
@@ -64,6 +66,34 @@ class Truth(OneLine):
         ids = np.arange(1, len(boxes) + 1) if ids is None else ids
         return cls(ids, (low + high) / 2, (high - low).mean(1), boxes_in_world=boxes)
 
+    def brought_from(self, crs: str, frame: WorldFrame) -> Truth:
+        """Return the fruits in a survey's `frame`, whose x and y were coordinates of `crs`, and z heights in metres.
+
+        Easting or longitude comes first. Boxes lie along the frame's axes then, as wide and deep as they were. Raises
+        `InputError` where the frame has no place on Earth, for a system that does not exist, or places it cannot have.
+        """
+        if frame.crs is None:
+            raise InputError(
+                f"`truth_crs` {crs}: the survey's frame has no place on Earth. GNSS positions, `markers_crs` or `gcp` "
+                "give it one"
+            )
+
+        def brought(points: FloatArray) -> FloatArray:
+            assert frame.crs is not None
+            height = points[:, 2] - (frame.origin[2] if frame.origin else 0.0)
+            return np.column_stack([given_xy_between(points[:, :2], crs, frame.crs, "`truth_crs`"), height])
+
+        centers = brought(self.centers_in_world)
+        if self.boxes_in_world is None:
+            return replace(self, centers_in_world=centers)
+        sides_m = np.empty_like(centers)
+        for axis in range(3):
+            low, high = self.centers_in_world.copy(), self.centers_in_world.copy()
+            low[:, axis], high[:, axis] = self.boxes_in_world[:, axis], self.boxes_in_world[:, 3 + axis]
+            sides_m[:, axis] = np.linalg.norm(brought(high) - brought(low), axis=1)
+        boxes = np.hstack([centers - sides_m / 2, centers + sides_m / 2])
+        return replace(self, centers_in_world=centers, diameters_m=sides_m.mean(1), boxes_in_world=boxes)
+
     def visible(self, min_px: int = 120, min_photos: int = 2) -> BoolArray | None:
         """Say of each fruit (n,) whether `min_photos` photos show `min_px` pixels of it; None where it is not known."""
         if self.seen_photo is None:
@@ -79,7 +109,7 @@ _OF_PHOTOS = frozenset({".json", ".xml"})
 
 
 def read_truth(path: Path) -> Truth:
-    """Read true fruits (metres, world frame) from one of these, recognised by what they hold:
+    """Read true fruits (metres, world frame, but see `Truth.brought_from`) from one of these, by what they hold:
 
     - a row's folder, its `truth` folder, or `fruits.csv` with the columns `id,x,y,z,diameter` and perhaps `tree`, or as
       surveys call them (`x_m`, `diameter_m`, `tree_id`); a `visible_pixels.json` beside it, {photo: {fruit id:
