@@ -13,13 +13,13 @@ from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.failures import say
 from pomona.cli.page import NoBrowser, Port, open_page
-from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import show
 from pomona.errors import InputError
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline.options import parse_scale_bar
 
 if TYPE_CHECKING:
+    from pomona.live import Watch
     from pomona.live.checks import Hint
 
 _FOLDER = Annotated[
@@ -97,19 +97,20 @@ def watch(
         threading.Thread(target=server.serve_forever, daemon=True).start()
         typer.echo(server.url, err=as_json)
         open_page(server.url, no_browser=no_browser)
-        typer.echo("Ctrl-C ends the watch, and the survey is made.", err=True)
-        with contextlib.suppress(KeyboardInterrupt):
-            session.follow()
-        typer.echo("Making the survey. Ctrl-C stops that, too.", err=True)
-
-        def work(progress: TerminalProgress) -> Summary:
-            return session.finish(progress, progress.stage)
-
         try:
-            summary = with_progress(work, out)
+            summary = _watched(session, out)
         finally:
             server.shutdown()
     show(summary, as_json=as_json)
+
+
+def _watched(session: Watch, out: Path) -> Summary:
+    """Follow what arrives until the watch is ended, and make the survey."""
+    typer.echo("Ctrl-C ends the watch, and the survey is made.", err=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        session.follow()
+    typer.echo("Making the survey. Ctrl-C stops that, too.", err=True)
+    return with_progress(lambda progress: session.finish(progress, progress.stage), out)
 
 
 def _say(hint: Hint) -> None:

@@ -24,7 +24,7 @@ from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.marks import MarkedPhoto
 from pomona.photos import Photo, Photos
-from pomona.progress import Progress, Silent
+from pomona.progress import Progress, Silent, track
 from pomona.second_look import CentersNetwork, SecondLookOptions
 from pomona.second_look.evidence import find_sights, look
 from pomona.self_training.colours import COLOURS_PX, disc_of, likely_in, pixels_in_copy, visible_part
@@ -105,28 +105,15 @@ def label_photos(
     shown = _shown(mine, found, photos, network, progress) if len(mine.ids) else {}
     labelled: list[LabelledPhoto] = []
     detected = missed = 0
-    progress.start("labelling photos", len(photos))
-    for photo in photos:
-        here = shown.get(photo.name, {})
-        by_hand = marked.get(photo.name)
-        marks = None
+    for photo in track(photos, progress, "labelling photos"):
+        by_hand, fruits = marked.get(photo.name), list[LabelledFruit]()
+        if by_hand is None or not by_hand.complete:
+            fruits, seen, added = _of_confirmed(found, mine, photo, shown.get(photo.name, {}), colours, options)
+            detected, missed = detected + seen, missed + added
         if by_hand is not None:
             marks = labels_of_marks(found.detections.get(photo.name), photo, by_hand, colours, options)
-            if by_hand.complete:
-                labelled.append(_labelled(found, photo, marks))
-                progress.advance()
-                continue
-        fruits = _of_detections(found, mine, photo)
-        seen = {fruit.id for fruit in fruits if not fruit.ignored}
-        unseen = [sight for fruit_id, sight in here.items() if fruit_id not in seen]
-        added = _of_unseen(photo, unseen, colours, options) if unseen else []
-        fruits = [replace(f, circle_px=here[f.id].circle_px) if f.id in here else f for f in fruits]
-        detected, missed = detected + len(seen), missed + sum(not fruit.ignored for fruit in added)
-        everything = [*fruits, *added]
-        if marks is not None:
-            everything = _with_marks(everything, marks, photo)
-        labelled.append(_labelled(found, photo, everything))
-        progress.advance()
+            fruits = list(marks) if by_hand.complete else _with_marks(fruits, marks, photo)
+        labelled.append(_labelled(found, photo, fruits))
     there = {photo.name for photo in photos} & marked.keys()
     return SurveyLabels(
         tuple(labelled),
@@ -241,6 +228,27 @@ def _coloured(
             if (photo.name, detection_id) in mine.fruit_of:
                 fruit[rows, columns] = True
         yield pixels, fruit, ~anything
+
+
+def _of_confirmed(
+    found: FoundFruits,
+    mine: _Confirmed,
+    photo: Photo,
+    shown: Mapping[int, _Sight],
+    colours: FruitColours,
+    options: AdaptOptions,
+) -> tuple[list[LabelledFruit], int, int]:
+    """Return a photo's labels by what is confirmed, how many of these were found there, and how many were added.
+
+    `shown` are the confirmed fruits that it should show, by id.
+    """
+    fruits = _of_detections(found, mine, photo)
+    seen = {fruit.id for fruit in fruits if not fruit.ignored}
+    unseen = [sight for fruit_id, sight in shown.items() if fruit_id not in seen]
+    added = _of_unseen(photo, unseen, colours, options) if unseen else []
+    circles = {fruit_id: sight.circle_px for fruit_id, sight in shown.items()}
+    fruits = [replace(f, circle_px=circles[f.id]) if f.id in circles else f for f in fruits]
+    return [*fruits, *added], len(seen), sum(not fruit.ignored for fruit in added)
 
 
 def _of_detections(found: FoundFruits, mine: _Confirmed, photo: Photo) -> list[LabelledFruit]:

@@ -109,18 +109,18 @@ def run_adapted(
     with source.files.locked(), EventLog(source.files, progress, on_stage=on_stage) as log:
         log.stage("learn")
         outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=log)
-    in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
-    if outcome.by_hand is not None:
-        hand = [scores.f1 for scores in outcome.by_hand]
-        in_words += f", {hand[0]:.3f} to {hand[1]:.3f} on the {outcome.by_hand[0].fruits} of them marked by hand"
-    learnt = Learnt.of(outcome, given)
+    learnt, in_words = Learnt.of(outcome, given), _in_words(outcome)
     if outcome.path is None:
         write_learnt(source.files, learnt)
         return Rerun(first, f"nothing: {in_words}, so the results stay as they are")
+
+    def made(with_options: RunOptions, until: str = "report") -> Summary:
+        return run_pipeline(photos, out, with_options, progress, until=until, on_stage=on_stage)
+
     before, detections = _agreement(source, options), _count(source)
     source.files.keep_results()
     mine = replace(options, model=str(outcome.path))
-    run_pipeline(photos, out, mine, progress, until="select", on_stage=on_stage)
+    made(mine, until="select")
     again = SurveySource(SurveyFolder.open(out), progress=progress)
     after = _agreement(again, mine)
     learnt = replace(learnt, halves=(before, after), detections=(detections, _count(again)))
@@ -128,13 +128,20 @@ def run_adapted(
     if not after >= before:
         source.files.drop_kept()
         write_learnt(source.files, learnt)
-        back = run_pipeline(photos, out, options, progress, on_stage=on_stage)
-        return Rerun(back, f"nothing that holds: {in_words}, so the results are those of before")
-    mine = replace(options, model=str(source.files.take_adapted(outcome.path)))
-    second = run_pipeline(photos, out, mine, progress, on_stage=on_stage)
+        return Rerun(made(options), f"nothing that holds: {in_words}, so the results are those of before")
+    second = made(replace(options, model=str(source.files.take_adapted(outcome.path))))
     write_learnt(source.files, replace(learnt, kept=True, fruits=(first.fruits, second.fruits)))
     kept = source.files.before_adapting
     return Rerun(second, f"{first.fruits} fruits to {second.fruits}; {in_words}; the results of before are in {kept}")
+
+
+def _in_words(outcome: Adapted) -> str:
+    """What the learning changed on fruits in photos held out."""
+    in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
+    if outcome.by_hand is not None:
+        before, after = outcome.by_hand
+        in_words += f", {before.f1:.3f} to {after.f1:.3f} on the {before.fruits} of them marked by hand"
+    return in_words
 
 
 def _agreement(survey: SurveySource, options: RunOptions) -> float:
