@@ -22,7 +22,7 @@ import distributed
 from pomona.orchard import WorkerOptions
 from pomona.orchard.cluster import workers_at
 from pomona.orchard.folder import OrchardFolder
-from pomona.orchard.jobs import Attempt, Outcome, SurveyJob
+from pomona.orchard.jobs import Attempt, JobOutcome, SurveyJob
 from pomona.orchard.places import Place
 
 # Seconds of the stages of `orchard-dev` with the shipped weights (docs/lab/benchmarks.md), where no survey is given.
@@ -32,12 +32,12 @@ MEASURED_S = {
 }  # fmt: skip
 
 
-def sleeping(job: SurveyJob, scratch: Path) -> Outcome:
+def sleeping(job: SurveyJob, scratch: Path) -> JobOutcome:
     """Sleep for each stage of a survey."""
     start = time.monotonic()
     for seconds in job.options.values():
         time.sleep(seconds)
-    return Outcome(name=job.name, state="done", attempts=(Attempt("w", "", time.monotonic() - start),))
+    return JobOutcome(name=job.name, state="done", attempts=(Attempt("w", "", time.monotonic() - start),))
 
 
 def jobs(count: int, stages: dict[str, float], out: Path) -> Iterator[SurveyJob]:

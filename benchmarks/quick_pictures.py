@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 from pomona.progress import Silent
-from pomona.synth.quick import PictureOptions, render_pictures
+from pomona.synth.quick import QuickPictureOptions, render_pictures
 
 SHARES = {"apple": 0.45, "pear": 0.1, "citrus": 0.14, "peach": 0.07, "plum": 0.05, "cherry": 0.06, "mango": 0.03,
           "kiwi": 0.03, "tomato": 0.07}  # fmt: skip
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("last", type=int)
     parser.add_argument("--tiles", type=Path)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--per-scene", type=int, default=PictureOptions().per_scene)
+    parser.add_argument("--per-scene", type=int, default=QuickPictureOptions().per_scene)
     parser.add_argument("--leaves", type=float, nargs=2, default=(1.0, 1.0), help="times as large as the kind's")
     parser.add_argument("--kinds", nargs="+", metavar="KIND=SHARE", help="instead of the usual shares of kinds")
     arguments = parser.parse_args()
@@ -44,7 +44,7 @@ def main() -> None:
     foliage: list[Path] = []
     for labels in sorted(arguments.tiles.glob("train/*/*.json")) if arguments.tiles else []:
         foliage += sorted((labels.parent / "images").iterdir())[::EVERY_NTH_TILE]
-    options = PictureOptions(
+    options = QuickPictureOptions(
         kinds=tuple(shares),
         shares=tuple(shares.values()),
         per_scene=arguments.per_scene,

@@ -15,7 +15,7 @@ from pomona.crop import RowSegments
 from pomona.formats.tables import write_fruits, write_segments, write_trees
 from pomona.fruits import Fruits
 from pomona.orchard.folder import OrchardFolder
-from pomona.orchard.jobs import Attempt, Outcome
+from pomona.orchard.jobs import Attempt, JobOutcome
 from pomona.orchard.places import Place
 from pomona.orchard.plan import Orchard
 from pomona.trees import Trees
@@ -55,7 +55,7 @@ def write_finished(orchard: Orchard, *, fruits: int = 30) -> None:
         survey.mkdir(parents=True)
         _write_survey(survey, fruits + k, seed=k, north_m=4.0 * k)
         attempt = Attempt("here 1", "2026-07-01T08:00:00+00:00", 1.0)
-        folder.keep("surveys", Outcome(name=planned.name, state="done", attempts=(attempt,), plan=planned.key))
+        folder.keep("surveys", JobOutcome(name=planned.name, state="done", attempts=(attempt,), plan=planned.key))
 
 
 def _write_survey(survey: Path, count: int, *, seed: int, north_m: float) -> None:

@@ -17,7 +17,7 @@ from pomona.cameras import Cameras
 from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
-from pomona.scale.aruco import Sighting
+from pomona.scale.aruco import PlateSighting
 from pomona.scale.upright import leveling_rotation
 from pomona.sfm.pieces import Piece
 
@@ -97,7 +97,7 @@ def as_piece(world: Cameras, side: str, seed: int = 1) -> Piece:
 
 def sighted(
     cameras: Iterable[Cameras], places: Mapping[int, Sequence[float]], *, noise_px: float = 0.1, seed: int = 5
-) -> list[Sighting]:
+) -> list[PlateSighting]:
     """Where plates of 14 cm at `places` are seen by cameras in the world frame, facing them."""
     random = np.random.default_rng(seed)
     square = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]]) * 0.07
@@ -107,14 +107,14 @@ def sighted(
             for marker_id, place in places.items():
                 xy = of_side.project(i, np.array(place) + square)[0]
                 if np.isfinite(xy).all() and (xy > 0).all() and (xy < [WIDTH, HEIGHT]).all():
-                    found.append(Sighting(name, marker_id, xy + random.normal(0, noise_px)))
+                    found.append(PlateSighting(name, marker_id, xy + random.normal(0, noise_px)))
     return found
 
 
-def show_markers(monkeypatch: pytest.MonkeyPatch, sightings: Sequence[Sighting]) -> None:
+def show_markers(monkeypatch: pytest.MonkeyPatch, sightings: Sequence[PlateSighting]) -> None:
     """Let the stage find these markers, as if it had looked at photos."""
 
-    def find(photos: Iterable[Photo], wanted: Iterable[int], *_: object, **__: object) -> list[Sighting]:
+    def find(photos: Iterable[Photo], wanted: Iterable[int], *_: object, **__: object) -> list[PlateSighting]:
         names, ids = {photo.name for photo in photos}, set(wanted)
         return [s for s in sightings if s.photo in names and s.marker_id in ids]
 

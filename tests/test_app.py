@@ -24,7 +24,7 @@ from pomona.app.checks import check_photos
 from pomona.app.contract import NewSurvey, RunView, SurveyView
 from pomona.app.first_results import FirstResults
 from pomona.app.folders import Folders
-from pomona.app.jobs import Job, Jobs
+from pomona.app.jobs import Jobs, QueuedRun
 from pomona.app.progress_view import run_view
 from pomona.app.request import begun_with, equal_of_survey, equal_to, options_of, run_arguments
 from pomona.app.service import Homes, Service
@@ -320,7 +320,7 @@ def test_a_failed_job_says_why(jobs: Jobs) -> None:
     job = jobs.put("a", ["fail", "no photos\nput some there"])
     until(lambda: job.state == "failed")
     assert job.error == "no photos\nput some there"
-    assert Job("b", (), state="finished").error == ""
+    assert QueuedRun("b", (), state="finished").error == ""
 
 
 def test_a_job_that_cannot_be_begun_has_failed_and_the_next_runs(jobs: Jobs, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from pomona.datasets.fuji_files import find_fuji_files
 from pomona.datasets.fuji_row import read_fuji_row, read_true_trees
 from pomona.datasets.fuji_sfm import benchmark_fuji_sfm, tiles_of
 from pomona.datasets.row_scores import TreeCounts
-from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, Comparison
+from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, ComparedTable
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.xyz import read_xyz, write_xyz
 from pomona.progress import Silent
@@ -39,7 +39,7 @@ def run(root: Path, out: Path, **options: object) -> BenchmarkResult:
     return benchmark_fuji_sfm(root, out, BenchmarkOptions(**options), Silent())  # type: ignore[arg-type]
 
 
-def value(table: Comparison, name: str, column: str) -> float:
+def value(table: ComparedTable, name: str, column: str) -> float:
     return next(figure.ours[column] for figure in table.figures if figure.name == name)
 
 

@@ -21,7 +21,7 @@ from pomona.datasets.minneapple import benchmark_minneapple
 from pomona.datasets.pfuji_size import benchmark_pfuji_size
 from pomona.datasets.registry import DATASETS, Dataset
 from pomona.datasets.tables import result_tables
-from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, ComparedTable, Figure
 from pomona.datasets.wgisd import benchmark_wgisd
 from pomona.errors import PomonaError
 from pomona.progress import Silent
@@ -29,7 +29,7 @@ from pomona.progress import Silent
 DISCS = [(60.0, 50.0, 20.0), (160.0, 90.0, 30.0), (100.0, 160.0, 16.0)]
 
 
-def value(table: Comparison, name: str, column: str = "Pomona") -> float:
+def value(table: ComparedTable, name: str, column: str = "Pomona") -> float:
     return next(figure.ours[column] for figure in table.figures if figure.name == name)
 
 
@@ -192,7 +192,9 @@ def test_the_command_prints_tables_and_json_and_keeps_them(tmp_path: Path) -> No
 
 
 def test_tables_show_printed_figures_and_what_is_missing() -> None:
-    table = Comparison("A", (Figure("F1", {"ours": 0.5, "other": float("nan")}, 0.881),), "someone 2020", ("a note",))
+    table = ComparedTable(
+        "A", (Figure("F1", {"ours": 0.5, "other": float("nan")}, 0.881),), "someone 2020", ("a note",)
+    )
     console = Console(width=120, record=True, file=open("/dev/null", "w", encoding="utf-8"))  # noqa: SIM115
     console.print(result_tables(BenchmarkResult("set", ("a file",), (table,), {"B": "no file"})))
     text = console.export_text()

@@ -15,7 +15,7 @@ from pomona.dense import DenseOptions, SphereCloudOptions, fruit_cloud, patchmat
 from pomona.dense.atlas import pack
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
 from pomona.dense.neighbours import choose_neighbours
-from pomona.dense.scene import Scene
+from pomona.dense.scene import StereoScene
 from pomona.dense.views import make_view
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
@@ -114,7 +114,7 @@ def small_survey(folder: Path) -> tuple[Photos, SurveyDetections, Cameras]:
 
 def test_colmap_reads_the_workspace(tmp_path: Path) -> None:
     photos, detections, cameras = small_survey(tmp_path)
-    scene = Scene(photos, detections, cameras, DenseOptions(neighbours=2, min_agreeing=1))
+    scene = StereoScene(photos, detections, cameras, DenseOptions(neighbours=2, min_agreeing=1))
     patchmatch.write_workspace(scene, tmp_path / "dense", Silent())
     model = pycolmap.Reconstruction(str(tmp_path / "dense" / "sparse"))
     assert sorted(image.name for image in model.images.values()) == [f"{i:06d}.png" for i in range(4)]

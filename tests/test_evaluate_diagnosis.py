@@ -32,7 +32,7 @@ from pomona.evaluate.diagnosis import (
 from pomona.evaluate.diagnosis.crops import brightened, window_around
 from pomona.evaluate.diagnosis.find import choose_views
 from pomona.evaluate.diagnosis.mistakes import KINDS, STAGES
-from pomona.evaluate.diagnosis.spheres import Spheres
+from pomona.evaluate.diagnosis.spheres import DrawnSpheres
 from pomona.evaluate.fruits import Truth, evaluate_fruits
 from pomona.evaluate.tables import mistakes_table
 from pomona.progress import Silent
@@ -262,7 +262,7 @@ def test_crops_show_the_circle_where_the_fruit_projects(scene: Scene, tmp_path: 
 def test_circles_respect_the_lens(scene: Scene) -> None:
     """What a true mask shows, by rays through the bent lens, fills the circle."""
     tally = evaluate_fruits(scene.survey.fruits, scene.truth).all
-    spheres = Spheres(scene.survey, scene.truth, tally)
+    spheres = DrawnSpheres(scene.survey, scene.truth, tally)
     circles = {(c.true, c.fruit_id): c for c in spheres.circles(0)}
     ids = cv2.imread(str(scene.masks["east_000.jpg"]), cv2.IMREAD_UNCHANGED)
     for fruit_id in (1, 7, 11):  # at the photo's edge
@@ -273,13 +273,13 @@ def test_circles_respect_the_lens(scene: Scene) -> None:
         assert 0.88 < shared / union <= 1
     pinhole = replace(scene.survey.cameras.intrinsics[0], params=np.array([420.0, WIDTH / 2, HEIGHT / 2, 0]))
     straight = replace(scene.survey.cameras, intrinsics=(pinhole,))
-    other = Spheres(replace(scene.survey, cameras=straight), scene.truth, tally).circles(0)[0]
+    other = DrawnSpheres(replace(scene.survey, cameras=straight), scene.truth, tally).circles(0)[0]
     assert 0.5 < np.linalg.norm(other.center_px - circles[True, 1].center_px) < 10
 
 
 def test_colours_of_circles(scene: Scene) -> None:
     tally = evaluate_fruits(scene.survey.fruits, scene.truth).all
-    circles = {(c.true, c.fruit_id): c for c in Spheres(scene.survey, scene.truth, tally).circles(0)}
+    circles = {(c.true, c.fruit_id): c for c in DrawnSpheres(scene.survey, scene.truth, tally).circles(0)}
     wanted = {101: drawing.RIGHT, 107: drawing.FALSE, 106: drawing.DOUBLE, 108: drawing.DROPPED}
     assert {i: circles[False, i].colour for i in wanted} == wanted
     assert circles[True, 2].colour == drawing.MISSED

@@ -30,9 +30,7 @@ from pomona.geometry import estimate_similarity
 from pomona.intrinsics import Intrinsics
 from pomona.measure.allometry import STORY_APPLES
 from pomona.measure.neighbours import edges_of_others
-from pomona.measure.spheroid_fit import Evidence as SpheroidEvidence
-from pomona.measure.spheroid_fit import Prior as SpheroidPrior
-from pomona.measure.spheroid_fit import fit_spheroids
+from pomona.measure.spheroid_fit import SpheroidEvidence, SpheroidPrior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
 from pomona.planting.summary import trees_of
 from pomona.planting.trunk_table import read_trunks

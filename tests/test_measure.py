@@ -18,7 +18,7 @@ from pomona.intrinsics import Intrinsics
 from pomona.measure import MeasureOptions, measure
 from pomona.measure.measurement import doubted_sds
 from pomona.measure.neighbours import edges_of_others
-from pomona.measure.spheroid_fit import Evidence, Prior, fit_spheroids
+from pomona.measure.spheroid_fit import SpheroidEvidence, SpheroidPrior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
 from pomona.photos import Photo, Photos
 from pomona.progress import Silent
@@ -269,7 +269,7 @@ def test_exact_spheroids_are_found_at_any_size_shape_and_place(radius: float, ra
     start = Spheroids(
         true.centers + 0.3 * radius * np.array([0.6, 0.8, 0]), 1.2 * true.radii, np.ones(1), np.zeros((1, 2)), np.eye(3)
     )
-    evidence = Evidence(
+    evidence = SpheroidEvidence(
         np.zeros(9, int),
         eyes.reshape(9, 24, 3),
         rays.reshape(9, 24, 3),
@@ -278,7 +278,7 @@ def test_exact_spheroids_are_found_at_any_size_shape_and_place(radius: float, ra
         np.ones(9),
         np.zeros((9, 24)),
     )
-    prior = Prior(radius_m=1.2 * radius, radius_sd=1.0, ratio=1.0, ratio_sd=0.5, tilt_sd=0.5, place_radii=2.0)
+    prior = SpheroidPrior(radius_m=1.2 * radius, radius_sd=1.0, ratio=1.0, ratio_sd=0.5, tilt_sd=0.5, place_radii=2.0)
     found = fit_spheroids(start, evidence, prior)
     assert abs(found.spheroids.radii[0] / radius - 1) < 0.003
     assert abs(found.spheroids.ratios[0] / ratio - 1) < 0.01
@@ -367,7 +367,7 @@ def test_edges_of_others_are_where_neighbours_end_and_anywhere_inside_them() -> 
         return np.asarray(sight / np.linalg.norm(sight))
 
     rays = np.array([[ray(-0.03), ray(0.05), ray(0.09), ray(0.11)], [ray(3), ray(3), ray(3), ray(0)]])
-    evidence = Evidence(
+    evidence = SpheroidEvidence(
         np.array([0, 2]), np.broadcast_to(eye, (2, 4, 3)), rays, np.ones((2, 4)), np.full(2, noise_m), np.ones(2),
         np.zeros((2, 4)),
     )  # fmt: skip

@@ -30,7 +30,7 @@ from pomona.fuse import Fused
 from pomona.fuse.object import fuse
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
 from pomona.orchard.folder import LAYERS, OrchardFolder
-from pomona.orchard.jobs import ComparisonJob, Outcome, Part, SurveyJob
+from pomona.orchard.jobs import ComparisonJob, JobOutcome, Part, SurveyJob
 from pomona.orchard.page import write_page
 from pomona.orchard.places import Place, Sender, is_url
 from pomona.orchard.plan import option_fields
@@ -215,7 +215,7 @@ def test_why_a_survey_failed(scene: Path, tmp_path: Path, monkeypatch: pytest.Mo
     assert (outcome.state, outcome.may_pass) == ("failed", True)
     assert "Input/output error" in outcome.reason
     assert "test_orchard.py" in outcome.details
-    assert Outcome.from_json(json.loads(json.dumps(outcome.to_json()))) == outcome
+    assert JobOutcome.from_json(json.loads(json.dumps(outcome.to_json()))) == outcome
 
 
 def test_surveys_of_the_command_name_its_options_whatever_worker_makes_them(
@@ -226,7 +226,7 @@ def test_surveys_of_the_command_name_its_options_whatever_worker_makes_them(
 
         dashboard = "here"
 
-        def run(self, jobs: Iterable[SurveyJob], work: Callable[[SurveyJob, Path], Outcome]) -> Iterator[Outcome]:
+        def run(self, jobs: Iterable[SurveyJob], work: Callable[[SurveyJob, Path], JobOutcome]) -> Iterator[JobOutcome]:
             return (work(pickle.loads(pickle.dumps(job)), tmp_path) for job in jobs)
 
     def warning(*given: Any, progress: Progress, **more: Any) -> Fused:
@@ -321,7 +321,7 @@ def test_tables_and_report_of_all_rows(tmp_path: Path) -> None:
     write_finished(orchard, fruits=30)
     folder = OrchardFolder(Place(orchard.out))
     (folder.survey("0001").path / "fruits.csv").write_text("not a table\n")
-    folder.keep("surveys", Outcome(name="0002", state="failed", reason="No camera & no <place>"))
+    folder.keep("surveys", JobOutcome(name="0002", state="failed", reason="No camera & no <place>"))
     into = tmp_path / "tables"
     into.mkdir()
     write_tables(orchard, folder, into, Silent())
@@ -451,9 +451,9 @@ def test_status_says_what_is_done_failed_stopped_and_missing(tmp_path: Path) -> 
     orchard = read_orchard(path)
     folder = OrchardFolder(Place(orchard.out))
     first, second, third, _, last = orchard.surveys
-    folder.keep("surveys", Outcome(name=first.name, state="done", plan=first.key))
-    folder.keep("surveys", Outcome(name=second.name, state="failed", reason="the disk was full", plan=second.key))
-    folder.keep("surveys", Outcome(name=third.name, state="done", plan="of another text"))
+    folder.keep("surveys", JobOutcome(name=first.name, state="done", plan=first.key))
+    folder.keep("surveys", JobOutcome(name=second.name, state="failed", reason="the disk was full", plan=second.key))
+    folder.keep("surveys", JobOutcome(name=third.name, state="done", plan="of another text"))
     SurveyFolder.create(folder.survey(last.name).path)
     found = orchard_status(orchard)
     assert [survey.standing for survey in found.surveys] == ["done", "failed", "changed", "missing", "stopped"]

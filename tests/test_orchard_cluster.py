@@ -24,7 +24,7 @@ from pomona.formats.gpkg import read_layer
 from pomona.orchard import Orchard, OrchardSummary, WorkerOptions, read_orchard, run_orchard
 from pomona.orchard.cluster import workers_at
 from pomona.orchard.folder import OrchardFolder
-from pomona.orchard.jobs import Attempt, Outcome, SurveyJob
+from pomona.orchard.jobs import Attempt, JobOutcome, SurveyJob
 from pomona.orchard.places import Place
 from waiting import until
 
@@ -96,7 +96,7 @@ def single_run(orchard: Orchard, name: str, out: Path) -> dict[str, str]:
 # ---- jobs that are no surveys: quick ---------------------------------------------------------------------------------
 
 
-def sleepy(job: SurveyJob, scratch: Path) -> Outcome:
+def sleepy(job: SurveyJob, scratch: Path) -> JobOutcome:
     """Wait for a moment, and note that it was done; what it does is in its options."""
     folder, rules = Path(job.out), job.options
     assert scratch.is_dir()
@@ -105,13 +105,13 @@ def sleepy(job: SurveyJob, scratch: Path) -> Outcome:
     tries = len((folder / job.name).read_text().split())
     attempt = (Attempt(f"{os.getpid()}", "", 0.0, ""),)
     if tries <= rules.get("fails", 0):
-        failed = Outcome(name=job.name, state="failed", reason=f"try {tries}", may_pass=rules.get("may_pass", True))
+        failed = JobOutcome(name=job.name, state="failed", reason=f"try {tries}", may_pass=rules.get("may_pass", True))
         return replace(failed, attempts=(replace(attempt[0], reason=failed.reason),))
     if rules.get("raises"):
         raise RuntimeError("not foreseen")
     if rules.get("dies"):
         os.kill(os.getpid(), signal.SIGKILL)
-    return Outcome(name=job.name, state="done", attempts=attempt)
+    return JobOutcome(name=job.name, state="done", attempts=attempt)
 
 
 def sleepy_job(name: str, out: Path, **rules: object) -> SurveyJob:

@@ -13,7 +13,7 @@ from pomona.cameras import Cameras, WorldFrame, concatenate, split
 from pomona.fruit_geometry.discs import FruitDiscs
 from pomona.progress import Silent
 from pomona.scale import Placed, ScaleOptions, place_in_world
-from pomona.scale.aruco import Sighting
+from pomona.scale.aruco import PlateSighting
 from pomona.scale.marker_table import Markers
 from pomona.scale.plates import facing_yaw_rad, upright_corners
 from pomona.scale.resection import pose_of_points
@@ -55,7 +55,7 @@ def fruits_as_seen(cameras: Cameras) -> FruitDiscs:
 
 
 def placed_without(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, sightings: Sequence[Sighting], progress: Silent
+    monkeypatch: pytest.MonkeyPatch, folder: Path, sightings: Sequence[PlateSighting], progress: Silent
 ) -> Placed:
     """Both sides placed on the markers, after matches joined none of the lost photos to the others."""
     show_markers(monkeypatch, sightings)

@@ -17,7 +17,7 @@ from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.segment import Segmenter, SegmenterTraits, TileDetections, load_segmenter
 from pomona.segment.fruit_classes import fruit_columns
 from pomona.segment.load import files_of
-from pomona.segment.placement import Placement
+from pomona.segment.placement import TilePlacement
 
 needs_onnx = pytest.mark.skipif(
     __import__("importlib.util").util.find_spec("onnx") is None, reason="models are made with onnx (extra train)"
@@ -26,7 +26,7 @@ FRUITS: list[Box] = [(64, 40, 112, 96), (200, 120, 232, 152)]
 """In a tile of 320 × 240, at the edges of the masks' cells, so that they are known to the pixel."""
 
 
-def in_input(box: Box, placement: Placement) -> Box:
+def in_input(box: Box, placement: TilePlacement) -> Box:
     x0, y0, x1, y1 = np.array(box) * (placement.scale * 2) + placement.shift_px * 2
     return float(x0), float(y0), float(x1), float(y1)
 
@@ -44,7 +44,7 @@ def assert_found(found: TileDetections, boxes: Sequence[Box], tolerance_px: floa
 @pytest.mark.parametrize("end_to_end", [False, True])
 @pytest.mark.parametrize("free_size", [False, True])
 def test_yolo_finds_fruits_in_a_letterboxed_tile(tmp_path: Path, end_to_end: bool, free_size: bool) -> None:
-    placement = Placement.letterboxed((320, 240), (160, 128))
+    placement = TilePlacement.letterboxed((320, 240), (160, 128))
     assert placement.shift_px == (0, 4)
     first, second = (in_input(box, placement) for box in FRUITS)
     duplicate = in_input((66, 42, 114, 98), placement)
@@ -62,7 +62,7 @@ def test_yolo_finds_fruits_in_a_letterboxed_tile(tmp_path: Path, end_to_end: boo
 @pytest.mark.parametrize(("width", "height"), [(128, 256), (80, 64), (301, 197), (160, 128)])
 def test_yolo_on_tiles_of_any_shape(tmp_path: Path, width: int, height: int) -> None:
     box = (width // 4, height // 8, 3 * width // 4, height // 2)
-    placement = Placement.letterboxed((width, height), (160, 128))
+    placement = TilePlacement.letterboxed((width, height), (160, 128))
     model = write_yolo(tmp_path / "best.onnx", [(in_input(box, placement), 0, 0.9)])
     (found,) = load_segmenter(model).segment([red_tile(width, height, [box])])
     assert_found(found, [box])
@@ -70,7 +70,7 @@ def test_yolo_on_tiles_of_any_shape(tmp_path: Path, width: int, height: int) -> 
 
 @needs_onnx
 def test_a_yolo_mask_is_what_is_red_in_its_box(tmp_path: Path) -> None:
-    placement = Placement.letterboxed((320, 240), (160, 128))
+    placement = TilePlacement.letterboxed((320, 240), (160, 128))
     wide = (40, 24, 144, 120)
     model = write_yolo(tmp_path / "best.onnx", [(in_input(wide, placement), 0, 0.9)], half=True)
     (found,) = load_segmenter(model).segment([red_tile(320, 240, FRUITS)])
@@ -82,7 +82,7 @@ def test_a_yolo_mask_is_what_is_red_in_its_box(tmp_path: Path) -> None:
 
 @needs_onnx
 def test_only_fruit_classes_count(tmp_path: Path) -> None:
-    placement = Placement.letterboxed((320, 240), (160, 128))
+    placement = TilePlacement.letterboxed((320, 240), (160, 128))
     first, second = (in_input(box, placement) for box in FRUITS)
     rows = [(first, 1, 0.9), (second, 2, 0.8)]
     names = "{0: 'leaf', 1: 'ripe_apples', 2: 'person'}"
@@ -231,7 +231,7 @@ def test_a_truncated_export_is_refused(tmp_path: Path) -> None:
     letterboxed=st.booleans(),
 )
 def test_placed_tiles_fit_and_come_back(tile: tuple[int, int], network: tuple[int, int], letterboxed: bool) -> None:
-    placement = (Placement.letterboxed if letterboxed else Placement.stretched)(tile, network)
+    placement = (TilePlacement.letterboxed if letterboxed else TilePlacement.stretched)(tile, network)
     x0, y0, x1, y1 = in_input((0, 0, *tile), placement)
     assert 0 <= x0 < x1 <= network[0] + 1e-6
     assert 0 <= y0 < y1 <= network[1] + 1e-6

@@ -7,7 +7,7 @@ import pytest
 
 from pomona.geometry import Similarity
 from pomona.sfm.engine import Overlap
-from pomona.sfm.joining import Group, Scene, join_groups
+from pomona.sfm.joining import Group, MatchedPhotos, join_groups
 from pomona.sfm.models import Model
 from pomona.sfm.seams import parted
 from pomona.sfm.selection import explained
@@ -19,9 +19,9 @@ NEAR = [o for o in overlaps_of(WHOLE)[0] if o.second - o.first <= 2]
 KEYPOINTS = overlaps_of(WHOLE)[1]
 
 
-def scene(overlaps: list[Overlap]) -> Scene:
+def scene(overlaps: list[Overlap]) -> MatchedPhotos:
     rays = [LENS.cam_from_px(xy) for xy in KEYPOINTS]
-    return Scene(overlaps, rays, np.full(COUNT, LENS.focal_px))
+    return MatchedPhotos(overlaps, rays, np.full(COUNT, LENS.focal_px))
 
 
 def halves(similarity: Similarity) -> list[Group]:

@@ -10,7 +10,7 @@ import pytest
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.detections.png_masks import IGNORED_ID
 from pomona.scale.aruco import detect
-from pomona.synth.quick import KINDS, PictureOptions, render_pictures
+from pomona.synth.quick import KINDS, QuickPictureOptions, render_pictures
 from pomona.synth.quick.develop import develop
 from pomona.synth.quick.lights import NAMES, backdrop, draw_lighting
 from pomona.synth.quick.pictures import with_grown_leaves
@@ -63,23 +63,23 @@ def test_exposure_makes_photos_brighter() -> None:
 
 def test_unknown_kinds_are_refused() -> None:
     with pytest.raises(InputError, match=r"kinds: expected some of apple, .* found durian"):
-        PictureOptions(kinds=("durian",))
+        QuickPictureOptions(kinds=("durian",))
 
 
 def test_leaves_grow_as_asked_and_scenes_stay_as_they_were_where_not() -> None:
     look = KINDS["citrus"][0]
-    assert with_grown_leaves(look, 7, PictureOptions()) == look
-    options = PictureOptions(leaf_growth=(1.2, 3.0))
+    assert with_grown_leaves(look, 7, QuickPictureOptions()) == look
+    options = QuickPictureOptions(leaf_growth=(1.2, 3.0))
     growths = [np.divide(with_grown_leaves(look, number, options).leaf, look.leaf) for number in range(60)]
     assert np.ptp(growths, axis=1).max() < 1e-9  # leaves keep their form
     assert 1.2 <= np.min(growths) < 1.4
     assert 2.6 < np.max(growths) <= 3.0
     with pytest.raises(InputError, match="leaf_growth: expected a range"):
-        PictureOptions(leaf_growth=(2.0, 1.0))
+        QuickPictureOptions(leaf_growth=(2.0, 1.0))
 
 
 def test_masks_lie_in_the_whole_fruits_circles_and_a_run_goes_on(tmp_path: Path) -> None:
-    options = PictureOptions(kinds=("apple",), per_scene=2, size_px=256, fruit_px=(16, 20))
+    options = QuickPictureOptions(kinds=("apple",), per_scene=2, size_px=256, fruit_px=(16, 20))
     try:
         render_pictures(tmp_path, [3], options)
     except MissingExtraError as error:

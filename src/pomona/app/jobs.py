@@ -20,7 +20,7 @@ _PATIENCE_S = 20.0
 
 
 @dataclass
-class Job:
+class QueuedRun:
     """A run of one survey: the arguments of `pomona` and, once it began, what it said on stderr, line by line.
 
     `ended` is when it ended, in seconds since 1970.
@@ -53,26 +53,26 @@ class Jobs:
 
     def __init__(self, on_change: Callable[[], None] = lambda: None, *, command: Sequence[str] = COMMAND) -> None:
         self._on_change, self._command = on_change, tuple(command)
-        self._jobs: dict[str, Job] = {}
-        self._waiting: deque[Job] = deque()
+        self._jobs: dict[str, QueuedRun] = {}
+        self._waiting: deque[QueuedRun] = deque()
         self._changed = threading.Condition()
         self._process: subprocess.Popen[str] | None = None
-        self._current: Job | None = None
+        self._current: QueuedRun | None = None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="jobs")
         self._thread.start()
 
-    def of(self, survey_id: str) -> Job | None:
+    def of(self, survey_id: str) -> QueuedRun | None:
         """Return the latest job of a survey."""
         return self._jobs.get(survey_id)
 
-    def put(self, survey_id: str, arguments: Sequence[str]) -> Job:
+    def put(self, survey_id: str, arguments: Sequence[str]) -> QueuedRun:
         """Queue a job, or return the one that the survey has in the queue or at work."""
         with self._changed:
             job = self._jobs.get(survey_id)
             if job is not None and job.state in ("queued", "running", "stopping"):
                 return job
-            job = self._jobs[survey_id] = Job(survey_id, tuple(arguments))
+            job = self._jobs[survey_id] = QueuedRun(survey_id, tuple(arguments))
             self._waiting.append(job)
             self._changed.notify_all()
         self._on_change()
@@ -126,7 +126,7 @@ class Jobs:
                 self._process = self._current = None
             self._on_change()
 
-    def _next(self) -> Job | None:
+    def _next(self) -> QueuedRun | None:
         """Wait for the next job and begin it; None at the end. One that cannot be begun has failed."""
         while True:
             with self._changed:
@@ -145,7 +145,7 @@ class Jobs:
                     return job
             self._on_change()
 
-    def _begun(self, job: Job) -> subprocess.Popen[str]:
+    def _begun(self, job: QueuedRun) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [*self._command, *job.arguments],
             stdin=subprocess.PIPE,

@@ -31,7 +31,7 @@ from pomona.app.contract import (
 )
 from pomona.app.first_results import FirstResults
 from pomona.app.folders import Folders
-from pomona.app.jobs import Job, Jobs
+from pomona.app.jobs import Jobs, QueuedRun
 from pomona.app.opened import opened
 from pomona.app.progress_view import run_view
 from pomona.app.request import begun_with, equal_of_survey, equal_to, folder_name, options_of, run_arguments
@@ -289,7 +289,7 @@ class Service:
     def _run(
         self,
         survey: SurveyFolder | None,
-        job: Job | None,
+        job: QueuedRun | None,
         status: RunStatus | None,
         records: dict[str, Any],
     ) -> RunView | None:
@@ -333,7 +333,7 @@ class Service:
 
 
 def _state(
-    entry: Entry, survey: SurveyFolder | None, job: Job | None, status: RunStatus | None, reported: bool
+    entry: Entry, survey: SurveyFolder | None, job: QueuedRun | None, status: RunStatus | None, reported: bool
 ) -> SurveyState:
     if job is not None and job.state in _WORKING:
         return job.state

@@ -23,7 +23,7 @@ _MOST_LEVELS = 3
 
 
 @dataclass(frozen=True)
-class Listing:
+class PhotoListing:
     """The photo files of one folder: the files, and the sub-folder of each ("" where photos lie in the folder).
 
     `notes` are things a person should know: sub-folders or RAW files that were left out.
@@ -40,7 +40,7 @@ def natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
     return tuple((0, int(p), "") if p.isdecimal() else (1, 0, p) for p in parts if p)
 
 
-def list_photos(folder: Path) -> Listing:
+def list_photos(folder: Path) -> PhotoListing:
     """Return the photo files of a folder, in natural order of their names.
 
     Photos in the folder itself come first; where there are none, those of its sub-folders are taken: two sub-folders
@@ -58,7 +58,7 @@ def list_photos(folder: Path) -> Listing:
         left_out = [
             f"{folder}: photos in sub-folders ({', '.join(below)}) were left out, as there are photos beside them"
         ]
-        return Listing(tuple(here), ("",) * len(here), tuple(left_out[: bool(below)] + _raw_notes(folder, here)))
+        return PhotoListing(tuple(here), ("",) * len(here), tuple(left_out[: bool(below)] + _raw_notes(folder, here)))
     notes: list[str] = []
     if not below:
         below = {child.name: files for child in children if (files := _photos_further_down(child))}
@@ -75,7 +75,7 @@ def list_photos(folder: Path) -> Listing:
             "give two folders, or two sub-folders, for the two sides"
         )
     pairs = [(file, group) for sub, group in zip(names, groups, strict=True) for file in below[sub]]
-    return Listing(tuple(file for file, _ in pairs), tuple(group for _, group in pairs), tuple(notes))
+    return PhotoListing(tuple(file for file, _ in pairs), tuple(group for _, group in pairs), tuple(notes))
 
 
 def are_camera_folders(names: Sequence[str]) -> bool:

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 
 from pomona.cli import options as shared
-from pomona.cli.evaluate_detections import Pictures, evaluate_detections
+from pomona.cli.evaluate_detections import PictureRequest, evaluate_detections
 from pomona.cli.evaluate_mistakes import evaluate_mistakes
 from pomona.cli.failures import say
 from pomona.cli.progress import TerminalProgress
@@ -116,14 +116,14 @@ def evaluate(
         from pomona.evaluate.detections import EvaluateDetectionsOptions
 
         options = EvaluateDetectionsOptions(match=match, min_size_px=min_size, min_visible_px=min_visible)  # type: ignore[arg-type]
-        drawing = Pictures(folder=pictures, worst=worst, photos=photos) if pictures else None
+        drawing = PictureRequest(folder=pictures, worst=worst, photos=photos) if pictures else None
         evaluate_detections(survey, truth, options, pictures=drawing, outcomes=outcomes, as_json=as_json)
         return
     if pictures is not None:
         from pomona.evaluate.fruits import EvaluateOptions
 
         of_fruits = EvaluateOptions(match=match)  # type: ignore[arg-type]
-        page = Pictures(folder=pictures, worst=worst, photos=photos)
+        page = PictureRequest(folder=pictures, worst=worst, photos=photos)
         evaluate_mistakes(survey, truth, of_fruits, truth_crs, page, outcomes=outcomes, as_json=as_json)
         return
     with TerminalProgress() as progress:

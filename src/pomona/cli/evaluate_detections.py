@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pictures:
+class PictureRequest:
     """What was asked for by `--pictures`: the folder to write, how many photos (None: all), where the photos lie."""
 
     folder: Path
@@ -42,7 +42,7 @@ def evaluate_detections(
     truth_path: Path,
     options: EvaluateDetectionsOptions,
     *,
-    pictures: Pictures | None = None,
+    pictures: PictureRequest | None = None,
     outcomes: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -85,7 +85,7 @@ def _drawn(
     scores: DetectionScores,
     found: FoundDetections,
     truth: DetectionTruth,
-    pictures: Pictures,
+    pictures: PictureRequest,
     progress: Progress,
 ) -> Sequence[Path]:
     from pomona.evaluate.detections.pictures import PictureOptions, write_pictures

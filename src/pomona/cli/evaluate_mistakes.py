@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from pomona.arrays import counted
-from pomona.cli.evaluate_detections import Pictures, find_photos
+from pomona.cli.evaluate_detections import PictureRequest, find_photos
 from pomona.cli.progress import TerminalProgress
 from pomona.survey import SurveyFolder
 from pomona.survey.reader import SurveyReader
@@ -26,7 +26,7 @@ def evaluate_mistakes(
     truth_path: Path,
     options: EvaluateOptions,
     truth_crs: str | None,
-    pictures: Pictures,
+    pictures: PictureRequest,
     *,
     outcomes: bool = False,
     as_json: bool = False,

@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.corrections.corrected import Corrected, Found, MadeMask, Outcome
+from pomona.corrections.corrected import Corrected, CorrectionOutcome, Found, MadeMask
 from pomona.corrections.edited_survey import EditedSurvey, joined_observations
 from pomona.corrections.log import Added, Correction, Deleted, Merged, Moved, Place, Split
 from pomona.corrections.masks import divided, joined, radius_px
@@ -29,7 +29,7 @@ class Applier:
     def __init__(self, found: Found) -> None:
         self.found = found
         self._survey = EditedSurvey(found)
-        self._outcomes: tuple[Outcome, ...] = ()
+        self._outcomes: tuple[CorrectionOutcome, ...] = ()
 
     def to(self, corrections: Sequence[Correction]) -> Corrected:
         """Return the fruits as corrected. A correction whose fruit is not there changes nothing and says so.
@@ -60,7 +60,7 @@ def apply(corrections: Sequence[Correction], found: Found) -> Corrected:
     return Applier(found).to(corrections)
 
 
-def _apply_one(survey: EditedSurvey, correction: Correction) -> Outcome:
+def _apply_one(survey: EditedSurvey, correction: Correction) -> CorrectionOutcome:
     try:
         match correction:
             case Deleted():
@@ -74,8 +74,8 @@ def _apply_one(survey: EditedSurvey, correction: Correction) -> Outcome:
             case Moved():
                 fruits = _move(survey, correction)
     except InputError as error:
-        return Outcome(correction, problem=str(error))
-    return Outcome(correction, fruits)
+        return CorrectionOutcome(correction, problem=str(error))
+    return CorrectionOutcome(correction, fruits)
 
 
 def _matched(survey: EditedSurvey, place: Place) -> int:

@@ -48,7 +48,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CorrectionOutcome:
     """What became of one correction: the ids of the fruits that it left, or why it changes nothing ("": it does)."""
 
     correction: Correction
@@ -84,7 +84,7 @@ class Corrected:
     false_ids: frozenset[int]
     how: Mapping[int, How]
     became: Mapping[int, tuple[int, ...]]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CorrectionOutcome, ...]
 
     @property
     def applied(self) -> int:

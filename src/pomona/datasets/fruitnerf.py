@@ -10,7 +10,7 @@ import numpy as np
 
 from pomona.cameras import Cameras, WorldFrame
 from pomona.datasets.fruitnerf_scene import (
-    Scene,
+    FruitNerfScene,
     find_scenes,
     load_scene_photos,
     read_objects,
@@ -18,7 +18,7 @@ from pomona.datasets.fruitnerf_scene import (
 )
 from pomona.datasets.methods import OBJECT, Given, found_by_methods
 from pomona.datasets.published import FRUITNERF_COUNTS, FRUITNERF_RENDERED
-from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits
@@ -47,7 +47,7 @@ def benchmark_fruitnerf(
     Raises `MissingFileError`, `InputError` where there is no tree, and `FormatError` for files that are broken.
     """
     scenes = find_scenes(root)
-    tables: list[Comparison] = []
+    tables: list[ComparedTable] = []
     missing: dict[str, str] = {}
     out.mkdir(parents=True, exist_ok=True)
     for scene in scenes:
@@ -63,7 +63,7 @@ def benchmark_fruitnerf(
     return BenchmarkResult(NAME, tuple(scene.described for scene in scenes), tuple(tables), missing)
 
 
-def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progress) -> Comparison:
+def _rendered(scene: FruitNerfScene, out: Path, fruit_diameter_m: float, progress: Progress) -> ComparedTable:
     """Scores with given cameras and masks. The scene has no metres: it is brought to the true fruits' usual size."""
     assert scene.objects is not None
     photos = load_scene_photos(scene, progress)
@@ -86,10 +86,12 @@ def _rendered(scene: Scene, out: Path, fruit_diameter_m: float, progress: Progre
         placed,
         "right is a centre at most half a diameter off; the metres are those of the assumed fruit diameter",
     )
-    return Comparison(f"{scene.name}, given cameras and masks", figures, FRUITNERF_RENDERED.source, notes)
+    return ComparedTable(f"{scene.name}, given cameras and masks", figures, FRUITNERF_RENDERED.source, notes)
 
 
-def _real(scene: Scene, out: Path, model: str | None, fruit_diameter_m: float, progress: Progress) -> Comparison:
+def _real(
+    scene: FruitNerfScene, out: Path, model: str | None, fruit_diameter_m: float, progress: Progress
+) -> ComparedTable:
     """The count of a tree by Pomona's own cameras: those given have no metres, which its fruits give."""
     survey = out / f"survey-{scene.name}"
     options = RunOptions(model=model, fruit_diameter_m=fruit_diameter_m, sides="none")
@@ -98,10 +100,10 @@ def _real(scene: Scene, out: Path, model: str | None, fruit_diameter_m: float, p
     known = [count for name, count in FRUITNERF_COUNTS.items() if name in scene.name.lower()]
     true = {"counted by hand": known[0]} if known else {}
     figure = Figure("fruits", {"Pomona": len(fruits), **true})
-    return Comparison(f"{scene.name}, from photos alone", (figure,))
+    return ComparedTable(f"{scene.name}, from photos alone", (figure,))
 
 
-def _cameras(scene: Scene, photos: Photos) -> Cameras:
+def _cameras(scene: FruitNerfScene, photos: Photos) -> Cameras:
     given = onto_photos(read_nerfstudio(scene.transforms, photos), photos, str(scene.transforms))
     return replace(given.cameras, frame=_FRAME)
 

@@ -33,7 +33,7 @@ _LEAST_PX = 12  # smaller specks are no fruits
 
 
 @dataclass(frozen=True)
-class Scene:
+class FruitNerfScene:
     """The files of one tree; `masks` by photo, `objects` where the true fruits are known."""
 
     folder: Path
@@ -56,7 +56,7 @@ class Scene:
         )
 
 
-def find_scenes(root: Path) -> list[Scene]:
+def find_scenes(root: Path) -> list[FruitNerfScene]:
     """Return the trees below a folder, in the order of their names.
 
     Raises `MissingFileError`, `InputError` where there is none, and `FormatError` for files that are broken.
@@ -69,12 +69,12 @@ def find_scenes(root: Path) -> list[Scene]:
     return scenes
 
 
-def load_scene_photos(scene: Scene, progress: Progress) -> Photos:
+def load_scene_photos(scene: FruitNerfScene, progress: Progress) -> Photos:
     """Return the photos that the frames name."""
     return load_photos(list(scene.photos), sides="none", min_photos=1, progress=progress)
 
 
-def read_scene_masks(scene: Scene, photos: Photos, progress: Progress) -> SurveyDetections:
+def read_scene_masks(scene: FruitNerfScene, photos: Photos, progress: Progress) -> SurveyDetections:
     """Return the fruits of the masks, each sure: by their numbers, or of black and white ones what hangs together.
 
     Raises `FormatError` where a mask has another size than its photo, or cannot be read.
@@ -125,7 +125,7 @@ def read_objects(path: Path) -> Truth:
         raise FormatError(f"{path}: {error}") from None
 
 
-def _scene(transforms: Path) -> Scene:
+def _scene(transforms: Path) -> FruitNerfScene:
     folder = transforms.parent
     content = load_json(transforms, _TRANSFORMS)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -142,7 +142,7 @@ def _scene(transforms: Path) -> Scene:
     if masks and len(masks) < len(photos):
         raise FormatError(f"{transforms}: expected semantic_path in all {len(photos)} frames or in none")
     found = [place for place in (folder / "fruits.obj", folder.parent / "fruits.obj") if place.is_file()]
-    return Scene(folder, transforms, tuple(photos), masks, found[0] if found else None)
+    return FruitNerfScene(folder, transforms, tuple(photos), masks, found[0] if found else None)
 
 
 def _file(transforms: Path, folder: Path, name: str, place: str) -> Path:

@@ -12,7 +12,7 @@ from pomona.datasets.methods import OBJECT, Given, found_by_methods
 from pomona.datasets.pictures import read_labels, score_pictures
 from pomona.datasets.published import FUJI_TABLE_2, FUJI_TABLE_3, FUJI_TILES
 from pomona.datasets.row_scores import figure_8, table_3
-from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, ComparedTable, Figure
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate.detections import DetectionScores
@@ -45,7 +45,7 @@ def benchmark_fuji_sfm(root: Path, out: Path, options: BenchmarkOptions, progres
             f"{root}: expected the Fuji-SfM dataset: tiles with labels of the VGG Image Annotator, photos, *.mat masks "
             "or *_cameras.out of an east and a west side, boxes as text; found none of them"
         )
-    tables: list[Comparison] = []
+    tables: list[ComparedTable] = []
     missing: dict[str, str] = {}
     if files.tiles.get("validation"):
         tables.append(_table_2(files, options, progress))
@@ -74,7 +74,7 @@ def tiles_of(files: FujiFiles, part: str) -> list[LabelledPhoto]:
     return [photo for one in sets for photo in read_labels(one)]
 
 
-def _table_2(files: FujiFiles, options: BenchmarkOptions, progress: Progress) -> Comparison:
+def _table_2(files: FujiFiles, options: BenchmarkOptions, progress: Progress) -> ComparedTable:
     tiles = tiles_of(files, "validation")
     scores = score_pictures(tiles, model=options.model, progress=progress)
     column = "Pomona" if options.model is None else Path(options.model).name
@@ -82,7 +82,7 @@ def _table_2(files: FujiFiles, options: BenchmarkOptions, progress: Progress) ->
     if "training" in files.tiles:
         count = len(tiles_of(files, "training"))
         notes.append(f"{count} training tiles (the paper: {FUJI_TILES['training']}); the shipped segmenter saw none")
-    return Comparison(_TABLE_2, tuple(_levels(scores, column)), FUJI_TABLE_2.source, tuple(notes))
+    return ComparedTable(_TABLE_2, tuple(_levels(scores, column)), FUJI_TABLE_2.source, tuple(notes))
 
 
 def _levels(scores: DetectionScores, column: str) -> list[Figure]:
@@ -207,7 +207,7 @@ def _laid_over(fruits: Fruits, truth: Truth, fruit_diameter_m: float) -> Fruits 
     )
 
 
-def _totals(found: dict[str, Fruits], notes: tuple[str, ...]) -> Comparison:
+def _totals(found: dict[str, Fruits], notes: tuple[str, ...]) -> ComparedTable:
     counts = {name: len(fruits) for name, fruits in found.items()}
     figure = Figure("fruits found in all", counts, sum(part.figures["T"] for part in FUJI_TABLE_3.values()))
-    return Comparison("Total", (figure,), "annotated apples; the paper, Table 1", notes)
+    return ComparedTable("Total", (figure,), "annotated apples; the paper, Table 1", notes)

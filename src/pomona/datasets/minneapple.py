@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pomona.datasets.pictures import read_labels, segment_pictures
 from pomona.datasets.published import MINNEAPPLE
-from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
 from pomona.errors import InputError, MissingFileError
 from pomona.evaluate.detections import EvaluateDetectionsOptions, evaluate_detections, truth_of_labelled
 from pomona.formats.detections.label_sets import LabelSet
@@ -41,7 +41,7 @@ def benchmark_minneapple(root: Path, *, model: str | None, progress: Progress) -
     notes = [f"{boxes.true_fruits} apples on {len(labelled)} photos of {folder.relative_to(root).as_posix()}"]
     if folder.name != "test":
         notes.append("the printed figures are of the test photos, whose masks are not among those published")
-    table = Comparison("Apple detection", figures, MINNEAPPLE.source, tuple(notes))
+    table = ComparedTable("Apple detection", figures, MINNEAPPLE.source, tuple(notes))
     return BenchmarkResult(NAME, (f"photos and masks in {folder.relative_to(root).as_posix()}",), (table,))
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import FloatArray
-from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import read_text
 from pomona.formats.xyz import first_lines, read_numbers
@@ -49,7 +49,7 @@ def benchmark_pfuji_size(root: Path, progress: Progress) -> BenchmarkResult:
     groups |= {f"apples of {year}": years == year for year in dict.fromkeys(years.tolist())}
     figures = [figure for name, own in groups.items() for figure in _figures(name, measured[own], true[own])]
     found = (f"{len(apples)} apples with diameters in {table.relative_to(root).as_posix()}",)
-    return BenchmarkResult(NAME, found, (Comparison("Diameters from single apples' clouds", tuple(figures)),))
+    return BenchmarkResult(NAME, found, (ComparedTable("Diameters from single apples' clouds", tuple(figures)),))
 
 
 def read_apples(root: Path) -> tuple[Path, list[Apple]]:

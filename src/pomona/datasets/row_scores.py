@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from pomona.arrays import FloatArray, IntArray
 from pomona.datasets.fuji_row import TrueTrees
 from pomona.datasets.published import FUJI_FIGURE_8, FUJI_TABLE_3
-from pomona.datasets.values import Comparison, Figure
+from pomona.datasets.values import ComparedTable, Figure
 from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits
 from pomona.fruits import Fruits
 
@@ -49,7 +49,7 @@ def trees_of(fruits: Fruits, truth: Truth) -> IntArray:
     return trees
 
 
-def table_3(found: Mapping[str, Fruits], known: TrueTrees) -> list[Comparison]:
+def table_3(found: Mapping[str, Fruits], known: TrueTrees) -> list[ComparedTable]:
     """Return Table 3 for each part and each way to say what a right fruit is; a column for each of `found`."""
     tables = []
     for part in ("training", "test"):
@@ -68,7 +68,7 @@ def table_3(found: Mapping[str, Fruits], known: TrueTrees) -> list[Comparison]:
     return tables
 
 
-def figure_8(found: Mapping[str, Fruits], known: TrueTrees) -> Comparison:
+def figure_8(found: Mapping[str, Fruits], known: TrueTrees) -> ComparedTable:
     """Return R² and RMSE of detections against true fruits by tree, and the counts themselves."""
     counts = {name: counts_by_tree(fruits, known) for name, fruits in found.items()}
     printed = FUJI_FIGURE_8.figures
@@ -81,7 +81,7 @@ def figure_8(found: Mapping[str, Fruits], known: TrueTrees) -> Comparison:
         true = int((known.truth.tree_ids == tree).sum())
         figures.append(Figure(f"D of tree {tree} (T = {true})", of_tree))
     notes = ("RMSE is of D − T, in percent of the mean T; R² the squared correlation", known.source)
-    return Comparison("Figure 8, detections D and fruits T by tree", tuple(figures), FUJI_FIGURE_8.source, notes)
+    return ComparedTable("Figure 8, detections D and fruits T by tree", tuple(figures), FUJI_FIGURE_8.source, notes)
 
 
 def counts_by_tree(fruits: Fruits, known: TrueTrees) -> TreeCounts:
@@ -98,7 +98,7 @@ def _of_trees(truth: Truth, trees: IntArray) -> Truth:
     return Truth(truth.ids[own], truth.centers_in_world[own], truth.diameters_m[own], truth.tree_ids[own], boxes)
 
 
-def _table_3(title: str, tallies: Mapping[str, Tally], part: str) -> Comparison:
+def _table_3(title: str, tallies: Mapping[str, Tally], part: str) -> ComparedTable:
     values = {
         "DR": "detection_rate", "R": "recall", "P": "precision", "FDR": "false_detection_rate",
         "MDR": "multi_detection_rate", "F1": "f1", "T": "true_fruits", "D": "detections",
@@ -111,4 +111,4 @@ def _table_3(title: str, tallies: Mapping[str, Tally], part: str) -> Comparison:
         )
         for name, field in values.items()
     )  # fmt: skip
-    return Comparison(title, figures, published.source)
+    return ComparedTable(title, figures, published.source)

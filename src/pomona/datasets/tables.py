@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from pomona.datasets.values import BenchmarkResult, Comparison
+from pomona.datasets.values import BenchmarkResult, ComparedTable
 
 
 def result_tables(result: BenchmarkResult) -> Group:
@@ -24,7 +24,7 @@ def result_tables(result: BenchmarkResult) -> Group:
     return Group(*parts)
 
 
-def _table(comparison: Comparison) -> Table:
+def _table(comparison: ComparedTable) -> Table:
     table = Table()
     table.add_column("")
     for column in comparison.columns:

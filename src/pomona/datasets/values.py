@@ -46,7 +46,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparedTable:
     """A table: figures beside those that `source` printed ("": nobody did). `notes` say what they need be read with."""
 
     title: str
@@ -75,7 +75,7 @@ class BenchmarkResult:
 
     dataset: str
     found: tuple[str, ...]
-    tables: tuple[Comparison, ...]
+    tables: tuple[ComparedTable, ...]
     missing: Mapping[str, str] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

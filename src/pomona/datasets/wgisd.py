@@ -13,7 +13,7 @@ from pathlib import Path
 from pomona.arrays import Array
 from pomona.datasets.pictures import read_labels, segment_pictures
 from pomona.datasets.published import WGISD
-from pomona.datasets.values import BenchmarkResult, Comparison, Figure
+from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.detections import (
@@ -39,7 +39,7 @@ def benchmark_wgisd(root: Path, *, model: str | None, progress: Progress) -> Ben
     if not (root / "data").is_dir():
         raise MissingFileError(f"{root}: expected the folder data of the WGISD dataset, but there is none")
     photos = {Path(photo.name).stem: photo for photo in read_labels(LabelSet("yolo", root / "data"))}
-    tables: list[Comparison] = []
+    tables: list[ComparedTable] = []
     missing: dict[str, str] = {}
     for match, name in _LISTS.items():
         if not (root / name).is_file():
@@ -98,10 +98,10 @@ def _stems(file: Path, photos: dict[str, LabelledPhoto]) -> Sequence[str]:
     return [stem for _, stem in named]
 
 
-def _table(match: str, name: str, scores: DetectionScores, photos: int) -> Comparison:
+def _table(match: str, name: str, scores: DetectionScores, photos: int) -> ComparedTable:
     best = scores.best
     figures = [Figure("AP (IoU 0.50 to 0.95)", {"Pomona": scores.ap}), Figure("AP50", {"Pomona": scores.ap50})]
     printed = WGISD.figures["best F1"] if match == "masks" else None
     figures.append(Figure("best F1 (IoU > 0.5)", {"Pomona": best.f1 if best else float("nan")}, printed))
     notes = (f"{scores.true_fruits} clusters on the {photos} photos of {name}",)
-    return Comparison(f"Clusters by {match}", tuple(figures), WGISD.source if match == "masks" else "", notes)
+    return ComparedTable(f"Clusters by {match}", tuple(figures), WGISD.source if match == "masks" else "", notes)

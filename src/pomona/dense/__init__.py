@@ -10,7 +10,7 @@ from pomona.cameras import Cameras
 from pomona.dense import patchmatch
 from pomona.dense.options import DenseOptions, SphereCloudOptions
 from pomona.dense.plane_sweep import plane_sweep_map
-from pomona.dense.scene import Scene, cloud_of_maps
+from pomona.dense.scene import StereoScene, cloud_of_maps
 from pomona.dense.sphere_points import sphere_cloud
 from pomona.detections import SurveyDetections
 from pomona.fruits import FruitCloud
@@ -34,7 +34,7 @@ def fruit_cloud(
     Engine "patchmatch" falls back to the plane sweep, with a warning, where COLMAP's cannot run.
     """
     options, progress = options or DenseOptions(), progress or Silent()
-    scene = Scene(photos, detections, cameras, options)
+    scene = StereoScene(photos, detections, cameras, options)
     missing = what_colmap_lacks() if options.engine != "opencv" else "not asked for"
     if options.engine == "patchmatch" and missing:
         progress.warn(f"COLMAP's PatchMatch cannot run: {missing}. The cloud is made on the CPU instead.")

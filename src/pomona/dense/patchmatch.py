@@ -17,7 +17,7 @@ import numpy as np
 from pomona.arrays import Array
 from pomona.cameras import Cameras
 from pomona.dense.depth_maps import DepthMap, empty_map
-from pomona.dense.scene import Scene
+from pomona.dense.scene import StereoScene
 from pomona.dense.views import View
 from pomona.errors import FormatError
 from pomona.formats.cameras.colmap import write_colmap
@@ -28,7 +28,7 @@ from pomona.progress import Progress, track
 
 
 @contextmanager
-def depth_maps(scene: Scene, progress: Progress) -> Iterator[Callable[[int], DepthMap]]:
+def depth_maps(scene: StereoScene, progress: Progress) -> Iterator[Callable[[int], DepthMap]]:
     """Run PatchMatch on all photos that have neighbours; give a function from photo index to depth map.
 
     The workspace is temporary and goes when the context is left.
@@ -58,7 +58,7 @@ def image_name(photo_idx: int) -> str:
     return f"{photo_idx:06d}.png"
 
 
-def write_workspace(scene: Scene, folder: Path, progress: Progress) -> None:
+def write_workspace(scene: StereoScene, folder: Path, progress: Progress) -> None:
     """Write what COLMAP's dense stereo reads: images/, sparse/ and stereo/ with its configuration."""
     (folder / "images").mkdir(parents=True)
     for kind in ("depth_maps", "normal_maps", "consistency_graphs"):

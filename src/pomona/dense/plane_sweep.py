@@ -12,7 +12,7 @@ from pomona.dense.atlas import Atlas, pack
 from pomona.dense.correlation import MatchOptions, best_inverse_depth, sweep
 from pomona.dense.depth_maps import DepthMap, empty_map
 from pomona.dense.options import DenseOptions
-from pomona.dense.scene import Scene
+from pomona.dense.scene import StereoScene
 from pomona.dense.views import View
 from pomona.fruit_traits.ranges import FruitRanges
 
@@ -22,7 +22,7 @@ _COARSE_STEP_PX, _FINE_STEP_PX = 1.0, 0.7
 _COARSE_BEST, _FINE_NEIGHBOURS, _FINE_BEST = 4, 6, 4
 
 
-def plane_sweep_map(scene: Scene, photo_idx: int) -> DepthMap:
+def plane_sweep_map(scene: StereoScene, photo_idx: int) -> DepthMap:
     """Return the depth map of one photo's fruit pixels, empty where it has no fruit or no neighbours."""
     view = scene.view(photo_idx)
     if len(scene.neighbours[photo_idx]) == 0 or not view.label.any():
@@ -46,7 +46,7 @@ def _coarse(view: View, neighbours: Sequence[View], ranges: FruitRanges, options
     return atlas, best_inverse_depth(scores, 0.0, inverse_depths)[0]
 
 
-def _fine(view: View, neighbours: Sequence[View], scene: Scene, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
+def _fine(view: View, neighbours: Sequence[View], scene: StereoScene, coarse_atlas: Atlas, coarse: Array) -> DepthMap:
     """Search again at full working scale near the coarse depths, with smaller windows."""
     ranges, options = scene.ranges, scene.options
     typical = float(ranges.typical_m[view.photo_idx])

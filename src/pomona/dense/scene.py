@@ -21,7 +21,7 @@ from pomona.photos import Photos
 from pomona.progress import Progress, track
 
 
-class Scene:
+class StereoScene:
     """The photos of a survey as stereo sees them: `ranges` of depth, `neighbours` of each photo, and its views."""
 
     def __init__(self, photos: Photos, detections: SurveyDetections, cameras: Cameras, options: DenseOptions) -> None:
@@ -44,7 +44,7 @@ class Scene:
 
 
 def cloud_of_maps(
-    scene: Scene, depth_map: Callable[[int], DepthMap], progress: Progress
+    scene: StereoScene, depth_map: Callable[[int], DepthMap], progress: Progress
 ) -> tuple[FloatArray, ByteArray]:
     """Return points (m, 3) and colours (m, 3) of the surfaces on which the depth maps of neighbours agree.
 

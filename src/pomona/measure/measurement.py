@@ -21,7 +21,7 @@ from pomona.measure.circle_options import CircleOptions
 from pomona.measure.circles import CircleTerms, circle_terms, see_circles
 from pomona.measure.neighbours import edges_of_others
 from pomona.measure.options import MeasureOptions
-from pomona.measure.spheroid_fit import Evidence, Fitted, Prior, fit_spheroids
+from pomona.measure.spheroid_fit import Fitted, SpheroidEvidence, SpheroidPrior, fit_spheroids
 from pomona.measure.spheroids import Spheroids
 from pomona.photos import Photos
 from pomona.progress import Progress, Silent
@@ -162,7 +162,7 @@ def _fit(
         frame,
     )
     assert options.place_radii is not None
-    prior = Prior(
+    prior = SpheroidPrior(
         radius_m=float(np.median(start.radii)),
         radius_sd=_ANY_SIZE,
         ratio=options.kind.height_to_width,
@@ -227,7 +227,7 @@ def _clear(alone: Fitted, options: MeasureOptions) -> BoolArray:
 
 def _evidence(
     seen: _Seen, masks: MaskRays, cameras: Cameras, start: Spheroids, fitting: BoolArray, options: MeasureOptions
-) -> Evidence:
+) -> SpheroidEvidence:
     """Return the rays along the outlines of the fruits' masks, and the points on them, each group for one fruit."""
     number = np.cumsum(fitting) - 1
     mine = fitting[seen.fruit_idx]
@@ -259,7 +259,7 @@ def _evidence(
             parts.append(_point_groups(int(number[i]), points, typical_m, options))
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.argsort(columns[0], kind="stable")
-    return Evidence(*(column[order] for column in columns))
+    return SpheroidEvidence(*(column[order] for column in columns))
 
 
 def _point_groups(number: int, points: FloatArray, typical_m: float, options: MeasureOptions) -> tuple[Array, ...]:
@@ -280,7 +280,7 @@ def _point_groups(number: int, points: FloatArray, typical_m: float, options: Me
     )
 
 
-def _as_noisy_as_it_is(fitted: Fitted, evidence: Evidence) -> Evidence:
+def _as_noisy_as_it_is(fitted: Fitted, evidence: SpheroidEvidence) -> SpheroidEvidence:
     """Return the evidence with the noise of its outlines: rays that pass outside tell it, which no leaf explains.
 
     Where outlines are noisy they are wrong in whole pieces, in several photos alike, so each ray says less: of places
@@ -296,7 +296,7 @@ def _as_noisy_as_it_is(fitted: Fitted, evidence: Evidence) -> Evidence:
     return replace(evidence, noises_m=noise * evidence.noises_m, weights=weights, trust=evidence.trust / rough**2)
 
 
-def _prior_of_all(alone: Fitted, prior: Prior, options: MeasureOptions) -> Prior:
+def _prior_of_all(alone: Fitted, prior: SpheroidPrior, options: MeasureOptions) -> SpheroidPrior:
     """Return what the fruits that are seen well say of the others: how wide, and how high for that, they are."""
     variances = alone.covariances[:, 3, 3]
     clear = _clear(alone, options)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray, places_within
-from pomona.measure.spheroid_fit import Evidence
+from pomona.measure.spheroid_fit import SpheroidEvidence
 from pomona.measure.spheroids import Spheroids
 
 _NEAR = 20.0  # radii: fruits farther apart are not told from each other, however they lie in a photo
@@ -16,7 +16,7 @@ _BESIDE = 1.6, 1.3  # radii of the fruit and of the other: as far apart in a pho
 _TOGETHER = 256  # fruits whose neighbours are looked at together: bounds memory
 
 
-def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
+def edges_of_others(spheroids: Spheroids, evidence: SpheroidEvidence) -> FloatArray:
     """Return how likely each ray (g, k) is along an edge of other fruits, per metre at the fruit's own distance.
 
     A mask may hold two fruits, and of one that another hides it ends where that begins. An edge of another fruit is as
@@ -31,7 +31,12 @@ def edges_of_others(spheroids: Spheroids, evidence: Evidence) -> FloatArray:
 
 
 def _add_edges(
-    result: FloatArray, spheroids: Spheroids, evidence: Evidence, groups: IntArray, others: IntArray, nearer: FloatArray
+    result: FloatArray,
+    spheroids: Spheroids,
+    evidence: SpheroidEvidence,
+    groups: IntArray,
+    others: IntArray,
+    nearer: FloatArray,
 ) -> None:
     """Add to how likely rays (g, k) are along an edge what fruits (m,) have by groups (m,), as far away as `nearer`."""
     if len(groups) == 0:
@@ -47,7 +52,7 @@ def _add_edges(
 
 
 def _beside_each_other(
-    spheroids: Spheroids, evidence: Evidence, first: int, near: list[list[int]]
+    spheroids: Spheroids, evidence: SpheroidEvidence, first: int, near: list[list[int]]
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return groups (m,) of rays, and fruits (m,) that lie beside their own, or before or behind it, in the photo.
 

@@ -27,7 +27,7 @@ _TOUCH_FIRST, _AS_RAYS = 0.6, 4.0  # the share of rays that touch, before any is
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class SpheroidEvidence:
     """What is seen of n fruits: g groups of k rays or points, sorted by fruit.
 
     `of` (g,) says of which fruit each group is, `eyes` and `rays` (g, k, 3) what is seen (a ray of zeros: a point, at
@@ -54,18 +54,18 @@ class Evidence:
         set_checked(self, "trust", (g,), np.float64)
         set_checked(self, "others", (g, k), np.float64)
 
-    def of_fruits(self, first: int, last: int) -> Evidence:
+    def of_fruits(self, first: int, last: int) -> SpheroidEvidence:
         """Return what is seen of the fruits from `first` to before `last`, numbered anew."""
         low, high = np.searchsorted(self.of, [first, last])
         own = slice(int(low), int(high))
-        return Evidence(
+        return SpheroidEvidence(
             self.of[own] - first, self.eyes[own], self.rays[own], self.weights[own], self.noises_m[own],
             self.trust[own], self.others[own],
         )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prior:
+class SpheroidPrior:
     """What is known of all fruits: means, and standard deviations as shares or of tilts in radians.
 
     `radius_m` is half the width, `ratio` height to width; centres lie within `place_radii` of where fits begin.
@@ -114,7 +114,9 @@ class Fitted:
         return cls(Spheroids.joined([part.spheroids for part in parts]), *columns)
 
 
-def fit_spheroids(start: Spheroids, evidence: Evidence, prior: Prior, circles: CircleTerms | None = None) -> Fitted:
+def fit_spheroids(
+    start: Spheroids, evidence: SpheroidEvidence, prior: SpheroidPrior, circles: CircleTerms | None = None
+) -> Fitted:
     """Return the spheroids that the evidence, each of which has a group at least, and circles speak for.
 
     Fits begin with wide noise, so that they find what most rays agree on.
@@ -126,7 +128,7 @@ def fit_spheroids(start: Spheroids, evidence: Evidence, prior: Prior, circles: C
     )
 
 
-def _fit(start: Spheroids, evidence: Evidence, prior: Prior, circles: CircleTerms) -> Fitted:
+def _fit(start: Spheroids, evidence: SpheroidEvidence, prior: SpheroidPrior, circles: CircleTerms) -> Fitted:
     spheroids = start
     shares, all_of_it = np.full(len(evidence.of), _TOUCH_FIRST), np.ones(len(evidence.of))
     wide = _FIRST_NOISE
@@ -151,7 +153,7 @@ def _fit(start: Spheroids, evidence: Evidence, prior: Prior, circles: CircleTerm
     return Fitted(spheroids, covariances, own**-0.5, distances_m, touching)
 
 
-def _shares(touching: FloatArray, evidence: Evidence) -> FloatArray:
+def _shares(touching: FloatArray, evidence: SpheroidEvidence) -> FloatArray:
     """Return the share (g,) of each mask's rays that touch the fruit."""
     known = evidence.weights > 0
     return np.asarray(((touching * known).sum(axis=1) + _TOUCH_FIRST * _AS_RAYS) / (known.sum(axis=1) + _AS_RAYS))
@@ -160,8 +162,8 @@ def _shares(touching: FloatArray, evidence: Evidence) -> FloatArray:
 def _equations(
     spheroids: Spheroids,
     start: Spheroids,
-    evidence: Evidence,
-    prior: Prior,
+    evidence: SpheroidEvidence,
+    prior: SpheroidPrior,
     noises_m: FloatArray,
     shares: FloatArray,
     trust: FloatArray,

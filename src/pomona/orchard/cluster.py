@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pomona.errors import InputError, MissingExtraError, SurveyError
-from pomona.orchard.jobs import Attempt, Job, Outcome
+from pomona.orchard.jobs import Attempt, Job, JobOutcome
 from pomona.orchard.plan import WorkerOptions
 from pomona.survey.record import now
 
 J = TypeVar("J", bound=Job)
-Work = Callable[[J, Path], Outcome]
+Work = Callable[[J, Path], JobOutcome]
 
 # Jobs that wait at the scheduler for each slot of a worker: enough that none is idle, few enough for any memory.
 _WAITING = 2
@@ -43,7 +43,7 @@ class Workers:
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
         return not any(all(worker["resources"].get(tag, 0) >= tags[tag] for tag in tags) for worker in workers)
 
-    def run(self, jobs: Iterable[J], work: Work[J]) -> Iterator[Outcome]:
+    def run(self, jobs: Iterable[J], work: Work[J]) -> Iterator[JobOutcome]:
         """Do all jobs; yield what became of each as it is done, with all its attempts.
 
         `jobs` are taken as workers get free, so that their number does not matter. `work` is a function that workers
@@ -87,11 +87,11 @@ class Workers:
                 yield replace(outcome, attempts=attempts)
             fill()
 
-    def _outcome(self, future: Any, job: Job, since: str) -> Outcome:
+    def _outcome(self, future: Any, job: Job, since: str) -> JobOutcome:
         from distributed import KilledWorker
 
         try:
-            outcome: Outcome = future.result()
+            outcome: JobOutcome = future.result()
             return outcome
         except KilledWorker as error:
             times = error.allowed_failures + 1
@@ -106,7 +106,7 @@ class Workers:
                     "command again"
                 ) from error
             reason = f"{type(error).__name__}: {error}"
-        return Outcome(name=job.name, state="failed", reason=reason, attempts=(Attempt("", since, 0.0, reason),))
+        return JobOutcome(name=job.name, state="failed", reason=reason, attempts=(Attempt("", since, 0.0, reason),))
 
     def _present_slots(self) -> int:
         if time.monotonic() - self._looked > _LOOK_EVERY_S:
@@ -119,7 +119,7 @@ def _failures(attempts: Iterable[Attempt]) -> int:
     return sum(1 for attempt in attempts if attempt.reason)
 
 
-def _on_worker(work: Work[Any], job: Job, pause_s: float) -> Outcome:
+def _on_worker(work: Work[Any], job: Job, pause_s: float) -> JobOutcome:
     """Do a job on the worker that this runs on; its local folder is emptied by Dask should the worker die."""
     from distributed import get_worker
 

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 
 from pomona.errors import FormatError
-from pomona.orchard.jobs import Outcome
+from pomona.orchard.jobs import JobOutcome
 from pomona.orchard.places import Place
 
 TABLES_OF_SURVEY = ("survey.json", "fruits.csv", "trees.csv", "segments.csv")
@@ -43,12 +43,12 @@ class OrchardFolder:
         """`report.html`."""
         return self.root / "report.html"
 
-    def keep(self, kind: str, outcome: Outcome) -> None:
+    def keep(self, kind: str, outcome: JobOutcome) -> None:
         """Write what became of a survey or comparison."""
         text = json.dumps(outcome.to_json(), indent=1, ensure_ascii=False) + "\n"
         self._outcome(kind, outcome.name).write_text(text)
 
-    def outcome(self, kind: str, name: str) -> Outcome | None:
+    def outcome(self, kind: str, name: str) -> JobOutcome | None:
         """Return what became of a survey ("surveys") or comparison ("comparisons"); None where that is not known.
 
         Raises `FormatError` for a file that cannot be read.
@@ -58,7 +58,7 @@ class OrchardFolder:
         if content is None:
             return None
         try:
-            outcome = Outcome.from_json(json.loads(content))
+            outcome = JobOutcome.from_json(json.loads(content))
             outcome.to_json()  # what is nested too deeply could not be written again
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             raise FormatError(f"{place}: expected what became of {name}, but {error}: delete it") from None

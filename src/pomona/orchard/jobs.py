@@ -104,7 +104,7 @@ class Attempt:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class JobOutcome:
     """What became of a job; `outcomes/NAME.json` keeps it.
 
     `kept`: nothing had to be computed. `may_pass`: it failed for a reason that another try may not meet. `details` is
@@ -129,7 +129,7 @@ class Outcome:
         return values
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Outcome:
+    def from_json(cls, values: Mapping[str, Any]) -> JobOutcome:
         """Return the outcome that `to_json` gave; entries of other versions are ignored."""
         known = {name: values[name] for name in cls.__dataclass_fields__ if name in values}
         return cls(**{**known, "attempts": tuple(Attempt(**each) for each in values.get("attempts", ()))})

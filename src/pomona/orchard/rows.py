@@ -14,7 +14,7 @@ from pomona.crop import Crop, RowSegments
 from pomona.formats.layers import Kind, Layer, fruit_layer, kinds_of, on_ground, tree_layer
 from pomona.formats.tables import FRUIT_COLUMNS, TREE_COLUMNS, read_fruits, read_segments, read_trees
 from pomona.fruits import TotalWeight
-from pomona.orchard.jobs import Outcome
+from pomona.orchard.jobs import JobOutcome
 from pomona.orchard.plan import PlannedSurvey
 from pomona.survey import SurveyFolder
 from pomona.survey.facts import frame_from
@@ -98,7 +98,7 @@ def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> 
     )
 
 
-def row_without_survey(planned: PlannedSurvey, outcome: Outcome | None) -> Layer:
+def row_without_survey(planned: PlannedSurvey, outcome: JobOutcome | None) -> Layer:
     """Return the line of a row whose survey failed or was not made, with the reason."""
     cells: dict[str, Any] = dict.fromkeys(ROW_COLUMNS)
     cells |= _head(planned, newest=False)
@@ -106,7 +106,7 @@ def row_without_survey(planned: PlannedSurvey, outcome: Outcome | None) -> Layer
     return Layer("rows", ROW_COLUMNS, [cells], _NOWHERE, "all_per_metre")
 
 
-def change_layer(pair: tuple[PlannedSurvey, PlannedSurvey], outcome: Outcome, places: FloatArray | None) -> Layer:
+def change_layer(pair: tuple[PlannedSurvey, PlannedSurvey], outcome: JobOutcome, places: FloatArray | None) -> Layer:
     """Return the line of a comparison; `places` (2, 2) are those of the row, None where it has none."""
     before, after = pair
     figures, cells = outcome.figures, dict.fromkeys(CHANGE_COLUMNS)

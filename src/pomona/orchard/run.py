@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pomona.errors import InputError
 from pomona.orchard.cluster import Workers, local_workers, workers_at
 from pomona.orchard.folder import LAYERS, OrchardFolder
-from pomona.orchard.jobs import ComparisonJob, Outcome, Part, SurveyJob
+from pomona.orchard.jobs import ComparisonJob, JobOutcome, Part, SurveyJob
 from pomona.orchard.page import Totals, write_page
 from pomona.orchard.places import Place
 from pomona.orchard.plan import Orchard
@@ -37,7 +37,7 @@ class Ended:
     failed: int = 0
     reasons: tuple[tuple[str, str], ...] = ()
 
-    def plus(self, outcome: Outcome) -> Ended:
+    def plus(self, outcome: JobOutcome) -> Ended:
         """Return the same with one more."""
         if outcome.state == "failed":
             named = (*self.reasons, (outcome.name, outcome.reason))[:_MOST_NAMED]
@@ -97,7 +97,7 @@ def run_orchard(
     return OrchardSummary(orchard.out, surveys, comparisons, totals, str(folder.report))
 
 
-def _note(folder: OrchardFolder, kind: str, outcome: Outcome, progress: Progress) -> None:
+def _note(folder: OrchardFolder, kind: str, outcome: JobOutcome, progress: Progress) -> None:
     folder.keep(kind, outcome)
     if outcome.state == "failed":
         progress.warn(f"{outcome.name} failed: {outcome.reason}")

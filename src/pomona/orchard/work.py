@@ -17,7 +17,7 @@ from typing import Any
 from pomona import __version__
 from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
 from pomona.orchard.folder import TABLES_OF_SURVEY
-from pomona.orchard.jobs import Attempt, ComparisonJob, Outcome, SurveyJob
+from pomona.orchard.jobs import Attempt, ComparisonJob, JobOutcome, SurveyJob
 from pomona.orchard.places import Place, Sender, is_url
 from pomona.pipeline import STAGES, RunOptions, run
 from pomona.pipeline.code import code_digest, engine_versions
@@ -30,7 +30,7 @@ _MANIFEST = "survey.json"
 _FIGURES = "comparison.json"
 
 
-def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
+def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> JobOutcome:
     """Make a survey or a comparison and say what became of it: nothing that goes wrong with one stops the others.
 
     `scratch` is a local folder for copies of what is not on this machine.
@@ -44,11 +44,11 @@ def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
             outcome = _survey(job, here) if isinstance(job, SurveyJob) else _comparison(job, here)
     except PomonaError as error:
         may_pass = isinstance(error, SurveyError)
-        outcome = Outcome(name=job.name, state="failed", reason=job.words(str(error)), may_pass=may_pass)
+        outcome = JobOutcome(name=job.name, state="failed", reason=job.words(str(error)), may_pass=may_pass)
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".rstrip(": ")
         details = "".join(traceback.format_exception(error))
-        outcome = Outcome(name=job.name, state="failed", reason=reason, may_pass=True, details=details)
+        outcome = JobOutcome(name=job.name, state="failed", reason=reason, may_pass=True, details=details)
     worker = f"{socket.gethostname()} {os.getpid()}"
     return replace(outcome, attempts=(Attempt(worker, began, round(time.monotonic() - start, 3), outcome.reason),))
 
@@ -56,11 +56,11 @@ def do_job(job: SurveyJob | ComparisonJob, scratch: Path) -> Outcome:
 # ---- surveys ---------------------------------------------------------------------------------------------------------
 
 
-def _survey(job: SurveyJob, scratch: Path) -> Outcome:
+def _survey(job: SurveyJob, scratch: Path) -> JobOutcome:
     out = Place(job.out)
     made_from = _made_from(job)
     if job.left.get("from") == made_from and _is_as_left(out, job.left.get("manifest")):
-        return Outcome(name=job.name, state="done", kept=True, left=job.left)
+        return JobOutcome(name=job.name, state="done", kept=True, left=job.left)
     photos = [Place(each).bring(scratch / f"photos-{k}") for k, each in enumerate(job.photos)]
     options = RunOptions.from_json(_with_files_here(job.options, scratch))
     folder = scratch / "survey" / out.name if out.is_remote else out.path
@@ -69,7 +69,7 @@ def _survey(job: SurveyJob, scratch: Path) -> Outcome:
     summary = run(photos, folder, options, Silent(job.words), until=job.until, on_stage=lambda name: send())
     send()
     kept = all(stage.kept for stage in summary.stages)
-    return Outcome(name=job.name, state="done", kept=kept, left={"from": made_from, "manifest": _mark(out)})
+    return JobOutcome(name=job.name, state="done", kept=kept, left={"from": made_from, "manifest": _mark(out)})
 
 
 def _brought(out: Place, folder: Path) -> Sender:
@@ -133,7 +133,7 @@ def _mark(out: Place) -> str:
 # ---- comparisons -----------------------------------------------------------------------------------------------------
 
 
-def _comparison(job: ComparisonJob, scratch: Path) -> Outcome:
+def _comparison(job: ComparisonJob, scratch: Path) -> JobOutcome:
     import pomona
 
     out = Place(job.out)
@@ -141,13 +141,13 @@ def _comparison(job: ComparisonJob, scratch: Path) -> Outcome:
     made_from = digest([_code(), [day.isoformat() for day in job.days], [_results_of(survey) for survey in surveys]])
     figures = (out / _FIGURES).read_bytes()
     if figures is not None and job.left.get("from") == made_from:
-        return Outcome(name=job.name, state="done", kept=True, left=job.left, figures=json.loads(figures))
+        return JobOutcome(name=job.name, state="done", kept=True, left=job.left, figures=json.loads(figures))
     before, after = (survey.bring(scratch, leave=("work",)) for survey in surveys)
     folder = scratch / "comparison" if out.is_remote else out.path
     found = pomona.compare(before, after, out=folder, dates=job.days, progress=Silent(job.words))
     if out.is_remote:
         Sender(folder, out, _FIGURES).send()
-    return Outcome(name=job.name, state="done", left={"from": made_from}, figures=found.to_json())
+    return JobOutcome(name=job.name, state="done", left={"from": made_from}, figures=found.to_json())
 
 
 def _results_of(survey: Place) -> list[str]:

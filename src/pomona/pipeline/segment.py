@@ -33,7 +33,7 @@ class Segmented:
 
 
 @dataclass(frozen=True)
-class Model:
+class ModelChoice:
     """A segmenter, by what a person said and the files which that means."""
 
     name: str | None
@@ -54,7 +54,7 @@ class SegmentChoice:
     `engines` are those that the model needs besides the usual ones, with their versions.
     """
 
-    model: Model
+    model: ModelChoice
     options: SegmentOptions
     lowest_score: float | None
     engines: Mapping[str, str]
@@ -74,7 +74,7 @@ def _choice(options: StageOptions) -> SegmentChoice:
 
     run = options.run
     return SegmentChoice(
-        model=Model(run.segmenter, files_of(run.segmenter)),
+        model=ModelChoice(run.segmenter, files_of(run.segmenter)),
         # The file keeps weak detections with their scores, so that another threshold needs no other file.
         options=replace(options.segment, score_threshold=None),
         lowest_score=None if run.detections else _lowest_score(options),

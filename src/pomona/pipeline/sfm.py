@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class GivenCameras:
+class CameraFiles:
     """Cameras of another program, by the files of `path` that are theirs."""
 
     path: Path
@@ -40,7 +40,7 @@ class GivenCameras:
 class CamerasChoice:
     """Where cameras come from: a file, or structure from motion with its options."""
 
-    given: GivenCameras | None
+    given: CameraFiles | None
     options: SfmOptions | None
 
 
@@ -50,7 +50,7 @@ def _choice(options: StageOptions) -> CamerasChoice:
         return CamerasChoice(given=None, options=options.sfm)
     from pomona.formats.cameras.read import find_cameras
 
-    return CamerasChoice(given=GivenCameras(path, tuple(find_cameras(path).files)), options=None)
+    return CamerasChoice(given=CameraFiles(path, tuple(find_cameras(path).files)), options=None)
 
 
 def _cameras(

@@ -19,7 +19,7 @@ from pomona.survey.facts import scale_report_from
 
 
 @dataclass(frozen=True)
-class StageTime:
+class SettledStage:
     """How long a stage took (seconds), its peak memory (MB), and whether it was kept from an earlier run."""
 
     name: str
@@ -51,7 +51,7 @@ class Summary:
     sides: tuple[str, ...]
     lost: tuple[tuple[str, str], ...]
     skipped: tuple[tuple[str, str], ...]
-    stages: tuple[StageTime, ...]
+    stages: tuple[SettledStage, ...]
     warnings: tuple[str, ...]
     report: Path | None
 
@@ -97,7 +97,8 @@ def summarise(
         lost=tuple(lost),
         skipped=skipped,
         stages=tuple(
-            StageTime(name, record.wall_s, record.peak_memory_mb, name not in ran) for name, record in records.items()
+            SettledStage(name, record.wall_s, record.peak_memory_mb, name not in ran)
+            for name, record in records.items()
         ),
         warnings=tuple(all_warnings),
         report=survey.report if "report" in records else None,

@@ -28,7 +28,7 @@ _SAME_PLATE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class PlateSighting:
     """One plate in one photo: its corners (4, 2), clockwise as printed from the top left, in COLMAP's pixels."""
 
     photo: str
@@ -59,7 +59,7 @@ def find_markers(
     *,
     search_side_px: int = 2000,
     mirrored: bool = False,
-) -> list[Sighting]:
+) -> list[PlateSighting]:
     """Return every sighting of the `wanted` ids in the photos; other ids (false decodes, other plates) are left out.
 
     `mirrored` looks at the photos' mirror images, in which places are then.
@@ -77,7 +77,7 @@ def find_markers(
         raise InputError(f"Markers {beyond[:5]} are not in {dictionary}, which holds ids 0 to {count - 1}")
     photos = list(photos)
     progress.start("Looking for markers", len(photos))
-    sightings: list[Sighting] = []
+    sightings: list[PlateSighting] = []
     look = partial(
         _in_photo, wanted=frozenset(wanted), dictionary=dictionary, search_side_px=search_side_px, mirrored=mirrored
     )
@@ -92,7 +92,7 @@ def find_markers(
 
 def _in_photo(
     photo: Photo, wanted: Collection[int], dictionary: str, search_side_px: int, mirrored: bool
-) -> list[Sighting] | str:
+) -> list[PlateSighting] | str:
     try:
         grey = read_grey(photo)  # whole: a smaller one takes hardly less time, and the plates are measured in this one
     except (InputError, MissingFileError) as error:
@@ -101,11 +101,11 @@ def _in_photo(
         grey = np.ascontiguousarray(grey[:, ::-1])
     scale = search_side_px / max(grey.shape)
     if scale >= 1.0:
-        return [Sighting(photo.name, i, c) for i, c in detect(grey, dictionary) if i in wanted]
+        return [PlateSighting(photo.name, i, c) for i, c in detect(grey, dictionary) if i in wanted]
     small = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     scale = small.shape[1] / grey.shape[1]
     coarse = [(i, c / scale) for i, c in detect(small, dictionary) if i in wanted]
-    return [Sighting(photo.name, i, _measured(grey, i, corners, dictionary)) for i, corners in coarse]
+    return [PlateSighting(photo.name, i, _measured(grey, i, corners, dictionary)) for i, corners in coarse]
 
 
 def _measured(grey: ByteArray, marker_id: int, coarse_px: FloatArray, dictionary: str) -> FloatArray:
@@ -147,9 +147,9 @@ def _detector(dictionary: str, *, refined: bool = True) -> Any:
     return cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)), parameters)
 
 
-def by_marker(sightings: Sequence[Sighting]) -> dict[int, list[Sighting]]:
+def by_marker(sightings: Sequence[PlateSighting]) -> dict[int, list[PlateSighting]]:
     """Group sightings by marker id, in order of id."""
-    groups: dict[int, list[Sighting]] = {}
+    groups: dict[int, list[PlateSighting]] = {}
     for sighting in sorted(sightings, key=lambda s: s.marker_id):
         groups.setdefault(sighting.marker_id, []).append(sighting)
     return groups

@@ -14,7 +14,7 @@ from pomona.errors import FormatError, InputError, few
 from pomona.formats.gcp_list import GcpLine, read_gcp_list
 from pomona.photo_names import PhotoNames
 from pomona.photos import Photos
-from pomona.scale.aruco import Sighting
+from pomona.scale.aruco import PlateSighting
 from pomona.scale.gnss import LocalFrame, in_local_metres
 from pomona.scale.marker_table import Markers, check_apart, read_markers
 
@@ -33,7 +33,7 @@ class ControlPoints:
 
     markers: Markers
     frame: LocalFrame | None = None
-    sightings: tuple[Sighting, ...] = ()
+    sightings: tuple[PlateSighting, ...] = ()
     names: Mapping[int, str] = field(default_factory=dict)
 
     def in_world(self, frame: WorldFrame) -> WorldFrame:
@@ -85,9 +85,9 @@ def _check_places(path: Path, lines: Sequence[GcpLine], places: list[tuple[float
             raise FormatError(f"{path}, line {line.number}: point {line.name} has another place than further above")
 
 
-def _sightings(path: Path, lines: Sequence[GcpLine], ids: list[int], photos: Photos) -> list[Sighting]:
+def _sightings(path: Path, lines: Sequence[GcpLine], ids: list[int], photos: Photos) -> list[PlateSighting]:
     names, sizes = PhotoNames(photos.names), {photo.name: (photo.width_px, photo.height_px) for photo in photos}
-    found: list[Sighting] = []
+    found: list[PlateSighting] = []
     missing: dict[str, int] = defaultdict(int)
     for line, point_id in zip(lines, ids, strict=True):
         meant = names.meant_by(line.photo)
@@ -102,7 +102,7 @@ def _sightings(path: Path, lines: Sequence[GcpLine], ids: list[int], photos: Pho
                 f"{path}, line {line.number}: pixel {line.pixel[0]:g} {line.pixel[1]:g} is not in {meant[0]}, "
                 f"which has {width} × {height}"
             )
-        found.append(Sighting(meant[0], point_id, np.array(line.pixel) + _POINT))
+        found.append(PlateSighting(meant[0], point_id, np.array(line.pixel) + _POINT))
     if not found:
         raise InputError(f"{path}: expected points in some of the {len(photos)} photos, found {few(list(missing))}")
     return found

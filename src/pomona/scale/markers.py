@@ -20,7 +20,7 @@ from pomona.errors import InputError
 from pomona.geometry import PLACED_SD_M, Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.accuracy import warn_of_vague_places
-from pomona.scale.aruco import CENTER_SD_PX, Sighting, by_marker, find_markers
+from pomona.scale.aruco import CENTER_SD_PX, PlateSighting, by_marker, find_markers
 from pomona.scale.bent_pieces import markers_within_bends
 from pomona.scale.marker_table import Markers
 from pomona.scale.options import ScaleOptions
@@ -54,7 +54,7 @@ PLAUSIBLE_DISTANCE_M = (0.2, 200.0)
 
 def find_sightings(
     placement: Placement, photos: Photos, markers: Markers | None, options: ScaleOptions
-) -> list[Sighting]:
+) -> list[PlateSighting]:
     """Return where the markers of the table and of the scale bar are seen, in photos that have no place, too."""
     wanted = set(map(int, markers.ids)) if markers is not None else set()
     wanted |= set(options.scale_bar[:2]) if options.scale_bar is not None else set()
@@ -78,7 +78,11 @@ def find_sightings(
 
 
 def _are_mirrored(
-    placement: Placement, photos: list[Photo], wanted: set[int], as_taken: Sequence[Sighting], options: ScaleOptions
+    placement: Placement,
+    photos: list[Photo],
+    wanted: set[int],
+    as_taken: Sequence[PlateSighting],
+    options: ScaleOptions,
 ) -> bool:
     """Say, and warn, whether plates are seen in the photos' mirror images: nothing else tells these from photos.
 
@@ -108,7 +112,7 @@ def _are_mirrored(
 
 
 def place_by_markers(
-    placement: Placement, photos: Photos, markers: Markers, sightings: Sequence[Sighting], options: ScaleOptions
+    placement: Placement, photos: Photos, markers: Markers, sightings: Sequence[PlateSighting], options: ScaleOptions
 ) -> WorldFrame | None:
     """Put every piece that sees enough markers into their frame, and refine those together."""
     places = markers.places()
@@ -205,7 +209,7 @@ class MarkerFit:
     unused: Mapping[int, str]
     rms_m: float
     up_is_known: bool
-    seen_once: tuple[Sighting, ...] = ()
+    seen_once: tuple[PlateSighting, ...] = ()
     doubted: Mapping[int, TriangulatedMarker] = field(default_factory=dict)
 
     def using(self, ids: Container[int]) -> MarkerFit:
@@ -218,13 +222,13 @@ class MarkerFit:
         )
 
     @property
-    def sightings(self) -> list[Sighting]:
+    def sightings(self) -> list[PlateSighting]:
         """The sightings of the markers used, and of those seen once."""
         return [*(sighting for marker in self.used.values() for sighting in marker.sightings), *self.seen_once]
 
 
 def fit_markers(
-    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray], *, called: str = "markers"
+    cameras: Cameras, sightings: Sequence[PlateSighting], places: Mapping[int, FloatArray], *, called: str = "markers"
 ) -> MarkerFit | str:
     """Return a piece's fit to markers of known places, or why there is none.
 
@@ -279,7 +283,7 @@ def _noise_m(found: Mapping[int, TriangulatedMarker], target: FloatArray) -> flo
 
 
 def _with_seen_once(
-    cameras: Cameras, fit: MarkerFit, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+    cameras: Cameras, fit: MarkerFit, sightings: Sequence[PlateSighting], places: Mapping[int, FloatArray]
 ) -> MarkerFit:
     """Return the fit with those markers that one photo sees where the table has them.
 
@@ -300,7 +304,9 @@ def _with_seen_once(
     return replace(fixed, unused=unused, seen_once=tuple(agree.values()))
 
 
-def _turned(cameras: Cameras, fit: MarkerFit, once: Sequence[Sighting], places: Mapping[int, FloatArray]) -> Similarity:
+def _turned(
+    cameras: Cameras, fit: MarkerFit, once: Sequence[PlateSighting], places: Mapping[int, FloatArray]
+) -> Similarity:
     """Return the fit turned about the line of its markers until those that one photo sees are seen best."""
     line = np.array([places[i] for i in fit.used])
     middle = line.mean(0)
@@ -364,7 +370,7 @@ def center_sd_px_of(seen: Sequence[TriangulatedMarker]) -> float:
 
 def as_landmarks(
     cameras: Cameras,
-    sightings: Sequence[Sighting],
+    sightings: Sequence[PlateSighting],
     places: Mapping[int, FloatArray],
     sigma_m: float,
     center_sd_px: float,
@@ -415,7 +421,7 @@ def residuals_of(
 
 
 def _is_better(
-    refined: Cameras, before: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+    refined: Cameras, before: Cameras, sightings: Sequence[PlateSighting], places: Mapping[int, FloatArray]
 ) -> bool:
     seen_before, seen = (
         reprojection_errors_px(before, sightings, places),

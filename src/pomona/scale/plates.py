@@ -8,7 +8,7 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
-from pomona.scale.aruco import Sighting, by_marker
+from pomona.scale.aruco import PlateSighting, by_marker
 from pomona.scale.marker_table import Markers
 from pomona.scale.placement import Placement
 from pomona.scale.triangulation import tolerance_px, triangulate
@@ -23,7 +23,7 @@ _LEAST_PLATES = 3
 _WRONG_YAW_DEG = 30.0
 
 
-def check_plates(placement: Placement, markers: Markers, sightings: Sequence[Sighting]) -> None:
+def check_plates(placement: Placement, markers: Markers, sightings: Sequence[PlateSighting]) -> None:
     """Warn where plates are seen larger or smaller than the table says, or facing another way, after an adjustment."""
     if placement.adjusted is None:
         return
@@ -62,7 +62,7 @@ def _warn_of_size(placement: Placement, logs: FloatArray) -> None:
         )
 
 
-def plate_corners(cameras: Cameras, seen: Sequence[Sighting]) -> FloatArray | None:
+def plate_corners(cameras: Cameras, seen: Sequence[PlateSighting]) -> FloatArray | None:
     """Return the corners (4, 3) of a plate in the world, in the order in which they are printed; None if not told."""
     index = {name: i for i, name in enumerate(cameras.photos)}
     idx = [index[s.photo] for s in seen]
@@ -76,7 +76,7 @@ def plate_corners(cameras: Cameras, seen: Sequence[Sighting]) -> FloatArray | No
     return np.array(corners)
 
 
-def outer_corners_px(seen: Sighting) -> FloatArray:
+def outer_corners_px(seen: PlateSighting) -> FloatArray:
     """Return the corners (4, 2) of a plate's black square in a photo."""
     return np.asarray(seen.corners_px + _INSET_PX * np.sign(seen.corners_px - seen.center_px))
 

@@ -17,7 +17,7 @@ from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo
 from pomona.progress import Silent
 from pomona.scale.accuracy import are_vague, assess
-from pomona.scale.aruco import Sighting, by_marker
+from pomona.scale.aruco import PlateSighting, by_marker
 from pomona.scale.control_points import ControlPoints
 from pomona.scale.fruit_landmarks import adjust_with_fruits
 from pomona.scale.marker_table import Markers
@@ -42,7 +42,7 @@ class _Pose:
 def resect(
     placement: Placement,
     lost: Sequence[Photo],
-    sightings: Sequence[Sighting],
+    sightings: Sequence[PlateSighting],
     control: ControlPoints,
     find_fruits: FindFruits,
     photos: Mapping[str, Photo],
@@ -73,11 +73,11 @@ def resect(
         poses = [pose for pose, is_good in zip(poses, good, strict=True) if is_good]
 
 
-def _trusted(adjusted: Adjusted, sightings: Sequence[Sighting]) -> dict[str, list[Sighting]]:
+def _trusted(adjusted: Adjusted, sightings: Sequence[PlateSighting]) -> dict[str, list[PlateSighting]]:
     """The sightings by photo, without markers that photos with a place do not see where the table has them."""
     placed = set(adjusted.cameras.photos)
     wrong = {s.marker_id for s in sightings if s.photo in placed} - set(adjusted.markers)
-    found: dict[str, list[Sighting]] = {}
+    found: dict[str, list[PlateSighting]] = {}
     for sighting in sightings:
         if sighting.marker_id not in wrong:
             found.setdefault(sighting.photo, []).append(sighting)
@@ -87,7 +87,7 @@ def _trusted(adjusted: Adjusted, sightings: Sequence[Sighting]) -> dict[str, lis
 def _poses(
     adjusted: Adjusted,
     lost: Sequence[Photo],
-    trusted: Mapping[str, Sequence[Sighting]],
+    trusted: Mapping[str, Sequence[PlateSighting]],
     places: Mapping[int, FloatArray],
     corners: Mapping[int, FloatArray],
     photos: Mapping[str, Photo],
@@ -107,7 +107,7 @@ def _poses(
     return poses
 
 
-def _corners(adjusted: Adjusted, sightings: Sequence[Sighting], markers: Markers) -> dict[int, FloatArray]:
+def _corners(adjusted: Adjusted, sightings: Sequence[PlateSighting], markers: Markers) -> dict[int, FloatArray]:
     """The corners (4, 3) of plates: where photos that have a place see them, else as the table says that they hang."""
     placed = set(adjusted.cameras.photos)
     found = upright_corners(markers)
@@ -154,7 +154,7 @@ def pose_of_points(
 def _with_photos(
     adjusted: Adjusted,
     poses: Sequence[_Pose],
-    trusted: Mapping[str, Sequence[Sighting]],
+    trusted: Mapping[str, Sequence[PlateSighting]],
     places: Mapping[int, FloatArray],
     find_fruits: FindFruits,
     photos: Mapping[str, Photo],
@@ -175,7 +175,7 @@ def _with_photos(
 
 
 def _seen_by(
-    adjusted: Adjusted, first: int, seen: Sequence[Sequence[Sighting]], places: Mapping[int, FloatArray]
+    adjusted: Adjusted, first: int, seen: Sequence[Sequence[PlateSighting]], places: Mapping[int, FloatArray]
 ) -> dict[int, Landmark]:
     """The markers with what further photos, the `first` of which has this index, see of them."""
     usual, known = next(iter(adjusted.markers.values())), dict(adjusted.markers)

@@ -13,7 +13,7 @@ from pomona.adjustment.lenses import credible_focals, frames_of
 from pomona.adjustment.weights import weighted
 from pomona.cameras import Cameras
 from pomona.photos import Photo
-from pomona.scale.aruco import Sighting
+from pomona.scale.aruco import PlateSighting
 from pomona.scale.markers import PLAUSIBLE_DISTANCE_M, as_landmarks, center_sd_px_of
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
@@ -25,7 +25,7 @@ _UNKNOWN_PLACE = 100.0
 
 
 def scale_by_bar(
-    placement: Placement, sightings: Sequence[Sighting], photos: Mapping[str, Photo], options: ScaleOptions
+    placement: Placement, sightings: Sequence[PlateSighting], photos: Mapping[str, Photo], options: ScaleOptions
 ) -> None:
     """Give metres from the scale bar to every piece that sees both of its markers."""
     if options.scale_bar is None:
@@ -66,7 +66,7 @@ class _SeenBar:
 
 
 def _seen_bar(
-    cameras: Cameras, sightings: Sequence[Sighting], photos: Mapping[str, Photo], bar: tuple[int, int, float]
+    cameras: Cameras, sightings: Sequence[PlateSighting], photos: Mapping[str, Photo], bar: tuple[int, int, float]
 ) -> _SeenBar | str:
     """Return the scale bar as a piece sees it, or why it gives no scale."""
     one, other, _ = bar

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
-from pomona.scale.aruco import Sighting, by_marker
+from pomona.scale.aruco import PlateSighting, by_marker
 
 # Rays that meet under less than this say nothing of depth.
 _LEAST_ANGLE_DEG = 1.0
@@ -36,12 +36,12 @@ class TriangulatedMarker:
     """A marker seen in a piece: the sightings that agree, and the point that they agree on in the piece's frame."""
 
     marker_id: int
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[PlateSighting, ...]
     triangulated: Triangulated
 
 
 def triangulate_markers(
-    cameras: Cameras, sightings: Sequence[Sighting]
+    cameras: Cameras, sightings: Sequence[PlateSighting]
 ) -> tuple[dict[int, TriangulatedMarker], dict[int, str]]:
     """Return the markers that can be triangulated in a piece, and for the other sighted ones why they cannot."""
     index = {name: i for i, name in enumerate(cameras.photos)}
@@ -59,14 +59,14 @@ def triangulate_markers(
 
 
 def reprojection_errors_px(
-    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+    cameras: Cameras, sightings: Sequence[PlateSighting], places: Mapping[int, FloatArray]
 ) -> FloatArray:
     """Return how far (k,) each sighting's centre is from where its known place projects, in pixels."""
     return np.asarray(np.linalg.norm(reprojection_offsets_px(cameras, sightings, places), axis=1))
 
 
 def reprojection_offsets_px(
-    cameras: Cameras, sightings: Sequence[Sighting], places: Mapping[int, FloatArray]
+    cameras: Cameras, sightings: Sequence[PlateSighting], places: Mapping[int, FloatArray]
 ) -> FloatArray:
     """Return where (k, 2) the known place of each sighting projects, from the centre that was seen, in pixels."""
     index = {name: i for i, name in enumerate(cameras.photos)}

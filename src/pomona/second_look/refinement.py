@@ -16,7 +16,7 @@ from pomona.second_look.options import SecondLookOptions
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
+class OutlinePrior:
     """Where outlines have n spheres, and how well they say it: `covariances_m2` (n, 3, 3), of so many `masks` (n,).
 
     `radius_m` is the usual one.
@@ -33,7 +33,7 @@ class Prior:
 
 
 def refined(
-    prior: Prior, evidence: Evidence, cameras: Cameras, options: SecondLookOptions, round_idx: int = 0
+    prior: OutlinePrior, evidence: Evidence, cameras: Cameras, options: SecondLookOptions, round_idx: int = 0
 ) -> Looked:
     """Return the spheres moved to where the evidence and their outlines put them.
 
@@ -54,7 +54,7 @@ def refined(
     return search.best(prior.spheres, log_prior)
 
 
-def unmoved(prior: Prior, evidence: Evidence, cameras: Cameras, options: SecondLookOptions) -> Looked:
+def unmoved(prior: OutlinePrior, evidence: Evidence, cameras: Cameras, options: SecondLookOptions) -> Looked:
     """Return the spheres where outlines have them, with what the evidence shows there."""
     here = GridSearch(evidence, cameras, options, (0.0, 0.0), (), prior.radius_m)
     return here.best(prior.spheres)

@@ -28,7 +28,7 @@ from pomona.second_look.looked import Looked
 from pomona.second_look.network import CentersNetwork
 from pomona.second_look.options import SecondLookOptions
 from pomona.second_look.proposals import proposed
-from pomona.second_look.refinement import Prior, refined, unmoved
+from pomona.second_look.refinement import OutlinePrior, refined, unmoved
 from pomona.second_look.selection import select
 
 
@@ -92,7 +92,7 @@ def _looked_at(
     if fused.shown is not None:
         spheres = _as_outlines_have_them(spheres, fused.shown, matches, masks, size.radius_m, association)
     covariances = place_covariances(spheres, matches, masks, size.radius_m, association)
-    prior = Prior(spheres, covariances, matches.counts(len(spheres)), size.radius_m)
+    prior = OutlinePrior(spheres, covariances, matches.counts(len(spheres)), size.radius_m)
     sights = find_sights(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options)
     sights = well_spread(sights, spheres, cameras, options.most_photos)
     seen_fruits = SeenFruits(detections, fused.observations.detection_id)

@@ -17,7 +17,7 @@ import numpy as np
 from pomona.arrays import ByteArray, Float32Array, FloatArray
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
 from pomona.segment.box_overlap import non_maximum_suppression
-from pomona.segment.placement import Placement, corners, with_masks
+from pomona.segment.placement import TilePlacement, corners, with_masks
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections
 
 DEFAULT_DETECTOR = "google/owlv2-base-patch16-ensemble"
@@ -96,7 +96,7 @@ class OpenVocabularySegmenter(TileByTile):
         square[:height, :width] = tile
         boxes, scores = self._boxes(square)
         kept = np.flatnonzero(non_maximum_suppression(boxes, scores, _MAX_BOX_IOU))
-        placement = Placement((width, height), (side, side), (1.0, 1.0), (0, 0))
+        placement = TilePlacement((width, height), (side, side), (1.0, 1.0), (0, 0))
         boxes, scores = placement.boxes_in_tile(boxes[kept]), scores[kept]
         seen = (boxes[:, 2:] - boxes[:, :2] >= 1).all(1)
         boxes, scores = boxes[seen], scores[seen]

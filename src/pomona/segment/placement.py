@@ -14,7 +14,7 @@ from pomona.segment.resize import resized_pixels
 
 
 @dataclass(frozen=True)
-class Placement:
+class TilePlacement:
     """Where a tile of `tile_px` (width, height) lies in a network's input: there = tile * scale + shift."""
 
     tile_px: tuple[int, int]
@@ -23,7 +23,7 @@ class Placement:
     shift_px: tuple[int, int]
 
     @classmethod
-    def letterboxed(cls, tile_px: tuple[int, int], input_px: tuple[int, int]) -> Placement:
+    def letterboxed(cls, tile_px: tuple[int, int], input_px: tuple[int, int]) -> TilePlacement:
         """As large as it fits, its shape kept, in the middle."""
         ratio = min(input_px[0] / tile_px[0], input_px[1] / tile_px[1])
         placed = max(1, round(tile_px[0] * ratio)), max(1, round(tile_px[1] * ratio))
@@ -31,7 +31,7 @@ class Placement:
         return cls(tile_px, input_px, scale, ((input_px[0] - placed[0]) // 2, (input_px[1] - placed[1]) // 2))
 
     @classmethod
-    def stretched(cls, tile_px: tuple[int, int], input_px: tuple[int, int]) -> Placement:
+    def stretched(cls, tile_px: tuple[int, int], input_px: tuple[int, int]) -> TilePlacement:
         """Over the whole input, whatever its shape."""
         return cls(tile_px, input_px, (input_px[0] / tile_px[0], input_px[1] / tile_px[1]), (0, 0))
 

@@ -19,7 +19,7 @@ from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile, Tensor
 from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.exported import ExportedSegmenter
-from pomona.segment.placement import Placement, corners, with_masks
+from pomona.segment.placement import TilePlacement, corners, with_masks
 from pomona.segment.protocol import TileDetections
 
 _IMAGENET = {"means": (0.485, 0.456, 0.406), "stds": (0.229, 0.224, 0.225)}
@@ -58,7 +58,7 @@ class RfDetrSegmenter(ExportedSegmenter):
         return columns - 1, _stored_names(file, stored)
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
-        placement = Placement.stretched((tile.shape[1], tile.shape[0]), self._input_px)
+        placement = TilePlacement.stretched((tile.shape[1], tile.shape[0]), self._input_px)
         image = (placement.image(tile, 0).astype(np.float32) / 255 - self._mean) / self._deviation
         dets, labels, masks = self._file.run(image.transpose(2, 0, 1)[None], self._outputs)
         self._check(dets, labels, masks)

@@ -19,7 +19,7 @@ from pomona.errors import FormatError
 from pomona.onnx_file import OnnxFile, Tensor
 from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.exported import ExportedSegmenter
-from pomona.segment.placement import Placement, corners, with_masks
+from pomona.segment.placement import TilePlacement, corners, with_masks
 from pomona.segment.protocol import TileDetections
 
 _LAYOUT = "YOLO-seg: candidates (1, 4 + classes + m, anchors) or (1, k, 6 + m), prototypes (1, m, H / 4, W / 4)"
@@ -64,7 +64,7 @@ class YoloSegmenter(ExportedSegmenter):
         return self._rows.classes, names
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
-        placement = Placement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px)
+        placement = TilePlacement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px)
         image = placement.image(tile, _GREY).transpose(2, 0, 1)[None].astype(np.float32) / 255
         candidates, prototypes = self._file.run(image, self._outputs)
         boxes, scores, weights = self._rows.read(self._file, candidates, prototypes, self._fruits, self._score_floor)

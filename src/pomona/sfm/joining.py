@@ -34,7 +34,7 @@ _RelativePose = tuple[FloatArray, IntArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class MatchedPhotos:
     """What is known of n photos: their matches, their rays (k, 3), z = 1, and focal lengths in working pixels (n,)."""
 
     overlaps: Sequence[Overlap]
@@ -80,7 +80,7 @@ class Group:
         return cls({photo: np.eye(4)[:3]})
 
 
-def join_groups(groups: Sequence[Group], scene: Scene) -> list[Group]:
+def join_groups(groups: Sequence[Group], scene: MatchedPhotos) -> list[Group]:
     """Return the groups, largest first, after those were joined that matches bring together.
 
     A group is joined where clearly more of the matches between it and the other are explained by the join than are not.
@@ -99,7 +99,7 @@ def join_groups(groups: Sequence[Group], scene: Scene) -> list[Group]:
     return sorted(done, key=lambda group: -len(group.poses))
 
 
-def _join(base: Group, other: Group, scene: Scene) -> tuple[float, Group] | None:
+def _join(base: Group, other: Group, scene: MatchedPhotos) -> tuple[float, Group] | None:
     """Return both as one, and the weight of the matches by which; None where matches do not bring them together."""
     ours, theirs = base.poses.keys(), other.poses.keys()
     of_theirs = {id(o): o for photo in theirs for o in scene.overlaps_of.get(photo, ())}.values()
@@ -133,7 +133,7 @@ def _moved(group: Group, base_from_group: Similarity) -> dict[int, FloatArray]:
     return moved
 
 
-def _agreement(group: Group, overlaps: Sequence[Overlap], scene: Scene) -> tuple[float, float]:
+def _agreement(group: Group, overlaps: Sequence[Overlap], scene: MatchedPhotos) -> tuple[float, float]:
     """Weights of what the group's poses explain of the matches, and of what they do not (see `selection.explained`)."""
     explained = contradicted = 0.0
     for overlap in overlaps:
@@ -145,17 +145,17 @@ def _agreement(group: Group, overlaps: Sequence[Overlap], scene: Scene) -> tuple
     return explained, contradicted
 
 
-def _errors_px(first: FloatArray, second: FloatArray, overlap: Overlap, scene: Scene) -> FloatArray:
+def _errors_px(first: FloatArray, second: FloatArray, overlap: Overlap, scene: MatchedPhotos) -> FloatArray:
     rays1, rays2 = _rays(overlap, scene)
     focal_px = (scene.focals_px[overlap.first] + scene.focals_px[overlap.second]) / 2
     return np.asarray(focal_px * sampson_distance(first, second, rays1, rays2))
 
 
-def _rays(overlap: Overlap, scene: Scene) -> tuple[FloatArray, FloatArray]:
+def _rays(overlap: Overlap, scene: MatchedPhotos) -> tuple[FloatArray, FloatArray]:
     return scene.rays[overlap.first][overlap.idx[:, 0]], scene.rays[overlap.second][overlap.idx[:, 1]]
 
 
-def _similarity(base: Group, other: Group, overlap: Overlap, scene: Scene) -> Similarity | None:
+def _similarity(base: Group, other: Group, overlap: Overlap, scene: MatchedPhotos) -> Similarity | None:
     """Return `base_from_other` from the matches of one photo of each (the first is the base's), or None."""
     relative = scene.relative_pose(overlap)
     if relative is None:
@@ -179,7 +179,7 @@ def _similarity(base: Group, other: Group, overlap: Overlap, scene: Scene) -> Si
     return Similarity(scale, rotation.T @ second[:, :3], rotation.T @ (scale * second[:, 3] - translation))
 
 
-def _relative_pose(overlap: Overlap, scene: Scene) -> _RelativePose | None:
+def _relative_pose(overlap: Overlap, scene: MatchedPhotos) -> _RelativePose | None:
     if len(overlap.idx) < _LEAST_MATCHES:
         return None
     rays1, rays2 = _rays(overlap, scene)
@@ -195,7 +195,7 @@ def _relative_pose(overlap: Overlap, scene: Scene) -> _RelativePose | None:
     return (np.column_stack([rotation, translation.ravel()]), idx) if len(idx) >= _LEAST_MATCHES else None
 
 
-def _known_depths(group: Group, photo: int, keypoints: IntArray, scene: Scene) -> FloatArray:
+def _known_depths(group: Group, photo: int, keypoints: IntArray, scene: MatchedPhotos) -> FloatArray:
     """Depths (k,) of keypoints in a photo of a group, by the rays of the group's other photos; NaN where there is none.
 
     Of several, that under the widest angle.

@@ -20,7 +20,7 @@ from pomona.progress import Progress, Silent
 from pomona.sfm import engine
 from pomona.sfm.engine import CAMERA_MODEL, Overlap
 from pomona.sfm.features import Features, extract
-from pomona.sfm.joining import Group, Scene, join_groups
+from pomona.sfm.joining import Group, MatchedPhotos, join_groups
 from pomona.sfm.kept_features import KeptFeatures
 from pomona.sfm.mapping_process import MappingProcess
 from pomona.sfm.matching import match_photos
@@ -201,7 +201,7 @@ def _joined(
     placed = {int(photo) for model in models for photo in model.photo_idx}
     groups = [Group.of_model(model) for model in models]
     groups += [Group.of_photo(i) for i in range(len(workspace.photos)) if i not in placed]
-    found = [g for g in join_groups(groups, Scene(overlaps, rays, focals_px)) if len(g.poses) > 1]
+    found = [g for g in join_groups(groups, MatchedPhotos(overlaps, rays, focals_px)) if len(g.poses) > 1]
     if len(found) == len(models) and sum(len(g.poses) for g in found) == len(placed):
         return models
     adjusted: list[Model] = []

@@ -18,7 +18,7 @@ _IN_BUNCH_M = 0.004  # between fruits that are pressed together, at most
 
 
 @dataclass(frozen=True, eq=False)
-class Fruits:
+class TrueFruits:
     """The true fruits: ids (fewer than 1..n where some dropped), trees 1..t, centres (n, 3), diameters (n,), metres."""
 
     ids: IntArray
@@ -52,7 +52,7 @@ class Row:
     woods: tuple[Wood, ...]
     foliage: tuple[Mesh, ...]  # one mesh of leaves a tree
     bark: tuple[Mesh, ...]  # one mesh of wood a tree
-    fruits: Fruits
+    fruits: TrueFruits
     stems: Mesh | None
     plates: Plates
     posts: Mesh  # the plates' posts, the row's end posts and wires
@@ -136,7 +136,7 @@ class _Twigs:
 # ---- fruits ----------------------------------------------------------------------------------------------------------
 
 
-def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, FloatArray]:
+def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[TrueFruits, FloatArray]:
     """Hang fruits under branches, a third of them in clusters, and say from where: (n, 3).
 
     Bunches, which only `bunch_share` makes, are of fruits that touch; in clusters they are near each other. None
@@ -172,7 +172,7 @@ def _hang_fruits(woods: tuple[Wood, ...], options: RowOptions) -> tuple[Fruits, 
                 trees.append(tree + 1)
                 spurs.append(spur)
                 placed += 1
-    fruits = Fruits(
+    fruits = TrueFruits(
         np.arange(1, len(sizes) + 1), np.array(trees, int), np.array(centres).reshape(-1, 3), np.array(sizes, float)
     )
     return fruits, np.array(spurs).reshape(-1, 3)
@@ -186,7 +186,7 @@ def _beside(
     return np.asarray(centres[other] + away_m * unit(rng.normal(size=3) * [1, 1, 0.6]))
 
 
-def _later(fruits: Fruits, spurs: FloatArray, options: RowOptions) -> tuple[Fruits, FloatArray]:
+def _later(fruits: TrueFruits, spurs: FloatArray, options: RowOptions) -> tuple[TrueFruits, FloatArray]:
     """Return the fruits that are left after `days_later`, grown, with their ids and from where they hang.
 
     Their tops stay where they are, and those that have come to touch push each other aside.
@@ -197,7 +197,7 @@ def _later(fruits: Fruits, spurs: FloatArray, options: RowOptions) -> tuple[Frui
     centres = fruits.centres_in_world - np.outer(grown_m / 2, [0, 0, 1])
     left = np.sort(rng.permutation(n)[round(options.drop_share * n) :])
     pushed = _pushed_apart(centres[left], sizes_m[left])
-    return Fruits(fruits.ids[left], fruits.trees[left], pushed, sizes_m[left]), spurs[left]
+    return TrueFruits(fruits.ids[left], fruits.trees[left], pushed, sizes_m[left]), spurs[left]
 
 
 def _pushed_apart(centres: FloatArray, sizes_m: FloatArray) -> FloatArray:
@@ -233,7 +233,7 @@ def _hangs_free(centre: FloatArray, size: float, centres: list[FloatArray], size
     return bool(gaps.min() > _GAP_M)
 
 
-def _stems(spurs: FloatArray, fruits: Fruits) -> Mesh | None:
+def _stems(spurs: FloatArray, fruits: TrueFruits) -> Mesh | None:
     tops = fruits.centres_in_world + np.outer(0.32 * fruits.diameters_m, [0, 0, 1])
     stems = [_stem(spur, top) for spur, top in zip(spurs, tops, strict=True)]
     return Mesh.joined(stems) if stems else None
@@ -248,7 +248,7 @@ def _stem(spur: FloatArray, top: FloatArray) -> Mesh:
 # ---- leaves and grass ------------------------------------------------------------------------------------------------
 
 
-def _grow_leaves(wood: Wood, fruits: Fruits, options: RowOptions, rng: np.random.Generator) -> Mesh:
+def _grow_leaves(wood: Wood, fruits: TrueFruits, options: RowOptions, rng: np.random.Generator) -> Mesh:
     """Grow rosettes of leaves on branches and shoots; leaves that would pierce a fruit are left out."""
     count = options.leaves_per_tree
     rosettes = max(1, count // 5)

@@ -24,7 +24,7 @@ from pomona.synth.layout import Plates, Row, lay_out_row
 from pomona.synth.options import RowOptions
 
 
-class Stage(Protocol):
+class RowStudio(Protocol):
     """A row that is ready to be photographed; a photo and its mask have one number."""
 
     def photograph(self, camera: RowCamera, path: Path, *, photo_idx: int) -> None:
@@ -68,7 +68,7 @@ def render_row(options: RowOptions, out: Path, progress: Progress | None = None)
     return out
 
 
-def _engine(options: RowOptions) -> Callable[[Row, list[IntArray], RowOptions], Stage]:
+def _engine(options: RowOptions) -> Callable[[Row, list[IntArray], RowOptions], RowStudio]:
     """Return what draws; both engines are heavy, and optional."""
     if options.rough:
         from pomona.synth.quick.stage import QuickStage
@@ -106,12 +106,12 @@ def _once(path: Path, write: Callable[[Path], None]) -> None:
     half.rename(path)
 
 
-def _photo(stage: Stage, camera: RowCamera, draft: Path, options: RowOptions, number: int, path: Path) -> None:
+def _photo(stage: RowStudio, camera: RowCamera, draft: Path, options: RowOptions, number: int, path: Path) -> None:
     stage.photograph(camera, draft, photo_idx=number)
     develop(draft, path, options, number=number)
 
 
-def _mask(stage: Stage, camera: RowCamera, draft: Path, number: int, path: Path) -> None:
+def _mask(stage: RowStudio, camera: RowCamera, draft: Path, number: int, path: Path) -> None:
     stage.mask(camera, draft, photo_idx=number)
     with Image.open(draft) as image:
         truth.write_mask(path, ids_from_colours(np.asarray(image.convert("RGB"))))

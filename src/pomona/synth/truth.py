@@ -16,7 +16,7 @@ from pomona.formats.json_file import load_json
 from pomona.photos import Photo, Photos
 from pomona.synth.cameras import RowCamera
 from pomona.synth.encoding import visible_pixels
-from pomona.synth.layout import Fruits, Plates
+from pomona.synth.layout import Plates, TrueFruits
 
 Ids = np.ndarray[tuple[int, ...], np.dtype[np.uint16]]
 
@@ -50,7 +50,7 @@ class RowFolder:
         self.mask("x").parent.mkdir(parents=True, exist_ok=True)
 
 
-def write_fruits(path: Path, fruits: Fruits) -> None:
+def write_fruits(path: Path, fruits: TrueFruits) -> None:
     """Write `id,tree,x,y,z,diameter` (metres)."""
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
@@ -61,11 +61,11 @@ def write_fruits(path: Path, fruits: Fruits) -> None:
             table.writerow([i, tree, *(f"{v:.5f}" for v in centre), f"{size:.5f}"])
 
 
-def read_fruits(path: Path) -> Fruits:
+def read_fruits(path: Path) -> TrueFruits:
     """Read what `write_fruits` wrote; raise `FormatError` naming the line where a value is not a number."""
     rows = _read_table(path, ("id", "tree", "x", "y", "z", "diameter"))
     table = np.array(rows, float).reshape(-1, 6)
-    return Fruits(table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:5], table[:, 5])
+    return TrueFruits(table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:5], table[:, 5])
 
 
 def write_markers(path: Path, plates: Plates) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pomona.arrays import ByteArray, FloatArray
 from pomona.errors import InputError
-from pomona.train.crop import FEWEST_SEEN, Crop, too_small, with_doubts
+from pomona.train.crop import FEWEST_SEEN, TrainingCrop, too_small, with_doubts
 from pomona.train.occlusion import behind_leaves, paste_fruits
 from pomona.train.recolour import as_phones_show, recolour
 from pomona.train.samples import Labels, Sample, boxes_of
@@ -51,7 +51,7 @@ class AugmentOptions:
                 raise InputError(f"`{name}`: expected a share of 0 to 1, found {getattr(self, name)}")
 
 
-def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentOptions) -> Crop:
+def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentOptions) -> TrainingCrop:
     """Return a random crop of random samples."""
     size = options.crop_px
     if rng.random() >= options.mosaics:
@@ -75,7 +75,7 @@ def draw_crop(samples: list[Sample], rng: np.random.Generator, options: AugmentO
 
 def _cut(
     sample: Sample, size: int, fruit_px: tuple[float, float] | None, rng: np.random.Generator, options: AugmentOptions
-) -> Crop:
+) -> TrainingCrop:
     """A scaled, perhaps mirrored crop of one photo, without any change of colour."""
     pixels, labels, boxes = sample.pixels(), sample.label_image(), sample.boxes_px
     widths = boxes[:, 2:] - boxes[:, :2]
@@ -121,7 +121,7 @@ def _moved(circles: FloatArray, to_crop: FloatArray) -> FloatArray:
     return np.column_stack([centres, circles[:, 2] * np.sqrt(abs(np.linalg.det(to_crop[:, :2])))])
 
 
-def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) -> Crop:
+def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) -> TrainingCrop:
     """Clip the boxes to the crop; what is hardly seen there becomes doubtful."""
     size = pixels.shape[0]
     clipped = boxes_of(labels, len(whole)) if exact else np.clip(whole, 0, size)
@@ -129,10 +129,10 @@ def _kept(pixels: ByteArray, labels: Labels, whole: FloatArray, *, exact: bool) 
     seen = np.nan_to_num(sides.prod(1)) / np.maximum(all_sides.prod(1), 1e-9)
     doubtful = (seen < FEWEST_SEEN) | too_small(clipped)
     hardly_seen = np.clip(whole[doubtful & (seen > 0)], 0, size)
-    return with_doubts(Crop(pixels, labels, clipped), doubtful, hardly_seen)
+    return with_doubts(TrainingCrop(pixels, labels, clipped), doubtful, hardly_seen)
 
 
-def _mosaic(quarters: list[Crop]) -> Crop:
+def _mosaic(quarters: list[TrainingCrop]) -> TrainingCrop:
     half = quarters[0].pixels.shape[0]
     pixels = np.zeros((2 * half, 2 * half, 3), np.uint8)
     labels = np.zeros((2 * half, 2 * half), np.int16)
@@ -147,4 +147,6 @@ def _mosaic(quarters: list[Crop]) -> Crop:
         circles.append(quarter.known_circles_px + half * np.array([x, y, 0]))
         count += len(quarter.boxes_px)
     complete = all(quarter.complete for quarter in quarters)
-    return Crop(pixels, labels, np.concatenate(boxes), np.concatenate(doubtful), np.concatenate(circles), complete)
+    return TrainingCrop(
+        pixels, labels, np.concatenate(boxes), np.concatenate(doubtful), np.concatenate(circles), complete
+    )

@@ -17,7 +17,7 @@ from pomona.segment.decode import DecodeOptions, Maps, decode
 from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
 from pomona.segment.two_looks import seen_with_mirror_image
-from pomona.train.crop import Crop
+from pomona.train.crop import TrainingCrop
 from pomona.train.encoder import VARIANTS
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
@@ -72,7 +72,7 @@ class CenterLearner:
         """Let the encoder, which knows something, learn slower."""
         return _ENCODER_RATE if name.startswith("encoder.") else 1.0
 
-    def batch_of(self, crops: Sequence[Crop]) -> tuple[Tensor, Targets]:
+    def batch_of(self, crops: Sequence[TrainingCrop]) -> tuple[Tensor, Targets]:
         """Return pixels uint8 (n, 3, s, s) and the maps to be learnt."""
         pixels = np.stack([crop.pixels.transpose(2, 0, 1) for crop in crops])
         return torch.from_numpy(pixels), targets_of(list(crops))

@@ -16,7 +16,7 @@ _SMALLEST_PX = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Crop:
+class TrainingCrop:
     """`pixels` uint8 (s, s, 3) RGB, `labels` int16 (s, s), `boxes_px` (n, 4) of labels 1 … n, NaN where doubtful.
 
     `doubtful_px` (m, 4) are boxes of fruits that are hardly seen: to find them is neither right nor wrong.
@@ -44,7 +44,7 @@ def too_small(boxes_px: FloatArray) -> BoolArray:
     return small
 
 
-def with_doubts(crop: Crop, doubtful: BoolArray, hardly_seen_px: FloatArray) -> Crop:
+def with_doubts(crop: TrainingCrop, doubtful: BoolArray, hardly_seen_px: FloatArray) -> TrainingCrop:
     """Return the crop with the fruits of the mask `doubtful` (n,) made so, and their boxes (m, 4) where still seen."""
     boxes, labels = crop.boxes_px.copy(), crop.labels.copy()
     boxes[doubtful] = np.nan

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from pomona.arrays import ByteArray
 from pomona.progress import Progress
 from pomona.segment.protocol import TileDetections
-from pomona.train.crop import Crop
+from pomona.train.crop import TrainingCrop
 
 
 class Learner(Protocol):
@@ -39,7 +39,7 @@ class Learner(Protocol):
     def rate_share(self, name: str) -> float:
         """Return the share of the learning rate by which the parameter of this name learns."""
 
-    def batch_of(self, crops: Sequence[Crop]) -> Any:
+    def batch_of(self, crops: Sequence[TrainingCrop]) -> Any:
         """Return crops of one size as `loss` wants them, on the CPU."""
 
     def loss(self, network: nn.Module, batch: Any) -> tuple[Tensor, dict[str, float]]:

@@ -28,7 +28,7 @@ from pomona.segment.mask_rcnn import (
     with_present_names,
 )
 from pomona.segment.protocol import TileDetections
-from pomona.train.crop import Crop
+from pomona.train.crop import TrainingCrop
 from pomona.train.samples import IGNORED
 
 Target = dict[str, Tensor]
@@ -85,7 +85,7 @@ class MaskRcnnLearner:
         """Let all parameters learn alike."""
         return 1.0
 
-    def batch_of(self, crops: Sequence[Crop]) -> tuple[Tensor, list[Target]]:
+    def batch_of(self, crops: Sequence[TrainingCrop]) -> tuple[Tensor, list[Target]]:
         """Return pixels uint8 (n, 3, s, s) and what is to be found in each crop."""
         pixels = np.stack([crop.pixels.transpose(2, 0, 1) for crop in crops])
         return torch.from_numpy(pixels), [target_of(crop) for crop in crops]
@@ -126,7 +126,7 @@ class MaskRcnnLearner:
         part.replace(path)
 
 
-def target_of(crop: Crop) -> Target:
+def target_of(crop: TrainingCrop) -> Target:
     """Return what is to be found in a crop; a doubtful fruit has a box, a label of −1 and an empty mask."""
     known = np.isfinite(crop.boxes_px).all(1)
     labels = np.flatnonzero(known) + 1

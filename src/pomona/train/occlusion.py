@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pomona.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from pomona.train.crop import FEWEST_SEEN, Crop, too_small, with_doubts
+from pomona.train.crop import FEWEST_SEEN, TrainingCrop, too_small, with_doubts
 from pomona.train.samples import Labels, boxes_of
 
 _SMALLEST_PX = 8
@@ -21,7 +21,7 @@ _MOST_PER_FRUIT = 4
 _FOLIAGE_TRIES, _NEARBY = 6, 1.5
 
 
-def paste_fruits(crop: Crop, donor: Crop, count: int, rng: np.random.Generator) -> Crop:
+def paste_fruits(crop: TrainingCrop, donor: TrainingCrop, count: int, rng: np.random.Generator) -> TrainingCrop:
     """Return `crop` with up to `count` well seen fruits of `donor`, mirrored or not, at random places.
 
     A fruit's own pixels alone are pasted, so its mask is exact even where the donor's masks were made from boxes; its
@@ -46,7 +46,7 @@ def paste_fruits(crop: Crop, donor: Crop, count: int, rng: np.random.Generator) 
     return _hidden(behind, np.concatenate(before), np.concatenate(areas))
 
 
-def well_seen(crop: Crop) -> IntArray:
+def well_seen(crop: TrainingCrop) -> IntArray:
     """Return the labels of fruits that are inside the crop, not small, and not behind leaves."""
     boxes, size = boxes_of(crop.labels, len(crop.boxes_px)), crop.labels.shape[0]
     sides = np.nan_to_num(boxes[:, 2:] - boxes[:, :2])
@@ -61,7 +61,7 @@ def _areas(labels: Labels, count: int) -> IntArray:
     return areas
 
 
-def _fruit(donor: Crop, label: int, *, mirrored: bool) -> tuple[ByteArray, BoolArray]:
+def _fruit(donor: TrainingCrop, label: int, *, mirrored: bool) -> tuple[ByteArray, BoolArray]:
     """A fruit's patch (h, w, 3) and mask (h, w) that touches all four sides."""
     rows, columns = np.nonzero(donor.labels == label)
     window = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
@@ -76,7 +76,7 @@ def _blend(onto: ByteArray, patch: ByteArray, mask: BoolArray) -> None:
     onto[:] = np.rint(alpha * patch + (1 - alpha) * onto).astype(np.uint8)
 
 
-def _hidden(crop: Crop, before: FloatArray, areas: IntArray) -> Crop:
+def _hidden(crop: TrainingCrop, before: FloatArray, areas: IntArray) -> TrainingCrop:
     """The crop with boxes shrunk to what is left of fruits of the label boxes (n, 4) and areas (n,) before."""
     after, left = boxes_of(crop.labels, len(areas)), _areas(crop.labels, len(areas))
     covered = left < areas

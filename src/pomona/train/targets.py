@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from pomona.arrays import Float32Array
-from pomona.train.crop import Crop
+from pomona.train.crop import TrainingCrop
 from pomona.train.network import STRIDE
 from pomona.train.samples import IGNORED, Labels
 
@@ -42,14 +42,14 @@ class Targets:
     complete: Tensor
 
 
-def targets_of(crops: list[Crop]) -> Targets:
+def targets_of(crops: list[TrainingCrop]) -> Targets:
     """Return the targets of crops of one size, which is a multiple of the stride."""
     each = [_maps(crop) for crop in crops]
     stacked = {f.name: torch.from_numpy(np.stack([maps[f.name] for maps in each])) for f in fields(Targets)}
     return Targets(**stacked)
 
 
-def _maps(crop: Crop) -> dict[str, Float32Array]:
+def _maps(crop: TrainingCrop) -> dict[str, Float32Array]:
     size = crop.labels.shape[0] // STRIDE
     at = ((np.arange(size) + 0.5) * STRIDE).astype(np.float32)
     heat, best = np.zeros((size, size), np.float32), np.zeros((size, size), np.float32)
@@ -93,7 +93,7 @@ def _maps(crop: Crop) -> dict[str, Float32Array]:
     }
 
 
-def _offsets(crop: Crop, label: Labels, at: Float32Array) -> tuple[Float32Array, Float32Array]:
+def _offsets(crop: TrainingCrop, label: Labels, at: Float32Array) -> tuple[Float32Array, Float32Array]:
     """Offsets (2, h, w) from cells to the centre of the fruit seen there, and weights (h, w)."""
     boxes = np.concatenate([np.full((1, 4), np.nan), crop.boxes_px]).astype(np.float32)
     of = boxes[np.maximum(label, 0)]

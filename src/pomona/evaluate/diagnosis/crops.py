@@ -17,7 +17,7 @@ from pomona.detections import Mask
 from pomona.drawing import MISSED, OTHER, OWN, UNUSED, Rgb, Square, cut, draw_mask, draw_sphere, label_sphere
 from pomona.errors import InputError, MissingFileError, few
 from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, MistakeView, SurveyResult
-from pomona.evaluate.diagnosis.spheres import Circle, Spheres
+from pomona.evaluate.diagnosis.spheres import Circle, DrawnSpheres
 from pomona.formats.detections.png_masks import read_ids
 from pomona.fruit_geometry.sphere_outlines import centers_px
 from pomona.photos import Photo
@@ -55,7 +55,7 @@ class CropCutter:
     def __init__(
         self,
         survey: SurveyResult,
-        spheres: Spheres,
+        spheres: DrawnSpheres,
         true_ids: Mapping[str, Path],
         folder: Path,
         options: MistakeOptions,

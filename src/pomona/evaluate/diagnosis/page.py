@@ -26,7 +26,7 @@ from pomona.evaluate.diagnosis.mistakes import (
     Stage,
     SurveyResult,
 )
-from pomona.evaluate.diagnosis.spheres import Spheres
+from pomona.evaluate.diagnosis.spheres import DrawnSpheres
 from pomona.evaluate.fruits.scores import Scores, Tally
 from pomona.evaluate.fruits.truth import Truth
 from pomona.progress import Progress, Silent
@@ -73,7 +73,7 @@ def write_mistakes(
         if _OURS.fullmatch(path.name):
             path.unlink()
     shown = _worst(mistakes, options.worst)
-    cutter = CropCutter(survey, Spheres(survey, truth, tally), masks or {}, crops_folder, options)
+    cutter = CropCutter(survey, DrawnSpheres(survey, truth, tally), masks or {}, crops_folder, options)
     crops = cutter.cut(shown, progress)
     page = folder / "index.html"
     page.write_text(page_html(survey.title, tally, mistakes, crops, folder=_CROPS), encoding="utf-8")

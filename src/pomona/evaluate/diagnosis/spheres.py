@@ -53,7 +53,7 @@ class Circle:
         return replace(self, thick=thick)
 
 
-class Spheres:
+class DrawnSpheres:
     """All spheres that may be drawn: true fruits, found ones, and those that the filter dropped."""
 
     def __init__(self, survey: SurveyResult, truth: Truth, tally: Tally) -> None:

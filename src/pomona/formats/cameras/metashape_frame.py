@@ -23,7 +23,7 @@ _EARTH_RADIUS_M = (6.3e6, 6.4e6)
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ChunkPlace:
     """What leads from Metashape's world into ours, and what that means. `crs` is the reference system on Earth, if any.
 
     `unit_m` is the unit of reference coordinates where they are local.
@@ -44,7 +44,7 @@ class Place:
         return self.local_from_world.apply(geocentric)
 
 
-def place_of(chunk: Element, centers_in_world: FloatArray) -> Place | None:
+def place_of(chunk: Element, centers_in_world: FloatArray) -> ChunkPlace | None:
     """Return where the chunk is by its `<reference>`, None where nothing in the file gives it a scale.
 
     Raises `FormatError` where the reference system is not one that PROJ knows, or the cameras are not on Earth in it.
@@ -62,7 +62,7 @@ def place_of(chunk: Element, centers_in_world: FloatArray) -> Place | None:
         unit_m = 0.0
     if reference is not None and not 1e-6 < unit_m < 1e6:
         raise reference.error(f"a local coordinate system with a unit of length, found '{wkt[:80]}'")
-    return Place(Similarity.identity(), WorldFrame("given", approximate=False, up_is_known=True), unit_m=unit_m)
+    return ChunkPlace(Similarity.identity(), WorldFrame("given", approximate=False, up_is_known=True), unit_m=unit_m)
 
 
 def _has_scale(chunk: Element) -> bool:
@@ -78,7 +78,7 @@ def _has_scale(chunk: Element) -> bool:
     return any({"x", "y", "z"} <= names or "distance" in names for names in given)
 
 
-def _on_earth(reference: Element, wkt: str, centers_in_world: FloatArray) -> Place:
+def _on_earth(reference: Element, wkt: str, centers_in_world: FloatArray) -> ChunkPlace:
     try:
         crs = CRS.from_wkt(wkt)
     except CRSError:
@@ -96,7 +96,7 @@ def _on_earth(reference: Element, wkt: str, centers_in_world: FloatArray) -> Pla
     wgs84 = _transformed(crs.geodetic_crs, CRS.from_epsg(4326), middle[None])[0]
     on_earth = (round(float(wgs84[1]), 9), round(float(wgs84[0]), 9), float(middle[2]))
     frame = WorldFrame("given", approximate=False, up_is_known=True, crs=local_crs(*on_earth[:2]), origin=on_earth)
-    return Place(Similarity(1.0, rotation, -rotation @ origin), frame, crs=crs)
+    return ChunkPlace(Similarity(1.0, rotation, -rotation @ origin), frame, crs=crs)
 
 
 def _on_ellipsoid(crs: CRS, projection: str) -> CRS:

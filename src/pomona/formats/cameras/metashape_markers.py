@@ -8,11 +8,11 @@ import numpy as np
 
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
-from pomona.formats.cameras.metashape_frame import Place
+from pomona.formats.cameras.metashape_frame import ChunkPlace
 from pomona.formats.cameras.xml_fields import Element
 
 
-def check_markers(chunk: Element, cameras: Cameras, idx_of_camera: Mapping[int, int], place: Place) -> str:
+def check_markers(chunk: Element, cameras: Cameras, idx_of_camera: Mapping[int, int], place: ChunkPlace) -> str:
     """Say how far markers with reference coordinates are from where at least two photos see them; "" without any."""
     references = _references(chunk)
     seen = _seen(chunk, idx_of_camera)

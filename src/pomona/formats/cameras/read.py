@@ -32,7 +32,7 @@ _OTHERS = {
 
 
 @dataclass(frozen=True)
-class Found:
+class CamerasOnDisk:
     """Cameras on disk, and their format."""
 
     path: Path
@@ -76,7 +76,7 @@ def _check(cameras: Cameras, path: Path) -> None:
             raise FormatError(f"{path}: expected {name} within reach, found some farther than {_FARTHEST:g} units away")
 
 
-def find_cameras(path: Path) -> Found:
+def find_cameras(path: Path) -> CamerasOnDisk:
     """Return what is at `path`; raises `MissingFileError` or `FormatError` where it is of no known program."""
     path = Path(path)
     if path.is_dir():
@@ -86,14 +86,14 @@ def find_cameras(path: Path) -> Found:
     around = CameraFile(path.parent)
     for each in CAMERA_FORMATS:
         if path.name in each.folder_files and each.recognise(around):
-            return Found(path.parent, each)
+            return CamerasOnDisk(path.parent, each)
     return _file(path)
 
 
-def _in_folder(folder: Path) -> Found:
+def _in_folder(folder: Path) -> CamerasOnDisk:
     """The one set of cameras in the folder of a project."""
     whole = [
-        Found(place, each)
+        CamerasOnDisk(place, each)
         for each in CAMERA_FORMATS
         if each.folder_files
         for name in each.places
@@ -114,9 +114,9 @@ def _in_folder(folder: Path) -> Found:
     raise InputError(f"{folder} holds several sets of cameras: {few(named)}. Name one of them")
 
 
-def _file(path: Path) -> Found:
+def _file(path: Path) -> CamerasOnDisk:
     found = recognised(CameraFile(path))
     if found is None:
         why = _OTHERS.get(path.suffix.lower())
         raise FormatError(f"{path}: expected cameras of {KNOWN}; this is " + (why or "none of them"))
-    return Found(path, found)
+    return CamerasOnDisk(path, found)

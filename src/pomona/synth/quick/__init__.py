@@ -4,6 +4,6 @@
 """
 
 from pomona.synth.quick.looks import KINDS, FruitLook
-from pomona.synth.quick.pictures import PictureOptions, render_pictures
+from pomona.synth.quick.pictures import QuickPictureOptions, render_pictures
 
-__all__ = ["KINDS", "FruitLook", "PictureOptions", "render_pictures"]
+__all__ = ["KINDS", "FruitLook", "QuickPictureOptions", "render_pictures"]

@@ -31,7 +31,7 @@ _SUN_MAP_PX, _SKY_MAP_PX = 2048, 512
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class GlView:
     """Where the camera stands: `clip_from_world` (4, 4), its place, and the picture's size in pixels."""
 
     clip_from_world: FloatArray
@@ -101,7 +101,7 @@ class Painter:
         frame.release()
         return texture
 
-    def draw(self, view: View, lighting: Lighting, backdrop: Float32Array) -> tuple[Float32Array, Float32Array]:
+    def draw(self, view: GlView, lighting: Lighting, backdrop: Float32Array) -> tuple[Float32Array, Float32Array]:
         """Return linear light (h, w, 3) and ids (h, w), 0 where there is no fruit; `backdrop` lies behind."""
         context, size = self._context, (view.width_px, view.height_px)
         sun_view = _light_view(lighting.sun_towards, self._scene)
@@ -145,7 +145,7 @@ class Painter:
         self._seen["ignored_id"].value = ignored_id
         self._drawn.render(vertices=3 * (end - first), first=3 * first)
 
-    def _set_lights(self, lighting: Lighting, view: View, sun_view: FloatArray) -> None:
+    def _set_lights(self, lighting: Lighting, view: GlView, sun_view: FloatArray) -> None:
         program = self._light
         names = ("at_map", "normal_map", "albedo_map", "backdrop", "sky_shadows", "sun_shadow")
         for unit, name in enumerate(names):

@@ -24,7 +24,7 @@ from pomona.synth.quick.scene import FALLEN, Scene, build_scene
 from pomona.synth.truth import Ids, RowFolder, write_mask
 
 if TYPE_CHECKING:
-    from pomona.synth.quick.gl import Painter, View
+    from pomona.synth.quick.gl import GlView, Painter
 
 _FINER = 1.5  # pictures are drawn so many times as wide and high, then made smaller: edges are soft
 _LEAVES = 1_000_003  # a stream of random numbers of its own
@@ -32,7 +32,7 @@ _LEAST_PX, _LEAST_SHARE = 30, 0.1  # a fruit of which less is seen is to be igno
 
 
 @dataclass(frozen=True, kw_only=True)
-class PictureOptions:
+class QuickPictureOptions:
     """`kinds` are drawn in proportion to `shares`; `per_scene` pictures are taken of each scene.
 
     `fruit_px` is the range of the fruits' width in pictures of `size_px`, drawn log-uniformly; so is by how much leaves
@@ -58,7 +58,7 @@ class PictureOptions:
 
 
 def render_pictures(
-    out: Path, scenes: Sequence[int], options: PictureOptions | None = None, progress: Progress | None = None
+    out: Path, scenes: Sequence[int], options: QuickPictureOptions | None = None, progress: Progress | None = None
 ) -> None:
     """Draw the scenes of these numbers into `out`; those that are there already are left as they are.
 
@@ -68,7 +68,7 @@ def render_pictures(
     """
     from pomona.synth.quick.gl import Painter  # needs the extra
 
-    options, progress = options or PictureOptions(), progress or Silent()
+    options, progress = options or QuickPictureOptions(), progress or Silent()
     folder = RowFolder(out)
     folder.make()
     (out / "truth" / "circles").mkdir(exist_ok=True)
@@ -79,7 +79,7 @@ def render_pictures(
         progress.advance()
 
 
-def _one_scene(folder: RowFolder, number: int, painter: Painter, options: PictureOptions) -> None:
+def _one_scene(folder: RowFolder, number: int, painter: Painter, options: QuickPictureOptions) -> None:
     rng = np.random.default_rng([options.seed, number])
     shares = np.array(options.shares or np.ones(len(options.kinds)), float)
     kind = options.kinds[rng.choice(len(options.kinds), p=shares / shares.sum())]
@@ -93,7 +93,7 @@ def _one_scene(folder: RowFolder, number: int, painter: Painter, options: Pictur
         _one_picture(folder, name, scene, painter, options, np.random.default_rng([options.seed, number, k]))
 
 
-def with_grown_leaves(look: FruitLook, number: int, options: PictureOptions) -> FruitLook:
+def with_grown_leaves(look: FruitLook, number: int, options: QuickPictureOptions) -> FruitLook:
     """Return a look with leaves as large as in the scene of this number: fruits may be small beside them."""
     # Drawn apart from all else: where leaves do not grow, scenes are what they would be without this.
     growth = float(np.exp(np.random.default_rng([options.seed, number, _LEAVES]).uniform(*np.log(options.leaf_growth))))
@@ -101,7 +101,7 @@ def with_grown_leaves(look: FruitLook, number: int, options: PictureOptions) -> 
 
 
 def _one_picture(
-    folder: RowFolder, name: str, scene: Scene, painter: Painter, options: PictureOptions, rng: np.random.Generator
+    folder: RowFolder, name: str, scene: Scene, painter: Painter, options: QuickPictureOptions, rng: np.random.Generator
 ) -> None:
     view, focal_px = _view(scene, options, rng)
     lighting = draw_lighting(rng)
@@ -117,9 +117,9 @@ def _one_picture(
     folder.truth(f"circles/{name}.json").write_text(json.dumps({"light": lighting.name, "circles": circles}))
 
 
-def _view(scene: Scene, options: PictureOptions, rng: np.random.Generator) -> tuple[View, float]:
+def _view(scene: Scene, options: QuickPictureOptions, rng: np.random.Generator) -> tuple[GlView, float]:
     """A camera some metres away that looks at a fruit or near it, and its focal length in pixels."""
-    from pomona.synth.quick.gl import View
+    from pomona.synth.quick.gl import GlView
 
     size = round(options.size_px * _FINER)
     centres, diameters = scene.fruits.centres_in_world, scene.fruits.diameters_m
@@ -143,7 +143,7 @@ def _view(scene: Scene, options: PictureOptions, rng: np.random.Generator) -> tu
     projection = np.array([[f, 0, 0, 0], [0, f, 0, 0],
                            [0, 0, (near + far) / (near - far), 2 * near * far / (near - far)],
                            [0, 0, -1, 0]])  # fmt: skip
-    return View(projection @ camera, eye, size, size), focal_px
+    return GlView(projection @ camera, eye, size, size), focal_px
 
 
 def _foliage(photos: tuple[Path, ...], rng: np.random.Generator) -> FloatArray | None:
@@ -159,7 +159,7 @@ def _foliage(photos: tuple[Path, ...], rng: np.random.Generator) -> FloatArray |
 
 
 def _truth(
-    ids: FloatArray, scene: Scene, view: View, focal_px: float
+    ids: FloatArray, scene: Scene, view: GlView, focal_px: float
 ) -> tuple[Ids, list[tuple[int, float, float, float, int]]]:
     """Ids of what is seen, as stored, and (id, x, y, radius, pixels seen) of the whole fruits."""
     found, counts = np.unique(ids[(ids > 0) & (ids < FALLEN)], return_counts=True)

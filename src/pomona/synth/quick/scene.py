@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.synth.layout import Fruits, Row, lay_out_row
+from pomona.synth.layout import Row, TrueFruits, lay_out_row
 from pomona.synth.meshes import Mesh, unit
 from pomona.synth.options import RowOptions
 from pomona.synth.quick.looks import FruitLook
@@ -45,7 +45,7 @@ class Scene:
 
     vertices: npt.NDArray[np.float32]
     triangles: npt.NDArray[np.uint32]
-    fruits: Fruits
+    fruits: TrueFruits
     low: FloatArray
     high: FloatArray
     gloss: float
@@ -143,7 +143,7 @@ def _ground(options: RowOptions, rng: np.random.Generator) -> Mesh:
     return Mesh(vertices, np.array([[0, 1, 2, 3]]), np.tile(share * soil + (1 - share) * sward, (4, 1)))
 
 
-def _fruits(fruits: Fruits, look: FruitLook, rng: np.random.Generator) -> list[Part]:
+def _fruits(fruits: TrueFruits, look: FruitLook, rng: np.random.Generator) -> list[Part]:
     parts = []
     for fruit_id, centre, size in zip(fruits.ids, fruits.centres_in_world, fruits.diameters_m, strict=True):
         mesh = fruit_mesh(look, float(size), rng)

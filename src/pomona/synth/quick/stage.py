@@ -14,7 +14,7 @@ from pomona.synth.encoding import colours_of_ids
 from pomona.synth.layout import Row
 from pomona.synth.meshes import unit
 from pomona.synth.options import LIGHTS, RowOptions
-from pomona.synth.quick.gl import Painter, View
+from pomona.synth.quick.gl import GlView, Painter
 from pomona.synth.quick.lights import row_lighting
 from pomona.synth.quick.row import row_scene
 
@@ -67,7 +67,7 @@ class QuickStage:
         return np.asarray(sky.reshape(_BACKDROP_PX, _BACKDROP_PX, 3))
 
 
-def _view(camera: RowCamera, finer: int) -> View:
+def _view(camera: RowCamera, finer: int) -> GlView:
     right, down, ahead = camera.rotation_cam_from_world
     in_camera = np.eye(4)
     in_camera[:3, :3] = np.stack([right, -down, -ahead])  # OpenGL's camera looks along -z, y up
@@ -77,7 +77,7 @@ def _view(camera: RowCamera, finer: int) -> View:
     projection = np.array([[fx, 0, 0, 0], [0, fy, 0, 0],
                            [0, 0, (near + far) / (near - far), 2 * near * far / (near - far)],
                            [0, 0, -1, 0]])  # fmt: skip
-    return View(projection @ in_camera, camera.centre_in_world, finer * camera.width_px, finer * camera.height_px)
+    return GlView(projection @ in_camera, camera.centre_in_world, finer * camera.width_px, finer * camera.height_px)
 
 
 def _toned(light: FloatArray, exposure: float) -> ByteArray:
