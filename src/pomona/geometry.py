@@ -85,24 +85,22 @@ def estimate_similarity(
     return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
 
 
-def robust_similarity(
-    points_in_source: FloatArray, points_in_target: FloatArray, *, noise_m: float = PLACED_SD_M
-) -> tuple[Similarity, BoolArray]:
+def robust_similarity(points_in_source: FloatArray, points_in_target: FloatArray) -> tuple[Similarity, BoolArray]:
     """Return `target_from_source` of n ≥ 3 pairs (n, 3) and which pairs (n,) agree with it.
 
     Every three pairs propose one; that with the least median residual separates inliers from outliers (least median of
     squares, Rousseeuw 1984), and the inliers are fitted by least squares. With three pairs all are taken as inliers.
-    Residuals up to three times `noise_m`, in the target's units, never make an outlier.
+    Residuals up to three times `PLACED_SD_M`, in the target's units, never make an outlier.
 
     Raises `InputError` when fewer than three pairs are given, or when they lie on one line in either frame.
     """
     n = len(points_in_source)
-    if n < 3 or on_one_line(points_in_target, noise_m):
+    if n < 3 or on_one_line(points_in_target, PLACED_SD_M):
         raise InputError(f"A place in space needs three markers that are not on one line, found {n} on one")
     inliers = np.ones(n, bool)
     if n > 3:
         triples = some_subsets(n, 3, _MOST_TRIPLES)
-        proposed = (_residuals_of(points_in_source, points_in_target, list(triple), noise_m) for triple in triples)
+        proposed = (_residuals_of(points_in_source, points_in_target, list(triple), PLACED_SD_M) for triple in triples)
         residuals = [each for each in proposed if each is not None]
         if not residuals:
             raise InputError(f"A place in space needs three markers that are not on one line; of {n}, no three are")
@@ -110,8 +108,8 @@ def robust_similarity(
         rank = 3 + (n - 3) // 2
         best = min(residuals, key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
         sigma = 1.4826 * float(np.sort(best)[rank - 1 : rank + 1].mean())
-        inliers = best < 3 * max(sigma, noise_m)
-        if inliers.sum() < 3 or on_one_line(points_in_target[inliers], noise_m):
+        inliers = best < 3 * max(sigma, PLACED_SD_M)
+        if inliers.sum() < 3 or on_one_line(points_in_target[inliers], PLACED_SD_M):
             inliers = np.ones(n, bool)
     return estimate_similarity(points_in_source[inliers], points_in_target[inliers]), inliers
 

@@ -11,7 +11,6 @@ from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, few
 from pomona.evaluate.detections import (
     DetectionScores,
-    EvaluateDetectionsOptions,
     evaluate_detections,
     truth_of_labelled,
 )
@@ -33,7 +32,6 @@ def score_pictures(
     labelled: Sequence[LabelledPhoto],
     *,
     model: str | None,
-    options: EvaluateDetectionsOptions | None = None,
     progress: Progress,
 ) -> DetectionScores:
     """Segment pictures, with weak detections kept for the average precision, and score what was found.
@@ -42,7 +40,7 @@ def score_pictures(
     where a picture cannot be read.
     """
     found = segment_pictures(labelled, model=model, progress=progress)
-    return evaluate_detections(found, truth_of_labelled(labelled), options=options, progress=progress)
+    return evaluate_detections(found, truth_of_labelled(labelled), progress=progress)
 
 
 def segment_pictures(labelled: Sequence[LabelledPhoto], *, model: str | None, progress: Progress) -> SurveyDetections:

@@ -51,9 +51,9 @@ def code_digest(module: str, package: Path = _PACKAGE) -> str:
     return digest({path.as_posix(): _file_digest(package / path) for path in files})
 
 
-def engine_versions(module: str, package: Path = _PACKAGE) -> dict[str, str]:
+def engine_versions(module: str) -> dict[str, str]:
     """Return the versions of the outside packages that `module` reaches, without those of extras."""
-    return {name: version_of(name) for name in sorted(reach(module, package).engines - _OF_EXTRAS)}
+    return {name: version_of(name) for name in sorted(reach(module).engines - _OF_EXTRAS)}
 
 
 @cache

@@ -57,20 +57,20 @@ def bring_up_to_date(survey: SurveyFolder, progress: Progress | None = None) -> 
     record, corrections = survey.record_of("results"), read_corrections(survey.corrections)
     corrected_before = record is not None and "corrections" in record.info
     if corrected_before or corrections:
-        stages, runner = _reopened(survey, corrections, progress)
+        stages, runner = _reopened(survey, corrections, progress or Silent())
         with survey.locked():
             runner.ensure(stages.results)
 
 
-def last_found(survey: SurveyFolder, progress: Progress | None = None) -> LastFound:
+def last_found(survey: SurveyFolder) -> LastFound:
     """Return what the last run of a survey found, and what corrections make of it.
 
     Raises `SurveyError` where no run got so far.
     """
-    return LastFound(*_reopened(survey, read_corrections(survey.corrections), progress))
+    return LastFound(*_reopened(survey, read_corrections(survey.corrections), Silent()))
 
 
-def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress | None) -> tuple[Stages, Runner]:
+def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress) -> tuple[Stages, Runner]:
     records = survey.records
     if "results" not in records:
         raise SurveyError(f"{survey.folder} has no fruits that can be corrected: `pomona report` finishes it first")
@@ -82,7 +82,7 @@ def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress
         SurveyContext(survey, photos),
         options.of_stages,
         sources_of(photos, {}, corrections),
-        progress=progress or Silent(),
+        progress=progress,
         finished=frozenset(records) - {"results", "report"},
     )
     return stages_of(options.method, corrected=bool(corrections)), runner

@@ -78,7 +78,6 @@ def label_photos(
     found: FoundFruits,
     *,
     options: AdaptOptions | None = None,
-    network: CentersNetwork | None = None,
     progress: Progress | None = None,
 ) -> SurveyLabels:
     """Return a survey's photos with its confirmed fruits as labels.
@@ -102,7 +101,7 @@ def label_photos(
     unreadable: set[str] = set()
     colours = FruitColours.counted(_coloured(found, mine, photos, unreadable, progress))
     photos = [photo for photo in photos if photo.name not in unreadable]
-    shown = _shown(mine, found, photos, network, progress) if len(mine.ids) else {}
+    shown = _shown(mine, found, photos, progress) if len(mine.ids) else {}
     labelled: list[LabelledPhoto] = []
     detected = missed = 0
     for photo in track(photos, progress, "labelling photos"):
@@ -180,7 +179,6 @@ def _shown(
     mine: _Confirmed,
     found: FoundFruits,
     photos: Sequence[Photo],
-    network: CentersNetwork | None,
     progress: Progress,
 ) -> dict[str, dict[int, _Sight]]:
     """Return for each photo, by name, the confirmed fruits, by id, that it should show."""
@@ -194,7 +192,7 @@ def _shown(
     sights = sights[np.isin(sights.photo_idx, wanted)]
     detection_ids = np.array(sorted({detection_id for _, detection_id in mine.fruit_of}), np.int64)
     of_fruits = SeenFruits(found.detections, detection_ids)
-    evidence = look(sights, of_fruits, Photos(tuple(photos)), cameras, network or CentersNetwork(), progress)
+    evidence = look(sights, of_fruits, Photos(tuple(photos)), cameras, CentersNetwork(), progress)
     middle = np.array(evidence.maps.shape[1:]) // 2
     plain = evidence.maps[:, middle[0] - 1 : middle[0] + 1, middle[1] - 1 : middle[1] + 1].max((1, 2), initial=0)
     result: dict[str, dict[int, _Sight]] = {}
