@@ -131,7 +131,7 @@ class FirstResults:
     def _kept(self) -> dict[str, Path]:
         """The files in which stage `segment` keeps what it found, by photo, the latest of each."""
         latest: dict[str, tuple[int, Path]] = {}
-        for path in (self._found_by.folder / "work" / "segment").glob("*/*.json"):
+        for path in (self._found_by.work_folder / "segment").glob("*/*.json"):
             with suppress(OSError):  # replaced at this moment
                 written_ns = path.stat().st_mtime_ns
                 name = _photo_in(path, written_ns)

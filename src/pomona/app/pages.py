@@ -26,7 +26,7 @@ from pomona import __version__
 from pomona.app import dropped
 from pomona.app.contract import GivenMarks, NewSurvey, Refusal
 from pomona.app.folders import Folders
-from pomona.app.service import Homes, Service
+from pomona.app.service import Homes, Service, comparison_page
 from pomona.app.teaching import keep_marks, marked_view
 from pomona.app.wire import as_json, from_json
 from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
@@ -132,8 +132,8 @@ class AppServer(PageServer):
 
     def _comparison(self, request: Request) -> Response:
         ids = request.path_params
-        folder, before = self.service.survey(ids["id"]).folder, self.service.survey(ids["other"]).folder
-        return _file_of(folder / "export" / f"since-{before.name}" / "comparison.html")
+        after, before = self.service.survey(ids["id"]), self.service.survey(ids["other"])
+        return _file_of(comparison_page(before, after))
 
     async def _close(self, request: Request) -> Response:
         await json_of(request)

@@ -201,20 +201,20 @@ class Service:
 
     def export(self, survey_id: str, kind: str) -> Path:
         """Write a survey in the format `kind` into its folder `export/`; return the file, a .zip of a folder."""
-        folder, chosen = self.survey(survey_id).folder, export_format(kind)
-        target = folder / "export" / chosen.file_name
+        survey, chosen = self.survey(survey_id), export_format(kind)
+        target = survey.exports / chosen.file_name
         shutil.rmtree(target, ignore_errors=True) if chosen.is_folder else target.unlink(missing_ok=True)
-        written = api.open(folder).export(kind, target)
+        written = api.open(survey.folder).export(kind, target)
         return Path(shutil.make_archive(str(written), "zip", written)) if chosen.is_folder else written
 
     def compare(self, before_id: str, after_id: str) -> Path:
         """Compare two surveys of one row; return the page. Raises `InputError` where they have nothing in common."""
         if before_id == after_id:
             raise InputError("Choose two different surveys of the row")
-        before, after = self.survey(before_id).folder, self.survey(after_id).folder
-        out = after / "export" / f"since-{before.name}"
-        api.compare(before, after, out=out)
-        return out / "comparison.html"
+        before, after = self.survey(before_id), self.survey(after_id)
+        page = comparison_page(before, after)
+        api.compare(before.folder, after.folder, out=page.parent)
+        return page
 
     def new_drop(self) -> str:
         """Return the name of a new folder for photos that are dropped on the page."""
@@ -346,6 +346,11 @@ def _state(
     if status is not None and status.state != "finished":
         return status.state
     return "finished" if reported else "stopped"
+
+
+def comparison_page(before: SurveyFolder, after: SurveyFolder) -> Path:
+    """Return where the page is that compares a survey with an earlier one of the row, once it is written."""
+    return after.exports / f"since-{before.folder.name}" / "comparison.html"
 
 
 def _known(value: Any) -> float | None:

@@ -54,7 +54,7 @@ def export_survey(kind: str, source: SurveySource, path: Path | None = None) -> 
     from pomona.pipeline.reopen import bring_up_to_date
 
     chosen = export_format(kind)
-    target = path or source.folder / "export" / chosen.file_name
+    target = path or source.files.exports / chosen.file_name
     if chosen.content != "cameras":
         bring_up_to_date(source.files, source.progress)
     source.files.need(source.file(chosen.needs))

@@ -175,7 +175,7 @@ class Runner:
         return record if stage.name in self._finished or record.fingerprint == self._fingerprint(stage) else None
 
     def _intact(self, record: StageRecord, *, public_only: bool) -> bool:
-        work = self._survey.folder / "work"
+        work = self._survey.work_folder
         for name, expected in record.outputs.items():
             path = self._survey.folder / name
             if public_only and work in path.parents:
@@ -257,7 +257,7 @@ class Runner:
 
     def _keep_edited(self, before: StageRecord | None) -> None:
         """Move aside results that somebody changed since they were written: they are not ours to overwrite."""
-        work = self._survey.folder / "work"
+        work = self._survey.work_folder
         for name, expected in (before.outputs if before else {}).items():
             path = self._survey.folder / name
             if work in path.parents or not path.exists() or file_digest(path) == expected:

@@ -77,7 +77,7 @@ def tables_gone(given: RunOptions, used: RunOptions) -> list[str]:
 
 
 def _kept(survey: SurveyFolder, name: str) -> Path | None:
-    kept = sorted((survey.folder / "work" / "given" / name).glob("[!.]*"))
+    kept = sorted((survey.work_folder / "given" / name).glob("[!.]*"))
     return kept[0] if kept else None
 
 

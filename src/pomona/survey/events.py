@@ -145,7 +145,7 @@ class EventLog:
 
 def run_status(survey: SurveyFolder) -> RunStatus | None:
     """Return how far the last run of a survey is; None where none has said anything, as in older surveys."""
-    path = survey.folder / "work" / _FILE
+    path = survey.work_folder / _FILE
     try:
         alive = is_locked(path)
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -245,9 +245,19 @@ class SurveyFolder:
             write_file(self.adapted_model, copy)
         return self.adapted_model
 
+    @property
+    def work_folder(self) -> Path:
+        """`work/`: what stages keep for themselves and for runs that go on."""
+        return self.folder / "work"
+
+    @property
+    def exports(self) -> Path:
+        """`export/`: the survey in the formats of other programs, and compared with others."""
+        return self.folder / "export"
+
     def work(self, name: str) -> Path:
         """A file or folder of `work/`, by which a stopped run goes on; `work/` itself exists then."""
-        path = self.folder / "work" / name
+        path = self.work_folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -271,7 +281,7 @@ class SurveyFolder:
 
     @property
     def records(self) -> Mapping[str, StageRecord]:
-        """All stages that ran, in order."""
+        """All stages that ran, in the order in which they were last computed."""
         return {name: StageRecord.from_json(values) for name, values in self._manifest["stages"].items()}
 
     def set_record(self, stage: str, record: StageRecord) -> None:
@@ -305,7 +315,7 @@ class SurveyFolder:
     def clear(self) -> None:
         """Remove what earlier runs wrote, and nothing else."""
         learnt = [self.adapted_model, self.before_adapting, self.learnt]
-        for path in [*(self.folder / name for name in _WRITERS), *learnt, *(self.folder / "work").glob("*")]:
+        for path in [*(self.folder / name for name in _WRITERS), *learnt, *self.work_folder.glob("*")]:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             elif path.name != "lock":
@@ -317,7 +327,7 @@ class SurveyFolder:
         """Leave nothing where nothing was: remove a survey that this run made, and that has no photos yet."""
         if self._made is None or self.get("sources"):
             return
-        shutil.rmtree(self.folder / "work", ignore_errors=True)
+        shutil.rmtree(self.work_folder, ignore_errors=True)
         with contextlib.suppress(OSError):  # something else came into them in the meantime
             self.manifest_path.unlink(missing_ok=True)
             for folder in self._made:

@@ -62,7 +62,7 @@ def _places(survey: SurveyFolder, name: str) -> Iterator[Path]:
             yield source
         if side in source.parts or side in (source.stem, number):
             yield source / inside
-    yield survey.folder / "work" / "frames" / name
+    yield survey.work_folder / "frames" / name
 
 
 def placeholder(name: str, cameras: Cameras, side: str = "") -> Photo:
