@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 JobState = Literal["queued", "running", "stopping", "finished", "stopped", "failed"]
+WORKING: tuple[JobState, ...] = ("queued", "running", "stopping")
+"""The states of a job that has not ended."""
 
 COMMAND = (sys.executable, "-m", "pomona.cli.leash")
 _STOPPED = 130  # the exit status of Ctrl-C
@@ -70,7 +72,7 @@ class Jobs:
         """Queue a job, or return the one that the survey has in the queue or at work."""
         with self._changed:
             job = self._jobs.get(survey_id)
-            if job is not None and job.state in ("queued", "running", "stopping"):
+            if job is not None and job.state in WORKING:
                 return job
             job = self._jobs[survey_id] = QueuedRun(survey_id, tuple(arguments))
             self._waiting.append(job)

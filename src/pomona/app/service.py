@@ -31,7 +31,7 @@ from pomona.app.contract import (
 )
 from pomona.app.first_results import FirstResults
 from pomona.app.folders import Folders
-from pomona.app.jobs import Jobs, QueuedRun
+from pomona.app.jobs import WORKING, Jobs, QueuedRun
 from pomona.app.opened import opened
 from pomona.app.progress_view import run_view
 from pomona.app.request import begun_with, equal_of_survey, equal_to, folder_name, options_of, run_arguments
@@ -45,7 +45,6 @@ from pomona.survey.events import RunStatus, run_status
 from pomona.survey.photos import photo_of
 
 _PACE_S = 0.7  # so often the page is told what changed
-_WORKING = ("queued", "running", "stopping")
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ class Service:
     def forget(self, survey_id: str) -> None:
         """Take a survey off the list; its folder stays. Raises `SurveyError` while a run is at work."""
         job = self._jobs.of(survey_id)
-        if job is not None and job.state in _WORKING:
+        if job is not None and job.state in WORKING:
             raise SurveyError("The survey's run is at work, or waits: stop it first")
         self._catalogue.forget(survey_id)
         self._news.set()
@@ -261,7 +260,7 @@ class Service:
     def _view_of(self, entry: Entry, survey: SurveyFolder | None) -> SurveyView:
         job = self._jobs.of(entry.id)
         status = run_status(survey) if survey else None
-        if job is not None and status is not None and job.state not in _WORKING and status.began > job.ended:
+        if job is not None and status is not None and job.state not in WORKING and status.began > job.ended:
             job = None  # the survey went on elsewhere since
         records = {name: record for name, record in survey.records.items() if record.finished} if survey else {}
         results = records.get("results")
@@ -296,7 +295,7 @@ class Service:
         if survey is None and job is None:
             return None
         mine = job is not None and job.state != "queued"
-        by_other = status is not None and status.state == "running" and (job is None or job.state not in _WORKING)
+        by_other = status is not None and status.state == "running" and (job is None or job.state not in WORKING)
         message = job.error if job is not None and not by_other else ""
         shown = status
         if job is not None and job.state == "queued":
@@ -335,7 +334,7 @@ class Service:
 def _state(
     entry: Entry, survey: SurveyFolder | None, job: QueuedRun | None, status: RunStatus | None, reported: bool
 ) -> SurveyState:
-    if job is not None and job.state in _WORKING:
+    if job is not None and job.state in WORKING:
         return job.state
     if status is not None and status.state == "running":
         return "running"
