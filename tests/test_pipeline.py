@@ -7,6 +7,7 @@ import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,9 +15,11 @@ from pipeline_fakes import Fakes, make_photos
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.fuse.paper.options import PaperOptions
+from pomona.photos import Photo
 from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.pipeline.times import stage_times
 from pomona.progress import Silent
+from pomona.report import write_contact_sheet
 from pomona.scale.report import PieceScale, ScaleReport
 from pomona.survey import StageRecord, SurveyFolder
 
@@ -35,6 +38,19 @@ def photos(tmp_path: Path) -> Path:
 
 def stages_run(fakes: Fakes) -> dict[str, int]:
     return {name: count for name, count in fakes.calls.items() if name in ONCE}
+
+
+def test_photos_that_the_contact_sheet_lacks_are_warned_of(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(photo: Photo, **given: Any) -> None:
+        raise MissingFileError(f"{photo.path} does not exist")
+
+    monkeypatch.setattr("pomona.report.write_contact_sheet", write_contact_sheet)
+    monkeypatch.setattr("pomona.report.contact_sheet.read_pixels", gone)
+    summary = run([photos], tmp_path / "out")
+    assert sum(warning.startswith("The contact sheet lacks a photo: ") for warning in summary.warnings) > 0
+    assert (tmp_path / "out" / "contact_sheet.jpg").is_file()
 
 
 def test_a_run_leaves_every_file_of_the_survey(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

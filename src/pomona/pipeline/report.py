@@ -123,7 +123,13 @@ def _save(report: Report, context: SurveyContext) -> Mapping[str, Any]:
     write_file(
         survey.contact_sheet,
         lambda path: write_contact_sheet(
-            context.photos, data.cameras, data.fruits, data.observations, path, options=options.contact_sheet
+            context.photos,
+            data.cameras,
+            data.fruits,
+            data.observations,
+            path,
+            options=options.contact_sheet,
+            progress=context.progress,
         ),
     )
     write_file(survey.report, lambda path: write_report(data, path, options=options))

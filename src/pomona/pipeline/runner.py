@@ -238,9 +238,10 @@ class Runner:
         assert stage.store is not None
         with _one_thread_of_libraries():
             value = stage.compute(**self._arguments(stage, progress))
-        info = stage.store.save(value, self._context)
+        context = replace(self._context, progress=progress)
+        info = stage.store.save(value, context)
         if stage.store.rounds and stage.store.load is not None:
-            value = stage.store.load(info, self._context)
+            value = stage.store.load(info, context)
         folder = self._survey.folder
         outputs = stage.store.outputs(self._survey)
         for path in outputs:  # before the manifest says that they are there: the power may fail in between

@@ -13,6 +13,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from pomona.progress import Progress, Silent
+
 if TYPE_CHECKING:
     from pomona.photos import Photos
     from pomona.pipeline.options import StageOptions
@@ -59,10 +61,11 @@ class RunLog:
 
 @dataclass(frozen=True)
 class SurveyContext:
-    """Where the values of one survey are kept, and the photos that they are of."""
+    """Where the values of one survey are kept, the photos that they are of, and who is told of what becomes of them."""
 
     survey: SurveyFolder
     photos: Photos
+    progress: Progress = field(default_factory=Silent)
 
 
 def _no_outputs(folder: SurveyFolder) -> tuple[Path, ...]:
