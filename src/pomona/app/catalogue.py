@@ -8,13 +8,12 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pomona.app.opened import opened
 from pomona.errors import MissingFileError, SurveyError
-from pomona.survey.files import disk_errors, write_file
+from pomona.survey.files import disk_errors, write_text_file
 from pomona.survey.record import now
 
 
@@ -125,7 +124,7 @@ class Catalogue:
         surveys = [{**vars(entry), "folder": str(entry.folder)} for entry in self._entries]
         text = json.dumps({"surveys": surveys}, indent=1, ensure_ascii=False) + "\n"
         with disk_errors(self._path.parent):
-            write_file(self._path, partial(_write_text, text))
+            write_text_file(self._path, text)
 
 
 def _entry(values: Mapping[str, Any]) -> Entry:
@@ -144,7 +143,3 @@ def _created(folder: Path) -> str:
     if survey is None:
         return ""
     return f"{survey.get('created', '')} {' '.join(survey.get('sources', ()))}".strip()
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

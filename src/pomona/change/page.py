@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from pomona.report.scene import SceneOptions, origin_of, survey_data
 from pomona.report.svg import Axis, Bar, column_chart, standalone
 from pomona.report.tables import plain_table
 from pomona.report.totals import card, notices
-from pomona.survey.files import disk_errors, write_file
+from pomona.survey.files import disk_errors, write_file, write_text_file
 
 PAGE = "comparison.html"
 _DIGITS = {"x_m": 4, "y_m": 4, "z_m": 4, "growth_mm_per_day": 4}
@@ -50,7 +49,7 @@ def write_comparison(found: Comparison, after: ReportData, names: tuple[str, str
         _write_table(folder / "fruits.csv", found.columns())
         _write_table(folder / "trees.csv", found.tree_columns())
         for name, text in texts.items():
-            write_file(folder / name, partial(_write_text, text))
+            write_text_file(folder / name, text)
     return folder
 
 
@@ -226,7 +225,3 @@ def _write_table(path: Path, columns: dict[str, Any]) -> None:
     lists = [[cell(name, value) for value in np.asarray(values).tolist()] for name, values in columns.items()]
 
     write_file(path, lambda part: write_table(part, tuple(columns), zip(*lists, strict=True)))
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

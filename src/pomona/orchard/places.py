@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, PomonaError, SurveyError
-from pomona.survey.files import disk_errors, write_file
+from pomona.survey.files import disk_errors, write_file, write_text_file
 
 # Files that belong to one machine, or that are not finished.
 _NOT_COPIED = ("work/lock",)
@@ -78,7 +78,7 @@ class Place:
                 system.pipe_file(root, text.encode())
             return
         with disk_errors(self.path.parent):
-            write_file(self.path, lambda part: _write(part, text))
+            write_text_file(self.path, text)
 
     def take(self, file: Path) -> None:
         """Put a local file here, in place of what there is: moved, or copied to a URL."""
@@ -195,7 +195,3 @@ def _stat_mark(path: Path) -> str:
 def _mark(info: Mapping[str, Any]) -> str:
     known = [info.get(name) for name in ("size", "ETag", "LastModified", "mtime", "created", "etag", "md5Hash")]
     return " ".join(str(each) for each in known if each is not None)
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -17,7 +17,7 @@ from pomona.pipeline.stage import CORRECTIONS, DIGESTS, PHOTOS, SIDES, SKIPPED, 
 from pomona.progress import Progress, track
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest, file_digest, is_digest, plain
-from pomona.survey.files import write_file
+from pomona.survey.files import write_text_file
 from pomona.survey.manifest import MANIFEST
 
 # What is known of a photo's file, and says nothing of the photo.
@@ -95,7 +95,7 @@ def _digests(survey: SurveyFolder, photos: Photos, progress: Progress) -> dict[s
         place = f"{photo.path} {size} {changed_at}"
         digests[photo.name] = fresh[place] = cache.get(place) or _digest_of(photo)
     if fresh != cache:
-        write_file(cache_path, lambda path: _write_json(path, fresh))
+        write_text_file(cache_path, json.dumps(fresh, indent=1, ensure_ascii=False) + "\n")
     return digests
 
 
@@ -119,7 +119,3 @@ def read_digests(path: Path) -> dict[str, str]:
         return {str(place): content for place, content in cache.items() if is_digest(content)}
     except (OSError, ValueError, AttributeError, RecursionError):
         return {}
-
-
-def _write_json(path: Path, content: Any) -> None:
-    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

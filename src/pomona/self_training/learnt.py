@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pomona.errors import FormatError
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest, file_digest, plain
-from pomona.survey.files import disk_errors, write_file
+from pomona.survey.files import disk_errors, write_text_file
 
 if TYPE_CHECKING:
     from pomona.self_training.learn import Adapted
@@ -59,7 +57,7 @@ def write_learnt(survey: SurveyFolder, learnt: Learnt) -> None:
     """Keep what came of learning; raises `SurveyError` where the disk is full."""
     text = json.dumps(plain(learnt), indent=1) + "\n"
     with disk_errors(survey.folder):
-        write_file(survey.learnt, partial(_write_text, text))
+        write_text_file(survey.learnt, text)
 
 
 def read_learnt(survey: SurveyFolder) -> Learnt | None:
@@ -73,7 +71,3 @@ def read_learnt(survey: SurveyFolder) -> Learnt | None:
         return Learnt(**(known | pairs))
     except (ValueError, TypeError, KeyError) as error:
         raise FormatError(f"{survey.learnt}: expected what a learning wrote ({error!r}): remove it") from None
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -38,6 +38,15 @@ def write_file(path: Path, write: Callable[[Path], None]) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def write_text_file(path: Path, text: str) -> None:
+    """Write a text in UTF-8 as `write_file` does."""
+    write_file(path, lambda part: _write_text(part, text))
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
 def part_of(path: Path) -> Path:
     """Return the name under which `write_file` begins a file."""
     return path.with_name(f".{path.stem}.part{path.suffix}")

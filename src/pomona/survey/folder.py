@@ -15,7 +15,7 @@ from pomona.errors import FormatError, MissingFileError, PomonaError, SurveyErro
 from pomona.formats.files import is_there
 from pomona.survey.commands import command_line
 from pomona.survey.digest import plain
-from pomona.survey.files import disk_errors, part_of, write_file
+from pomona.survey.files import disk_errors, part_of, write_file, write_text_file
 from pomona.survey.locks import lock
 from pomona.survey.manifest import FORMAT, MANIFEST, read_manifest
 from pomona.survey.record import StageRecord, now
@@ -337,7 +337,7 @@ class SurveyFolder:
         self._manifest["changed"] = now()
         self._manifest["pomona"] = __version__
         text = _manifest_text(self._manifest)
-        write_file(self.manifest_path, lambda path: _write_text(path, text))
+        write_text_file(self.manifest_path, text)
 
 
 def _manifest_text(manifest: Mapping[str, Any]) -> str:
@@ -346,10 +346,6 @@ def _manifest_text(manifest: Mapping[str, Any]) -> str:
         line = next(line for line in text.splitlines() if as_text(line) != line)
         raise SurveyError(f"A file was given whose name is not UTF-8: rename it ({as_text(line).strip()})")
     return text
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _new_manifest() -> dict[str, Any]:

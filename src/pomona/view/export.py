@@ -17,7 +17,7 @@ from pomona.report.options import ReportOptions
 from pomona.report.page import note_of, page_html
 from pomona.report.scene import SceneOptions, survey_data
 from pomona.report.seen import boxes_by_id, detection_columns
-from pomona.survey.files import disk_errors, write_file
+from pomona.survey.files import disk_errors, write_text_file
 
 PAGE = "index.html"
 _PHOTOS = "photos"
@@ -82,7 +82,7 @@ def export_folder(
             photos_note=note_of("folder"),
         )
         page = page_html(data, survey_data(data, scene))
-        write_file(folder / PAGE, lambda path: _write_text(path, page))
+        write_text_file(folder / PAGE, page)
     return folder / PAGE
 
 
@@ -111,7 +111,3 @@ def _side_px(data: ReportData, options: FolderOptions) -> int:
     longer = max((max(lens.width_px, lens.height_px) for lens in data.cameras.intrinsics), default=0)
     wanted = longer * options.fruit_px / float(np.median(widths)) if widths else 0.0
     return round(min(max(wanted, options.least_side_px), options.greatest_side_px))
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
