@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from math import comb
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pomona.errors import InputError
+
+T = TypeVar("T")
 
 Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float64]
@@ -91,6 +94,12 @@ class OneLine:
 def counted(n: int, one: str) -> str:
     """Return a number with what it counts: 1 fruit, 2 fruits, 1,000 fruits."""
     return f"{n:,} {one}{'' if n == 1 else 's'}"
+
+
+def batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
+    """Yield items in turn, `size` at once; the last ones may be fewer."""
+    for start in range(0, len(items), size):
+        yield items[start : start + size]
 
 
 def chosen(n: int, selection: Any) -> IntArray:

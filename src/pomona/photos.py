@@ -69,6 +69,11 @@ class Photo:
             raise InputError(f"Photo {self.name}: expected a positive standard deviation, found {self.focal_sd_px}")
 
     @property
+    def lens_key(self) -> tuple[str, int, int]:
+        """What photos that share intrinsics have in common."""
+        return self.camera_key, self.width_px, self.height_px
+
+    @property
     def focal(self) -> tuple[float, float] | None:
         """The focal length and its standard deviation, in pixels; None where it is not known."""
         if self.focal_px is None:

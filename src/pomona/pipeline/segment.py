@@ -214,7 +214,7 @@ class PhotoByPhoto:
         self._segmenter = load_segmenter(choice.model.name, score_floor=choice.lowest_score)
         self._threshold = self._segmenter.traits.score_threshold
         self._options = choice.kept_from(self._threshold)
-        self._scales: dict[tuple[str, str, int, int], float] = {}
+        self._scales: dict[tuple[str, tuple[str, int, int]], float] = {}
         self._found: dict[str, Detections] = {}  # their ids count from 1 in each photo
 
     @property
@@ -243,10 +243,10 @@ class PhotoByPhoto:
     def _scales_for(self, photo: Photo, photos: Photos, progress: Progress) -> ReadingScales:
         from pomona.segment import ReadingScales, scales_of
 
-        group = photo.side, photo.camera_key, photo.width_px, photo.height_px
+        group = photo.side, photo.lens_key
         if group in self._scales:
             return ReadingScales({photo.name: self._scales[group]})
-        alike = tuple(p for p in photos if (p.side, p.camera_key, p.width_px, p.height_px) == group)
+        alike = tuple(p for p in photos if (p.side, p.lens_key) == group)
         first = Photos(alike[: self._options.sample_photos])
         found = scales_of(first, self._segmenter, self._options, progress)
         self._scales[group] = found.by_name[alike[0].name]

@@ -324,6 +324,12 @@ def packed(values: Array, dtype: str) -> Array:
     return np.ascontiguousarray(values, dtype=dtype)
 
 
+def vector(values: Array) -> Vector:
+    """Return three numbers as the page takes them."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
 def camel_case(name: str) -> str:
     """Return a name as TypeScript writes it."""
     first, *rest = name.split("_")

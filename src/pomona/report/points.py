@@ -9,7 +9,7 @@ import numpy as np
 from pomona.arrays import Array, BoolArray, FloatArray
 from pomona.fruits import FruitCloud
 from pomona.report.axes import scene_points
-from pomona.report.contract import U16, PackedCloud, packed
+from pomona.report.contract import U16, PackedCloud, packed, vector
 from pomona.report.data import ReportData
 
 _STEPS = 65535  # of a coordinate within the box: all that 16 bits tell apart
@@ -68,9 +68,4 @@ def packed_cloud(cloud: FruitCloud, idx: Array, middle: FloatArray) -> PackedClo
     # Eight bytes are moved at once.
     np.random.default_rng(0).shuffle(table.view("<u8")[:, 0])
     low = low - middle if len(points) else low
-    return PackedCloud(count=len(points), min=_vector(low), size=_vector(size), points=U16(packed(table, "<u2")))
-
-
-def _vector(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
+    return PackedCloud(count=len(points), min=vector(low), size=vector(size), points=U16(packed(table, "<u2")))

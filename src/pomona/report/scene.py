@@ -21,9 +21,9 @@ from pomona.report.contract import (
     SurveyData,
     TreePlaces,
     TruthData,
-    Vector,
     ViewHints,
     packed,
+    vector,
 )
 from pomona.report.data import ReportData
 from pomona.report.options import ReportOptions
@@ -80,7 +80,7 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
         title=data.title,
         unit="m" if data.cameras.frame.metric else "units",
         metric=data.cameras.frame.metric,
-        origin=_vector(middle),
+        origin=vector(middle),
         scene=packed_cloud(data.cloud, scene, middle),
         fruit_points=packed_cloud(data.cloud, fruit, middle),
         fruits=_fruits(data, middle),
@@ -96,11 +96,6 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
         corrections=options.corrections,
         provisional=data.provisional,
     )
-
-
-def _vector(values: FloatArray) -> Vector:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
 
 
 def _fruits(data: ReportData, middle: FloatArray) -> FruitColumns:
@@ -179,9 +174,9 @@ def _view(data: ReportData, axes: RowAxes, middle: FloatArray, box: Box) -> View
     heights = np.concatenate([inside[:, 2], points[:, 2]]) - middle[2]
     return ViewHints(
         radius=radius,
-        toward=_vector(seen_from(data, axes)),
-        along=_vector(axes.along),
-        across=_vector(axes.toward),
+        toward=vector(seen_from(data, axes)),
+        along=vector(axes.along),
+        across=vector(axes.toward),
         row=(float(along.min()), float(along.max())),
         low=float(heights.min()),
         high=float(heights.max()),

@@ -95,7 +95,7 @@ def _poses(
     cameras, lenses = adjusted.cameras, _lenses(adjusted.cameras, photos)
     poses = []
     for photo in lost:
-        seen, lens_idx = trusted.get(photo.name, ()), lenses.get(_lens_key(photo))
+        seen, lens_idx = trusted.get(photo.name, ()), lenses.get(photo.lens_key)
         if len(seen) < _LEAST_PLATES or lens_idx is None:
             continue
         points = [corners.get(s.marker_id, places[s.marker_id][None]) for s in seen]
@@ -119,12 +119,8 @@ def _corners(adjusted: Adjusted, sightings: Sequence[PlateSighting], markers: Ma
 
 
 def _lenses(cameras: Cameras, photos: Mapping[str, Photo]) -> dict[tuple[str, int, int], int]:
-    """The lens of the photos of each camera, as `_lens_key` names these."""
-    return {_lens_key(photos[name]): int(i) for name, i in zip(cameras.photos, cameras.intrinsics_idx, strict=True)}
-
-
-def _lens_key(photo: Photo) -> tuple[str, int, int]:
-    return photo.camera_key, photo.width_px, photo.height_px
+    """The lens of the photos of each camera, by their `lens_key`."""
+    return {photos[name].lens_key: int(i) for name, i in zip(cameras.photos, cameras.intrinsics_idx, strict=True)}
 
 
 def pose_of_points(

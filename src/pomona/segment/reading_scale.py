@@ -88,9 +88,9 @@ def reading_scales(
     typical_px = segmenter.traits.typical_fruit_px
     if typical_px is None:
         return ReadingScales(dict.fromkeys(photos.names, 1.0))
-    groups: dict[tuple[str, str, int, int], list[Photo]] = defaultdict(list)
+    groups: dict[tuple[str, tuple[str, int, int]], list[Photo]] = defaultdict(list)
     for photo in photos:
-        groups[photo.side, photo.camera_key, photo.width_px, photo.height_px].append(photo)
+        groups[photo.side, photo.lens_key].append(photo)
     progress.start("looking for the size of the fruits", len(groups))
     scales: dict[str, float] = {}
     seen: dict[str, Detections] = {}

@@ -24,7 +24,7 @@ from pomona.sfm.models import read_models
 from pomona.sfm.options import SfmOptions
 from pomona.sfm.pieces import Piece
 from pomona.sfm.selection import mean_error_px
-from pomona.sfm.workspace import camera_entry, camera_of
+from pomona.sfm.workspace import camera_entry
 
 # The largest features of a photo, which most often match; a quarter of them takes a sixteenth of the time.
 _FEATURES = 2500
@@ -69,7 +69,7 @@ class GrowingSide:
     def add(self, photo: Photo, features: Features) -> Mapping[str, int]:
         """Take in the next photo; return how many points each of those before it shares with it, best first."""
         i, few = len(self._names), largest(features, _FEATURES)
-        key = camera_of(photo)
+        key = photo.lens_key
         known = key in self._cameras
         entry = self._cameras.setdefault(key, camera_entry([photo], self._options))
         image = ImageEntry(photo.name, list(self._cameras).index(key))

@@ -8,15 +8,14 @@ that still overlap with few others with their neighbours by features of tilted v
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from typing import TypeVar
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
-from pomona.arrays import IntArray
+from pomona.arrays import IntArray, batches
 from pomona.progress import Progress
 from pomona.sfm import engine
 from pomona.sfm.engine import TwoViews
@@ -32,7 +31,6 @@ _PAIRS_AT_ONCE = 64
 _TOLERANCE_PX = 4.0
 # A photo that overlaps with fewer others is compared with all its candidates by all features.
 _ENOUGH_PARTNERS = 3
-_T = TypeVar("_T")
 
 
 def match_photos(workspace: Workspace, label: str, progress: Progress) -> None:
@@ -62,7 +60,7 @@ def _wide_candidates(workspace: Workspace, pairs: Sequence[Pair]) -> list[Pair]:
 def _first_look(workspace: Workspace, pairs: Sequence[Pair], progress: Progress) -> list[TwoViews]:
     """Match the largest features of all pairs; return the pairs that overlap, with their geometry."""
     database = workspace.first_look_database()
-    for chunk in _chunks(pairs, _PAIRS_AT_ONCE):
+    for chunk in batches(pairs, _PAIRS_AT_ONCE):
         engine.match(database, workspace.named(chunk), workspace.options)
         progress.advance(len(chunk))
     return engine.read_two_views(database)
@@ -73,7 +71,7 @@ def _match_along_lines(workspace: Workspace, overlapping: Sequence[TwoViews], la
     done = engine.matched_pairs(workspace.database)
     missing = [views for views in overlapping if (views.first, views.second) not in done]
     progress.start(f"Matching what overlaps{label}", len(missing))
-    for chunk in _chunks(missing, _PAIRS_AT_ONCE):
+    for chunk in batches(missing, _PAIRS_AT_ONCE):
         engine.write_verified(workspace.database, _along_lines(workspace, chunk), workspace.options)
         progress.advance(len(chunk))
 
@@ -114,13 +112,8 @@ def _match_all(workspace: Workspace, pairs: Sequence[Pair], label: str, progress
         return
     database, options = workspace.database, workspace.options
     progress.start(f"Matching what holds photos{label}", len(pairs))
-    for chunk in _chunks(pairs, _PAIRS_AT_ONCE):
+    for chunk in batches(pairs, _PAIRS_AT_ONCE):
         engine.match(database, workspace.named(chunk), options)
         known = [views for views in engine.read_matched(database, chunk, options) if views.fundamental is not None]
         engine.write_further(database, _along_lines(workspace, known), options)
         progress.advance(len(chunk))
-
-
-def _chunks(items: Sequence[_T], size: int) -> Iterator[Sequence[_T]]:
-    for start in range(0, len(items), size):
-        yield items[start : start + size]

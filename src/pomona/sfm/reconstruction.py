@@ -8,11 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
 
 import numpy as np
 
-from pomona.arrays import FloatArray, counted
+from pomona.arrays import FloatArray, batches, counted
 from pomona.errors import DamagedPhotoError, InputError, MissingFileError, ReconstructionError
 from pomona.intrinsics import Intrinsics
 from pomona.photos import ONE_SIDE, Photo, Photos, side_in_words
@@ -34,8 +33,6 @@ from pomona.sfm.thinning import thinned
 from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
 from pomona.sfm.workspace import Workspace
 from pomona.threads import cores
-
-_T = TypeVar("_T")
 
 
 def reconstruct(
@@ -113,7 +110,7 @@ def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progres
     progress.start(f"Features{label}", len(photos))
     progress.advance(len(photos) - len(missing))
     threads = workspace.options.threads or cores()
-    for batch in _chunks(missing, 2 * threads):
+    for batch in batches(missing, 2 * threads):
         with ThreadPoolExecutor(threads) as pool:
             found = list(pool.map(lambda i: _try_extract(photos[i], workspace.options, kept), batch))
         good = {i: features for i, features in zip(batch, found, strict=True) if isinstance(features, Features)}
@@ -291,8 +288,3 @@ def _nothing_placed(lost: Sequence[Unregistered]) -> str:
 
 def _folder_name(side: str) -> str:
     return "side-" + re.sub(r"[^A-Za-z0-9_-]", lambda match: f"%{ord(match[0]):x}", side) if side else "all"
-
-
-def _chunks(items: Sequence[_T], size: int) -> Iterator[Sequence[_T]]:
-    for start in range(0, len(items), size):
-        yield items[start : start + size]

@@ -168,10 +168,10 @@ def _entries(photos: Sequence[Photo], options: SfmOptions) -> tuple[list[CameraE
     """The cameras: one for each `camera_key` and size; and which photo was taken with which."""
     groups: dict[tuple[str, int, int], list[Photo]] = {}
     for photo in photos:
-        groups.setdefault(camera_of(photo), []).append(photo)
+        groups.setdefault(photo.lens_key, []).append(photo)
     order = list(groups)
     cameras = [camera_entry(members, options) for members in groups.values()]
-    return cameras, [ImageEntry(photo.name, order.index(camera_of(photo))) for photo in photos]
+    return cameras, [ImageEntry(photo.name, order.index(photo.lens_key)) for photo in photos]
 
 
 def camera_entry(photos: Sequence[Photo], options: SfmOptions) -> CameraEntry:
@@ -180,8 +180,3 @@ def camera_entry(photos: Sequence[Photo], options: SfmOptions) -> CameraEntry:
     known = [photo.focal_px for photo in photos if photo.focal_px is not None]
     focal = float(np.median(known)) if known else options.focal_prior * max(width, height)
     return CameraEntry(width, height, focal, bool(known), working_scale(photos[0], options))
-
-
-def camera_of(photo: Photo) -> tuple[str, int, int]:
-    """Return what photos of one camera, lens and zoom have in common."""
-    return photo.camera_key, photo.width_px, photo.height_px
