@@ -1,4 +1,4 @@
-"""Shape checks for the values that flow between stages, arrays of groups, and subsets."""
+"""Shape checks for the values that flow between stages, arrays of groups, subsets, and what is usual in numbers."""
 
 from __future__ import annotations
 
@@ -47,6 +47,15 @@ def weighted_median(values: FloatArray, weights: FloatArray) -> float:
     order = np.argsort(values, kind="stable")
     cumulated = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
+
+
+SD_OF_MAD = 1.4826
+"""From the median of absolute deviations to the standard deviation, of values that scatter normally."""
+
+
+def robust_sd(values: FloatArray) -> float:
+    """Return the standard deviation of values (n,) by the median of their absolute deviations from the median."""
+    return SD_OF_MAD * float(np.median(np.abs(values - float(np.median(values)))))
 
 
 def some_subsets(n: int, k: int, most: int) -> list[tuple[int, ...]]:

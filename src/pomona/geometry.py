@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, set_checked, some_subsets
+from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray, set_checked, some_subsets
 from pomona.errors import InputError
 
 # Points lie on one line where their spread across it is less than this share of the spread along it, unless they are so
@@ -107,7 +107,7 @@ def robust_similarity(points_in_source: FloatArray, points_in_target: FloatArray
         # Of n residuals three are small by construction: judge by the middle of the others.
         rank = 3 + (n - 3) // 2
         best = min(residuals, key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
-        sigma = 1.4826 * float(np.sort(best)[rank - 1 : rank + 1].mean())
+        sigma = SD_OF_MAD * float(np.sort(best)[rank - 1 : rank + 1].mean())
         inliers = best < 3 * max(sigma, PLACED_SD_M)
         if inliers.sum() < 3 or on_one_line(points_in_target[inliers], PLACED_SD_M):
             inliers = np.ones(n, bool)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.normal_equations import TAIL, derivatives
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray, IntArray
 from pomona.cameras import Cameras
 
 # A photo's pose, middle and focal length are nine numbers: with so many points, seen by three photos or more each, a
@@ -24,8 +24,6 @@ _STEPS = 6
 # Middles scatter by 0.6 to 1.1 of their standard deviations where lenses stay as they are, by 2.2 and more where they
 # do not; below this share of the picture's width it does not matter.
 _WANDERS, _NOTABLE = 1.8, 0.005
-# From the median of absolute deviations to a standard deviation.
-_SD_OF_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ def wandering_middles(cameras: Cameras) -> list[str]:
         shares.append(offsets_px / widths_px[here, None])
     if sum(map(len, apart)) < _LEAST_PHOTOS:
         return []
-    in_sds, share = (_SD_OF_MEDIAN * float(np.median(np.abs(np.concatenate(part)))) for part in (apart, shares))
+    in_sds, share = (SD_OF_MAD * float(np.median(np.abs(np.concatenate(part)))) for part in (apart, shares))
     if in_sds < _WANDERS or share < _NOTABLE:
         return []
     first, last = cameras.photos[0], cameras.photos[-1]

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.arrays import BoolArray, FloatArray, IntArray, robust_sd, set_checked
 from pomona.data_frames import data_frame
 from pomona.errors import InputError
 from pomona.fruits import Fruits
@@ -93,7 +93,7 @@ class Comparison:
         if len(values) < 3:
             return Interval(float(np.median(values)) if len(values) else float("nan"), float("nan"), float("nan"))
         middle = float(np.median(values))
-        spread = 1.4826 * float(np.median(np.abs(values - middle)))
+        spread = robust_sd(values)
         # The median of n values is known to 1.25 of their standard deviations over the root of n.
         half = 1.96 * 1.2533 * spread / float(np.sqrt(len(values)))
         return Interval(middle, middle - half, middle + half)

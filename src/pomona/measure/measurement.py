@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pomona.arrays import Array, BoolArray, FloatArray, IntArray
+from pomona.arrays import Array, BoolArray, FloatArray, IntArray, robust_sd
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
@@ -304,7 +304,7 @@ def _prior_of_all(alone: Fitted, prior: SpheroidPrior, options: MeasureOptions) 
         return prior
     logs = np.log(alone.spheroids.radii[clear])
     middle = float(np.median(logs))
-    spread2 = (1.4826 * float(np.median(np.abs(logs - middle)))) ** 2 - float(variances[clear].mean())
+    spread2 = robust_sd(logs) ** 2 - float(variances[clear].mean())
     # What the prior itself said of each ratio is taken out before they are put together.
     known = 1 / alone.covariances[clear, 4, 4]
     said = np.maximum(known - prior.ratio_sd**-2, 1e-6)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, some_subsets, weighted_median
+from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray, some_subsets, weighted_median
 from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.errors import InputError, few
 from pomona.formats.coordinate_systems import DEGREES, check_use, given_xy_between, xy_between
@@ -283,7 +283,7 @@ def _robust_upright(
             best = median, residuals
     if best is None:
         raise InputError("GNSS positions do not fit the cameras' path")
-    good = best[1] <= 3 * 1.4826 * best[0] + 1e-6
+    good = best[1] <= 3 * SD_OF_MAD * best[0] + 1e-6
     on_ground = estimate_upright_similarity(here[good], there[good], z, scale, worth[good])
     above = target[good, 2] - on_ground.apply(level[good])[:, 2]
     high = np.isfinite(above)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, robust_sd
 from pomona.cameras import Cameras
 from pomona.scale.aruco import PlateSighting, by_marker
 from pomona.scale.marker_table import Markers
@@ -52,7 +52,7 @@ def _warn_of_size(placement: Placement, logs: FloatArray) -> None:
     if len(logs) < _LEAST_PLATES:
         return
     middle = float(np.median(logs))
-    sd = 1.2533 * 1.4826 * float(np.median(np.abs(logs - middle))) / np.sqrt(len(logs))
+    sd = 1.2533 * robust_sd(logs) / np.sqrt(len(logs))
     if abs(middle) > max(_WRONG_SIZE, _CONTRADICTION * sd):
         placement.contradict(
             f"The scale is in doubt: the {len(logs)} marker plates of known size are seen "

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.arrays import FloatArray, IntArray, robust_sd
 from pomona.cameras import Cameras, WorldFrame
 from pomona.fruit_geometry.discs import FruitDiscs
 from pomona.geometry import Similarity
@@ -284,7 +284,7 @@ def halfway(one: FloatArray, other: FloatArray, sight: FloatArray, prior_m: floa
 
 
 def _spread(values: FloatArray) -> float:
-    return max(1.4826 * float(np.median(np.abs(values - np.median(values)))), 1e-6)
+    return max(robust_sd(values), 1e-6)
 
 
 def _shared(one: _Side, other: _Side) -> FloatArray:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import BoolArray, FloatArray
+from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray
 from pomona.cameras import Cameras
 from pomona.scale.placement import Placement
 
@@ -80,7 +80,7 @@ def _check_vertical(placement: Placement, name: str, rotations: FloatArray) -> N
 def _check_heights(placement: Placement, photos: Sequence[str], centers: FloatArray) -> bool:
     """Name photos far above or below those beside them; say whether the others were taken from one height."""
     above_m = heights_above_neighbours(centers)
-    scatter_m = 1.4826 * float(np.median(np.abs(above_m)))
+    scatter_m = SD_OF_MAD * float(np.median(np.abs(above_m)))
     if scatter_m > _ONE_HEIGHT_SD_M:
         return False
     off: BoolArray = np.abs(above_m) > _OTHER_HEIGHT_M
