@@ -126,6 +126,7 @@ SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
         (SURVEY + "fruit_diameter = 0.07\n", "has `fruit_diameter`: expected some of .*fruit-diameter"),
         (SURVEY + "scale-bar = [0, 1]\n", "scale-bar: expected a list of 3, found"),
         (SURVEY + 'fruit = "potato"\n', r"number 1 \(row 1\): .*potato"),
+        (SURVEY + 'packing = "6.5,7"\n', "edges in mm, found 6.5,7, .* give 65,70"),
         (SURVEY + 'method = "guess"\n', "expected one of object, paper, found 'guess'"),
         (SURVEY + SURVEY, "1 is there more than once: give the surveys of one row a `date`"),
         (SURVEY + SURVEY + "date = 2026-07-01\n", "several surveys of one row need a `date` each"),

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from pomona.errors import FormatError, InputError, MissingFileError, few
+from pomona.fruit_traits.packing import check_unit, packing_classes
 from pomona.option_values import expect_kind, expect_kinds, without_none
 from pomona.orchard.places import is_url
 from pomona.pipeline.names import STAGES
@@ -227,7 +228,9 @@ def _check_values(where: str, options: Mapping[str, Any]) -> None:
     if "detections" in options:
         values.pop("classes", None)  # which are nothing without the file
     try:
-        RunOptions.from_json(values)
+        chosen = RunOptions.from_json(values)
+        if chosen.packing is not None:
+            check_unit(packing_classes(chosen.packing))
     except (InputError, FormatError) as error:
         raise InputError(f"{where}: {error}") from None
 
