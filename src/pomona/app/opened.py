@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pomona.errors import PomonaError
 from pomona.survey import SurveyFolder
+from pomona.survey.manifest import MANIFEST
 
 # A list of surveys is looked through every second; their manifests seldom change.
 _known: dict[Path, tuple[tuple[int, int], SurveyFolder | None]] = {}
@@ -16,7 +17,7 @@ _lock = threading.Lock()
 def opened(folder: Path) -> SurveyFolder | None:
     """Return the survey in a folder, for reading alone; None where there is none, or none that can be read."""
     try:
-        stat = (folder / "survey.json").stat()
+        stat = (folder / MANIFEST).stat()
     except (OSError, ValueError):  # of names that no folder can have
         return None
     seen = stat.st_mtime_ns, stat.st_size

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pomona.errors import FormatError
 from pomona.orchard.jobs import JobOutcome
 from pomona.orchard.places import Place
+from pomona.survey.manifest import MANIFEST
 
-TABLES_OF_SURVEY = ("survey.json", "fruits.csv", "trees.csv", "segments.csv")
+TABLES_OF_SURVEY = (MANIFEST, "fruits.csv", "trees.csv", "segments.csv")
 """The files of a survey that an orchard's tables are made of."""
 LAYERS = ("rows", "trees", "fruits", "changes")
 """The tables of an orchard: layers of its GeoPackage, and a GeoParquet file each."""

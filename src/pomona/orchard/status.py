@@ -12,6 +12,7 @@ from pomona.orchard.folder import OrchardFolder
 from pomona.orchard.places import Place
 from pomona.orchard.plan import Orchard, PlannedSurvey
 from pomona.orchard.tables import comparison_name, is_done
+from pomona.survey.manifest import MANIFEST
 
 Standing = Literal["done", "changed", "failed", "stopped", "missing"]
 """Done; done, but the file says something else now; failed; begun and not finished; not begun."""
@@ -87,7 +88,7 @@ def _waits_for(before: PlannedSurvey, after: PlannedSurvey, folder: OrchardFolde
 
 def _stopped_at(survey: Place) -> str | None:
     """After which stage a survey was stopped; None where none was begun."""
-    content = (survey / "survey.json").read_bytes()
+    content = (survey / MANIFEST).read_bytes()
     if content is None:
         return None
     try:

@@ -24,9 +24,9 @@ from pomona.pipeline.code import code_digest, engine_versions
 from pomona.progress import Silent
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest
+from pomona.survey.manifest import MANIFEST
 from pomona.survey.record import now
 
-_MANIFEST = "survey.json"
 _FIGURES = "comparison.json"
 
 
@@ -75,7 +75,7 @@ def _survey(job: SurveyJob, scratch: Path) -> JobOutcome:
 def _brought(out: Place, folder: Path) -> Sender:
     """Copy in what earlier attempts made of a survey; return what copies out what changes from here on."""
     folder.mkdir(parents=True)
-    sender = Sender(folder, out, _MANIFEST)
+    sender = Sender(folder, out, MANIFEST)
     if out.exists():
         out.bring(folder.parent)
         sender.know()
@@ -118,7 +118,7 @@ def _code() -> str:
 
 def _is_as_left(out: Place, manifest: str | None) -> bool:
     """Say whether nothing touched a survey since it was left so: the manifest is the same, and its files are there."""
-    content = (out / _MANIFEST).read_bytes()
+    content = (out / MANIFEST).read_bytes()
     if content is None or manifest != _digest_of(content):
         return False
     stages: Mapping[str, Any] = json.loads(content)["stages"]
@@ -127,7 +127,7 @@ def _is_as_left(out: Place, manifest: str | None) -> bool:
 
 
 def _mark(out: Place) -> str:
-    return _digest_of((out / _MANIFEST).read_bytes())
+    return _digest_of((out / MANIFEST).read_bytes())
 
 
 # ---- comparisons -----------------------------------------------------------------------------------------------------
