@@ -36,6 +36,7 @@ def test_citrus_is_found_with_weights_of_its_own_unless_a_model_is_named() -> No
 def test_words_follow_the_count() -> None:
     assert fruit_kind("cherry").counted(1) == "1 cherry"
     assert fruit_kind("cherry").counted(12) == "12 cherries"
+    assert fruit_kind("cherry").counted(1200) == "1,200 cherries"
 
 
 def test_an_unknown_kind_is_refused_with_those_that_are_known() -> None:

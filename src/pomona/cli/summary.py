@@ -6,6 +6,7 @@ import json
 
 import typer
 
+from pomona.arrays import counted
 from pomona.cli.wording import all_with_options, with_options
 from pomona.fruit_traits.kinds import fruit_kind
 from pomona.pipeline import Summary
@@ -30,22 +31,19 @@ def text_of(summary: Summary) -> str:
 
 
 def _headline(summary: Summary) -> str:
+    if summary.fruits == 0:
+        return "No fruit found"
     if summary.fruits is not None:
-        return f"{_counted(summary)} found" if summary.fruits else "No fruit found"
+        of_kind = None if summary.fruit is None else fruit_kind(summary.fruit)
+        return f"{of_kind.counted(summary.fruits) if of_kind else counted(summary.fruits, 'fruit')} found"
     if summary.photos_used is not None:
-        return f"{summary.photos_used} of {summary.photos} photos placed"
-    return f"{summary.detections} detections in {summary.photos} photos"
-
-
-def _counted(summary: Summary) -> str:
-    if summary.fruit is not None and summary.fruits is not None:
-        return fruit_kind(summary.fruit).counted(summary.fruits)
-    return "1 fruit" if summary.fruits == 1 else f"{summary.fruits} fruits"
+        return f"{summary.photos_used:,} of {counted(summary.photos, 'photo')} placed"
+    return f"{counted(summary.detections or 0, 'detection')} in {counted(summary.photos, 'photo')}"
 
 
 def _entries(summary: Summary) -> list[tuple[str, str]]:
-    used = "" if summary.photos_used is None else f"{summary.photos_used} of {summary.photos} used"
-    detections = "" if summary.detections is None else f"{summary.detections} masks"
+    used = "" if summary.photos_used is None else f"{summary.photos_used:,} of {summary.photos:,} used"
+    detections = "" if summary.detections is None else counted(summary.detections, "mask")
     return [
         ("photos", used),
         *_listed("not placed", summary.lost),

@@ -32,8 +32,8 @@ class FruitKind:
         return 5 / 6 <= self.height_to_width <= 6 / 5
 
     def counted(self, count: int) -> str:
-        """Return a number of these fruits in words: `1 pear`, `12 pears`."""
-        return f"{count} {self.name if count == 1 else self.plural}"
+        """Return a number of these fruits in words: `1 pear`, `1,200 pears`."""
+        return f"{count:,} {self.name if count == 1 else self.plural}"
 
 
 # Density and shape of apples are medians of 26 Story apples, weight over the ellipsoid of calliper diameter and height;
