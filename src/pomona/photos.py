@@ -142,6 +142,8 @@ class Photos(OneLine):
         return {photo.name: photo for photo in self.items}
 
 
-def side_in_words(side: str) -> str:
-    """Return a side as messages name it: `side east`, or `the row` where photos are all of one."""
-    return "the row" if side in ("", ONE_SIDE) else f"side {side}"
+def side_in_words(side: str, *, begins: bool = False) -> str:
+    """Return a side as messages name it: `side east`, or `the row` where photos are all of one; `begins` a sentence."""
+    if side in ("", ONE_SIDE):
+        return "The row" if begins else "the row"
+    return f"{'Side' if begins else 'side'} {side}"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pomona.arrays import counted
-from pomona.photos import Photo, Skipped
+from pomona.photos import Photo, Skipped, side_in_words
 from pomona.progress import Progress
 
 _HEAD_BYTES = 1 << 16  # where these differ, as they do for photos of one size that are not copies, no more is read
@@ -59,7 +59,8 @@ def warn_of(
     for side in dict.fromkeys(photo.side for photo in photos):
         count = sum(photo.side == side for photo in photos)
         if len(photos) > 1 and count < _ADVISED_PHOTOS:
-            progress.warn(f"Side {side} has only {counted(count, 'photo')}; {_ADVISED_PHOTOS} or more are advised")
+            named = side_in_words(side, begins=True)
+            progress.warn(f"{named} has only {counted(count, 'photo')}; {_ADVISED_PHOTOS} or more are advised")
 
 
 def _warn_of_cameras(photos: Sequence[Photo], progress: Progress) -> None:

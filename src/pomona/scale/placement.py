@@ -93,8 +93,8 @@ class Placement:
     def name(self, idx: int) -> str:
         """Name a piece for a person."""
         piece = self.pieces[idx]
-        called = side_in_words(piece.side)
-        return f"{called[0].upper()}{called[1:]}{'' if self.is_main(idx) else f', piece {idx + 1}'}"
+        called = side_in_words(piece.side, begins=True)
+        return f"{called}{'' if self.is_main(idx) else f', piece {idx + 1}'}"
 
     def marker_name(self, marker_id: int) -> str:
         """Name a marker, or a point that was clicked, for a person."""

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray
 from pomona.cameras import Cameras
+from pomona.photos import side_in_words
 from pomona.scale.placement import Placement
 
 # Horizons of photos scatter by some degrees about level; a side whose photos all seem to be held askew by more than
@@ -33,7 +34,7 @@ def check_walk(placement: Placement) -> None:
     sides = {side: parts for side, parts in by_side.items() if sum(map(len, parts)) >= _LEAST_PHOTOS}
     heights_m = {}
     for side, parts in sides.items():
-        name = f"Side {side}" if side else "The row"
+        name = side_in_words(side, begins=True)
         rotations = np.concatenate([cameras.cam_from_world[:, :, :3] for cameras in parts])
         _check_vertical(placement, name, rotations)
         centers = np.concatenate([cameras.centers_in_world for cameras in parts])
