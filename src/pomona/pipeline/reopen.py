@@ -10,13 +10,13 @@ from pomona.corrections import Corrected, Corrections, Found, read_corrections
 from pomona.errors import SurveyError
 from pomona.fruits import FruitCloud
 from pomona.photos import Photo, Photos
+from pomona.pipeline.given_tables import with_kept_tables
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import Runner
 from pomona.pipeline.scene import SCENE
 from pomona.pipeline.sources import sources_of
 from pomona.pipeline.stage import SurveyContext
 from pomona.pipeline.stages import Stages, stages_of
-from pomona.pipeline.tables import with_kept_tables
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
 

@@ -10,10 +10,7 @@ from typing import Any
 
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError, few
 from pomona.photos import Photos
-from pomona.pipeline.names import STAGES
-from pomona.pipeline.options import RunOptions, StageOptions
-from pomona.pipeline.summary import Summary, summarise
-from pomona.pipeline.tables import (
+from pomona.pipeline.given_tables import (
     checked_options,
     drop_set_aside_tables,
     keep_tables,
@@ -21,6 +18,9 @@ from pomona.pipeline.tables import (
     set_aside_tables,
     tables_gone,
 )
+from pomona.pipeline.names import STAGES
+from pomona.pipeline.options import RunOptions, StageOptions
+from pomona.pipeline.summary import Summary, summarise
 from pomona.progress import Progress, Recorder, Silent, words_of
 from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog

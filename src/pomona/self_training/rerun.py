@@ -12,7 +12,7 @@ from pomona.export.survey import SurveySource
 from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
-from pomona.pipeline.tables import checked_options
+from pomona.pipeline.given_tables import checked_options
 from pomona.progress import Progress
 from pomona.self_training.halves import agreement_of_halves
 from pomona.self_training.labels import FoundFruits
