@@ -104,8 +104,12 @@ def test_truth_in_a_coordinate_system_needs_a_survey_on_earth() -> None:
     with pytest.raises(InputError, match="`truth_crs` EPSG:25831: the survey's frame has no place on Earth"):
         truth.brought_from("EPSG:25831", WorldFrame("markers"))
     _, on_earth = in_local_metres(POSTS, "EPSG:25831", "here")
+    frame = WorldFrame("gnss", crs=on_earth.crs, origin=on_earth.origin)
     with pytest.raises(InputError, match="`truth_crs`: expected a coordinate system, such as EPSG:32631"):
-        truth.brought_from("EPSG:none", WorldFrame("gnss", crs=on_earth.crs, origin=on_earth.origin))
+        truth.brought_from("EPSG:none", frame)
+    exchanged = Truth(np.arange(3), POSTS[:, [1, 0, 2]], np.full(3, 0.08))
+    with pytest.raises(InputError, match=r"`truth_crs`: expected places where EPSG:25831 is used .* exchanged"):
+        exchanged.brought_from("EPSG:25831", frame)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 from pomona.arrays import BoolArray, FloatArray, IntArray, OneLine, set_checked
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.coordinate_systems import given_xy_between
+from pomona.formats.coordinate_systems import DEGREES, check_use, given_xy_between
 from pomona.formats.files import read_bytes
 from pomona.formats.json_file import load_json
 from pomona.formats.small_table import SmallTable, column_names, decoded, read_small_table
@@ -78,10 +78,15 @@ class Truth(OneLine):
                 "give it one"
             )
 
+        where = "`truth_crs`"
+        if len(self):
+            degrees = np.median(given_xy_between(self.centers_in_world[:, :2], crs, DEGREES, where), axis=0)
+            check_use(crs, float(degrees[0]), float(degrees[1]), where)
+
         def brought(points: FloatArray) -> FloatArray:
             assert frame.crs is not None
             height = points[:, 2] - (frame.origin[2] if frame.origin else 0.0)
-            return np.column_stack([given_xy_between(points[:, :2], crs, frame.crs, "`truth_crs`"), height])
+            return np.column_stack([given_xy_between(points[:, :2], crs, frame.crs, where), height])
 
         centers = brought(self.centers_in_world)
         if self.boxes_in_world is None:
