@@ -226,3 +226,12 @@ def test_a_frame_in_which_hardly_any_fruit_matches_is_doubted() -> None:
     there = "fruits lie at x 0.00 to 1.50, y 0.00 to 0.00, z 1.00 to 1.00, found ones at x 5.00 to 6.00, y 0.00 to"
     elsewhere = found([(5, 0, 1), (6, 0, 2.5)])
     assert there in frame_doubt(elsewhere, truth, evaluate_fruits(elsewhere, truth))
+
+
+def test_a_frame_in_which_all_of_a_few_match_is_not_doubted() -> None:
+    row = [(0.5 * k, 0.0, 1.0) for k in range(40)]
+    for fruits, truth in ((found(row[:1]), known(row)), (found(row), known(row[:1]))):
+        scores = evaluate_fruits(fruits, truth)
+        assert scores.all.f1 < 0.1
+        assert max(scores.recall, scores.precision) == 1
+        assert frame_doubt(fruits, truth, scores) == ""

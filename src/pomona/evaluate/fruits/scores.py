@@ -25,6 +25,7 @@ from pomona.fruits import Fruits
 _OTHER_UNIT = 5.0  # times as wide: found and true fruits differ less where their units are the same
 _FEWEST_SIZES = 5  # of fewer, the median says little
 _HARDLY_ANY_F1 = 0.1  # less is chance: frames are not the same, or nothing was found rightly
+_MOST = 0.5  # of the found or of the true fruits: where so many match, the frames are the same, however few the others
 
 Kind = Literal["matched", "missed", "merged", "false", "double", "hidden"]
 
@@ -174,6 +175,8 @@ def evaluate_fruits(fruits: Fruits, truth: Truth, *, options: EvaluateOptions | 
 def frame_doubt(fruits: Fruits, truth: Truth, scores: Scores) -> str:
     """Return what to say where hardly any fruit matches: where found and true ones lie; else nothing."""
     if not len(fruits) or not len(truth) or scores.all.f1 >= _HARDLY_ANY_F1:
+        return ""
+    if max(scores.all.recall, scores.all.precision) >= _MOST:
         return ""
     return (
         f"Hardly any found fruit is a true one. True fruits lie at {_extent(truth.centers_in_world)}, found ones at "
