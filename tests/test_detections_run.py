@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,14 @@ import pytest
 
 import detection_scenes as scenes
 from detection_scenes import FRUITS, HEIGHT, SCENE, WIDTH, whole
+from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.formats.detections.coco import read_coco
 from pomona.pipeline import RunOptions, run
 from pomona.pipeline.options import parse_names
+from pomona.pipeline.segment import Segmented
+from pomona.pipeline.select import SELECT, SelectOptions
+from pomona.progress import Silent
 from pomona.survey import SurveyFolder
 
 SIDES = "east/*,west/*"
@@ -40,6 +45,29 @@ def test_detections_given_are_the_surveys(tmp_path: Path, photos: Path) -> None:
     first = next((tmp_path / "masks").rglob("*.mat"))
     first.unlink()
     assert run([photos], out, options, until="select").detections == len(FRUITS) - len(SCENE["east/IMG_1.JPG"])
+
+
+def test_detections_given_that_show_no_fruit_are_not_answered_with_another_model(tmp_path: Path, photos: Path) -> None:
+    images = [{"id": k, "file_name": name, "width": WIDTH, "height": HEIGHT} for k, name in enumerate(SCENE)]
+    given = tmp_path / "given.json"
+    given.write_text(json.dumps({"images": images, "annotations": [], "categories": [{"id": 1, "name": "apple"}]}))
+    options = RunOptions(detections=given, sides=SIDES)
+    warnings = run([photos], tmp_path / "survey", options, until="select").warnings
+    (said,) = [warning for warning in warnings if warning.startswith("No fruit was found")]
+    assert said.startswith(f"No fruit was found in any of {len(SCENE)} photos: the result is empty. If there is fruit")
+    assert "see whether `detections` names the right file" in said
+    assert "model" not in said
+
+
+def test_weak_detections_alone_are_not_called_an_empty_result() -> None:
+    mask = Mask.from_pixels(np.ones((4, 4), bool))
+    found = SurveyDetections({"a.jpg": Detections("a.jpg", 4, 4, (mask,), [0.3], [1])})
+    progress = Silent()
+    selected = SELECT.compute(Segmented(found, 0.5), options=SelectOptions(), progress=progress)
+    assert (selected.counted.total, selected.trusted.total) == (0, 1)
+    (said,) = progress.warnings
+    assert said.startswith("No fruit was found in any of 1 photo: only weaker detections may become fruits. If there")
+    assert "another `model`" in said
 
 
 def test_another_choice_of_classes_reads_again(tmp_path: Path, photos: Path) -> None:

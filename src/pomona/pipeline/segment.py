@@ -26,10 +26,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Segmented:
-    """All detections, weak ones too, and the score from which one counts in a single photo, as the model says."""
+    """All detections, weak ones too, and the score from which one counts in a single photo, as the model says.
+
+    Those that a person gave have all been chosen: they count from 0 on.
+    """
 
     detections: SurveyDetections
     score_threshold: float
+
+    @property
+    def were_given(self) -> bool:
+        """Whether a person gave them: a model has a threshold."""
+        return self.score_threshold == 0
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,7 @@ def _segment(
 
     progress.start("reading the detections given")
     found = read_detections(options.given, photos, classes=options.classes, progress=progress)
-    return Segmented(found, 0.0)  # who gives detections has chosen them
+    return Segmented(found, 0.0)
 
 
 def _by_model(

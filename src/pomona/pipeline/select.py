@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pomona.arrays import counted
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.option_values import expect_kinds
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
+
+_OF_A_MODEL = "try another `model`, a lower `score_threshold`, or give `detections`"
+_OF_GIVEN = "see whether `detections` names the right file, and `classes` and `score_threshold` leave any of it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +52,15 @@ class SelectOptions:
 def _select(segmented: Segmented, *, options: SelectOptions, progress: Progress) -> Selected:
     score_threshold, least_score = options.thresholds(segmented.score_threshold)
     found = segmented.detections
-    counted = found.at_least(score_threshold)
-    if counted.total == 0:
+    sure, trusted = found.at_least(score_threshold), found.at_least(least_score)
+    if sure.total == 0:
+        outcome = "only weaker detections may become fruits" if trusted.total else "the result is empty"
+        advice = _OF_GIVEN if segmented.were_given else _OF_A_MODEL
         progress.warn(
-            f"No fruit was found in any of {len(found)} photos: the result is empty. If there is fruit in them, try "
-            "another `model`, a lower `score_threshold`, or give `detections`"
+            f"No fruit was found in any of {counted(len(found), 'photo')}: {outcome}. If there is fruit in them, "
+            f"{advice}"
         )
-    return Selected(counted, found.at_least(least_score), score_threshold, least_score)
+    return Selected(sure, trusted, score_threshold, least_score)
 
 
 def _save(selected: Selected, context: SurveyContext) -> Mapping[str, Any]:
