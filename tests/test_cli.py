@@ -190,6 +190,13 @@ def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert SurveyFolder.open(out).get("options")["fruit_diameter_m"] == 0.08
 
 
+def test_one_photo_and_one_detection_are_spoken_of_in_the_singular(fakes: Fakes, tmp_path: Path) -> None:
+    one = make_photos(tmp_path / "one", 1)
+    said = pomona("segment", one, "--out", tmp_path / "out").stdout
+    assert said.startswith("1 detection in 1 photo\n")
+    assert "1 mask\n" in said
+
+
 def test_a_planting_distance_replaces_a_table_of_trunks(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     (tmp_path / "trees.csv").write_text("id,x,y\n7,0,0.1\n")
     pomona("run", photos, "--out", tmp_path / "out", "--trees", tmp_path / "trees.csv", "--fruit", "pear")

@@ -187,14 +187,14 @@ def test_score_threshold_of_the_options_counts(tmp_path: Path) -> None:
     photos, progress = red_photos(tmp_path, 1), Silent()
     options = SegmentOptions(score_threshold=0.95, kept_share=1)
     assert segment_photos(photos, RedSegmenter(), options=options, progress=progress).total == 0
-    assert progress.warnings == ["No fruit was found in any of 1 photos."]
+    assert progress.warnings == ["No fruit was found in any of 1 photo."]
 
 
 def test_weak_detections_alone_are_no_fruit(tmp_path: Path) -> None:
     photos, progress = red_photos(tmp_path, 1), Silent()
     options = SegmentOptions(score_threshold=0.95)
     assert segment_photos(photos, RedSegmenter(), options=options, progress=progress).total == 1
-    assert progress.warnings == ["No fruit was found in any of 1 photos."]
+    assert progress.warnings == ["No fruit was found in any of 1 photo."]
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.7, 4.0])

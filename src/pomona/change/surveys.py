@@ -40,8 +40,8 @@ def compare_surveys(before: SurveyReader, after: SurveyReader, *, dates: Dates |
     for survey in (before, after):
         if len(survey.fruits) < _LEAST_COMMON:
             raise InputError(
-                f"{survey.folder} has {len(survey.fruits)} fruits: at least {_LEAST_COMMON} are needed to find the "
-                "place of one survey in another"
+                f"{survey.folder} has {counted(len(survey.fruits), 'fruit')}: at least {_LEAST_COMMON} are needed to "
+                "find the place of one survey in another"
             )
     diameters = _usual_diameter(before), _usual_diameter(after)
     metric = before.frame.metric, after.frame.metric

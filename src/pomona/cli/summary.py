@@ -75,7 +75,7 @@ def _crop(summary: Summary) -> str:
     every = crop.fruits
     metre = crop.per_metre
     along = f"; {metre.value:.3g} a metre of row ({metre.low:.3g} to {metre.high:.3g})" if metre else ""
-    return f"{every.value:.0f} ({every.low:.0f} to {every.high:.0f}, 95 %{along}): {every.covers}"
+    return f"{every.value:,.0f} ({every.low:,.0f} to {every.high:,.0f}, 95 %{along}): {every.covers}"
 
 
 def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ from threading import BoundedSemaphore
 
 import numpy as np
 
-from pomona.arrays import ByteArray
+from pomona.arrays import ByteArray, counted
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import DamagedPhotoError, InputError, MissingFileError
 from pomona.option_values import expect_kinds
@@ -66,7 +66,7 @@ def segment_photos(
     found = {d.photo: d for d in iter_detections(photos, segmenter, options=options, progress=progress)}
     result = SurveyDetections(found)
     if result.at_least(threshold_of(segmenter, options)).total == 0:
-        progress.warn(f"No fruit was found in any of {len(found)} photos.")
+        progress.warn(f"No fruit was found in any of {counted(len(found), 'photo')}.")
     return result
 
 
