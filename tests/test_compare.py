@@ -20,7 +20,7 @@ from pomona.cameras import WorldFrame
 from pomona.change import Comparison, compare_surveys, constellation
 from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
-from pomona.change.page import _sizes_figure, _totals, _trees_table, _write_table
+from pomona.change.page import PAGE, _sizes_figure, _totals, _trees_table, _write_table
 from pomona.change.surveys import _in_view, _sightings
 from pomona.cli.app import app
 from pomona.cli.compare import _show
@@ -29,6 +29,7 @@ from pomona.formats.tables import read_fruits, write_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import Similarity
 from pomona.photos import Photos
+from pomona.progress import Silent
 from pomona.synth import RowOptions
 from pomona.synth.layout import lay_out_row
 from pomona.trees import Trees
@@ -467,6 +468,29 @@ def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, [*arguments[:3], "--out", str(out), "--dates", "spring"])
     assert refused.exit_code == 1
     assert "expected two days" in refused.stderr
+
+
+def test_warnings_are_heard_by_who_listens_and_kept_in_their_words(tmp_path: Path) -> None:
+    surveys = [write_view_survey(tmp_path / name, count=40) for name in ("july", "august ü")]
+    listener = Silent()
+    compared = pomona.compare(pomona.open(surveys[0]), pomona.open(surveys[1]), progress=listener)
+    assert "Say the dates with `dates`" in " ".join(listener.warnings)
+    assert compared.warnings == tuple(listener.warnings)
+    out = tmp_path / "change"
+    result = CliRunner().invoke(app, ["compare", *map(str, surveys), "--out", str(out), "--json"])
+    for text in (result.stdout, result.stderr, (out / "comparison.json").read_text(), (out / PAGE).read_text()):
+        assert "Say the dates with --dates" in text
+        assert "`dates`" not in text
+
+
+def test_an_option_that_compare_lacks_is_not_advised_where_photos_were_moved(tmp_path: Path) -> None:
+    surveys = [write_view_survey(tmp_path / name, count=40) for name in ("july", "august")]
+    (tmp_path / "august" / "photos").rename(tmp_path / "elsewhere")
+    result = CliRunner().invoke(app, ["compare", *map(str, surveys), "--out", str(tmp_path / "change")])
+    assert result.exit_code == 0
+    assert "The photos were not found" in result.stderr
+    assert "The same `pomona run` again, given the place where they are now, notes that" in result.stderr
+    assert "--photos" not in result.stderr
 
 
 def in_view_of_all_photos(places: np.ndarray, survey: Survey) -> np.ndarray:

@@ -16,6 +16,7 @@ from pomona.option_values import expect_kind
 from pomona.pipeline.options import RunOptions, named_options
 from pomona.progress import Progress, Silent, words_of
 from pomona.survey import SurveyFolder
+from pomona.survey.photos import RUN_AGAIN, SAY_WHERE
 from pomona.survey.unfinished import unfinished_in_words
 
 if TYPE_CHECKING:
@@ -169,6 +170,13 @@ def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress |
 
     Raises `MissingFileError` where there is none, and `SurveyError` where the folder holds something else.
     """
+    return _opened(folder, progress, photos=_path_or_none("photos", photos))
+
+
+def _opened(
+    folder: AnyPath, progress: Progress | None, *, photos: Path | None = None, if_moved: str = SAY_WHERE
+) -> Survey:
+    """Open a survey; `if_moved` is what to do where its photos are not found, in words."""
     from pomona.pipeline.reopen import bring_up_to_date
 
     progress = progress or Silent()
@@ -177,7 +185,7 @@ def open(folder: AnyPath, *, photos: AnyPath | None = None, progress: Progress |
         bring_up_to_date(survey, progress)
     if said := unfinished_in_words(survey):
         progress.warn(said)
-    return Survey(survey, photos_folder=_path_or_none("photos", photos), progress=progress)
+    return Survey(survey, photos_folder=photos, progress=progress, if_moved=if_moved)
 
 
 def compare(
@@ -191,19 +199,21 @@ def compare(
     """Find the fruits of one survey of a row in a later one: growth, and which are gone; return the `Comparison`.
 
     The surveys may be in any frames. `dates` are those of the two, where their photos do not say them. `out` is a
-    folder for tables, plot and page. Raises `InputError` where they have nothing in common, `MissingFileError` for a
-    survey that has no fruits yet, and `SurveyError` where `out` holds something else.
+    folder for tables, plot and page. `progress` hears of warnings (None: that of the second survey). Raises
+    `InputError` where they have nothing in common, `MissingFileError` for a survey that has no fruits yet, and
+    `SurveyError` where `out` holds something else.
     """
     from pomona.change import compare_surveys
     from pomona.change.page import write_comparison
     from pomona.view.reading import page_data
 
     target = _path_or_none("out", out)
-    surveys = [s if isinstance(s, Survey) else open(s, progress=progress) for s in (before, after)]
+    surveys = [s if isinstance(s, Survey) else _opened(s, progress, if_moved=RUN_AGAIN) for s in (before, after)]
+    listener = progress or surveys[1].progress
     found = compare_surveys(surveys[0], surveys[1], dates=dates)
-    found = replace(found, warnings=tuple(map(words_of(surveys[1].progress), found.warnings)))
+    found = replace(found, warnings=tuple(map(words_of(listener), found.warnings)))
     for warning in found.warnings:
-        surveys[1].progress.warn(warning)
+        listener.warn(warning)
     if target is not None:
         names = surveys[0].folder.name, surveys[1].folder.name
         write_comparison(found, page_data(surveys[1]), names, target)
@@ -230,7 +240,7 @@ def adapt(
     from pomona.self_training.rerun import found_fruits, learning, model_of
 
     given, target = _paths("surveys", surveys), _path("out", out)
-    learn, opened = learning(), [open(each, progress=progress) for each in given]
+    learn, opened = learning(), [_opened(each, progress, if_moved=RUN_AGAIN) for each in given]
     begun = model_of(opened[0]) if model is None else _path("model", model)
     found = [found_fruits(survey) for survey in opened]
     return learn(found, target, model=begun, options=options, progress=progress)

@@ -41,7 +41,7 @@ def compare(
     with TerminalProgress() as progress:
         found = pomona.compare(before, after, out=out, dates=_dates(dates), progress=progress)
     if as_json:
-        typer.echo(json.dumps(found.to_json(), indent=1))
+        typer.echo(json.dumps(found.to_json(), indent=1, ensure_ascii=False))
     else:
         _show(found)
         typer.echo(str(out / "comparison.html"))

@@ -12,6 +12,10 @@ from pomona.photo_names import photos_named
 from pomona.photos import Photo, Photos
 from pomona.survey.folder import SurveyFolder
 
+# What to do where photos are not where they were: for who can say it at once, and for who cannot.
+SAY_WHERE = "Say where they are with `photos`"
+RUN_AGAIN = "The same `pomona run` again, given the place where they are now, notes that"
+
 
 def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = None) -> Photos:
     """Return the photos of `names` that can be found, under these names: in `folder`, or where the survey says.

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from pomona.arrays import counted
 from pomona.cameras import Cameras, WorldFrame
 from pomona.crop import Crop, RowSegments
 from pomona.detections import SurveyDetections
@@ -18,7 +19,7 @@ from pomona.progress import Progress, Silent
 from pomona.survey.digest import file_digest
 from pomona.survey.folder import SurveyFolder
 from pomona.survey.fused import fused_path, read_fused
-from pomona.survey.photos import photos_of, placeholder
+from pomona.survey.photos import SAY_WHERE, photos_of, placeholder
 from pomona.trees import Trees
 
 if TYPE_CHECKING:
@@ -31,17 +32,23 @@ _LOOKED_AT = 4  # photos of a folder that is said to be the survey's: another ro
 
 
 class SurveyReader:
-    """Reads one survey. `photos_folder` is where its photos are, if they are not where they were.
+    """Reads one survey. `photos_folder` is where its photos are, if they are not where they were; `if_moved` says in
+    words what to do where they are not found.
 
     Whatever is asked for and not there raises `MissingFileError`, naming the command that writes it; damaged files
     raise `FormatError`. Photos that are not found are no error: there is a warning through `progress`.
     """
 
     def __init__(
-        self, files: SurveyFolder, *, photos_folder: Path | None = None, progress: Progress | None = None
+        self,
+        files: SurveyFolder,
+        *,
+        photos_folder: Path | None = None,
+        progress: Progress | None = None,
+        if_moved: str = SAY_WHERE,
     ) -> None:
         self.files = files
-        self._photos_folder = photos_folder
+        self._photos_folder, self._if_moved = photos_folder, if_moved
         self._progress = progress or Silent()
 
     def forget(self) -> None:
@@ -164,7 +171,7 @@ class SurveyReader:
         try:
             found = photos_of(self.files, tuple(names), self._photos_folder)
         except PomonaError as error:
-            self._progress.warn(f"The photos were not found: {error}. Say where they are with `photos`")
+            self._progress.warn(f"The photos were not found: {error}. {self._if_moved}")
             return Photos(())
         if names and len(found) == 0:  # other photos are there
             self._warn_of_missing(list(names), len(names))
@@ -186,7 +193,7 @@ class SurveyReader:
 
     def _warn_of_missing(self, missing: list[str], count: int) -> None:
         self._progress.warn(
-            f"{len(missing)} of {count} photos were not found: {few(missing)}. Say where they are with `photos`"
+            f"{len(missing)} of {counted(count, 'photo')} were not found: {few(missing)}. {self._if_moved}"
         )
 
     @property
