@@ -35,6 +35,15 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> FoundFruits:
     return found_fruits(pomona.open(write_view_survey(tmp_path_factory.mktemp("adapt"))))
 
 
+def test_a_survey_whose_photos_were_moved_is_not_called_one_of_too_few(tmp_path: Path) -> None:
+    survey = write_view_survey(tmp_path / "row")
+    (tmp_path / "row" / "photos").rename(tmp_path / "elsewhere")
+    listener = Silent()
+    with pytest.raises(MissingFileError, match="survey: none of its photos was found; learning needs them"):
+        pomona.adapt(survey, tmp_path / "mine.onnx", progress=listener)
+    assert "The same `pomona run` again, given the place where they are now, notes that" in listener.warnings[0]
+
+
 def without(found: FoundFruits, photo: str, k: int) -> FoundFruits:
     """The row with the k-th detection of a photo gone, as if it had been missed."""
     detections = dict(found.detections)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pomona.errors import InputError, MissingExtraError
+from pomona.errors import InputError, MissingExtraError, MissingFileError
 from pomona.export.survey import SurveySource
 from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, Summary
@@ -36,8 +36,11 @@ class Rerun:
 def found_fruits(survey: SurveySource) -> FoundFruits:
     """Return the fruits of a survey as corrected, and what saw them.
 
-    Raises `MissingFileError` where no run got so far, and `FormatError` for damaged files.
+    Raises `MissingFileError` where no run got so far or none of its photos is found, and `FormatError` for damaged
+    files.
     """
+    if not any(photo.path.is_file() for photo in survey.photos):
+        raise MissingFileError(f"{survey.folder}: none of its photos was found; learning needs them")
     if (both := survey.corrected()) is None:
         detections, observations = survey.detections, survey.observations
         by_hand, false_ids = frozenset[int](), frozenset[int]()
