@@ -215,6 +215,21 @@ def test_stages_need_a_survey(tmp_path: Path) -> None:
         assert "is not a survey" in result.stderr
 
 
+def test_a_stage_of_a_survey_whose_photos_were_moved_says_how_to_go_on(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    assert pomona("run", photos, "--out", out).exit_code == 0
+    photos.rename(elsewhere)
+    refused = pomona("measure", out, "--fruit", "pear")
+    assert refused.exit_code == 1
+    assert f"{photos}, where out has its photos from, does not exist" in refused.stderr
+    assert "The same `pomona run` again, given the place where they are now, notes that" in refused.stderr
+    assert pomona("run", elsewhere, "--out", out).exit_code == 0
+    assert pomona("measure", out, "--fruit", "pear").exit_code == 0
+    assert fakes.calls["sfm"] == 1
+
+
 def test_what_is_not_there_is_not_called_something_else(photos: Path, tmp_path: Path) -> None:
     assert "nowhere does not exist: expected a survey" in pomona("view", tmp_path / "nowhere").stderr
     (tmp_path / "tables").mkdir()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError, few
+from pomona.formats.files import is_there
 from pomona.photos import Photos
 from pomona.pipeline.given_tables import (
     checked_options,
@@ -25,6 +26,7 @@ from pomona.progress import Progress, Recorder, Silent, words_of
 from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
 from pomona.survey.files import disk_errors
+from pomona.survey.photos import RUN_AGAIN
 
 # Stages that look at photos one by one, wherever these were taken.
 _OF_PHOTOS = ("segment", "select")
@@ -243,11 +245,17 @@ def go_on(
     """Go on with an existing survey up to stage `until`, with the photos and options it was made with.
 
     `changed` are options that are to be other than they were. Raises what `run` raises, and `MissingFileError` when
-    there is no survey in `folder`.
+    there is no survey in `folder`, or its photos are not where it says.
     """
     survey = SurveyFolder.open(folder)
     sources, options = survey.get("sources"), survey.get("options")
     if not sources or options is None:
         raise SurveyError(f"{survey.folder} does not say of which photos it is: use `pomona run PHOTOS --out` first")
+    paths = [Path(source) for source in sources]
+    for path in paths:
+        if not is_there(path):
+            raise MissingFileError(
+                f"{path}, where {survey.folder.name} has its photos from, does not exist. {RUN_AGAIN}"
+            )
     known = replace(RunOptions.from_json(options), **(changed or {}))
-    return run([Path(p) for p in sources], survey.folder, known, progress, until=until, on_stage=on_stage)
+    return run(paths, survey.folder, known, progress, until=until, on_stage=on_stage)
