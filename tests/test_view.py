@@ -178,6 +178,15 @@ def test_lost_photos_are_told_of(survey: Path, tmp_path: Path) -> None:
         assert get(started, "/photos/0/1024.jpg")[0] == 404
 
 
+def test_lost_photos_of_an_exported_folder_are_told_of_once(survey: Path, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    progress = Silent()
+    page = export_folder(read_survey(survey, photos=tmp_path / "other"), tmp_path / "folder", progress=progress)
+    assert not any((page.parent / "photos").iterdir())
+    (said,) = progress.warnings
+    assert said.startswith("Not found, and therefore not in the folder: 8 photos (")
+
+
 def test_a_folder_of_other_photos_is_told_of(survey: Path, tmp_path: Path) -> None:
     for photo in make_photos(tmp_path / "others", 3).iterdir():
         photo.rename(photo.with_stem(f"other {photo.stem}"))

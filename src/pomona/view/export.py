@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pomona.arrays import counted
 from pomona.drawing import jpeg
-from pomona.errors import InputError, PomonaError, SurveyError
+from pomona.errors import InputError, PomonaError, SurveyError, few
 from pomona.option_values import expect_kinds
 from pomona.progress import Progress, Silent, track
 from pomona.report.contract import TruthData
@@ -93,9 +94,13 @@ def _write_photos(data: ReportData, folder: Path, options: FolderOptions, progre
     photos = data.photos.by_name()
     side_px = _side_px(data, options)
     files: dict[str, str] = {}
+    missing = []
     for i, name in enumerate(track(data.cameras.photos, progress, "resizing photos", len(data.cameras))):
         # Numbers, as names may hold what no file name or address may.
         file = f"{_PHOTOS}/{i:05d}.jpg"
+        if not photos[name].path.is_file():
+            missing.append(name)
+            continue
         try:
             encoded = jpeg(read_pixels(photos[name], max_side_px=side_px), quality=options.jpeg_quality)
         except (PomonaError, OSError) as error:
@@ -103,6 +108,8 @@ def _write_photos(data: ReportData, folder: Path, options: FolderOptions, progre
             continue
         (folder / file).write_bytes(encoded)
         files[name] = file
+    if missing:
+        progress.warn(f"Not found, and therefore not in the folder: {counted(len(missing), 'photo')} ({few(missing)})")
     return files
 
 
