@@ -1,6 +1,7 @@
 """The training room: crops and targets on truth that the test draws, a loss that falls, a model file that agrees."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -32,7 +33,7 @@ from pomona.train.label_images import samples_of  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.samples import Sample, boxes_of, group_of, split  # noqa: E402
-from pomona.train.validate import validate  # noqa: E402
+from pomona.train.validate import ValidationScores, validate  # noqa: E402
 from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = AugmentOptions(crop_px=96, fruit_px=(24, 40), mosaic_fruit_px=(16, 24))
@@ -253,6 +254,23 @@ def test_the_command_refuses_options_that_contradict(tmp_path: Path) -> None:
         assert result.exit_code != 0
         assert said in result.stderr
         assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("best", "said"),
+    [
+        (math.nan, "m.onnx: on 1 fruit of photos held out, nothing was found\n"),
+        (0.5, "m.onnx: on 1 fruit of photos held out, AP50 0.250, F1 0.500 (precision 0.500, recall –) at score 0.50"),
+    ],
+)
+def test_scores_that_are_not_known_are_not_said_as_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, best: float, said: str
+) -> None:
+    scores = ValidationScores(0.25, best, best, math.nan, best, 1)
+    monkeypatch.setattr("pomona.train.train", lambda *given, **options: scores)
+    done = CliRunner().invoke(app, ["train", str(tmp_path), "--out", str(tmp_path / "m.onnx")])
+    assert said in done.stdout
+    assert "nan" not in done.stdout
 
 
 @pytest.mark.slow

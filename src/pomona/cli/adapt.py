@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pomona import api
 from pomona.cli.failures import WRONG_INPUT, Stopped, say
 from pomona.cli.progress import TerminalProgress
+from pomona.evaluate.rates import written
 from pomona.self_training.options import AdaptOptions
+
+if TYPE_CHECKING:
+    from pomona.train.validate import ValidationScores
 
 
 def adapt(
@@ -38,12 +42,16 @@ def adapt(
         f"{outcome.missed} where a fruit was missed" + (f", {outcome.marked} that you marked" if outcome.marked else "")
     )
     before, after = outcome.before, outcome.after
-    scores = f"F1 {before.f1:.3f} before, {after.f1:.3f} after; AP50 {before.ap50:.3f}, {after.ap50:.3f}"
+    scores = f"F1 {_before_and_after(before, after)}; AP50 {written(before.ap50)}, {written(after.ap50)}"
     typer.echo(f"{before.fruits} labels in photos held out: {scores}")
     if outcome.by_hand is not None:
         before, after = outcome.by_hand
-        typer.echo(f"{before.fruits} of them marked by hand: F1 {before.f1:.3f} before, {after.f1:.3f} after")
+        typer.echo(f"{before.fruits} of them marked by hand: F1 {_before_and_after(before, after)}")
     if outcome.path is None:
         say("Not better", "bold yellow", f"{out} was not written; go on with the model as it is.")
         raise typer.Exit(WRONG_INPUT)
     typer.echo(f"{outcome.path}: use it with --model, here or on other rows like these")
+
+
+def _before_and_after(before: ValidationScores, after: ValidationScores) -> str:
+    return f"{written(before.f1)} before, {written(after.f1)} after"

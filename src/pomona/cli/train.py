@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pomona.arrays import counted
 from pomona.cli.failures import Stopped
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingExtraError
+from pomona.evaluate.rates import written
 from pomona.pipeline.options import parse_names
 
 if TYPE_CHECKING:
     from pomona.train import TrainOptions
+    from pomona.train.validate import ValidationScores
 
 _ARCHS = (
     "center-lite0|center-lite1|center-lite2|maskrcnn-r101|maskrcnn-r50|maskrcnn-r34|maskrcnn-r18|maskrcnn-mobilenet"
@@ -89,9 +93,15 @@ def train(
             scores = train_segmenter(data, out, options=options, progress=progress)
     except KeyboardInterrupt:
         raise Stopped(f"what was learnt is kept in {out.with_suffix('.training')}; the same command goes on.") from None
-    typer.echo(
-        f"{out}: on {scores.fruits} fruits of photos held out, AP50 {scores.ap50:.3f}, F1 {scores.f1:.3f} "
-        f"(precision {scores.precision:.3f}, recall {scores.recall:.3f}) at score {scores.threshold:.2f}"
+    typer.echo(f"{out}: on {counted(scores.fruits, 'fruit')} of photos held out, {_in_words(scores)}")
+
+
+def _in_words(scores: ValidationScores) -> str:
+    if math.isnan(scores.threshold):
+        return "nothing was found"
+    return (
+        f"AP50 {written(scores.ap50)}, F1 {written(scores.f1)} (precision {written(scores.precision)}, "
+        f"recall {written(scores.recall)}) at score {scores.threshold:.2f}"
     )
 
 

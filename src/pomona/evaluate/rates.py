@@ -36,3 +36,8 @@ def ratio(part: int, whole: int) -> float:
 def known(value: float) -> float | None:
     """Return a score as JSON has it: rounded, None where it is undefined."""
     return None if math.isnan(value) else round(value, 6)
+
+
+def written(value: float, *, digits: int = 3) -> str:
+    """Return a score as people read it; a dash where it is undefined."""
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"

@@ -11,6 +11,7 @@ from pomona.evaluate.detections.matching import EvaluateDetectionsOptions
 from pomona.evaluate.detections.scores import DetectionScores, Level
 from pomona.evaluate.diagnosis.mistakes import STAGES, Mistakes
 from pomona.evaluate.fruits.scores import Scores, Tally
+from pomona.evaluate.rates import written
 
 
 def fruits_table(scores: Scores) -> Table:
@@ -35,12 +36,12 @@ def _fruit_cells(tally: Tally) -> list[tuple[str, str]]:
         ("doubles (MD)", str(tally.multi_detections)),
         ("true fruits detected (LD)", str(tally.labels_detected)),
         ("hidden, not scored", str(tally.hidden)),
-        ("detection rate (DR)", _share(tally.detection_rate)),
-        ("recall (R)", _share(tally.recall)),
-        ("precision (P)", _share(tally.precision)),
-        ("false detections (FDR)", _share(tally.false_detection_rate)),
-        ("multiple detections (MDR)", _share(tally.multi_detection_rate)),
-        ("F1", _share(tally.f1)),
+        ("detection rate (DR)", written(tally.detection_rate)),
+        ("recall (R)", written(tally.recall)),
+        ("precision (P)", written(tally.precision)),
+        ("false detections (FDR)", written(tally.false_detection_rate)),
+        ("multiple detections (MDR)", written(tally.multi_detection_rate)),
+        ("F1", written(tally.f1)),
         ("centre error, RMS", _mm(tally.center_rmse_m)),
         ("centre error, median", _mm(tally.center_median_m)),
         ("diameter, mean error", _mm(tally.diameter_bias_m, signed=True)),
@@ -59,12 +60,12 @@ def detections_table(scores: DetectionScores, options: EvaluateDetectionsOptions
     totals.add_row("true fruits", str(scores.true_fruits))
     totals.add_row(_not_scored(options), str(scores.ignored))
     totals.add_row("detections", str(scores.detections))
-    totals.add_row("AP (IoU 0.50 to 0.95)", _share(scores.ap, digits=4))
-    totals.add_row("AP50", _share(scores.ap50, digits=4))
+    totals.add_row("AP (IoU 0.50 to 0.95)", written(scores.ap, digits=4))
+    totals.add_row("AP50", written(scores.ap50, digits=4))
     if scores.best:
-        totals.add_row(f"best F1 (at confidence {scores.best.confidence:.3f})", _share(scores.best.f1, digits=4))
-        totals.add_row("mean IoU of right ones' masks, there", _share(scores.best.mask_iou, digits=4))
-        totals.add_row("mean IoU of right ones' boxes, there", _share(scores.best.box_iou, digits=4))
+        totals.add_row(f"best F1 (at confidence {scores.best.confidence:.3f})", written(scores.best.f1, digits=4))
+        totals.add_row("mean IoU of right ones' masks, there", written(scores.best.mask_iou, digits=4))
+        totals.add_row("mean IoU of right ones' boxes, there", written(scores.best.box_iou, digits=4))
     return Group(totals, _table_2(scores, options))
 
 
@@ -81,7 +82,7 @@ def _table_2(scores: DetectionScores, options: EvaluateDetectionsOptions) -> Tab
 
 def _level_cells(level: Level, by_masks: bool) -> list[str]:
     values = (level.recall, level.precision, level.f1, level.mask_iou if by_masks else level.box_iou)
-    return [f"{level.confidence:g}", *(_share(value, digits=4) for value in values)]
+    return [f"{level.confidence:g}", *(written(value, digits=4) for value in values)]
 
 
 def _not_scored(options: EvaluateDetectionsOptions) -> str:
@@ -100,10 +101,6 @@ def mistakes_table(mistakes: Mistakes) -> Table:
         for k, (stage, number) in enumerate(of.items()):
             table.add_row(kind if k == 0 else "", STAGES[stage], str(number), end_section=k == len(of) - 1)
     return table
-
-
-def _share(value: float, *, digits: int = 3) -> str:
-    return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _mm(value_m: float, *, signed: bool = False) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pomona.errors import InputError, MissingExtraError, MissingFileError
+from pomona.evaluate.rates import written
 from pomona.export.survey import SurveySource
 from pomona.marks import read_marks
 from pomona.pipeline import RunOptions, Summary
@@ -140,10 +141,10 @@ def run_adapted(
 
 def _in_words(outcome: Adapted) -> str:
     """What the learning changed on fruits in photos held out."""
-    in_words = f"F1 {outcome.before.f1:.3f} to {outcome.after.f1:.3f} on confirmed fruits in photos held out"
+    in_words = f"F1 {written(outcome.before.f1)} to {written(outcome.after.f1)} on confirmed fruits in photos held out"
     if outcome.by_hand is not None:
         before, after = outcome.by_hand
-        in_words += f", {before.f1:.3f} to {after.f1:.3f} on the {before.fruits} of them marked by hand"
+        in_words += f", {written(before.f1)} to {written(after.f1)} on the {before.fruits} of them marked by hand"
     return in_words
 
 
