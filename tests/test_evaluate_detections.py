@@ -386,6 +386,11 @@ def test_command_on_a_survey(row: Path, detections: Path, tmp_path: Path) -> Non
     result = pomona(survey, "--truth", row, "--pictures", tmp_path / "pictures", "--worst", 1)
     assert result.exit_code == 0, result.stderr
     assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["001_east_0.jpg"]
+    assert f"1 picture in {tmp_path / 'pictures'}" in result.stdout
+    (tmp_path / "pictures" / "001_east_0.jpg").rename(tmp_path / "pictures" / "002_west_9.jpg")
+    again = pomona(survey, "--truth", row, "--pictures", tmp_path / "pictures", "--worst", 1)
+    assert "has pictures of an earlier evaluation, too, which are no part of this one: 002_west_9.jpg" in again.stderr
+    assert "earlier evaluation" not in result.stderr
 
 
 def test_pictures_show_what_is_right_false_and_missed(row: Path, detections: Path, tmp_path: Path) -> None:

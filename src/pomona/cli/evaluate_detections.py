@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.console import Console
 
+from pomona.arrays import counted
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
 from pomona.survey import SurveyFolder
@@ -62,7 +63,8 @@ def evaluate_detections(
         return
     Console(highlight=False).print(detections_table(scores, options))
     if pictures:
-        typer.echo(f"{len(drawn)} pictures, the worst photo first, in {pictures.folder}")
+        order = ", the worst photo first," if len(drawn) > 1 else ""
+        typer.echo(f"{counted(len(drawn), 'picture')}{order} in {pictures.folder}")
 
 
 def _scored(

@@ -13,7 +13,7 @@ from pomona.arrays import BoolArray, ByteArray
 from pomona.capture import read_pixels
 from pomona.detections import Detections
 from pomona.drawing import DOUBLE, FALSE, MISSED, PAPER, RIGHT, UNUSED, PictureFromPhoto, draw_box, draw_mask, jpeg, key
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError, MissingFileError, few
 from pomona.evaluate.detections.matching import PhotoMatch
 from pomona.evaluate.detections.scores import DetectionScores, kinds
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
@@ -63,7 +63,8 @@ def write_pictures(
 
     Their names begin with the rank, 001 for the worst.
     Right detections are masks in colour (boxes, where the truth has boxes alone), the others rectangles. Photos that
-    are not in `photos`, by name, or cannot be read, are left out with a warning.
+    are not in `photos`, by name, or cannot be read, are left out with a warning. Pictures of an earlier evaluation
+    stay, as nobody knows whose they are, and are warned of.
     """
     options, progress = options or PictureOptions(), progress or Silent()
     confidence = options.confidence
@@ -85,6 +86,10 @@ def write_pictures(
         path = folder / f"{rank:03}_{Path(match.photo).with_suffix('').as_posix().replace('/', '_')}.jpg"
         path.write_bytes(jpeg(picture, quality=options.jpeg_quality))
         written.append(path)
+    if others := sorted({path.name for path in folder.glob("[0-9]*_*.jpg")} - {path.name for path in written}):
+        progress.warn(
+            f"{folder} has pictures of an earlier evaluation, too, which are no part of this one: {few(others)}"
+        )
     return tuple(written)
 
 
