@@ -99,6 +99,9 @@ def test_the_page_is_served(survey: pomona.Survey) -> None:
         with urllib.request.urlopen(server.url) as answer:
             assert b"<html" in answer.read().lower()
         assert not server.changed
+    for port, said in ((70000, "`port`: expected 0 to 65535, found 70000"), ("80", "`port`: expected a whole number")):
+        with pytest.raises(InputError, match=said):
+            survey.viewer(port=port)
 
 
 def test_tables(survey: pomona.Survey) -> None:

@@ -329,6 +329,7 @@ def test_too_few_fruits_the_same_survey_and_days_that_are_not_known_are_said() -
     assert np.isnan(unknown.days)
     assert "No photo of a and b says when" in unknown.warnings[0]
     assert compare_surveys(one, other, dates=(date(2026, 7, 1), date(2026, 7, 31))).days == 30
+    assert compare_surveys(one, other, dates=(datetime(2026, 7, 1, 23), date(2026, 7, 31))).days == 30
     assert "older than" in compare_surveys(on_day(one, 30), on_day(other, 0)).warnings[0]
     for day in (3, 3 - 1e-4):  # the second one by some seconds the older, too
         of_one_day = compare_surveys(on_day(one, 3), on_day(other, day))
@@ -468,6 +469,12 @@ def test_the_command_writes_tables_a_plot_and_a_page(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, [*arguments[:3], "--out", str(out), "--dates", "spring"])
     assert refused.exit_code == 1
     assert "expected two days" in refused.stderr
+
+
+@pytest.mark.parametrize("dates", [("2026-07-01", "2026-08-01"), (date(2026, 7, 1),), date(2026, 7, 1)])
+def test_dates_of_another_kind_are_refused(dates: object) -> None:
+    with pytest.raises(InputError, match=r"`dates`: expected a tuple of 2 \(date, date\), or None, found"):
+        pomona.compare("july", "august", dates=dates)
 
 
 def test_warnings_are_heard_by_who_listens_and_kept_in_their_words(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from datetime import date
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -21,7 +22,6 @@ from pomona.survey.unfinished import unfinished_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from datetime import date
 
     from pomona.change import Comparison
     from pomona.evaluate.fruits import Scores
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from pomona.view import FolderOptions, ViewServer
 
 AnyPath = str | PathLike[str]
+_HIGHEST_PORT = 65535
 
 
 class Survey(SurveySource):
@@ -80,10 +81,12 @@ class Survey(SurveySource):
 
         `url` says where the page is, `serve_forever` serves it; it is a context manager, too. `port` 0 takes a free
         one. `truth` and `truth_crs` are those of `evaluate`. Corrections are made in the page. Raises `InputError`
-        where the port is taken.
+        where the port is taken or is none.
         """
         from pomona.view import Corrector, ViewServer
 
+        if not 0 <= expect_kind("`port`", int, port) <= _HIGHEST_PORT:
+            raise InputError(f"`port`: expected 0 to {_HIGHEST_PORT}, found {port}")
         corrector = Corrector.of(self, _path_or_none("truth", truth), truth_crs)
         if corrector.note and self.files.corrections.is_file():
             self.progress.warn(corrector.note)
@@ -207,6 +210,7 @@ def compare(
     from pomona.change.page import write_comparison
     from pomona.view.reading import page_data
 
+    expect_kind("`dates`", tuple[date, date] | None, dates)
     target = _path_or_none("out", out)
     surveys = [s if isinstance(s, Survey) else _opened(s, progress, if_moved=RUN_AGAIN) for s in (before, after)]
     listener = progress or surveys[1].progress

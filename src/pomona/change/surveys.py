@@ -158,7 +158,8 @@ def _sightings(survey: SurveyReader) -> tuple[IntArray, IntArray]:
 def _days(before: SurveyReader, after: SurveyReader, dates: Dates | None) -> tuple[float, list[str]]:
     """Return the days between two surveys, NaN where they are not known, and what there is to say of them."""
     if dates is not None:
-        days = float((dates[1] - dates[0]).days)
+        first, second = (day.date() if isinstance(day, datetime) else day for day in dates)
+        days = float((second - first).days)
     else:
         taken = _taken(before), _taken(after)
         without = [s.folder.name for s, when in zip((before, after), taken, strict=True) if when is None]
