@@ -258,16 +258,17 @@ def test_trees_and_row_are_in_every_map(tmp_path: Path, kind: str) -> None:
     """GDAL reads GeoJSON and KML, pyarrow and GeoPandas' reader GeoParquet; all places and statistics are alike."""
     geopandas = pytest.importorskip("geopandas", reason="GeoPandas is not installed")
     trees, segments = _trees_and_segments()
+    fruits = replace(_fruits(), visibilities=np.array([1.0, 0.758, 0.3]))
     path = tmp_path / f"row.{kind}"
     if kind == "geojson":
-        write_geojson(path, _fruits(), ON_EARTH, trees, segments)
+        write_geojson(path, fruits, ON_EARTH, trees, segments)
         ids = [feature.get("id") for feature in json.loads(path.read_text())["features"]]
         assert ids == [1, 2, 7, None, None, None, None]
     elif kind == "kml":
-        write_kml(path, _fruits(), ON_EARTH, trees, segments)
+        write_kml(path, fruits, ON_EARTH, trees, segments)
     else:
         pytest.importorskip("pyarrow", reason="the extra 'geoparquet' is not installed")
-        write_geoparquet(path, _fruits(), ON_EARTH, trees, segments)
+        write_geoparquet(path, fruits, ON_EARTH, trees, segments)
     if kind == "kml":
         layers = {name: geopandas.read_file(path, layer=name) for name in ("fruits", "trees", "segments")}
     else:
@@ -278,6 +279,8 @@ def test_trees_and_row_are_in_every_map(tmp_path: Path, kind: str) -> None:
     assert of_trees.crs.to_epsg() == of_row.crs.to_epsg() == 4326
     assert of_trees.geometry.geom_type.tolist() == ["Point"] * 2
     assert of_row.geometry.geom_type.tolist() == ["LineString"] * 2
+    shares = layers["fruits"]["visible_share" if kind == "kml" else "visibility"].astype(float)
+    np.testing.assert_allclose(shares, fruits.visibilities, atol=1e-3)
     assert of_trees["fruits"].astype(float).tolist() == [28, 37]
     assert of_row["all_fruits"].astype(float).tolist() == [30.0, 40.5]
     assert of_row.to_crs(ON_EARTH.crs).length.tolist() == pytest.approx([1.0, 0.5], abs=1e-3)

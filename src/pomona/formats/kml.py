@@ -20,6 +20,8 @@ from pomona.fruits import Fruits
 from pomona.trees import Trees
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
+# Columns that KML has an element of: GDAL, and with it QGIS, would take ours for that, and 0.9 for the switch's 0.
+_OTHER_NAMES = {"visibility": "visible_share"}
 
 
 def write_kml(
@@ -51,7 +53,8 @@ def _write_folder(folder: Element, layer: Layer) -> None:
         data = SubElement(mark, "ExtendedData")
         for name, value in row.items():
             if value not in (None, ""):
-                SubElement(SubElement(data, "Data", name=name), "value").text = str(value)
+                entry = SubElement(data, "Data", name=_OTHER_NAMES.get(name, name))
+                SubElement(entry, "value").text = str(value)
         if np.isfinite(places).all():
             shape = SubElement(mark, "LineString" if layer.is_line else "Point")
             if layer.is_line:
