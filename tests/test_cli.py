@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+import types
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from pipeline_fakes import Fakes, make_photos
+from pomona import cli
 from pomona.cli.app import app
 from pomona.cli.progress import TerminalProgress
 from pomona.cli.summary import seconds
@@ -157,6 +159,20 @@ def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (done.stdout.split(), done.stderr, done.returncode) == (["-15", "stopped"], "", 0)
+
+
+def test_ctrl_c_before_a_command_has_begun(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def stopped(name: str) -> None:
+        raise KeyboardInterrupt
+
+    being_imported = types.ModuleType("pomona.cli.app")
+    being_imported.__getattr__ = stopped  # type: ignore[method-assign]
+    monkeypatch.setitem(sys.modules, "pomona.cli.app", being_imported)
+    monkeypatch.setattr("pomona.cli._stop_when_told", lambda: None)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "Stopped: nothing was lost.\n"
 
 
 def test_a_model_that_nothing_answers_to_is_told_of_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -11,14 +11,21 @@ import sys
 from types import FrameType
 from typing import NoReturn
 
+STOPPED = 130
+
 
 def main() -> None:
     """Run `pomona`."""
-    _speak_utf8()
-    _stop_when_told()
-    from pomona.cli.app import app
+    try:
+        _speak_utf8()
+        _stop_when_told()
+        from pomona.cli.app import app
 
-    app()
+        app()
+    except KeyboardInterrupt:
+        # Before a command has begun, which says itself what was kept; or once more, while it says so.
+        print("Stopped: nothing was lost.", file=sys.stderr)
+        sys.exit(STOPPED)
 
 
 def _stop_when_told() -> None:

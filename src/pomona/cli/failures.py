@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from pomona.cli import STOPPED
 from pomona.cli.wording import with_options
 from pomona.errors import PomonaError
 from pomona.survey.files import disk_error
@@ -21,7 +22,7 @@ from pomona.survey.files import disk_error
 P = ParamSpec("P")
 R = TypeVar("R")
 
-WRONG_INPUT, OUR_MISTAKE, STOPPED = 1, 3, 130
+WRONG_INPUT, OUR_MISTAKE = 1, 3
 
 
 class Stopped(KeyboardInterrupt):
