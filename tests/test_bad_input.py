@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from pipeline_fakes import Fakes, make_photos
-from pomona.errors import InputError, MissingFileError, ReconstructionError, SurveyError
+from pomona.errors import InputError, MissingFileError, PomonaError, ReconstructionError, SurveyError
 from pomona.formats.tables import read_fruits
 from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder
@@ -237,6 +237,32 @@ def test_an_output_folder_that_holds_something_else(fakes: Fakes, tmp_path: Path
     assert len(list((tmp_path / "holiday").iterdir())) == 4
     with pytest.raises(SurveyError, match="holds something else"):
         run([photos], photos)
+
+
+def test_paths_that_can_be_none(fakes: Fakes, tmp_path: Path) -> None:
+    photos = make_photos(tmp_path / "photos")
+    (tmp_path / "one").symlink_to(tmp_path / "other")
+    (tmp_path / "other").symlink_to(tmp_path / "one")
+    nobody = Path("~nobody-of-this-name")
+    for out, said in (
+        (tmp_path / "one", "its links lead round in a circle"),
+        (tmp_path / "one" / "out", "circle|cannot be the path of a file or a folder"),
+        (nobody / "out", "~nobody-of-this-name.out: .*no such home folder is known here: give the whole path"),
+        (tmp_path / ("a" * 300), "a{300} cannot be the path of a file or a folder .*: choose another"),
+        (photos / "IMG_0000.jpg" / "out", "IMG_0000.jpg is a file: expected a new or empty folder"),
+    ):
+        with pytest.raises(PomonaError, match=said):
+            run([photos], out)
+    for given in (tmp_path / "one", nobody, tmp_path / ("a" * 300)):
+        with pytest.raises(PomonaError, match=r"circle|no such home folder|does not exist|cannot be the path"):
+            run([given], tmp_path / "out")
+        with pytest.raises(PomonaError, match=r"circle|no such home folder|does not exist|cannot be the path"):
+            run([photos], tmp_path / "out", RunOptions(markers=given))
+    with pytest.raises(InputError, match="no such home folder"):
+        RunOptions(model=f"{nobody}/mine.onnx")
+    with pytest.raises(PomonaError, match="no such home folder"):
+        SurveyFolder.open(nobody)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

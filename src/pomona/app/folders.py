@@ -9,6 +9,7 @@ from pathlib import Path
 from pomona.app.contract import Listing, Place
 from pomona.capture.files import VIDEO_SUFFIXES, natural_key
 from pomona.errors import InputError, MissingFileError
+from pomona.formats.files import from_home, resolved
 from pomona.photos import PHOTO_SUFFIXES
 
 # Where systems show cards, cameras and shared disks.
@@ -21,7 +22,7 @@ class Folders:
     """Lists folders below `roots`, links followed; raises `InputError` for any other."""
 
     def __init__(self, roots: Iterable[Path]) -> None:
-        self.roots = tuple(dict.fromkeys(root.expanduser().resolve() for root in roots))
+        self.roots = tuple(dict.fromkeys(resolved(root) for root in roots))
 
     @classmethod
     def usual(cls, more: Sequence[Path] = ()) -> Folders:
@@ -30,7 +31,7 @@ class Folders:
         Raises `InputError` for one of these that is no folder.
         """
         for folder in more:
-            if not folder.expanduser().is_dir():
+            if not from_home(folder).is_dir():
                 raise InputError(f"`photos` {folder}: expected a folder to choose photos from, but there is none")
         return cls([Path.home(), *(Path(place) for place in _MOUNTS if Path(place).is_dir()), *more])
 

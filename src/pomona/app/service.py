@@ -39,6 +39,7 @@ from pomona.app.teaching import teaching
 from pomona.app.wire import as_json
 from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.export import EXPORT_FORMATS, export_format
+from pomona.formats.files import resolved
 from pomona.fruit_traits.kinds import FRUIT_KINDS
 from pomona.survey import SurveyFolder
 from pomona.survey.events import RunStatus, run_status
@@ -60,7 +61,7 @@ class Homes:
         """Return those of this person on this computer; `surveys` is another folder for new ones."""
         from platformdirs import user_data_path, user_documents_path
 
-        place = (surveys or user_documents_path() / "Pomona").expanduser().resolve()
+        place = resolved(surveys or user_documents_path() / "Pomona")
         return cls(user_data_path("pomona", appauthor=False) / "surveys.json", place, place / "photos")
 
 

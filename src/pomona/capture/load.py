@@ -16,7 +16,7 @@ from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
 from pomona.errors import InputError, MissingFileError, as_text, few
-from pomona.formats.files import is_there
+from pomona.formats.files import from_home, is_there
 from pomona.photos import ONE_SIDE, PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
 
@@ -55,7 +55,7 @@ def load_photos(
     """
     progress = progress or Silent()
     check_option(sides)
-    paths = [Path(source).expanduser() for source in sources]
+    paths = [from_home(source) for source in sources]
     found = _find(paths, frames_dir, key_frames or KeyFrameOptions(), progress)
     photos: list[Photo] = []
     skipped: list[Skipped] = []

@@ -14,6 +14,7 @@ from pomona.arrays import counted
 from pomona.cli import options as shared
 from pomona.cli.failures import Stopped, reporting_errors, say
 from pomona.cli.progress import TerminalProgress
+from pomona.formats.files import resolved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,7 +96,7 @@ def _read(file: Path, out: str | None) -> Orchard:
     planned = read_orchard(file)
     if out is None:
         return planned
-    return replace(planned, out=out if is_url(out) else str(Path(out).expanduser().resolve()))
+    return replace(planned, out=out if is_url(out) else str(resolved(out)))
 
 
 def _text(summary: OrchardSummary) -> str:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from pomona.errors import FormatError, LostFileError, MissingFileError, is_away
+from pomona.errors import FormatError, InputError, LostFileError, MissingFileError, is_away
 
 _Read = TypeVar("_Read", str, bytes)
 UTF16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -51,6 +51,32 @@ def is_there(path: Path) -> bool:
         if error.errno == errno.ENAMETOOLONG:
             return False
         raise
+
+
+def resolved(path: Path | str) -> Path:
+    """Return the whole path that a person means: `~` is a home folder, and links are followed.
+
+    Raises `InputError` where there is no such home folder, or where links lead round in a circle.
+    """
+    there, in_circle = from_home(path), False
+    try:
+        found = there.resolve()
+        with suppress(OSError):  # a name that is none is told of where it is used
+            in_circle = found.is_symlink()  # from Python 3.13 on, which raises nothing
+    except RuntimeError:
+        in_circle = True
+    if in_circle:
+        raise InputError(f"{path}: expected the path of a file or a folder, but its links lead round in a circle")
+    return found
+
+
+def from_home(path: Path | str) -> Path:
+    """Return the path with a home folder in place of `~`; raises `InputError` where there is no such home folder."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        expected = "expected the path of a file or a folder"
+        raise InputError(f"{path}: {expected}, but no such home folder is known here: give the whole path") from None
 
 
 def read_head(path: Path, expected: str, size: int) -> bytes:

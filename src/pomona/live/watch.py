@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pomona.capture.quality import quality_of
 from pomona.errors import InputError, PomonaError
+from pomona.formats.files import resolved
 from pomona.fruit_traits.kinds import many_of
 from pomona.live.arrivals import Arrivals, Stamp
 from pomona.live.checks import Checks, Hint
@@ -73,7 +74,7 @@ class Watch:
             raise InputError("Photos that arrive are watched by `method` object, without `detections` and `cameras`")
         options.check_files()
         self._options, self._watching = options, watching or WatchOptions()
-        self._folder = Path(folder).expanduser().resolve()
+        self._folder = resolved(folder)
         self._arrivals = Arrivals(self._folder, self._watching.poll_s)
         self._survey = SurveyFolder.create(Path(out))
         if self._survey.folder == self._folder:

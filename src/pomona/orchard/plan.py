@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from pomona.errors import FormatError, InputError, MissingFileError, few
+from pomona.formats.files import from_home, resolved
 from pomona.fruit_traits.packing import check_unit, packing_classes
 from pomona.option_values import expect_kind, expect_kinds, without_none
 from pomona.orchard.places import is_url
@@ -107,7 +108,7 @@ def read_orchard(path: Path) -> Orchard:
     Raises `MissingFileError`, and `FormatError` for what is no TOML, names something that does not exist, or has values
     of another kind: with the table and what was expected. Files and folders are looked for when a survey is made.
     """
-    path = path.expanduser().resolve()
+    path = resolved(path)
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -273,7 +274,7 @@ def _expect_known(where: str, table: Mapping[str, Any], known: Sequence[str]) ->
 
 
 def _place(text: str, folder: Path) -> str:
-    return text if is_url(text) else str((folder / Path(text).expanduser()).resolve())
+    return text if is_url(text) else str(resolved(folder / from_home(text)))
 
 
 def _said(name: str) -> str:

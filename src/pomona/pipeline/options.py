@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.files import is_there
+from pomona.formats.files import is_there, resolved
 from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind, fruit_kind
 from pomona.fruit_traits.packing import check_unit, packing_classes
 from pomona.option_values import expect_kind
@@ -153,7 +153,7 @@ class RunOptions:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
         for name in _FILES:
             if (path := getattr(self, name)) is not None:
-                object.__setattr__(self, name, Path(path).expanduser().resolve())
+                object.__setattr__(self, name, resolved(path))
         if self.model is not None:
             from pomona.segment.load import located
 

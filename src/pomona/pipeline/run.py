@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError, few
-from pomona.formats.files import is_there
+from pomona.formats.files import is_there, resolved
 from pomona.photos import Photos
 from pomona.pipeline.given_tables import (
     checked_options,
@@ -58,7 +58,7 @@ def run(
     if until not in STAGES:
         raise InputError(f"Stage '{until}': expected one of {', '.join(STAGES)}")
     used = checked_options(options, Path(out), overwrite=overwrite, places_photos=until not in _OF_PHOTOS)
-    paths = [Path(path).expanduser().resolve() for path in photos]
+    paths = [resolved(path) for path in photos]
     survey = SurveyFolder.create(Path(out), overwrite=overwrite)
     try:
         with disk_errors(survey.folder), survey.locked():

@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
+from pomona.formats.files import from_home
 from pomona.segment.protocol import Segmenter, SegmenterTraits
 
 SHIPPED_WEIGHTS = Path(__file__).parent / "weights" / "fruit.onnx"
@@ -100,7 +101,7 @@ def engines_of(model: str | Path | None) -> tuple[str, ...]:
 def located(model: str, folder: Path) -> str:
     """Return a model that is a file by its whole path, where it is said as seen from `folder`; others as they are."""
     path, classes = _file_and_classes(model)
-    path = folder / path.expanduser()
+    path = folder / from_home(path)
     if not path.is_file():
         return model
     return ":".join([str(path.resolve()), *([",".join(classes)] if classes else [])])

@@ -16,6 +16,7 @@ import numpy as np
 
 from pomona.arrays import ByteArray, Float32Array, FloatArray
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
+from pomona.formats.files import from_home
 from pomona.segment.box_overlap import non_maximum_suppression
 from pomona.segment.placement import TilePlacement, corners, with_masks
 from pomona.segment.protocol import SegmenterTraits, TileByTile, TileDetections
@@ -48,9 +49,9 @@ class Wish:
         if not words:
             raise InputError(f"Model 'open:{text}': expected what to look for, such as 'open:ripe apple'")
         detector, masks = weights, ""
-        if "+" in weights and not Path(weights).expanduser().is_dir():
+        if "+" in weights and not from_home(weights).is_dir():
             detector, _, masks = weights.partition("+")
-        elif weights and all((Path(weights).expanduser() / part).is_dir() for part in ("detector", "masks")):
+        elif weights and all((from_home(weights) / part).is_dir() for part in ("detector", "masks")):
             detector, masks = f"{weights}/detector", f"{weights}/masks"
         return cls(words, _at_home(detector) or DEFAULT_DETECTOR, _at_home(masks) or DEFAULT_MASKS)
 
@@ -147,7 +148,7 @@ class OpenVocabularySegmenter(TileByTile):
 
 
 def _at_home(source: str) -> str:
-    return str(Path(source.strip()).expanduser()) if source.startswith("~") else source.strip()
+    return str(from_home(source.strip())) if source.startswith("~") else source.strip()
 
 
 def _engines() -> tuple[Any, Any]:

@@ -12,9 +12,10 @@ from pathlib import Path
 from pomona.errors import PomonaError, SurveyError, is_away
 
 _NO_ROOM_BYTES = 200_000  # less than the smallest database
-# What the operating system says of a disk without room, and of one that must not be written to.
+# What the operating system says of a disk without room, of one that must not be written to, and of names that are none.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 
 
 def write_file(path: Path, write: Callable[[Path], None]) -> None:
@@ -114,6 +115,8 @@ def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_
     if error.errno in _FORBIDDEN:
         advice = "choose another folder" if inside else "it has to be readable, or writable where it is an output"
         return f"{file} cannot be {'written to' if inside else 'opened'} ({reason}): {advice}"
+    if error.errno in _NO_NAME:
+        return f"{file} cannot be the path of a file or a folder ({reason}): choose another"
     if is_away(error):
         return (
             f"{file} cannot be reached ({reason}): it was taken away, or its disk or network share does not answer. "

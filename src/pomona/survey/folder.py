@@ -12,7 +12,7 @@ from typing import Any
 
 from pomona import __version__
 from pomona.errors import FormatError, MissingFileError, PomonaError, SurveyError, as_text
-from pomona.formats.files import is_there
+from pomona.formats.files import is_there, resolved
 from pomona.survey.commands import command_line
 from pomona.survey.digest import plain
 from pomona.survey.files import disk_errors, part_of, write_file, write_text_file
@@ -58,7 +58,7 @@ class SurveyFolder:
 
         Raises `SurveyError` when the folder holds something else or cannot be written to; nothing is touched then.
         """
-        folder = Path(folder).expanduser().resolve()
+        folder = resolved(folder)
         if as_text(str(folder)) != str(folder):
             raise SurveyError(f"{as_text(str(folder))}: expected a name in UTF-8 for `out`")
         with disk_errors(folder):
@@ -66,8 +66,8 @@ class SurveyFolder:
 
     @classmethod
     def _create(cls, folder: Path, overwrite: bool) -> SurveyFolder:
-        if folder.exists() and not folder.is_dir():
-            raise SurveyError(f"{folder} is a file: expected a new or empty folder, or a survey, for `out`")
+        if (file := next((place for place in (folder, *folder.parents) if place.is_file()), None)) is not None:
+            raise SurveyError(f"{file} is a file: expected a new or empty folder, or a survey, for `out`")
         present = [p.name for p in folder.iterdir() if p.name not in _IGNORED] if folder.exists() else []
         if present and MANIFEST not in present:
             few = ", ".join(sorted(present)[:4]) + (" and more" if len(present) > 4 else "")
@@ -95,7 +95,7 @@ class SurveyFolder:
         Raises `MissingFileError` when there is none, `SurveyError` when `survey.json` is not one of Pomona's, and
         `FormatError` when it is damaged.
         """
-        folder = Path(folder).expanduser().resolve()
+        folder = resolved(folder)
         path = folder / MANIFEST
         if not is_there(folder):
             raise MissingFileError(f"{folder} does not exist: expected a survey, a folder that `pomona run` wrote")
