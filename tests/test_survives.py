@@ -8,10 +8,13 @@ import io
 import json
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fuzz.campaign import scratch
 from pipeline_fakes import Fakes, make_photos
@@ -19,6 +22,7 @@ from pomona.capture import read_pixels
 from pomona.errors import FormatError, LostFileError, PomonaError, SurveyError
 from pomona.pipeline import run
 from pomona.progress import Silent
+from pomona.sfm.pieces import Reconstruction
 from pomona.survey import SurveyFolder
 
 
@@ -92,6 +96,55 @@ def test_a_clock_that_jumps_redoes_nothing(fakes: Fakes, tmp_path: Path, monkeyp
     monkeypatch.setattr("pomona.survey.record.now", lambda: "1970-01-01T00:00:00+00:00")
     run([photos], tmp_path / "out")
     assert fakes.calls == calls
+
+
+@pytest.mark.parametrize("stopped", ["scale", "second_look", "results"])
+def test_stages_take_the_same_whether_or_not_a_run_was_stopped_before_them(
+    fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: str
+) -> None:
+    from pomona import scale, second_look
+    from pomona.pipeline import results
+    from pomona.sfm import reconstruct
+
+    def turned(*given: Any, **options: Any) -> Reconstruction:
+        """A reconstruction whose cameras look in directions that no round numbers are."""
+        found = reconstruct(*given, **options)
+        angles = np.random.default_rng(2).normal(0, 0.3, (4, 3))
+        (piece,) = found.pieces
+        poses = np.concatenate(
+            [Rotation.from_rotvec(angles).as_matrix(), piece.cameras.cam_from_world[:, :, 3:]], axis=2
+        )
+        return replace(found, pieces=(replace(piece, cameras=replace(piece.cameras, cam_from_world=poses)),))
+
+    def watched(name: str, function: Callable[..., Any], arrays: Callable[..., list[Any]]) -> Callable[..., Any]:
+        def watching(*given: Any, **options: Any) -> Any:
+            taken.append((name, [np.asarray(array).tobytes() for array in arrays(*given)]))
+            if name == stop:
+                raise KeyboardInterrupt
+            return function(*given, **options)
+
+        return watching
+
+    taken: list[tuple[str, list[bytes]]] = []
+    stop = ""
+    monkeypatch.setattr("pomona.sfm.reconstruct", turned)
+    for module, name, stage, arrays in (
+        (scale, "place_in_world", "scale", lambda found, *_: [found.pieces[0].cameras.cam_from_world]),
+        (second_look, "look_again", "second_look", lambda fused, masks, photos, cameras: [cameras.cam_from_world]),
+        (results, "scene_cloud", "results", lambda scene, cameras, *_: [scene.points_in_world, cameras.cam_from_world]),
+    ):
+        monkeypatch.setattr(module, name, watched(stage, getattr(module, name), arrays))
+    photos = make_photos(tmp_path / "photos")
+    run([photos], tmp_path / "undisturbed")
+    undisturbed = dict(taken)
+    assert undisturbed.keys() == {"scale", "second_look", "results"}
+    stop = stopped
+    with pytest.raises(KeyboardInterrupt):
+        run([photos], tmp_path / "out")
+    stop = ""
+    taken.clear()
+    run([photos], tmp_path / "out")
+    assert dict(taken)[stopped] == undisturbed[stopped]
 
 
 def _damaged(content: bytes) -> bytes:

@@ -133,6 +133,6 @@ SCALE = Stage(
     inputs={"reconstruction": SFM, "selected": SELECT, "photos": PHOTOS},
     options=_choice,
     compute=_place,
-    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.cameras,)),
+    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.cameras,), rounds=True),  # as of `SFM`
 )
 """Writes `cameras/`."""

@@ -51,6 +51,6 @@ SCENE = Stage(
     inputs={"photos": PHOTOS, "selected": SELECT, "placed": SCALE},
     options=_choice,
     compute=_scene,
-    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.work("scene.laz"),)),
+    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.work("scene.laz"),), rounds=True),
 )
 """All that photos show of the row; without `scene`, no points."""

@@ -126,6 +126,7 @@ SFM = Stage(
     inputs={"photos": PHOTOS, "fruitless": Fact(SELECT, "fruitless")},
     options=_choice,
     compute=_cameras,
-    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.work("pieces"),)),
+    # COLMAP keeps rotations as quaternions, which give matrices with other last digits.
+    store=Store(save=_save, load=_load, outputs=lambda survey: (survey.work("pieces"),), rounds=True),
 )
 """Writes `work/pieces/`."""
