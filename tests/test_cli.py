@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shlex
 import subprocess
 import sys
 import types
@@ -168,11 +170,40 @@ def test_ctrl_c_before_a_command_has_begun(monkeypatch: pytest.MonkeyPatch, caps
     being_imported = types.ModuleType("pomona.cli.app")
     being_imported.__getattr__ = stopped  # type: ignore[method-assign]
     monkeypatch.setitem(sys.modules, "pomona.cli.app", being_imported)
-    monkeypatch.setattr("pomona.cli._stop_when_told", lambda: None)
+    for of_a_process in ("_have_outputs", "_stop_when_told"):
+        monkeypatch.setattr(cli, of_a_process, lambda: None)
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "Stopped: nothing was lost.\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows closes none of them")
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_what_is_printed_comes_into_no_result_where_outputs_are_closed(tmp_path: Path, closed: str) -> None:
+    code = (
+        "import os, sys, pomona.cli as cli; cli._have_outputs()\n"
+        "with open(sys.argv[1], 'w') as result:\n"
+        "    os.write(1, b'an engine'); os.write(2, b'an engine'); print('one', flush=True)\n"
+        "    print('another', file=sys.stderr); os.system('echo a program; echo a program >&2'); result.write('ours')"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "result")]
+    done = subprocess.run(f"{shlex.join(command)} {closed}", shell=True, capture_output=True, timeout=60)
+    assert (tmp_path / "result").read_text() == "ours"
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="stderr of Windows is left as it is")
+def test_messages_that_nobody_takes_do_not_end_the_work() -> None:
+    begun = "import sys, pomona.cli as cli; cli._have_outputs()\n"
+    code = f"{begun}for k in range(9): print(k, file=sys.stderr)\nprint('done')"
+    nobody, messages = os.pipe()
+    os.close(nobody)
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=messages, timeout=60, check=True)
+    os.close(messages)
+    assert done.stdout == b"done\n"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=True)
+    assert told.stderr.split() == [b"0", b"1", b"2", b"3", b"4", b"5", b"6", b"7", b"8"]
 
 
 def test_a_model_that_nothing_answers_to_is_told_of_before_any_work(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -4,12 +4,13 @@ Exit status: 0 done; 1 something given cannot be used, or no result could be mad
 2 a wrong command line; 3 a mistake of Pomona's own; 130 stopped by Ctrl-C, or told to end.
 """
 
+import contextlib
 import io
 import os
 import signal
 import sys
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 STOPPED = 130
 
@@ -18,6 +19,7 @@ def main() -> None:
     """Run `pomona`."""
     try:
         _speak_utf8()
+        _have_outputs()
         _stop_when_told()
         from pomona.cli.app import app
 
@@ -26,6 +28,39 @@ def main() -> None:
         # Before a command has begun, which says itself what was kept; or once more, while it says so.
         print("Stopped: nothing was lost.", file=sys.stderr)
         sys.exit(STOPPED)
+
+
+class _Messages(io.FileIO):
+    """Where messages go: a terminal that was closed, or a log on a full disk, takes them no more, and the work goes on.
+
+    What matters of them is in the survey, too.
+    """
+
+    def write(self, message: Any, /) -> int:
+        with contextlib.suppress(OSError):
+            return super().write(message) or 0
+        return len(message)
+
+
+def _have_outputs() -> None:
+    """Have stdin, stdout and stderr open, and have no message end the work that it is about.
+
+    Services start programs with some of them closed: the next files that are opened are taken for these then, and what
+    engines print would be written into results.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
+    if sys.stdout is None:
+        sys.stdout = _text(io.FileIO(1, "w", closefd=False))
+    if sys.stderr is None or sys.platform != "win32":  # whose terminals are no files
+        sys.stderr = _text(_Messages(2, "w", closefd=False))
+
+
+def _text(file: io.FileIO) -> io.TextIOWrapper:
+    return io.TextIOWrapper(io.BufferedWriter(file), encoding="utf-8", errors="backslashreplace", line_buffering=True)
 
 
 def _stop_when_told() -> None:
