@@ -455,6 +455,11 @@ def test_natural_key_counts_as_people_do() -> None:
         (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0, focal_35mm=76), (3000, 2000), 76 / 36 * 3000),
         (Exif(make="Unheard", model="Of", focal_mm=24.0), (3000, 2000), None),
         (Exif(), (3000, 2000), None),
+        # What stands for a lens that is not known.
+        (Exif(focal_35mm=65535), (3000, 2000), None),
+        (Exif(focal_35mm=1), (3000, 2000), None),
+        (Exif(make="Canon", model="Canon EOS 60D", focal_mm=4294967295.0), (3000, 2000), None),
+        (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0, focal_35mm=65535), (3000, 2000), 24 / 22.3 * 3000),
     ],
 )  # fmt: skip
 def test_focal_length(exif: Exif, size: tuple[int, int], expected: float | None) -> None:
@@ -504,6 +509,11 @@ def test_exif_nonsense_is_ignored() -> None:
     assert exif == Exif()
     odd = {0x9003: "2017:09:28 11:02:03", 0x9291: "\N{SUPERSCRIPT TWO}"}
     assert parse_exif({}, odd, {}).taken_at == datetime(2017, 9, 28, 11, 2, 3)
+    last = {0x9003: "9999:12:31 23:59:59", 0x9291: "9" * 30}  # rounded up, there would be no such day
+    assert parse_exif({}, last, {}).taken_at == datetime(9999, 12, 31, 23, 59, 59, 999999)
+    far = parse_exif({}, {}, {1: "N", 2: (41.0, 0.0, 0.0), 3: "E", 4: (1.0, 0.0, 0.0), 6: 4294967295.0}).gnss
+    assert far is not None
+    assert far.altitude_m is None
 
 
 def test_exif_position_and_time() -> None:

@@ -18,7 +18,9 @@ _PIXEL_X, _PIXEL_Y, _PLANE_X, _PLANE_Y, _PLANE_UNIT = 0xA002, 0xA003, 0xA20E, 0x
 _LENS_MODEL, _SERIAL = 0xA434, 0xA431
 # By the value of FocalPlaneResolutionUnit.
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
-_DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
+_WIDTH_35MM_MM = 36.0
+_DIAGONAL_35MM_MM = math.hypot(_WIDTH_35MM_MM, 24.0)
+_HIGHEST_M = 20_000.0  # of a photo's place, above the sea or below: more is no altitude
 # How far lenses are from their nominal focal length, and a sensor's imaged part from its nominal width: a share.
 _NOMINAL = 0.01
 # Sides of a photo in another proportion than EXIF has them, by more than rounding and a raw file's margin: cropped.
@@ -82,12 +84,12 @@ def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] |
     if was_cropped(exif, width_px, height_px):
         return None
     equivalent = None
-    if exif.focal_35mm is not None:
+    if exif.focal_35mm is not None and _is_of_a_lens(exif.focal_35mm):
         focal = exif.focal_35mm / _DIAGONAL_35MM_MM * math.hypot(width_px, height_px)
         equivalent = focal, focal * _sd(exif.focal_35mm)
     if exif.focal_mm is not None:
         for sensor_mm in (sensor_width_mm(exif.make, exif.model), exif.plane_width_mm):
-            if sensor_mm is None:
+            if sensor_mm is None or not _is_of_a_lens(exif.focal_mm / sensor_mm * _WIDTH_35MM_MM):
                 continue
             focal = exif.focal_mm / sensor_mm * max(width_px, height_px)
             if equivalent is None and not _zoomed(exif):
@@ -110,6 +112,11 @@ def _sd(focal_mm: float) -> float:
     rounds to whole, tenths or hundredths of millimetres."""
     step_mm = next((step for step in (1.0, 0.1, 0.01) if abs(focal_mm / step - round(focal_mm / step)) < 1e-6), 0.0)
     return math.hypot(_NOMINAL, step_mm / math.sqrt(12) / focal_mm)
+
+
+def _is_of_a_lens(focal_35mm: float) -> bool:
+    """Whether there are lenses of this 35 mm equivalent: 65535, 1 and the like stand for one that is not known."""
+    return 4.0 <= focal_35mm <= 4000.0
 
 
 def _zoomed(exif: Exif) -> bool:
@@ -153,7 +160,7 @@ def _time(value: Any, subsec: Any) -> datetime | None:
         time = datetime.strptime(_text(value)[:19].replace("-", ":"), "%Y:%m:%d %H:%M:%S")
     except ValueError:
         return None
-    digits = _text(subsec)
+    digits = _text(subsec)[:6]  # microseconds; more nines would be the next second, which there may be none of
     return time + timedelta(seconds=float(f"0.{digits}")) if digits.isdecimal() and digits.isascii() else time
 
 
@@ -171,7 +178,8 @@ def _gnss(gps: Mapping[int, Any]) -> Gnss | None:
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return Gnss(latitude, longitude)
     below = gps.get(5) in (1, b"\x01")
-    return Gnss(latitude, longitude, (-altitude if below else altitude) if math.isfinite(altitude) else None)
+    known = math.isfinite(altitude) and abs(altitude) <= _HIGHEST_M
+    return Gnss(latitude, longitude, (-altitude if below else altitude) if known else None)
 
 
 def _degrees(value: Any) -> float | None:
