@@ -170,12 +170,29 @@ def test_ctrl_c_before_a_command_has_begun(monkeypatch: pytest.MonkeyPatch, caps
     being_imported = types.ModuleType("pomona.cli.app")
     being_imported.__getattr__ = stopped  # type: ignore[method-assign]
     monkeypatch.setitem(sys.modules, "pomona.cli.app", being_imported)
-    for of_a_process in ("_have_outputs", "_stop_when_told"):
+    for of_a_process in ("_have_outputs", "_stop_when_told", "_end_at_once_when_told_again"):
         monkeypatch.setattr(cli, of_a_process, lambda: None)
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert ended.value.code == 130
     assert capsys.readouterr().err == "Stopped: nothing was lost.\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to itself")
+def test_ctrl_c_while_a_stopped_command_ends() -> None:
+    code = (
+        "import os, signal, sys, threading, time, types, pomona.cli as cli\n"
+        "def once_more():\n"
+        "    threading.main_thread().join()\n"  # it waits for this thread then
+        "    os.kill(os.getpid(), signal.SIGINT); time.sleep(60)\n"
+        "def app():\n"
+        "    threading.Thread(target=once_more).start()\n"
+        "    sys.exit(130)\n"
+        "sys.modules['pomona.cli.app'] = types.SimpleNamespace(app=app)\n"
+        "cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=50)
+    assert (done.returncode, done.stderr) == (130, "")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows closes none of them")

@@ -27,7 +27,12 @@ def main() -> None:
     except KeyboardInterrupt:
         # Before a command has begun, which says itself what was kept; or once more, while it says so.
         print("Stopped: nothing was lost.", file=sys.stderr)
+        _end_at_once_when_told_again()
         sys.exit(STOPPED)
+    except SystemExit as ended:
+        if ended.code == STOPPED:
+            _end_at_once_when_told_again()
+        raise
 
 
 class _Messages(io.FileIO):
@@ -75,6 +80,19 @@ def _stop_when_told() -> None:
             after_in_parent=lambda: signal.pthread_sigmask(signal.SIG_UNBLOCK, told),
             after_in_child=_end_silently,
         )
+
+
+def _end_at_once_when_told_again() -> None:
+    """Have no further Ctrl-C disturb how a stopped program ends, which waits for its threads: it ends there and then.
+
+    All has been said, and what was finished is on the disk.
+    """
+
+    def end(number: int, frame: FrameType | None) -> NoReturn:
+        os._exit(STOPPED)
+
+    for told in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(told, end)
 
 
 def _end_silently() -> None:
