@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import laspy
@@ -10,7 +11,7 @@ import pytest
 from pyproj import CRS
 
 from pomona.cameras import WorldFrame
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError, LostFileError, MissingFileError
 from pomona.formats.las import read_las, write_las
 from pomona.fruits import FruitCloud
 
@@ -57,6 +58,18 @@ def test_the_crs_of_the_frame_is_kept(tmp_path: Path, cloud: FruitCloud, crs: st
 def test_an_empty_cloud_is_a_valid_file(tmp_path: Path) -> None:
     write_las(tmp_path / "cloud.laz", FruitCloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0)))
     assert len(read_las(tmp_path / "cloud.laz")) == 0
+
+
+def test_a_disk_that_does_not_answer_says_nothing_of_the_file(
+    tmp_path: Path, cloud: FruitCloud, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*given: object, **options: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    write_las(tmp_path / "cloud.laz", cloud)
+    monkeypatch.setattr(laspy, "read", broken)
+    with pytest.raises(LostFileError, match=r"cloud.laz cannot be reached .*: when its disk answers again, the same"):
+        read_las(tmp_path / "cloud.laz")
 
 
 def test_bad_input_is_named(tmp_path: Path, cloud: FruitCloud) -> None:

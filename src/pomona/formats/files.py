@@ -27,6 +27,14 @@ def read_text(path: Path, expected: str) -> str:
     return text
 
 
+def lost(path: Path, error: OSError) -> LostFileError:
+    """Return what is said of a file whose disk does not answer: it says nothing of what the file holds."""
+    reason = error.strerror or error
+    return LostFileError(
+        f"{path} cannot be reached ({reason}): when its disk answers again, the same command goes on from there"
+    )
+
+
 def read_bytes(path: Path, expected: str) -> bytes:
     """Return what a file holds; raises `MissingFileError`, `LostFileError`, and `FormatError` if it cannot be read."""
     return _read(path, expected, path.read_bytes)
@@ -96,6 +104,5 @@ def _read(path: Path, expected: str, read: Callable[[], _Read]) -> _Read:
         raise MissingFileError(f"{path}: expected {expected}, but there is no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         if isinstance(error, OSError) and is_away(error) and not isinstance(error, PermissionError):
-            said = f"{path} cannot be reached ({error.strerror}): try again when its disk answers"
-            raise LostFileError(said) from None
+            raise lost(path, error) from None
         raise FormatError(f"{path}: expected {expected}, but it cannot be read: {error}") from None

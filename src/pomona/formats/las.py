@@ -18,8 +18,8 @@ from pyproj.exceptions import CRSError
 
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
-from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.formats.files import write_whole
+from pomona.errors import FormatError, InputError, MissingFileError, is_away
+from pomona.formats.files import lost, write_whole
 from pomona.fruits import FruitCloud
 
 FRUIT_ID = "fruit_id"
@@ -63,7 +63,8 @@ def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None)
 def read_las(path: Path) -> FruitCloud:
     """Read a cloud; without colours it is grey, without `fruit_id` no point is of a fruit.
 
-    Raises `MissingFileError`, and `FormatError` where the file is not LAS or LAZ or is cut short.
+    Raises `MissingFileError`, `LostFileError` where its disk does not answer, and `FormatError` where the file is not
+    LAS or LAZ or is cut short.
     """
     path = Path(path)
     if not path.is_file():
@@ -78,6 +79,8 @@ def read_las(path: Path) -> FruitCloud:
     except BaseException as error:  # laspy and its decompressors raise many kinds, all of them about this file
         if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
             raise
+        if isinstance(error, OSError) and is_away(error) and not isinstance(error, PermissionError):
+            raise lost(path, error) from None
         raise FormatError(f"{path}: expected a LAS or LAZ file, could not read it: {error}") from error
     names = set(las.point_format.dimension_names)
     points = np.asarray(las.xyz, float).reshape(-1, 3)
