@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -242,6 +243,18 @@ def test_masks_of_a_photo_are_those_of_the_file(survey: Path) -> None:
         assert [m.packed for m in found.masks] == [m.packed for m in whole[name].masks]
     assert not any(len(found) for found in MasksByPhoto(path, 0.95).values())
     assert masks.get("none.jpg") is None
+
+
+def test_masks_of_a_later_run_are_not_taken_for_those_of_the_fruits_shown(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "detections.json"
+    shutil.copy(survey / "detections.json", path)
+    masks = MasksByPhoto(path, 0.0)
+    shutil.copy(survey / "detections.json", tmp_path / "new.json")
+    os.utime(tmp_path / "new.json", ns=(1, 1))
+    (tmp_path / "new.json").replace(path)
+    with pytest.raises(SurveyError, match="was written anew since the survey was opened: open it again"):
+        len(masks)
+    assert len(MasksByPhoto(path, 0.0)) > 0
 
 
 @pytest.mark.parametrize(

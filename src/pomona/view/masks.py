@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pomona.capture.images import file_state
 from pomona.detections import Detections
-from pomona.errors import FormatError
+from pomona.errors import FormatError, SurveyError
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import coco_of
 from pomona.formats.json_file import load_json
@@ -17,11 +18,13 @@ from pomona.formats.json_file import load_json
 class MasksByPhoto(Mapping[str, Detections]):
     """The detections of a survey's `detections.json` of at least a score, by photo.
 
-    The file is read with the first look at it, which raises `FormatError` where it is damaged; so does a photo's.
+    The file is read with the first look at it, which raises `FormatError` where it is damaged; so does a photo's. Where
+    a run has written it anew in the meantime, that is a `SurveyError`: its masks are not those of the fruits shown.
     """
 
     def __init__(self, path: Path, least_score: float) -> None:
         self._path, self._least_score = path, least_score
+        self._state = file_state(path)
         self._lock = threading.Lock()
         self._read: dict[str, dict[str, Any]] | None = None
         self._decoded: dict[str, Detections] = {}
@@ -43,7 +46,10 @@ class MasksByPhoto(Mapping[str, Detections]):
         """What the file says of each photo, as a COCO file of that photo alone."""
         with self._lock:
             if self._read is None:
-                self._read = _by_photo(self._path, load_json(self._path, "a COCO file"))
+                content = load_json(self._path, "a COCO file")
+                if file_state(self._path) != self._state:
+                    raise SurveyError(f"{self._path} was written anew since the survey was opened: open it again")
+                self._read = _by_photo(self._path, content)
             return self._read
 
 
