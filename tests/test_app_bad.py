@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 import subprocess
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from pomona.app.first_results import FirstResults
 from pomona.app.folders import Folders
 from pomona.app.service import Homes, Service
 from pomona.app.teaching import keep_marks, marked_view
-from pomona.errors import MissingFileError, SurveyError
+from pomona.errors import MissingFileError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder
 from waiting import until
@@ -84,6 +85,17 @@ def test_marks_on_a_full_disk_are_those_from_before(
     filling.unlink()
     keep_marks(survey, 0, GivenMarks(complete=True, marks=[]))
     assert marked_view(survey, 0).complete
+
+
+def test_a_survey_that_was_removed_meanwhile_is_not_made_anew_by_a_mark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    survey = SurveyFolder.open(run([make_photos(tmp_path / "photos")], tmp_path / "row", RunOptions()).survey)
+    shutil.rmtree(tmp_path / "row")
+    with pytest.raises(PomonaError):
+        keep_marks(survey, 0, GivenMarks(complete=False, marks=[]))
+    assert not (tmp_path / "row").exists()
 
 
 def test_a_run_on_a_full_disk_fails_in_words(small_disk: Path, tmp_path: Path) -> None:

@@ -216,6 +216,14 @@ def test_fruits_that_hang_far_apart_are_not_merged(made: Scene) -> None:
     assert not (made.survey / "corrections.json").exists()
 
 
+def test_a_survey_that_was_removed_meanwhile_is_not_made_anew_by_a_correction(scene: Scene) -> None:
+    desk = Desk.of(scene)
+    shutil.rmtree(scene.survey)
+    with pytest.raises(SurveyError, match="is no longer there"):
+        desk.ask("delete", desk.fruit(GRID[FALSE_ONE]))
+    assert not scene.survey.exists()
+
+
 def test_a_fruit_that_is_there_is_not_added(made: Scene) -> None:
     desk = Desk.of(made)
     with pytest.raises(ValueError, match=f"Fruit {desk.fruit(GRID[3])} is there already"):

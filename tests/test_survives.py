@@ -7,6 +7,7 @@ import errno
 import io
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -77,6 +78,57 @@ def test_a_second_run_is_told_of_the_first_and_touches_nothing(fakes: Fakes, tmp
     with first.locked(), pytest.raises(SurveyError, match="Another run is working"):
         run([photos], tmp_path / "out")
     assert first.manifest_path.read_bytes() == before
+
+
+def test_two_runs_that_begin_a_survey_at_once_leave_it_to_the_first(tmp_path: Path) -> None:
+    first, second = (SurveyFolder(tmp_path / "out", {"format": "pomona-survey", "stages": {}}) for _ in range(2))
+    (tmp_path / "out").mkdir()
+    for survey in (first, second):  # both saw that nothing was there
+        survey._made = (survey.folder,)
+        survey._write(new=True)
+    with first.locked():
+        with pytest.raises(SurveyError, match="Another run is working"), second.locked():
+            pass
+        second.withdraw()
+        first.note(sources=["photos"])
+    assert SurveyFolder.open(tmp_path / "out").get("sources") == ["photos"]
+
+
+@pytest.mark.parametrize("what", ["removed", "renamed", "disk taken away"])
+@pytest.mark.parametrize("when", ["tiles", "sfm", "second_look", "measure", "report"])
+def test_a_survey_that_goes_away_during_a_run_is_told_and_not_made_anew_by_halves(
+    fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, when: str
+) -> None:
+    photos, out, elsewhere = make_photos(tmp_path / "photos"), tmp_path / "disk" / "out", tmp_path / "elsewhere"
+    count = fakes.count
+
+    def goes(name: str) -> None:
+        count(name)
+        if name != when or not out.is_dir():
+            return
+        if what == "removed":
+            shutil.rmtree(out)
+        elif what == "renamed":
+            out.rename(elsewhere)
+        else:
+            out.parent.rename(elsewhere)
+            out.parent.mkdir()  # where it was mounted
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fakes, "count", goes)
+        with pytest.raises(PomonaError, match=r"is no longer there|it was taken away") as raised:
+            run([photos], out)
+    assert str(out) in str(raised.value)
+    assert not out.exists()
+    if what == "disk taken away":
+        out.parent.rmdir()
+        elsewhere.rename(out.parent)
+    elif what == "renamed":
+        elsewhere.rename(out)
+    run([photos], out)
+    run([photos], tmp_path / "undisturbed")
+    for name in ("fruits.csv", "observations.csv", "detections.json", "cameras/images.txt"):
+        assert (out / name).read_bytes() == (tmp_path / "undisturbed" / name).read_bytes(), name
 
 
 def test_a_run_that_comes_later_goes_on_from_what_another_wrote(tmp_path: Path) -> None:

@@ -58,6 +58,7 @@ def keep_marks(survey: SurveyFolder, index: int, given: GivenMarks) -> None:
         raise InputError(f"{photo.name}: expected at most {_MOST_MARKS} marks, found {len(given.marks)}")
     size = photo.width_px, photo.height_px
     with _writing, disk_errors(survey.folder, then="mark the fruit again"):
+        survey.check_there()
         known = read_marks(survey.marks)
         before = {_box(fruit): fruit for fruit in known[photo.name].fruits} if photo.name in known else {}
         drawn = [_fruit(mark, *size) for mark in given.marks]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -238,6 +238,7 @@ class Runner:
         assert stage.store is not None
         with _one_thread_of_libraries():
             value = stage.compute(**self._arguments(stage, progress))
+        self._survey.check_there()
         context = replace(self._context, progress=progress)
         info = stage.store.save(value, context)
         if stage.store.rounds and stage.store.load is not None:
@@ -250,11 +251,9 @@ class Runner:
         return value, {path.relative_to(folder).as_posix(): file_digest(path) for path in outputs}, info
 
     def _note_stopped(self, stage: Stage[Any], record: StageRecord) -> None:
-        """Keep the time spent; on a full disk there is no room for that, and it does not matter."""
-        try:
+        """Keep the time spent; on a full disk or one that is gone it cannot be, and it does not matter."""
+        with suppress(OSError, SurveyError):
             self._survey.set_record(stage.name, record)
-        except OSError:
-            return
 
     def _keep_edited(self, before: StageRecord | None) -> None:
         """Move aside results that somebody changed since they were written: they are not ours to overwrite."""

@@ -127,6 +127,7 @@ def _by_model(
     from pomona.formats.detections.coco import write_coco
     from pomona.segment import iter_detections, load_segmenter, scales_of
 
+    folder.mkdir(parents=True, exist_ok=True)
     segmenter = load_segmenter(options.model.name, score_floor=options.lowest_score)
     chosen = options.kept_from(segmenter.traits.score_threshold)
     scales = scales_of(photos, segmenter, chosen, progress)
@@ -165,7 +166,8 @@ def _keep(write_coco: Any, path: Path, photo: Photo, found: Detections) -> None:
         write_coco(temporary, Photos((photo,)), of_one)
         seal(temporary)
 
-    write_file(path, write)
+    # Not made anew: a survey that was removed, or whose disk was taken away, is told of at the next photo.
+    write_file(path, write, folder_is_there=True)
 
 
 def _done(photos: Photos, files: Mapping[str, Path]) -> dict[str, Detections]:
@@ -219,6 +221,7 @@ class PhotoByPhoto:
 
         choice = _choice(options)
         self._folder = work_dir / own_key
+        self._folder.mkdir(parents=True, exist_ok=True)
         self._segmenter = load_segmenter(choice.model.name, score_floor=choice.lowest_score)
         self._threshold = self._segmenter.traits.score_threshold
         self._options = choice.kept_from(self._threshold)

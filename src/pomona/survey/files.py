@@ -18,12 +18,14 @@ _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 
 
-def write_file(path: Path, write: Callable[[Path], None]) -> None:
+def write_file(path: Path, write: Callable[[Path], None], *, folder_is_there: bool = False) -> None:
     """Let `write` make the file under a temporary name in the same folder (same suffix), then rename it to `path`.
 
-    When `write` fails, what was at `path` before is still there and nothing else is. An `OSError` names `path` then.
+    Its folder is made, unless `folder_is_there`: then one that is gone is an error. When `write` fails, what was at
+    `path` before is still there and nothing else is. An `OSError` names `path` then.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if not folder_is_there:
+        path.parent.mkdir(parents=True, exist_ok=True)
     temporary = part_of(path)
     try:
         write(temporary)
@@ -105,10 +107,8 @@ def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_
     file = Path(os.fsdecode(name)) if isinstance(name, str | bytes) else folder
     inside = folder is not None and file is not None and (file == folder or folder in file.parents)
     if _is_full(error) or _leaves_no_room(error, folder):
-        return (
-            f"The disk is full: cannot write {file or 'a file'}{_free(file or Path())}. What was finished is kept: "
-            f"free some space and {then}"
-        )
+        cannot = f"cannot write {file}{_free(file)}" if file else "cannot write a file"
+        return f"The disk is full: {cannot}. What was finished is kept: free some space and {then}"
     if not isinstance(error, OSError) or file is None:
         return None
     reason = error.strerror or str(error)

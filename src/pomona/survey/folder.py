@@ -85,7 +85,7 @@ class SurveyFolder:
         if MANIFEST not in present:
             survey._made = tuple(path for path in (folder, *folder.parents) if not path.exists())
         folder.mkdir(parents=True, exist_ok=True)
-        survey._write()
+        survey._write(new=True)
         return survey
 
     @classmethod
@@ -258,8 +258,22 @@ class SurveyFolder:
     def work(self, name: str) -> Path:
         """A file or folder of `work/`, by which a stopped run goes on; `work/` itself exists then."""
         path = self.work_folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.parent.is_dir():
+            self.check_there()
+            path.parent.mkdir(parents=True, exist_ok=True)
         return path
+
+    def check_there(self) -> None:
+        """Raise `SurveyError` where the folder is no longer this survey: it is not to be made anew, as by halves.
+
+        Where a disk was mounted there is a folder of the same name, on another disk.
+        """
+        if not self.manifest_path.is_file():
+            raise SurveyError(
+                f"{self.folder} is no longer there: expected the survey that was begun in it, found no {MANIFEST}. It "
+                "was removed or renamed, or its disk was taken away; nothing was written in its place. When it is "
+                "there again, do the same once more: it goes on where it was"
+            )
 
     def get(self, key: str, default: Any = None) -> Any:
         """Return an entry of `survey.json`."""
@@ -305,6 +319,7 @@ class SurveyFolder:
         """
         with self.work("lock").open("a", encoding="ascii") as file:
             if not lock(file):
+                self._made = None  # by that run, and the same moment by this one
                 raise SurveyError(f"Another run is working on {self.folder}: wait for it, or choose another `out`")
             file.truncate(0)  # only now: until then it says who else is working here
             file.write(str(os.getpid()))
@@ -333,7 +348,9 @@ class SurveyFolder:
             for folder in self._made:
                 folder.rmdir()
 
-    def _write(self) -> None:
+    def _write(self, *, new: bool = False) -> None:
+        if not new:
+            self.check_there()
         self._manifest["changed"] = now()
         self._manifest["pomona"] = __version__
         text = _manifest_text(self._manifest)

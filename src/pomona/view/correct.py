@@ -111,6 +111,7 @@ class Corrector:
         sense; nothing is changed then.
         """
         with self._lock:
+            self._survey.check_there()
             log = read_corrections(self._survey.corrections)
             if _revision(log) != request.revision:
                 self._show(log)
