@@ -254,6 +254,25 @@ def test_empty_folder_says_what_was_looked_for_and_found(tmp_path: Path) -> None
         load_photos([tmp_path])
 
 
+def test_photos_that_are_links_to_nowhere_are_told_of(tmp_path: Path) -> None:
+    for side in ("east", "west"):
+        (tmp_path / "row" / side).mkdir(parents=True)
+        (tmp_path / "row" / side / "lost.jpg").symlink_to(tmp_path / "away" / "IMG_1.jpg")
+        for i in range(2):
+            write_photo(tmp_path / "row" / side / f"{i}.jpg", (60, 40), seed=i)
+    progress = Silent()
+    assert len(load_photos([tmp_path / "row" / "east"], progress=progress)) == 2
+    (said,) = [warning for warning in progress.warnings if "left out" in warning]
+    assert "east: 1 photo left out, such as lost.jpg: the name links to a file that is not there" in said
+    for i in range(2):
+        (tmp_path / "row" / "west" / f"{i}.jpg").unlink()
+    progress = Silent()
+    assert len(load_photos([tmp_path / "row"], progress=progress)) == 2
+    assert any("west: 1 photo left out, such as lost.jpg" in warning for warning in progress.warnings)
+    with pytest.raises(InputError, match=r"west: 1 photo left out, such as lost\.jpg"):
+        load_photos([tmp_path / "row" / "west"])
+
+
 def test_missing_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="nowhere does not exist"):
         load_photos([tmp_path / "nowhere"])

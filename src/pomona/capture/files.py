@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pomona.arrays import counted
 from pomona.errors import InputError, MissingFileError
 from pomona.photos import PHOTO_SUFFIXES
 
@@ -58,8 +59,9 @@ def list_photos(folder: Path) -> PhotoListing:
         left_out = [
             f"{folder}: photos in sub-folders ({', '.join(below)}) were left out, as there are photos beside them"
         ]
-        return PhotoListing(tuple(here), ("",) * len(here), tuple(left_out[: bool(below)] + _raw_notes(folder, here)))
-    notes: list[str] = []
+        notes = left_out[: bool(below)] + _raw_notes(folder, here) + _notes_of_links(folder)
+        return PhotoListing(tuple(here), ("",) * len(here), tuple(notes))
+    notes = [note for child in children for note in _notes_of_links(child)]
     if not below:
         below = {child.name: files for child in children if (files := _photos_further_down(child))}
         if len(below) == 1:
@@ -128,7 +130,22 @@ def _raw_notes(folder: Path, photos: list[Path]) -> list[str]:
     return [f"{folder}: {len(raw)} camera RAW files (such as {raw[0].name}) were left out: export them as JPEG"]
 
 
+def _notes_of_links(folder: Path) -> list[str]:
+    """What is said of photos whose names are there alone, as when a disk is away or an archive was not fetched."""
+    try:
+        names = [path for path in _visible(folder) if path.suffix.lower() in PHOTO_SUFFIXES]
+    except PermissionError:
+        return []
+    lost = [path.name for path in names if path.is_symlink() and not path.exists()]
+    if not lost:
+        return []
+    left_out = f"{counted(len(lost), 'photo')} left out, such as {lost[0]}"
+    return [f"{folder}: {left_out}: the name links to a file that is not there. Bring the files, or go on without them"]
+
+
 def _nothing_found(folder: Path) -> str:
+    if lost := _notes_of_links(folder):
+        return lost[0]
     found = Counter(p.suffix.lower() or "no suffix" for p in _visible(folder) if p.is_file())
     listed = ", ".join(f"{count} × {suffix}" for suffix, count in found.most_common(5)) or "no files"
     message = (
