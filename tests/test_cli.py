@@ -241,6 +241,20 @@ def test_our_own_mistakes_have_no_bare_traceback(fakes: Fakes, photos: Path, tmp
     log.unlink()
 
 
+def test_our_own_mistakes_are_told_where_no_file_can_be_written(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*given: object, **options: object) -> None:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    fakes.raising["fuse"] = 1, ZeroDivisionError("division by zero")
+    monkeypatch.setattr("tempfile.NamedTemporaryFile", none)
+    result = pomona("run", photos, "--out", tmp_path / "out")
+    assert result.exit_code == 3
+    assert "Please report it with what follows, which says where" in result.stderr
+    assert "pipeline_fakes.py" in result.stderr
+
+
 def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert "4 detections in 4 photos" in pomona("segment", photos, "--out", out).stdout

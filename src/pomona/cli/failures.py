@@ -62,15 +62,20 @@ def say(kind: str, style: str, message: str) -> None:
 def _tell_of_our_mistake(error: Exception) -> NoReturn:
     if os.environ.get("POMONA_DEBUG"):
         raise error
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", prefix="pomona-error-", suffix=".txt", delete=False
-    ) as file:
-        file.write("".join(traceback.format_exception(error)))
+    happened = "".join(traceback.format_exception(error))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", prefix="pomona-error-", suffix=".txt", delete=False
+        ) as file:
+            file.write(happened)
+        account, happened = str(Path(file.name)), ""
+    except OSError:  # the disk for temporary files is full, too, or there is none
+        account = "what follows"
     text = f"{type(error).__name__}: {error}".rstrip(": ")
     say(
         "Error",
         "bold red",
-        f"{text}\nThis is a mistake in Pomona, not yours. Please report it with {Path(file.name)}, which says where it "
-        "happened. What was finished is kept: the same command goes on from there.",
+        f"{text}\nThis is a mistake in Pomona, not yours. Please report it with {account}, which says where it "
+        f"happened. What was finished is kept: the same command goes on from there.\n{happened}".rstrip(),
     )
     raise typer.Exit(OUR_MISTAKE) from None
