@@ -187,6 +187,24 @@ def test_a_full_disk_loses_nothing(fakes: Fakes, tmp_path: Path, stage: str, kep
     assert fakes.calls["tiles"] == calls["tiles"]
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError("Unable to allocate 3.10 GiB for an array"),
+        MemoryError(),
+        RuntimeError("OpenCV(4.11.0) alloc.cpp:73: error: (-4:Insufficient memory) Failed to allocate 9216 bytes"),
+        RuntimeError("bad allocation"),
+    ],
+)
+def test_too_little_memory_is_told_and_gone_on_from(fakes: Fakes, tmp_path: Path, error: Exception) -> None:
+    photos = make_photos(tmp_path / "photos")
+    fakes.raising["fuse"] = 1, error
+    with pytest.raises(SurveyError, match=r"not enough memory here \(.+\).*run the same command again"):
+        run([photos], tmp_path / "out")
+    run([photos], tmp_path / "out")
+    assert fakes.calls["sfm"] == 1
+
+
 def test_a_disk_that_is_full_while_a_table_is_written(
     fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -89,7 +89,8 @@ def disk_errors(folder: Path, *, then: str = _GO_ON) -> Iterator[None]:
     """Turn errors of disks into a `SurveyError` that says which file, why, and what to do.
 
     They are a disk that is full, one that must not be written to, and one that does not answer, as a network share that
-    is away. `folder` is the survey's; `then` is what to do once there is space.
+    is away; memory that is used up is told of likewise. `folder` is the survey's; `then` is what to do once there is
+    space.
     """
     try:
         yield
@@ -109,6 +110,11 @@ def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_
     if _is_full(error) or _leaves_no_room(error, folder):
         cannot = f"cannot write {file}{_free(file)}" if file else "cannot write a file"
         return f"The disk is full: {cannot}. What was finished is kept: free some space and {then}"
+    if _is_out_of_memory(error):
+        return (
+            f"There is not enough memory here ({str(error).strip() or 'all of it is used'}). What was finished is "
+            f"kept: end other programs, or use a computer with more, and {then}"
+        )
     if not isinstance(error, OSError) or file is None:
         return None
     reason = error.strerror or str(error)
@@ -131,6 +137,14 @@ def _leaves_no_room(error: Exception, folder: Path | None) -> bool:
         return False
     free = _free_bytes(folder)
     return free is not None and free < _NO_ROOM_BYTES
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    text = str(error).lower()  # engines have errors of their own
+    return isinstance(error, MemoryError) or any(
+        words in text
+        for words in ("insufficient memory", "bad allocation", "failed to allocate memory", "out of memory")
+    )
 
 
 def _is_full(error: Exception) -> bool:
