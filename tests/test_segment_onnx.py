@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pomona import onnx_file
 from pomona.detections import Mask
-from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.errors import FormatError, InputError, MissingFileError, OutOfMemoryError
 from pomona.onnx_file import OnnxFile, chosen_providers
 from pomona.photos import Photos
 from pomona.progress import Silent
@@ -226,6 +226,19 @@ def test_nothing_on_the_maps_is_nothing_found() -> None:
 )
 def test_networks_run_on_cuda_where_there_is_one(available: list[str], chosen: list[str]) -> None:
     assert chosen_providers(available) == [f"{name}ExecutionProvider" for name in chosen]
+
+
+def test_too_little_memory_is_no_fault_of_the_model(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Session:
+        def run(self, *given: object) -> None:
+            raise RuntimeError("BFCArena::AllocateRawInternal Failed to allocate memory for requested buffer of size 9")
+
+    network = OnnxFile(model)
+    monkeypatch.setattr(network, "_session", Session())
+    with pytest.raises(
+        OutOfMemoryError, match="there is not enough memory here to run this model on an image of shape"
+    ):
+        network.run(np.zeros((1, 3, 64, 64), np.float32), [node.name for node in network.outputs])
 
 
 @pytest.mark.parametrize("how", ["raises", "is left out"])

@@ -41,6 +41,10 @@ class LostFileError(PomonaError, OSError):
     """A file that was there is gone, has changed, or its disk does not answer: the same command goes on from there."""
 
 
+class OutOfMemoryError(PomonaError, MemoryError):
+    """There is not enough memory here for what was asked: the same command goes on from there."""
+
+
 class MissingExtraError(PomonaError, ImportError):
     """An optional dependency is not installed: names the extra to install."""
 
@@ -68,6 +72,12 @@ _AWAY = frozenset(
 def is_away(error: OSError) -> bool:
     """Say whether a file cannot be reached, which says nothing of what it holds: it may be there again later."""
     return error.errno in _AWAY
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Say whether memory was used up, by an error of Python or of an engine, which have errors of their own."""
+    words = ("insufficient memory", "bad allocation", "bad_alloc", "failed to allocate memory", "out of memory")
+    return isinstance(error, MemoryError) or any(some in str(error).lower() for some in words)
 
 
 def few(names: Sequence[str], count: int = 5) -> str:

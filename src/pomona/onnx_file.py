@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pomona.arrays import Array, Float32Array
-from pomona.errors import FormatError, MissingFileError
+from pomona.errors import FormatError, MissingFileError, OutOfMemoryError, is_out_of_memory
 from pomona.gpu import what_is_missing
 from pomona.threads import cores
 
@@ -65,13 +65,21 @@ class OnnxFile:
             raise FormatError(f"{path}: expected an ONNX model with names and metadata in UTF-8, but {error}") from None
 
     def run(self, image: Array, outputs: Sequence[str]) -> list[Float32Array]:
-        """Run the network on its one input and return the outputs named, as float32."""
+        """Run the network on its one input and return the outputs named, as float32.
+
+        Raises `FormatError` where ONNX Runtime cannot, and `OutOfMemoryError`.
+        """
         (node,) = self.inputs
         feed = {node.name: np.ascontiguousarray(image, _FLOATS[node.kind])}
         try:
             found = self._session.run(list(outputs), feed)
         except Exception as error:  # ONNX Runtime's own exceptions share no base class but this one.
             given = f"an image of shape {image.shape}"
+            if is_out_of_memory(error):
+                raise OutOfMemoryError(
+                    f"{self.path}: there is not enough memory here to run this model on {given}. What was finished is "
+                    "kept: end other programs, or use a computer with more, and the same command goes on where it was"
+                ) from None
             raise FormatError(
                 f"{self.path}: ONNX Runtime cannot run this model on {given}: {_first_line(error)}"
             ) from None

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pomona.errors import PomonaError, SurveyError, is_away
+from pomona.errors import PomonaError, SurveyError, is_away, is_out_of_memory
 
 _NO_ROOM_BYTES = 200_000  # less than the smallest database
 # What the operating system says of a disk without room, of one that must not be written to, and of names that are none.
@@ -110,7 +110,7 @@ def disk_error(error: Exception, folder: Path | None = None, *, then: str = _GO_
     if _is_full(error) or _leaves_no_room(error, folder):
         cannot = f"cannot write {file}{_free(file)}" if file else "cannot write a file"
         return f"The disk is full: {cannot}. What was finished is kept: free some space and {then}"
-    if _is_out_of_memory(error):
+    if is_out_of_memory(error):
         return (
             f"There is not enough memory here ({str(error).strip() or 'all of it is used'}). What was finished is "
             f"kept: end other programs, or use a computer with more, and {then}"
@@ -137,14 +137,6 @@ def _leaves_no_room(error: Exception, folder: Path | None) -> bool:
         return False
     free = _free_bytes(folder)
     return free is not None and free < _NO_ROOM_BYTES
-
-
-def _is_out_of_memory(error: Exception) -> bool:
-    text = str(error).lower()  # engines have errors of their own
-    return isinstance(error, MemoryError) or any(
-        words in text
-        for words in ("insufficient memory", "bad allocation", "failed to allocate memory", "out of memory")
-    )
 
 
 def _is_full(error: Exception) -> bool:
