@@ -1,4 +1,4 @@
-"""`pomona run` on the real videos and the rendered row: stage times, peak memory, photos placed, fruits, scores.
+"""`pomona run` on the real videos and the rendered row: processor seconds and memory of stages, fruits, scores.
 
 python benchmarks/surveys.py OUT [--data FOLDER] [--only NAME ...]     prints the tables of docs/lab/benchmarks.md
 
@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pomona
 from pomona.synth.truth import write_masks_as_coco
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
@@ -22,7 +23,7 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
     markers = ["--markers", str(row / "truth" / "markers.csv")]
     return {
         "apple-tree-video": [str(data / "apple-tree-video" / "frames")],
-        "orange-tree-video": [str(data / "orange-tree-video" / "frames")],
+        "orange-tree-video": [str(data / "orange-tree-video" / "frames"), "--fruit", "orange"],
         "orchard-dev, true masks": [str(row / "images"), *markers, "--detections", str(true_masks(row, out))],
         "orchard-dev": [str(row / "images"), *markers],
     }
@@ -47,10 +48,23 @@ def stage_lines(surveys: dict[str, Path]) -> list[str]:
     lines = ["| stage | " + " | ".join(records) + " |", "|---|" + "---|" * len(records)]
     for stage in stages:
         cells = [r.get(stage) for r in records.values()]
-        shown = [f"{c['wall_s']:.1f} s, {c['peak_memory_mb'] or 0:.0f} MB" if c else "" for c in cells]
+        shown = [f"{c['processor_s']:.1f} s, {c['peak_memory_mb'] or 0:.0f} MB" if c else "" for c in cells]
         lines.append(f"| {stage} | " + " | ".join(shown) + " |")
-    totals = [sum(c["wall_s"] for c in r.values()) for r in records.values()]
-    return [*lines, "| together | " + " | ".join(f"{t:.0f} s" for t in totals) + " |"]
+    totals = [sum(c["processor_s"] for c in r.values()) for r in records.values()]
+    photos = [len(pomona.open(survey).photos) for survey in surveys.values()]
+    each = [f"{total:.0f} s, {total / count:.1f} s a photo" for total, count in zip(totals, photos, strict=True)]
+    return [*lines, "| together | " + " | ".join(each) + " |"]
+
+
+def result_lines(surveys: dict[str, Path]) -> list[str]:
+    lines = ["| survey | photos placed | fruits | all fruit, hidden ones too | metres from |", "|---|---|---|---|---|"]
+    for name, folder in surveys.items():
+        survey = pomona.open(folder)
+        placed = f"{len(survey.cameras)} of {len(survey.photos)}"
+        crop = survey.crop
+        every = f"{crop.fruits.value:.0f} ({crop.fruits.low:.0f} to {crop.fruits.high:.0f})" if crop else ""
+        lines.append(f"| {name} | {placed} | {len(survey.fruits)} | {every} | {survey.cameras.frame.scale_source} |")
+    return lines
 
 
 def scores(survey: Path, truth: Path) -> str:
@@ -68,7 +82,7 @@ def main() -> None:
     wanted = commands(arguments.data, arguments.out)
     names = arguments.only or list(wanted)
     surveys = {name: run(name, wanted[name], arguments.out) for name in names}
-    print("\n".join(stage_lines(surveys)))
+    print("\n".join([*stage_lines(surveys), "", *result_lines(surveys)]))
     for name, survey in surveys.items():
         if name.startswith("orchard-dev"):
             print(f"\n{name}\n{scores(survey, arguments.data / 'orchard-dev' / 'truth')}")

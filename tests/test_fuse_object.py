@@ -15,11 +15,12 @@ from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_geometry.mask_rays import mask_rays
+from pomona.fruit_geometry.mask_rays import USUAL_RAGGEDNESS, mask_rays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import Fruits
 from pomona.fuse.object import ObjectOptions, fuse
 from pomona.fuse.object.gating import Gate, _within
+from pomona.fuse.object.matches import Matches, with_raggedness
 from pomona.fuse.object.refinement import fit_spheres
 
 DIAMETER_M = 0.075
@@ -142,6 +143,37 @@ def test_one_photo_tells_no_distance_and_makes_no_fruit() -> None:
     detections = detections_of(cameras, centers, diameters(2))
     alone = changed(detections, {name: Detections.empty(name, 320, 240) for name in cameras.photos[1:]})
     assert len(fuse(alone, cameras).fruits) == 0
+
+
+def test_masks_tell_how_ragged_they_are() -> None:
+    """By how far they reach out of their spheres: exact ones hardly do, those of spheres a tenth too small by 0.11."""
+    cameras, centers = cameras_in_a_row(6), bunch(5, seed=3, apart=2.0)
+    detections = detections_of(cameras, centers, diameters(5))
+    masks = mask_rays(detections, cameras, rays_per_mask=16)
+    spheres = Spheres(centers, diameters(5) / 2)
+    mask_idx = np.arange(len(masks))
+    beside = np.cross(centers - masks.eyes_in_world[masks.photo_idx][:, None], masks.rays[:, None])
+    sphere_idx = np.linalg.norm(beside, axis=2).argmin(1)
+    assert masks.raggedness == USUAL_RAGGEDNESS
+    exact = with_raggedness(masks, spheres, sphere_idx, mask_idx)
+    assert 0 <= exact.raggedness < 0.03  # of pixels
+    small = Spheres(centers, 0.9 * diameters(5) / 2)
+    ragged = with_raggedness(replace(masks, raggedness=1.0), small, sphere_idx, mask_idx)
+    assert ragged.raggedness == pytest.approx(0.11, abs=0.02)
+    assert with_raggedness(masks, small, sphere_idx, mask_idx) is masks  # never more than a network's
+    none = np.zeros(0, np.int64)
+    assert with_raggedness(masks, spheres, none, none).raggedness == USUAL_RAGGEDNESS
+    known = Matches.known(spheres, sphere_idx, mask_idx, exact)
+    assert Matches.joined([known[:3], known[3:]]).raggedness == exact.raggedness
+
+
+@pytest.mark.parametrize(("raggedness", "worth"), [(0.0, 1.0), (0.02, 1.0), (0.03, 0.875), (0.04, 0.75), (0.5, 0.75)])
+def test_what_leaves_hide_is_worth_less_the_more_ragged_masks_are(raggedness: float, worth: float) -> None:
+    """Of a mask that fills half of what one in plain view does, in a sphere that fits perfectly."""
+    one = np.zeros(1, np.int64)
+    hidden, plain = (Matches(one, one, np.zeros(1), np.array([share]), raggedness) for share in (0.425, 0.85))
+    assert hidden.worths[0] == pytest.approx(worth)
+    assert plain.worths[0] == 1
 
 
 def test_nothing_seen_is_a_result() -> None:

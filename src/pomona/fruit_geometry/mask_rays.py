@@ -12,6 +12,8 @@ from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.fruit_geometry.mask_outlines import depths_in_hull, outline_px
 from pomona.fruits import Observations
 
+USUAL_RAGGEDNESS = 0.04
+
 
 @dataclass(frozen=True, eq=False)
 class MaskRays:
@@ -24,6 +26,9 @@ class MaskRays:
     `widths`, `extents` and `areas` (n,) are the mean and the longer side of the box, and the area, at unit depth: times
     the depth (squared) they are metres. Of the photos: their names `photos` (p,), centres `eyes_in_world` (p, 3) and
     `cam_from_world` (p, 3, 4).
+
+    `raggedness`: how far masks reach out of the fruits that they show, in radii (RMS along outlines, the mean of all),
+    as masks and cameras are not exact; until fruits tell that it is less, that of masks which a network finds.
     """
 
     photo_idx: IntArray
@@ -40,6 +45,7 @@ class MaskRays:
     photos: tuple[str, ...]
     eyes_in_world: FloatArray
     cam_from_world: FloatArray
+    raggedness: float = USUAL_RAGGEDNESS
 
     def __post_init__(self) -> None:
         n, p = len(self.photo_idx), len(self.photos)

@@ -14,9 +14,10 @@ from pomona.fruit_crops.sights import well_spread
 from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
+from pomona.fruits import Fruits
 from pomona.fuse import Fused, Shown
 from pomona.fuse.object import ObjectOptions
-from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.matches import Matches, with_raggedness
 from pomona.fuse.object.observations import fused_of
 from pomona.fuse.object.refinement import fit_spheres, place_covariances
 from pomona.fuse.object.suppression import suppress_overlapping
@@ -60,6 +61,7 @@ def look_again(
     masks = mask_rays(detections, cameras, rays_per_mask=association.rays_per_mask)
     if len(masks) == 0:
         return fused
+    masks = with_raggedness(masks, _spheres(fused.fruits)[0], *masks.seen(fused.observations, fused.fruits.ids))
     for _ in range(options.looks):
         if len(fused.fruits) == 0:
             break
@@ -85,14 +87,13 @@ def _looked_at(
 ) -> tuple[Fused, Evidence]:
     """Look once, from where the masks of the fruits put these; `known` is what the look before saw, if any."""
     fruits = fused.fruits
-    size = size_of_fruits(fruits.diameters_m, FruitSize())
-    spheres = Spheres.of_fruits(fruits.centers_in_world, fruits.diameters_m, size.radius_m)
+    spheres, radius_m = _spheres(fruits)
     sphere_idx, mask_idx = masks.seen(fused.observations, fruits.ids)
     matches = Matches.known(spheres, sphere_idx, mask_idx, masks)
     if fused.shown is not None:
-        spheres = _as_outlines_have_them(spheres, fused.shown, matches, masks, size.radius_m, association)
-    covariances = place_covariances(spheres, matches, masks, size.radius_m, association)
-    prior = OutlinePrior(spheres, covariances, matches.counts(len(spheres)), size.radius_m)
+        spheres = _as_outlines_have_them(spheres, fused.shown, matches, masks, radius_m, association)
+    covariances = place_covariances(spheres, matches, masks, radius_m, association)
+    prior = OutlinePrior(spheres, covariances, matches.counts(len(spheres)), radius_m)
     sights = find_sights(spheres, sphere_idx, masks.photo_idx[mask_idx], cameras, options)
     sights = well_spread(sights, spheres, cameras, options.most_photos)
     seen_fruits = SeenFruits(detections, fused.observations.detection_id)
@@ -100,18 +101,24 @@ def _looked_at(
     left, moved = evidence, refined(prior, evidence, cameras, options)
     for round_idx in range(1, len(options.reach)):
         # Of two at one place the weaker explains nothing: else each would explain what speaks for the other.
-        explaining = np.where(_apart(moved, options, size.radius_m), moved.shown.seen, 0.0)
+        explaining = np.where(_apart(moved, options, radius_m), moved.shown.seen, 0.0)
         left = unexplained(evidence, moved.spheres, explaining, cameras, options)
         moved = refined(prior, left, cameras, options, round_idx)
-    stays = _apart(moved, options, size.radius_m)
+    stays = _apart(moved, options, radius_m)
     apart = moved[stays]
-    new = proposed(moved.spheres, apart, evidence, cameras, options, size.radius_m)
+    new = proposed(moved.spheres, apart, evidence, cameras, options, radius_m)
     hypotheses = Looked.joined([apart, new, unmoved(prior, left, cameras, options)])
     origins = np.concatenate([fruits.ids[stays], np.full(len(new.spheres), -1), fruits.ids])
-    chosen, matches = select(hypotheses, masks, size.radius_m, options, association)
+    chosen, matches = select(hypotheses, masks, radius_m, options, association)
     found, ids = hypotheses[chosen], _ids_from(origins[chosen], int(fruits.ids.max()))
     looked = fused_of(found.spheres, ids, matches, masks)
     return replace(looked, shown=found.shown[np.argsort(ids)]), evidence
+
+
+def _spheres(fruits: Fruits) -> tuple[Spheres, float]:
+    """Return fruits as spheres, and the usual radius of them in metres, which is that of fruits without a size."""
+    radius_m = size_of_fruits(fruits.diameters_m, FruitSize()).radius_m
+    return Spheres.of_fruits(fruits.centers_in_world, fruits.diameters_m, radius_m), radius_m
 
 
 def _apart(looked: Looked, options: SecondLookOptions, radius_m: float) -> BoolArray:

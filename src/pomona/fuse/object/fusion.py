@@ -19,7 +19,7 @@ from pomona.fuse.object.assignment import assign
 from pomona.fuse.object.crossings import Crossings, find_crossings
 from pomona.fuse.object.gating import Gate
 from pomona.fuse.object.hypotheses import sphere_hypotheses
-from pomona.fuse.object.matches import Matches
+from pomona.fuse.object.matches import Matches, with_raggedness
 from pomona.fuse.object.observations import fused_of
 from pomona.fuse.object.options import ObjectOptions
 from pomona.fuse.object.refinement import fit_spheres
@@ -28,6 +28,7 @@ from pomona.fuse.object.suppression import away_from, suppress_overlapping
 from pomona.fuse.object.voting import vote
 from pomona.progress import Progress, Silent
 
+_BEGINNINGS = 3  # of the search at most, as what is found first tells the size of fruits, and how ragged masks are
 _ANY_SIZE = 1.0  # the spread of radii, as a share, of a fit that is to say what the size is
 
 
@@ -90,7 +91,7 @@ def fuse(
         )
     size = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m)).size
     masks = mask_rays(detections, cameras.sorted_by_center(), rays_per_mask=options.rays_per_mask)
-    found = _find(masks, size, options, progress) if len(masks) else _NOTHING_FOUND
+    found, masks = _find(masks, size, options, progress) if len(masks) else (_NOTHING_FOUND, masks)
     found = _Found(*merge_split_fruits(found.spheres, found.matches, masks, options))
     shown = found.matches.largest_shares(len(found.spheres)) >= options.min_share
     found = found.kept(shown)
@@ -99,8 +100,11 @@ def fuse(
     return fused_of(found.spheres, ids, found.matches, masks)
 
 
-def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Progress) -> _Found:
-    """Look for fruits in rounds, each in what the earlier ones left; begun anew where fruits turn out of other size."""
+def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Progress) -> tuple[_Found, MaskRays]:
+    """Return fruits, looked for in rounds, each in what the earlier ones left, and masks that know how ragged they are.
+
+    It is begun anew where fruits turn out of other size, or masks less ragged than a network's.
+    """
     progress.start("fuse", 1 + options.rounds)
     search, found = _Search.of(masks, size, options), _NOTHING_FOUND
     progress.advance()
@@ -108,15 +112,11 @@ def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Pr
         before = len(found.spheres)
         found = _find_more(found, search)
         if number == 0:
-            refined = _refined_size(found, search)
-            if abs(refined.diameter_m / size.diameter_m - 1) > options.same_size:
-                search = _Search.of(masks, refined, options)
-                found = _find_more(_NOTHING_FOUND, search)
-            search = replace(search, size=refined)
+            found, search = _begun_anew(found, search)
         progress.advance()
         if len(found.spheres) <= before:
             break
-    return found
+    return found, search.masks
 
 
 def _find_more(found: _Found, search: _Search) -> _Found:
@@ -133,6 +133,20 @@ def _find_more(found: _Found, search: _Search) -> _Found:
         found = _assign_and_refine(spheres, support, search)
         spheres, support = found.spheres, found.support
     return found
+
+
+def _begun_anew(found: _Found, search: _Search) -> tuple[_Found, _Search]:
+    """Return what is found first, and the search, once it knows how large fruits are and how ragged their masks."""
+    size, first = _refined_size(found, search), search.size
+    if abs(size.diameter_m / first.diameter_m - 1) > search.options.same_size:
+        first = size
+    for _ in range(_BEGINNINGS):
+        masks = with_raggedness(search.masks, found.spheres, found.matches.sphere_idx, found.matches.mask_idx)
+        if masks is search.masks and first is search.size:
+            break
+        search = _Search.of(masks, first, search.options)
+        found = _find_more(_NOTHING_FOUND, search)
+    return found, replace(search, size=size)
 
 
 def _refined_size(found: _Found, search: _Search) -> FruitSize:

@@ -136,7 +136,7 @@ def possible_matches(
         outside = np.maximum(outside_radii(spheres, sphere_idx, mask_idx, masks), 0)
         reaching = np.minimum((outside / options.outside_radii) ** 2, _MOST).mean(1)
     misfits = reaching + options.off_centre * shares * off**2
-    return Matches(sphere_idx, mask_idx, misfits, shares)[misfits < 1]
+    return Matches(sphere_idx, mask_idx, misfits, shares, masks.raggedness)[misfits < 1]
 
 
 def _off_centre(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.fruit_geometry.mask_rays import MaskRays
+from pomona.fruit_geometry.mask_rays import USUAL_RAGGEDNESS, MaskRays
 from pomona.fruit_geometry.spheres import Spheres
 
 # A mask that fills less than this share of the image fits nearly anywhere, and so speaks less for a place.
@@ -16,19 +16,24 @@ _LARGE_SHARE = 0.08
 # A mask that hardly fills the image speaks so much less for a sphere than one that fills this share of it. A sphere of
 # the usual size that stands too near holds any mask of the fruit behind it, and explains it as one that leaves hide.
 _PLAIN_SHARE, _LESS_IF_HIDDEN = 0.85, 0.5
+# Where masks and cameras are exact, the true sphere fits better than such a one, and what leaves hide speaks as much.
+_EXACT = 0.02  # in radii, of `MaskRays.raggedness`
+_LESS = 0.9  # raggedness that is greater than so many times what was thought makes hardly a difference
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
     """k pairs of a sphere and a mask that it may explain.
 
-    `misfits` (k,) from 0, which is perfect, to 1; `shares` (k,), which part of the sphere's image the mask fills.
+    `misfits` (k,) from 0, which is perfect, to 1; `shares` (k,), which part of the sphere's image the mask fills;
+    `raggedness` is the masks'.
     """
 
     sphere_idx: IntArray
     mask_idx: IntArray
     misfits: FloatArray
     shares: FloatArray
+    raggedness: float = USUAL_RAGGEDNESS
 
     def __post_init__(self) -> None:
         k = len(self.sphere_idx)
@@ -46,7 +51,7 @@ class Matches:
     def known(cls, spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays) -> Matches:
         """Return pairs (k,) of which it is known that they belong together."""
         shares = shares_of(spheres, sphere_idx, mask_idx, masks)
-        return cls(sphere_idx, mask_idx, np.zeros(len(shares)), shares)
+        return cls(sphere_idx, mask_idx, np.zeros(len(shares)), shares, masks.raggedness)
 
     @classmethod
     def joined(cls, parts: Sequence[Matches]) -> Matches:
@@ -57,6 +62,7 @@ class Matches:
             np.concatenate([part.mask_idx for part in parts]),
             np.concatenate([part.misfits for part in parts]),
             np.concatenate([part.shares for part in parts]),
+            parts[0].raggedness,
         )
 
     def __len__(self) -> int:
@@ -64,14 +70,19 @@ class Matches:
 
     def __getitem__(self, selection: BoolArray | IntArray) -> Matches:
         return Matches(
-            self.sphere_idx[selection], self.mask_idx[selection], self.misfits[selection], self.shares[selection]
+            self.sphere_idx[selection],
+            self.mask_idx[selection],
+            self.misfits[selection],
+            self.shares[selection],
+            self.raggedness,
         )
 
     @property
     def worths(self) -> FloatArray:
         """Return how much of a mask that fits perfectly, and of a fruit in plain view, each is worth (k,)."""
         hidden = 1 - np.minimum(self.shares / _PLAIN_SHARE, 1)
-        known = np.minimum(self.shares / _LARGE_SHARE, 1) * (1 - _LESS_IF_HIDDEN * hidden)
+        ragged = np.clip((self.raggedness - _EXACT) / (USUAL_RAGGEDNESS - _EXACT), 0, 1)
+        known = np.minimum(self.shares / _LARGE_SHARE, 1) * (1 - _LESS_IF_HIDDEN * ragged * hidden)
         worths: FloatArray = known * (1 - self.misfits)
         return worths
 
@@ -111,3 +122,13 @@ def shares_of(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks:
     areas = masks.areas[mask_idx] * masks.depths(spheres.centers_in_world[sphere_idx], mask_idx) ** 2
     result: FloatArray = np.minimum(areas / (np.pi * spheres.radii_m[sphere_idx] ** 2), 1)
     return result
+
+
+def with_raggedness(masks: MaskRays, spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray) -> MaskRays:
+    """Return masks that know that they are less ragged than was thought, as those (k,) of spheres tell.
+
+    As they are where there is none, or where it makes hardly a difference.
+    """
+    outside = np.maximum(outside_radii(spheres, sphere_idx, mask_idx, masks), 0)
+    raggedness = np.sqrt((outside**2).mean(1)).mean() if len(mask_idx) else np.inf
+    return replace(masks, raggedness=float(raggedness)) if raggedness < _LESS * masks.raggedness else masks

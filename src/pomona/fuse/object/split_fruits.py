@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -80,7 +82,7 @@ def _as_one(spheres: Spheres, matches: Matches, pairs: IntArray) -> tuple[Sphere
     parts = [np.sort(np.concatenate([own.get(i, none), own.get(j, none)])) for i, j in pairs.tolist()]
     of = np.repeat(np.arange(len(pairs)), [len(part) for part in parts])
     mine = matches[np.concatenate(parts)]
-    return Spheres(middle, spheres.radii_m[pairs].mean(1)), Matches(of, mine.mask_idx, mine.misfits, mine.shares)
+    return Spheres(middle, spheres.radii_m[pairs].mean(1)), replace(mine, sphere_idx=of)
 
 
 def _most_filled(matches: Matches, masks: MaskRays, n: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
