@@ -149,7 +149,8 @@ def test_masks_tell_how_ragged_they_are() -> None:
     """By how far they reach out of their spheres: exact ones hardly do, those of spheres a tenth too small by 0.11."""
     cameras, centers = cameras_in_a_row(6), bunch(5, seed=3, apart=2.0)
     detections = detections_of(cameras, centers, diameters(5))
-    masks = mask_rays(detections, cameras, rays_per_mask=16)
+    uncertain = mask_rays(detections, cameras, rays_per_mask=16)
+    masks = replace(uncertain, scores=np.ones(len(uncertain)))
     spheres = Spheres(centers, diameters(5) / 2)
     mask_idx = np.arange(len(masks))
     beside = np.cross(centers - masks.eyes_in_world[masks.photo_idx][:, None], masks.rays[:, None])
@@ -161,6 +162,7 @@ def test_masks_tell_how_ragged_they_are() -> None:
     ragged = with_raggedness(replace(masks, raggedness=1.0), small, sphere_idx, mask_idx)
     assert ragged.raggedness == pytest.approx(0.11, abs=0.02)
     assert with_raggedness(masks, small, sphere_idx, mask_idx) is masks  # never more than a network's
+    assert with_raggedness(uncertain, spheres, sphere_idx, mask_idx) is uncertain  # as a network's masks are
     none = np.zeros(0, np.int64)
     assert with_raggedness(masks, spheres, none, none).raggedness == USUAL_RAGGEDNESS
     known = Matches.known(spheres, sphere_idx, mask_idx, exact)

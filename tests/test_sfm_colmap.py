@@ -88,6 +88,17 @@ def test_names_may_have_spaces_and_folders(tmp_path: Path, begin: str) -> None:
     assert read_colmap(tmp_path / "c", survey).photos == names
 
 
+def test_names_may_have_ends_of_lines(tmp_path: Path) -> None:
+    """In texts of one line an image; names that look like what stands for these come back, too."""
+    names = ("two\nlines.jpg", "100%0A.jpg", "a\r\n%250A%2525.jpg", "%25250D.jpg", "100%20.jpg")
+    survey = Photos(tuple(replace(photo, name=name) for photo, name in zip(photos(5), names, strict=True)))
+    write_colmap(tmp_path / "c", replace(some_cameras(), photos=names), survey)
+    assert read_colmap(tmp_path / "c", survey).photos == names
+    assert read_poses(tmp_path / "c").photos == names
+    (tmp_path / "c" / "frame.json").unlink()  # another program's: names are as they are written
+    assert read_colmap(tmp_path / "c").photos[1:2] == ("100%250A.jpg",)
+
+
 def test_colmap_reads_names_with_spaces_from_the_binary_model(tmp_path: Path) -> None:
     names = tuple(f"my photo {i}.jpg" for i in range(5))
     survey = Photos(tuple(replace(photo, name=name) for photo, name in zip(photos(5), names, strict=True)))

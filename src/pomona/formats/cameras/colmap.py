@@ -8,8 +8,10 @@ COLMAP's models open it; numbers are written with all their digits, so that read
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +22,7 @@ from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary_model
 from pomona.formats.cameras.colmap_binary_export import write_binary_model
-from pomona.formats.cameras.colmap_model import assemble, quaternion_of, tracks_of, written_errors
+from pomona.formats.cameras.colmap_model import ColmapImage, assemble, quaternion_of, tracks_of, written_errors
 from pomona.formats.cameras.colmap_text import read_text_model, read_text_poses
 from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
@@ -82,7 +84,27 @@ def read_poses(folder: Path) -> Cameras:
     Raises `MissingFileError` and `FormatError` as `read_colmap` does.
     """
     lenses, images = read_text_poses(folder)
-    return assemble(folder, lenses, images, (), _frame_of(folder)[0])
+    return assemble(folder, lenses, _as_named(folder, images), (), _frame_of(folder)[0])
+
+
+def _on_one_line(name: str) -> str:
+    """Return a photo's name for a text of one line an image: ends of lines in it, which files may have, as %0A and %0D.
+
+    What looks like these already gets a `25` before, so that each name comes back (`_from_one_line`).
+    """
+    return re.sub(r"%(?=(?:25)*0[AD])", "%25", name).replace("\n", "%0A").replace("\r", "%0D")
+
+
+def _from_one_line(written: str) -> str:
+    ends = {"A": "\n", "D": "\r"}
+    return re.sub(r"%(25)?((?:25)*0([AD]))", lambda m: f"%{m[2]}" if m[1] else ends[m[3]], written)
+
+
+def _as_named(folder: Path, images: list[ColmapImage]) -> list[ColmapImage]:
+    """Return images with the names of their photos; other programs than Pomona write these as they are."""
+    if not (folder / FRAME_FILE).is_file():
+        return images
+    return [replace(image, name=_from_one_line(image.name)) for image in images]
 
 
 def _frame_of(folder: Path) -> tuple[WorldFrame, bool]:
@@ -97,6 +119,8 @@ def read_model(folder: Path) -> GivenCameras:
     """
     binary = (folder / "cameras.bin").is_file() and not (folder / "cameras.txt").is_file()
     lenses, images, points = (read_binary_model if binary else read_text_model)(folder)
+    if not binary:
+        images = _as_named(folder, images)
     frame, upright = _frame_of(folder)
     notes = tuple(filter(None, (lens.note(f"camera {camera_id}") for camera_id, lens in lenses.items())))
     return GivenCameras(assemble(folder, lenses, images, points, frame), "COLMAP", notes, upright=upright)
@@ -114,7 +138,7 @@ def _image_lines(cameras: Cameras, image_ids: IntArray, views: Sequence[IntArray
     for i, name in enumerate(cameras.photos):
         pose = cameras.cam_from_world[i]
         camera_id = int(cameras.intrinsics_idx[i]) + 1
-        yield f"{image_ids[i]} {_numbers(quaternion_of(pose))} {_numbers(pose[:, 3])} {camera_id} {name}"
+        yield f"{image_ids[i]} {_numbers(quaternion_of(pose))} {_numbers(pose[:, 3])} {camera_id} {_on_one_line(name)}"
         xy, point_idx = cameras.track_xy_px[views[i]].tolist(), cameras.track_point_idx[views[i]].tolist()
         yield " ".join(f"{x!r} {y!r} {idx + 1}" for (x, y), idx in zip(xy, point_idx, strict=True))
 

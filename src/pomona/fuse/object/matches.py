@@ -17,6 +17,7 @@ _LARGE_SHARE = 0.08
 # the usual size that stands too near holds any mask of the fruit behind it, and explains it as one that leaves hide.
 _PLAIN_SHARE, _LESS_IF_HIDDEN = 0.85, 0.5
 # Where masks and cameras are exact, the true sphere fits better than such a one, and what leaves hide speaks as much.
+# Of masks that are not certain, as a network's are not, those that leaves hide are worse than their outlines tell.
 _EXACT = 0.02  # in radii, of `MaskRays.raggedness`
 _LESS = 0.9  # raggedness that is greater than so many times what was thought makes hardly a difference
 
@@ -127,8 +128,10 @@ def shares_of(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks:
 def with_raggedness(masks: MaskRays, spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray) -> MaskRays:
     """Return masks that know that they are less ragged than was thought, as those (k,) of spheres tell.
 
-    As they are where there is none, or where it makes hardly a difference.
+    As they are where there is none, where scores say that not all are certain, and where it makes hardly a difference.
     """
+    if masks.scores.min(initial=1) < 1:
+        return masks
     outside = np.maximum(outside_radii(spheres, sphere_idx, mask_idx, masks), 0)
     raggedness = np.sqrt((outside**2).mean(1)).mean() if len(mask_idx) else np.inf
     return replace(masks, raggedness=float(raggedness)) if raggedness < _LESS * masks.raggedness else masks
