@@ -42,8 +42,8 @@ def run(name: str, arguments: list[str], out: Path) -> Path:
     return survey
 
 
-def stage_lines(surveys: dict[str, Path]) -> list[str]:
-    records = {name: json.loads((s / "survey.json").read_text())["stages"] for name, s in surveys.items()}
+def stage_lines(surveys: dict[str, pomona.Survey]) -> list[str]:
+    records = {name: json.loads((s.folder / "survey.json").read_text())["stages"] for name, s in surveys.items()}
     stages = list(dict.fromkeys(stage for r in records.values() for stage in r))
     lines = ["| stage | " + " | ".join(records) + " |", "|---|" + "---|" * len(records)]
     for stage in stages:
@@ -51,15 +51,14 @@ def stage_lines(surveys: dict[str, Path]) -> list[str]:
         shown = [f"{c['processor_s']:.1f} s, {c['peak_memory_mb'] or 0:.0f} MB" if c else "" for c in cells]
         lines.append(f"| {stage} | " + " | ".join(shown) + " |")
     totals = [sum(c["processor_s"] for c in r.values()) for r in records.values()]
-    photos = [len(pomona.open(survey).photos) for survey in surveys.values()]
+    photos = [len(survey.photos) for survey in surveys.values()]
     each = [f"{total:.0f} s, {total / count:.1f} s a photo" for total, count in zip(totals, photos, strict=True)]
     return [*lines, "| together | " + " | ".join(each) + " |"]
 
 
-def result_lines(surveys: dict[str, Path]) -> list[str]:
+def result_lines(surveys: dict[str, pomona.Survey]) -> list[str]:
     lines = ["| survey | photos placed | fruits | all fruit, hidden ones too | metres from |", "|---|---|---|---|---|"]
-    for name, folder in surveys.items():
-        survey = pomona.open(folder)
+    for name, survey in surveys.items():
         placed = f"{len(survey.cameras)} of {len(survey.photos)}"
         crop = survey.crop
         every = f"{crop.fruits.value:.0f} ({crop.fruits.low:.0f} to {crop.fruits.high:.0f})" if crop else ""
@@ -81,11 +80,11 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     wanted = commands(arguments.data, arguments.out)
     names = arguments.only or list(wanted)
-    surveys = {name: run(name, wanted[name], arguments.out) for name in names}
+    surveys = {name: pomona.open(run(name, wanted[name], arguments.out)) for name in names}
     print("\n".join([*stage_lines(surveys), "", *result_lines(surveys)]))
     for name, survey in surveys.items():
         if name.startswith("orchard-dev"):
-            print(f"\n{name}\n{scores(survey, arguments.data / 'orchard-dev' / 'truth')}")
+            print(f"\n{name}\n{scores(survey.folder, arguments.data / 'orchard-dev' / 'truth')}")
 
 
 if __name__ == "__main__":
