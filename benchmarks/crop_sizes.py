@@ -35,7 +35,7 @@ def row_figures(folder: Path, arguments: argparse.Namespace) -> tuple[int, int, 
     photos, detections, truth = case.photos, case.detections, read_truth(folder)  # fruits of the whole row
     cameras = replace(case.cameras, frame=METRES)
     fused = look_again(object.fuse(detections, cameras), detections, photos, cameras)
-    kept = filters.apply_to_views(fused, detections, cameras)
+    kept = filters.apply_to_views(fused, detections, cameras, photos=photos)
     fruits = measure(kept, detections, cameras, photos, options=options.measure)
     views = fused.fruits.views
     crop = estimate_crop(fruits, kept.observations, cameras, Trees.empty(), STORY_APPLES, candidate_views=views).crop

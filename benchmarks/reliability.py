@@ -42,7 +42,7 @@ def judged(row: Path, svm: filters.LinearSvm | None, second_look: bool) -> tuple
         fused = object.fuse(some, seen_by)
         if second_look:
             fused = look_again(fused, some, photos, seen_by)
-        judged = filters.apply_to_views(fused, some, seen_by, svm, options=_KEEP_ALL)
+        judged = filters.apply_to_views(fused, some, seen_by, svm, photos=photos, options=_KEEP_ALL)
         fruits = measure(judged, some, seen_by, photos, options=options.measure)
         pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
         scores.append(fruits.scores)

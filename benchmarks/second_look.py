@@ -51,7 +51,7 @@ def main() -> None:
         looked = look_again(fused, detections, photos, cameras, network=network)
         seconds = (time.process_time() - began) / len(cameras.photos)
         for label, fruits in (("no", fused), ("yes", looked)):
-            kept = filters.apply_to_views(fruits, detections, cameras)
+            kept = filters.apply_to_views(fruits, detections, cameras, photos=photos)
             measured = measure(kept, detections, cameras, photos, options=options.measure)
             scores = evaluate_fruits(measured, truth).visible
             assert scores is not None

@@ -157,7 +157,7 @@ def joined(row: TrueRow, kept: np.ndarray, cameras: Cameras) -> tuple[Fruits, Ob
     candidates = object.fuse(detections, cameras)
     if row.photos is not None:
         candidates = look_again(candidates, detections, row.photos, cameras)
-    fused = apply_to_views(candidates, detections, cameras)
+    fused = apply_to_views(candidates, detections, cameras, photos=row.photos)
     return measure(fused, detections, cameras, row.photos), fused.observations, candidates.fruits.views
 
 

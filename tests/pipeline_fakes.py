@@ -137,7 +137,7 @@ class Fakes:
         self.count("second_look")
         return fused
 
-    def _filter(self, fused, *given, options):
+    def _filter(self, fused, *given, options, **others):
         self.count("filter")
         return fused
 

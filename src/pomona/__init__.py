@@ -3,6 +3,10 @@
     survey = pomona.run("photos/", "my-row")
     survey.fruits.to_pandas()
 
+A run goes through these rooms, in this order (`pipeline/stages.py`):
+
+    capture, segment, sfm, scale, fuse, second_look, filter, measure, planting, dense, scene, yields, report
+
 Importing this package is quick: each outside engine (pycolmap, ONNX Runtime, torch, OpenCV) is imported by the stage
 that needs it.
 """

@@ -9,12 +9,15 @@ import numpy as np
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.filter.colours import count_colours, judged_by_colours
 from pomona.filter.options import FilterOptions
 from pomona.filter.point_features import features, resized
 from pomona.filter.svm import LinearSvm, shipped
 from pomona.filter.view_features import LOOKED_FEATURE_NAMES, ViewFeatures, view_features
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fuse import Fused
+from pomona.photos import Photos
+from pomona.progress import Progress, Silent
 
 # The probabilities below which fruits are dropped: the paper's machine parts at a half; by views, the F1 of what is
 # left is greatest at about F1 / 2.
@@ -42,17 +45,23 @@ def apply_to_views(
     cameras: Cameras,
     svm: LinearSvm | None = None,
     *,
+    photos: Photos | None = None,
     options: FilterOptions | None = None,
+    progress: Progress | None = None,
 ) -> Fused:
     """Return the fruits that the photos speak for (`view_features`), with a probability as their score.
 
     That is, that there is a fruit within half a diameter of that place: that it is fruit, times that the place is
-    right. `detections` and `cameras` are those that `fused` was made of; `svm` None: the machines that Pomona ships for
-    fruits of `fuse.object`, and for those that were looked at again. Those kept keep their ids.
+    right, and then what the colours of all say (`judged_by_colours`), if there are `photos`. `detections` and `cameras`
+    are those that `fused` was made of; `svm` None: the machines that Pomona ships for fruits of `fuse.object`, and for
+    those that were looked at again. Those kept keep their ids. Raises `LostFileError` naming a photo that is gone.
     """
     options = options or FilterOptions()
-    features = view_features(fused, detections, cameras, options)
-    return _kept(fused, _judged(features, svm), _BY_VIEWS if options.threshold is None else options.threshold)
+    probability = _judged(view_features(fused, detections, cameras, options), svm)
+    if photos is not None:
+        colours = count_colours(fused.fruits.ids, fused.observations, detections, photos, progress or Silent())
+        probability = judged_by_colours(probability, colours.likeness_nats())
+    return _kept(fused, probability, _BY_VIEWS if options.threshold is None else options.threshold)
 
 
 def view_probability(features: ViewFeatures, svm: LinearSvm) -> FloatArray:

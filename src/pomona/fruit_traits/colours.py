@@ -13,6 +13,9 @@ from scipy import ndimage
 from pomona.arrays import BoolArray, ByteArray, Float32Array, FloatArray, set_checked
 
 _BINS = 16  # along each axis of Lab
+COLOURS = _BINS**3
+"""How many colours are told apart."""
+
 _BEFORE = 0.5  # pixels of each colour, as if seen before any were counted
 
 
@@ -24,19 +27,19 @@ class ColourCounts:
     elsewhere: FloatArray
 
     def __post_init__(self) -> None:
-        set_checked(self, "on_fruit", (_BINS**3,), np.float64)
-        set_checked(self, "elsewhere", (_BINS**3,), np.float64)
+        set_checked(self, "on_fruit", (COLOURS,), np.float64)
+        set_checked(self, "elsewhere", (COLOURS,), np.float64)
 
     @classmethod
     def none(cls) -> ColourCounts:
         """Return no pixels."""
-        return cls(np.zeros(_BINS**3), np.zeros(_BINS**3))
+        return cls(np.zeros(COLOURS), np.zeros(COLOURS))
 
     @classmethod
     def of(cls, pixels: ByteArray, fruit: BoolArray, others: BoolArray) -> ColourCounts:
         """Count the pixels of a photo (h, w, 3) that are fruit (h, w), and those that are not (h, w)."""
-        colours = _colours(pixels)
-        counts = (np.bincount(colours[some], minlength=_BINS**3).astype(np.float64) for some in (fruit, others))
+        colours = colours_of(pixels)
+        counts = (np.bincount(colours[some], minlength=COLOURS).astype(np.float64) for some in (fruit, others))
         return cls(*counts)
 
     def __add__(self, other: ColourCounts) -> ColourCounts:
@@ -61,7 +64,7 @@ class FruitColours:
     log_ratios: Float32Array
 
     def __post_init__(self) -> None:
-        set_checked(self, "log_ratios", (_BINS**3,), np.float32)
+        set_checked(self, "log_ratios", (COLOURS,), np.float32)
 
     @classmethod
     def of_counts(cls, counts: ColourCounts) -> FruitColours:
@@ -77,10 +80,11 @@ class FruitColours:
 
     def of(self, pixels: ByteArray) -> Float32Array:
         """Return for each pixel of a photo (h, w, 3) how much likelier its surroundings' colours are on fruit."""
-        return np.asarray(cv2.blur(self.log_ratios[_colours(pixels)], (3, 3)), np.float32)
+        return np.asarray(cv2.blur(self.log_ratios[colours_of(pixels)], (3, 3)), np.float32)
 
 
-def _colours(pixels: ByteArray) -> npt.NDArray[np.int32]:
+def colours_of(pixels: ByteArray) -> npt.NDArray[np.int32]:
+    """Return which of the colours each pixel of a photo (h, w, 3) has, (h, w)."""
     bins = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2LAB)) // (256 // _BINS)
     colours: npt.NDArray[np.int32] = bins[..., 0].astype(np.int32)
     for axis in (1, 2):

@@ -1,7 +1,8 @@
 """The answer so far: the photos' places in metres, and the fruits that they show.
 
 By the stages of a run, without what takes long and changes little: markers, the adjustment on fruits, the alignment of
-sides, the second look, measuring. So metres are approximate, fruits seen from both sides count twice, and it says so.
+sides, the second look, what colours say, measuring. So metres are approximate, fruits seen from both sides count twice,
+and it says so.
 """
 
 from __future__ import annotations
@@ -80,7 +81,12 @@ def provisional(pieces: Sequence[Piece], segmented: Segmented, photos: Photos, o
             selected=selected, placed=placed, options=FUSE_BY_OBJECT.options(options), progress=progress
         )
         fused = _FILTER.compute(
-            fused=fused, selected=selected, placed=placed, options=_FILTER.options(options), progress=progress
+            fused=fused,
+            selected=selected,
+            placed=placed,
+            photos=None,
+            options=_FILTER.options(options),
+            progress=progress,
         )
         fruits, observations = fused.fruits, fused.observations
     coverage = coverage_of(placed.cameras, fruits)

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pomona.photos import Photos
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
-from pomona.pipeline.stage import Stage
+from pomona.pipeline.stage import PHOTOS, Stage
 from pomona.progress import Progress
 
 if TYPE_CHECKING:
@@ -37,7 +38,15 @@ def _choice(options: StageOptions) -> FilterChoice:
     return FilterChoice(decides=run.filter_false_positives, model=model, on_points=on_points, options=options.filter)
 
 
-def _filter(fused: Fused, selected: Selected, placed: Placed, *, options: FilterChoice, progress: Progress) -> Fused:
+def _filter(
+    fused: Fused,
+    selected: Selected,
+    placed: Placed,
+    photos: Photos | None,
+    *,
+    options: FilterChoice,
+    progress: Progress,
+) -> Fused:
     if not options.decides or len(fused.fruits) == 0:
         return fused
     from pomona import filter as filters
@@ -46,14 +55,16 @@ def _filter(fused: Fused, selected: Selected, placed: Placed, *, options: Filter
     svm = None if options.model is None else filters.load(options.model)
     if options.on_points:
         return filters.apply(fused, svm, options=options.options)
-    return filters.apply_to_views(fused, selected.trusted, placed.cameras, svm, options=options.options)
+    return filters.apply_to_views(
+        fused, selected.trusted, placed.cameras, svm, photos=photos, options=options.options, progress=progress
+    )
 
 
 def filter_stage(fused: Stage[Fused]) -> Stage[Fused]:
     """Return the stage that filters the fruits of `fused`."""
     return Stage(
         name="filter",
-        inputs={"fused": fused, "selected": SELECT, "placed": SCALE},
+        inputs={"fused": fused, "selected": SELECT, "placed": SCALE, "photos": PHOTOS},
         options=_choice,
         compute=_filter,
         store=fused_store("filter"),

@@ -66,5 +66,5 @@ def found_by(
         fused = look_again(
             fused, mine, photos, cameras, options=stages.looking, association=stages.object, progress=progress
         )
-    kept = filters.apply_to_views(fused, mine, cameras, options=stages.filter)
+    kept = filters.apply_to_views(fused, mine, cameras, photos=photos, options=stages.filter, progress=progress)
     return replace(kept, fruits=measure(kept, mine, cameras, options=stages.measure))
