@@ -430,6 +430,23 @@ def test_version_and_help() -> None:
         assert pomona(command, "--help").exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (["run", "", "--out", "row"], "after `run`"),
+        (["run", "photos", "--out", ""], "after `--out`"),
+        ([""], "the first"),
+    ],
+)
+def test_an_empty_argument_is_not_the_current_folder(arguments: list[str], where: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pomona", *arguments], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert f"An argument is empty ({where}" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_python_m_pomona_runs() -> None:
     done = subprocess.run([sys.executable, "-m", "pomona", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("pomona 0.")

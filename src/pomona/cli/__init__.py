@@ -21,6 +21,7 @@ def main() -> None:
         _speak_utf8()
         _have_outputs()
         _stop_when_told()
+        _refuse_empty_arguments()
         from pomona.cli.app import app
 
         app()
@@ -33,6 +34,17 @@ def main() -> None:
         if ended.code == STOPPED:
             _end_at_once_when_told_again()
         raise
+
+
+def _refuse_empty_arguments() -> None:
+    """End with a wrong command line where an argument is empty: as a path it would be the current folder."""
+    if "" in sys.argv[1:]:
+        from pomona.cli.failures import say
+
+        place = sys.argv.index("", 1)
+        where = f"after `{sys.argv[place - 1]}`" if place > 1 else "the first one"
+        say("Error", "bold red", f"An argument is empty ({where}): a variable of the shell that is not set?")
+        sys.exit(2)
 
 
 class _Messages(io.FileIO):
