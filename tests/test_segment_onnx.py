@@ -164,7 +164,7 @@ def test_weights_for_citrus_find_plain_oranges(shared_data: Path) -> None:
     from pomona.capture import load_photos
 
     frames = [shared_data / "orange-tree-video" / "frames" / f"{name}.jpg" for name in ORANGES]
-    options = SegmentOptions(score_threshold=0.36, kept_share=1)
+    options = SegmentOptions(score_threshold=0.3, kept_share=1)
     photos = load_photos(frames, min_photos=3)
     found = segment_photos(photos, load_segmenter(shipped_weights("citrus")), options=options)
     right = false = 0
@@ -175,8 +175,8 @@ def test_weights_for_citrus_find_plain_oranges(shared_data: Path) -> None:
         apart_px = np.linalg.norm(centres[:, None] - np.array(true + DOUBTFUL[name], float), axis=2)
         right += int((apart_px[:, : len(true)].min(0) < 13).sum())
         false += int((apart_px.min(1) > 18).sum())
-    assert 16 <= right <= 24  # the usual weights find 12
-    assert false <= 14
+    assert 17 <= right <= 24  # the usual weights find 8
+    assert false <= 9
 
 
 @pytest.mark.slow
