@@ -68,6 +68,10 @@ class Photo:
         if self.focal_sd_px is not None and not self.focal_sd_px > 0:
             raise InputError(f"Photo {self.name}: expected a positive standard deviation, found {self.focal_sd_px}")
 
+    def longer_side_px(self, scale: float) -> int:
+        """Return the longer side of a copy of the photo at a scale, at least one pixel."""
+        return max(1, round(scale * max(self.width_px, self.height_px)))
+
     @property
     def lens_key(self) -> tuple[str, int, int]:
         """What photos that share intrinsics have in common."""

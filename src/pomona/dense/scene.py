@@ -36,7 +36,7 @@ class StereoScene:
 
     def _load(self, i: int) -> View:
         photo = self._photos[i]
-        rgb = read_pixels(photo, max_side_px=round(self._scales[i] * max(photo.width_px, photo.height_px)))
+        rgb = read_pixels(photo, max_side_px=photo.longer_side_px(self._scales[i]))
         found = self._detections.get(photo.name)
         if found is None:
             found = Detections.empty(photo.name, photo.width_px, photo.height_px)

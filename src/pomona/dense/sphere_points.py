@@ -43,7 +43,7 @@ def sphere_cloud(
     for name in track(sorted(shown), progress, "cloud", len(shown)):
         photo = by_name[name]
         photo_idx = photo_of[name]
-        pixels = read_pixels(photo, max_side_px=round(scales[photo_idx] * max(photo.width_px, photo.height_px)))
+        pixels = read_pixels(photo, max_side_px=photo.longer_side_px(scales[photo_idx]))
         for fruit_id, mask in shown[name]:
             i = index[fruit_id]
             xy_px = _inside(mask, photo.width_px / pixels.shape[1])

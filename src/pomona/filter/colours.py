@@ -13,7 +13,7 @@ from pomona.arrays import FloatArray, IntArray, groups, set_checked
 from pomona.capture import read_pixels
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import DamagedPhotoError, InputError
-from pomona.fruit_traits.colours import COLOURS, ColourCounts, FruitColours, colours_of
+from pomona.fruit_traits.colours import COLOURS, ColourCounts, FruitColours, colours_of, smoothed
 from pomona.fruits import Observations
 from pomona.label_image import paint_labels
 from pomona.photos import Photo, Photos
@@ -24,7 +24,6 @@ from pomona.threads import cores, in_order
 _MASK_PX = 20.0
 # No fruit counts as more pixels beside the others: some ten masks of it.
 _MOST_PX = 3000.0
-_ALIKE_BINS = 0.7  # colours so many bins apart count for each other
 
 # How alike fruits are, and how alike what is none, is told from the survey's own hypotheses, in so many rounds:
 # smoothed by a normal distribution, beside some that could have any likeness.
@@ -58,14 +57,15 @@ class ColoursOfFruits:
         """
         pixels = np.asarray(self.on_fruits.sum(axis=1), np.float64).ravel()
         worth = np.minimum(1.0, _MOST_PX / np.maximum(pixels, 1.0))
-        of_all, result = worth @ self.on_fruits, np.full(len(pixels), np.nan)
+        of_all, beside = worth @ self.on_fruits, smoothed(self.elsewhere)
+        result = np.full(len(pixels), np.nan)
         for i in np.flatnonzero(pixels):
             its = slice(*self.on_fruits.indptr[i : i + 2])
             colours, counts = self.on_fruits.indices[its], self.on_fruits.data[its]
             of_others = of_all.copy()
             of_others[colours] = np.maximum(of_others[colours] - worth[i] * counts, 0)
-            known = ColourCounts(of_others, self.elsewhere).smoothed(_ALIKE_BINS)
-            result[i] = counts @ FruitColours.of_counts(known).log_ratios[colours] / pixels[i]
+            known = FruitColours.of_counts(ColourCounts(smoothed(of_others), beside))
+            result[i] = counts @ known.log_ratios[colours] / pixels[i]
         return result
 
 
@@ -116,7 +116,7 @@ class _InPhoto(NamedTuple):
 
 def _count(photo: Photo, found: Detections, fruit_of: list[int], scale: float) -> _InPhoto:
     """Count the colours of a photo; `fruit_of` has for each detection the index of its fruit, −1: of none."""
-    pixels = read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+    pixels = read_pixels(photo, max_side_px=photo.longer_side_px(scale))
     label, colours = paint_labels(found, pixels.shape[1], pixels.shape[0]), colours_of(pixels)
     fruit_at = np.array([-1, *fruit_of], np.int64)[label]
     of_fruit = fruit_at >= 0

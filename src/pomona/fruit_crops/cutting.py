@@ -47,7 +47,7 @@ def crops_by_photo(
     def smaller_copy(photo_idx: int) -> ByteArray:
         photo = by_name[cameras.photos[photo_idx]]
         scale = _copy_scale(float(np.median(scales[of_photo[photo_idx]])))
-        return read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+        return read_pixels(photo, max_side_px=photo.longer_side_px(scale))
 
     of_survey = ColourCounts.none()
     for photo_idx in _spread(list(of_photo), cameras):

@@ -12,8 +12,8 @@ from pomona.fruit_traits.colours import ColourCounts, FruitColours
 from pomona.label_image import paint_labels
 
 # What is known of the survey's colours counts as so many pixels beside those of the photo itself, whose light may
-# differ; colours so many bins apart count for each other.
-_SURVEY_PIXELS, _ALIKE_BINS = 1000.0, 0.7
+# differ.
+_SURVEY_PIXELS = 1000.0
 _MOST_NATS = 4.0
 
 
@@ -42,6 +42,6 @@ class SeenFruits:
 def with_likeness(pixels: ByteArray, of_photo: ColourCounts, of_survey: ColourCounts) -> ByteArray:
     """Return a photo (h, w, 3) with a fourth channel, 128 where colours are as likely on fruit as elsewhere."""
     counts = of_photo + of_survey.worth(_SURVEY_PIXELS)
-    nats = FruitColours.of_counts(counts.smoothed(_ALIKE_BINS)).of(pixels)
+    nats = FruitColours.of_counts(counts.smoothed()).of(pixels)
     channel = 128 + 127 / _MOST_NATS * np.clip(nats, -_MOST_NATS, _MOST_NATS)
     return np.dstack([pixels, channel.astype(np.uint8)])

@@ -16,6 +16,7 @@ _BINS = 16  # along each axis of Lab
 COLOURS = _BINS**3
 """How many colours are told apart."""
 
+_ALIKE_BINS = 0.7  # colours so many bins apart count for each other
 _BEFORE = 0.5  # pixels of each colour, as if seen before any were counted
 
 
@@ -49,12 +50,9 @@ class ColourCounts:
         """Return the counts made so small that they are worth so many pixels on fruits, and as many elsewhere."""
         return ColourCounts(*(pixels * counts / max(counts.sum(), 1.0) for counts in (self.on_fruit, self.elsewhere)))
 
-    def smoothed(self, bins: float) -> ColourCounts:
-        """Return the counts with colours so many bins apart counted for each other."""
-        grid = (_BINS,) * 3
-        return ColourCounts(
-            *(ndimage.gaussian_filter(c.reshape(grid), bins).ravel() for c in (self.on_fruit, self.elsewhere))
-        )
+    def smoothed(self) -> ColourCounts:
+        """Return the counts with colours that are nearly alike counted for each other."""
+        return ColourCounts(smoothed(self.on_fruit), smoothed(self.elsewhere))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +79,11 @@ class FruitColours:
     def of(self, pixels: ByteArray) -> Float32Array:
         """Return for each pixel of a photo (h, w, 3) how much likelier its surroundings' colours are on fruit."""
         return np.asarray(cv2.blur(self.log_ratios[colours_of(pixels)], (3, 3)), np.float32)
+
+
+def smoothed(counts: FloatArray) -> FloatArray:
+    """Return counts of colours (k,) with those that are nearly alike counted for each other."""
+    return np.asarray(ndimage.gaussian_filter(counts.reshape((_BINS,) * 3), _ALIKE_BINS).ravel(), np.float64)
 
 
 def colours_of(pixels: ByteArray) -> npt.NDArray[np.int32]:

@@ -92,7 +92,7 @@ def _fruits_in(photo: str, cameras: Cameras, fruits: Fruits, observations: Obser
 def _cell(photo: Photo, drawn: _Drawn, options: ContactSheetOptions) -> ByteArray:
     """One photo, or the part of it that shows most, with fruits and a caption."""
     scale = _scale(photo, drawn, options)
-    pixels = read_pixels(photo, max_side_px=max(1, round(scale * max(photo.width_px, photo.height_px))))
+    pixels = read_pixels(photo, max_side_px=photo.longer_side_px(scale))
     scale = pixels.shape[1] / photo.width_px
     left, top = _window(pixels.shape[:2], drawn, scale, options.photo_side_px)
     side = options.photo_side_px

@@ -137,9 +137,8 @@ def _wrong(match: PhotoMatch, confidence: float) -> int:
 
 def _pixels(photo: Photo, options: PictureOptions) -> tuple[ByteArray, float]:
     """The photo's pixels, made smaller or, for a tile, larger, so that lines are thinner than fruits; and the scale."""
-    longer = max(photo.width_px, photo.height_px)
-    scale = min(_MOST_ENLARGED, options.side_px / longer)
-    pixels = read_pixels(photo, max_side_px=max(1, round(scale * longer)) if scale < 1 else None)
+    scale = min(_MOST_ENLARGED, options.side_px / max(photo.width_px, photo.height_px))
+    pixels = read_pixels(photo, max_side_px=photo.longer_side_px(scale) if scale < 1 else None)
     if scale > 1:
         pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), np.uint8)
     return pixels, pixels.shape[1] / photo.width_px
