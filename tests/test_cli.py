@@ -184,7 +184,8 @@ def test_ctrl_c_while_a_stopped_command_ends() -> None:
         "import os, signal, sys, threading, time, types, pomona.cli as cli\n"
         "def once_more():\n"
         "    threading.main_thread().join()\n"  # it waits for this thread then
-        "    os.kill(os.getpid(), signal.SIGINT); time.sleep(60)\n"
+        # Again and again, since one that comes just before Python begins to wait wakes it up no more.
+        "    for _ in range(60): os.kill(os.getpid(), signal.SIGINT); time.sleep(1)\n"
         "def app():\n"
         "    threading.Thread(target=once_more).start()\n"
         "    sys.exit(130)\n"
