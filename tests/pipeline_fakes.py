@@ -147,7 +147,8 @@ class Fakes:
 
     def _report(self, data, path, **options):
         self.count("report")
-        path.write_text(f"<html>{len(data.fruits)} fruits, {len(data.warnings)} warnings</html>")
+        packed = f"packed as {data.packing}"
+        path.write_text(f"<html>{len(data.fruits)} fruits, {len(data.warnings)} warnings, {packed}</html>")
 
     def _sheet(self, photos, cameras, fruits, observations, path, **options):
         Image.new("RGB", (4, 4)).save(path)

@@ -6,6 +6,7 @@ import pytest
 
 from conftest import REPOSITORY
 from pomona.errors import InputError
+from pomona.fruit_traits.kinds import FRUIT_KINDS, packing_of
 from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
 from pomona.pipeline import RunOptions
 
@@ -20,6 +21,14 @@ def test_presets_ascend_and_have_names(name: str) -> None:
 
 def test_own_edges() -> None:
     assert packing_classes("60,67.5, 75").edges_mm == (60.0, 67.5, 75.0)
+
+
+def test_kinds_are_packed_in_classes_that_hold_their_usual_size() -> None:
+    assert (packing_of("orange"), packing_of("Cherries"), packing_of("mango"), packing_of(None)) == (
+        "citrus", "cherries", None, None,
+    )  # fmt: skip
+    packed = [(kind, packing_classes(kind.packing).edges_mm) for kind in FRUIT_KINDS.values() if kind.packing]
+    assert all(edges[0] < 1000 * kind.diameter_m < edges[-1] for kind, edges in packed)
 
 
 @pytest.mark.parametrize("text", ["melons", "", "70,60", "60,60", "-5,10", "60;70", "nan"])

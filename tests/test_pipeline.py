@@ -22,6 +22,7 @@ from pomona.progress import Silent
 from pomona.report import write_contact_sheet
 from pomona.scale.report import PieceScale, ScaleReport
 from pomona.survey import StageRecord, SurveyFolder
+from pomona.view import read_survey
 
 ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
 
@@ -300,6 +301,8 @@ def test_fruits_come_to_the_trees_of_a_table(fakes: Fakes, photos: Path, tmp_pat
     assert trees.fruits.tolist() == [1, 0]
     assert trees.xy_in_world.tolist() == [[0, 0.1], [1.5, 0]]
     assert summary.fruit == "plum"
+    assert "packed as stone-fruit" in survey.report.read_text(encoding="utf-8")
+    assert read_survey(tmp_path / "out").packing == "stone-fruit"
     trunks.write_text("id,x,y\n7,0,0.1\n8,0.1,0\n")
     run([photos], tmp_path / "out", RunOptions(trees=trunks, fruit="Plums"))
     assert read_fruits(survey.fruits).tree_ids.tolist() == [8]

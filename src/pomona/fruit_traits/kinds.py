@@ -16,7 +16,8 @@ class FruitKind:
     """A kind of fruit: its usual widest diameter, density and shape, and the words for one and for many.
 
     Diameters are metres, densities g/cm³; `height_to_width` is that of the ellipsoid as wide as the fruit with its
-    volume. `weights` names those of the shipped segmenter's weights that find it best.
+    volume. `weights` names those of the shipped segmenter's weights that find it best, `packing` the classes of size in
+    which it is usually sold (`packing.PACKING_PRESETS`), where there are some of its own.
     """
 
     name: str
@@ -25,6 +26,7 @@ class FruitKind:
     height_to_width: float
     plural: str
     weights: str = "fruit"
+    packing: str | None = None
 
     @property
     def is_round(self) -> bool:
@@ -39,14 +41,14 @@ class FruitKind:
 # Density and shape of apples are medians of 26 Story apples, weight over the ellipsoid of calliper diameter and height;
 # the others are rounded figures in common use that the project has not measured.
 _KINDS = (
-    FruitKind("apple", 0.075, 0.92, 0.97, "apples"),
-    FruitKind("pear", 0.065, 1.00, 1.25, "pears"),
-    FruitKind("orange", 0.075, 0.95, 0.97, "oranges", "citrus"),
-    FruitKind("mandarin", 0.060, 0.90, 0.85, "mandarins", "citrus"),
-    FruitKind("lemon", 0.058, 0.95, 1.25, "lemons", "citrus"),
-    FruitKind("peach", 0.070, 0.97, 0.97, "peaches"),
-    FruitKind("plum", 0.042, 1.03, 1.05, "plums"),
-    FruitKind("cherry", 0.025, 1.05, 0.92, "cherries"),
+    FruitKind("apple", 0.075, 0.92, 0.97, "apples", packing="apples"),
+    FruitKind("pear", 0.065, 1.00, 1.25, "pears", packing="pears"),
+    FruitKind("orange", 0.075, 0.95, 0.97, "oranges", "citrus", packing="citrus"),
+    FruitKind("mandarin", 0.060, 0.90, 0.85, "mandarins", "citrus", packing="citrus"),
+    FruitKind("lemon", 0.058, 0.95, 1.25, "lemons", "citrus", packing="citrus"),
+    FruitKind("peach", 0.070, 0.97, 0.97, "peaches", packing="stone-fruit"),
+    FruitKind("plum", 0.042, 1.03, 1.05, "plums", packing="stone-fruit"),
+    FruitKind("cherry", 0.025, 1.05, 0.92, "cherries", packing="cherries"),
     FruitKind("mango", 0.085, 1.02, 1.25, "mangoes"),
     FruitKind("kiwi", 0.050, 1.04, 1.25, "kiwis"),
     FruitKind("tomato", 0.065, 0.99, 0.87, "tomatoes"),
@@ -57,6 +59,11 @@ FRUIT_KINDS: dict[str, FruitKind] = {kind.name: kind for kind in _KINDS}
 def many_of(name: str | None) -> str:
     """Return what many fruits of this kind are called; "fruits" where no kind was named."""
     return "fruits" if name is None else fruit_kind(name).plural
+
+
+def packing_of(name: str | None) -> str | None:
+    """Return the name of the classes of size in which this kind is usually sold, if it has some and was named."""
+    return None if name is None else fruit_kind(name).packing
 
 
 def fruit_kind(name: str) -> FruitKind:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from pomona import __version__
-from pomona.fruit_traits.kinds import many_of
+from pomona.fruit_traits.kinds import many_of, packing_of
 from pomona.photos import Photos, Skipped
 from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
@@ -45,7 +45,8 @@ class _Shown:
 
 
 def _shown(options: StageOptions) -> _Shown:
-    return _Shown(words=many_of(options.run.fruit), packing=options.run.packing)
+    fruit = options.run.fruit
+    return _Shown(words=many_of(fruit), packing=options.run.packing or packing_of(fruit))
 
 
 def _gathered(

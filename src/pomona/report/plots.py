@@ -64,8 +64,8 @@ def diameters(data: ReportData) -> str:
 def packing(data: ReportData) -> str:
     """Return the frame of the histogram in packing classes, which the page's script fills: classes can be changed.
 
-    Those chosen for the survey come first; without a choice, they are those of the fruits' size. The frame holds how
-    many fruits of the crop are smaller than each of many sizes, and their weight, where that is known.
+    Those chosen for the survey, or usual for its kind of fruit, come first; else those of the fruits' size. The frame
+    holds how many fruits of the crop are smaller than each of many sizes, and their weight, where that is known.
     """
     if not data.cameras.frame.metric or not np.isfinite(data.fruits.diameters_m).any():
         return ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pomona import __version__
-from pomona.fruit_traits.kinds import many_of
+from pomona.fruit_traits.kinds import many_of, packing_of
 from pomona.fruits import FruitCloud, TotalWeight
 from pomona.measure.allometry import STORY_APPLES
 from pomona.pipeline.times import stage_times
@@ -36,6 +36,7 @@ def page_data(survey: SurveyReader) -> ReportData:
     files.need(files.cameras, files.fruits, files.observations)
     survey.progress.start("reading the survey")
     records = files.records
+    options = files.get("options") or {}
     segment, results = records.get("select"), records.get("results")
     cloud = survey.cloud if files.cloud.is_file() else FruitCloud.empty()
     masks = MasksByPhoto(files.detections, survey.least_score) if files.detections.is_file() else None
@@ -53,14 +54,14 @@ def page_data(survey: SurveyReader) -> ReportData:
         lost=survey.unplaced,
         scale=survey.scale,
         trees=_trees(survey),
-        fruit_words=many_of((files.get("options") or {}).get("fruit")),
-        packing=(files.get("options") or {}).get("packing"),
+        fruit_words=many_of(options.get("fruit")),
+        packing=options.get("packing") or packing_of(options.get("fruit")),
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
         crop=survey.crop,
         segments=survey.segments,
-        stages=stage_times(records, files.get("options") or {}),
+        stages=stage_times(records, options),
         warnings=tuple(filter(None, (unfinished_in_words(files), *files.get("warnings", ())))),
-        settings=settings_in_words(files.get("options") or {}),
+        settings=settings_in_words(options),
         engines=engines_of(record.engines for record in records.values()),
         version=__version__,
     )
