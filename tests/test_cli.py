@@ -519,3 +519,22 @@ def test_the_report_is_written_with_the_truth_beside_it_and_on_paper(
     ]
     assert (tmp_path / "out" / "report.pdf").read_text() == "report-truth.html"
     assert (tmp_path / "out" / "report-truth.html").is_file()
+    listed = pomona("report", tmp_path / "out", "--pdf", "--json")
+    assert json.loads(listed.stdout)["files"] == [str(tmp_path / "out" / "report.pdf")]
+
+
+def test_a_report_that_cannot_be_printed_on_paper_is_written_all_the_same(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pomona.report import pdf
+
+    def fail(report: Path, path: Path) -> None:
+        raise InputError("no browser")
+
+    pomona("run", photos, "--out", tmp_path / "out")
+    monkeypatch.setattr(pdf, "write_pdf", fail)
+    result = pomona("report", tmp_path / "out", "--pdf", "--json")
+    assert result.exit_code == 1
+    assert "no browser" in result.stderr
+    assert "files" not in json.loads(result.stdout)
+    assert json.loads(result.stdout)["fruits"] == 1

@@ -57,9 +57,7 @@ class Survey(SurveySource):
         from pomona.evaluate.fruits import EvaluateOptions, evaluate_fruits, frame_doubt, read_truth
 
         options = EvaluateOptions(match=match)  # type: ignore[arg-type]
-        true_fruits = read_truth(_path("truth", truth))
-        if truth_crs is not None:
-            true_fruits = true_fruits.brought_from(truth_crs, self.frame)
+        true_fruits = read_truth(_path("truth", truth)).brought_from(truth_crs, self.frame)
         scores = evaluate_fruits(self.fruits, true_fruits, options=options)
         if doubt := frame_doubt(self.fruits, true_fruits, scores):
             self.progress.warn(doubt)

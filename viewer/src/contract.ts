@@ -53,7 +53,6 @@ export interface FruitColumns {
  */
 export interface PhotoColumns {
   names: string[];
-  sides: string[];
   widths: number[];
   heights: number[];
   frusta: F32;

@@ -40,8 +40,7 @@ def evaluate_mistakes(
     with TerminalProgress() as progress:
         truth = read_truth(truth_path)
         survey = read_result(source, truth_path, pictures.photos, progress)
-        if truth_crs is not None:
-            truth = truth.brought_from(truth_crs, survey.cameras.frame)
+        truth = truth.brought_from(truth_crs, survey.cameras.frame)
         scores = evaluate_fruits(survey.fruits, truth, options=options)
         if doubt := frame_doubt(survey.fruits, truth, scores):
             progress.warn(doubt)

@@ -10,7 +10,7 @@ import typer
 from pomona.cli import options as shared
 from pomona.cli.action import with_progress
 from pomona.cli.summary import show
-from pomona.pipeline import go_on
+from pomona.pipeline import Summary, go_on
 from pomona.pipeline.options import parse_scale_bar
 
 if TYPE_CHECKING:
@@ -98,19 +98,19 @@ def report(
     from pomona.survey import SurveyFolder
 
     true_fruits = None if truth is None else read_truth(truth)  # a mistake in it is said before any stage is run
-    _go_on(survey, "report", _given({"packing": packing}), as_json)
+    summary = _gone_on(survey, "report", _given({"packing": packing}))
     files = SurveyFolder.open(survey)
     page, made = files.report, []
-    if true_fruits is not None:
-        page = files.truth_report
-        _write_truth_report(survey, true_fruits, truth_crs, page)
-        made.append(page)
-    if pdf:
-        write_pdf(page, files.pdf)
-        made.append(files.pdf)
-    if not as_json:
-        for path in made:
-            typer.echo(str(path))
+    try:
+        if true_fruits is not None:
+            page = files.truth_report
+            _write_truth_report(survey, true_fruits, truth_crs, page)
+            made.append(page)
+        if pdf:
+            write_pdf(page, files.pdf)
+            made.append(files.pdf)
+    finally:  # the report itself is written, even where these could not be
+        show(summary, as_json=as_json, files=made)
 
 
 def _write_truth_report(survey: Path, true_fruits: Truth, truth_crs: str | None, path: Path) -> None:
@@ -119,16 +119,18 @@ def _write_truth_report(survey: Path, true_fruits: Truth, truth_crs: str | None,
     from pomona.view.reading import read_survey
 
     data = read_survey(survey)
-    if truth_crs is not None:
-        true_fruits = true_fruits.brought_from(truth_crs, data.cameras.frame)
-    write_file(path, lambda part: write_report(data, part, truth=true_fruits))
+    placed = true_fruits.brought_from(truth_crs, data.cameras.frame)
+    write_file(path, lambda part: write_report(data, part, truth=placed))
 
 
 def _go_on(survey: Path, until: str, changed: dict[str, Any], as_json: bool) -> None:
-    summary = with_progress(
+    show(_gone_on(survey, until, changed), as_json=as_json)
+
+
+def _gone_on(survey: Path, until: str, changed: dict[str, Any]) -> Summary:
+    return with_progress(
         lambda progress: go_on(survey, progress, until=until, changed=changed, on_stage=progress.stage), survey
     )
-    show(summary, as_json=as_json)
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
 
 import typer
 
@@ -15,12 +17,15 @@ from pomona.pipeline.names import STAGE_WORDS
 _MOST_LISTED = 5  # of photos lost: `survey.json` and the report have all of them
 
 
-def show(summary: Summary, *, as_json: bool = False) -> None:
-    """Print the summary."""
+def show(summary: Summary, *, as_json: bool = False, files: Sequence[Path] = ()) -> None:
+    """Print the summary, and the names of further `files` that were written."""
     if as_json:
-        typer.echo(json.dumps(all_with_options(summary.to_json()), indent=1, ensure_ascii=False))
+        values = all_with_options(summary.to_json())
+        # Names of files are printed as they are.
+        values |= {"files": [str(path) for path in files]} if files else {}
+        typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
     else:
-        typer.echo(with_options(text_of(summary)))
+        typer.echo("\n".join([with_options(text_of(summary)), *map(str, files)]))
 
 
 def text_of(summary: Summary) -> str:

@@ -74,7 +74,6 @@ class PhotoColumns:
     """
 
     names: list[str]
-    sides: list[str]
     widths: list[int]
     heights: list[int]
     frusta: F32

@@ -27,9 +27,7 @@ def comparison_with(path: Path, frame: WorldFrame, crs: str | None = None) -> Ca
 
     Raises what `read_truth` and `Truth.brought_from` raise.
     """
-    truth = read_truth(path)
-    if crs is not None:
-        truth = truth.brought_from(crs, frame)
+    truth = read_truth(path).brought_from(crs, frame)
     return lambda data: truth_data(data.fruits, truth, origin_of(data))
 
 

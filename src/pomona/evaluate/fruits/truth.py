@@ -66,12 +66,15 @@ class Truth(OneLine):
         ids = np.arange(1, len(boxes) + 1) if ids is None else ids
         return cls(ids, (low + high) / 2, (high - low).mean(1), boxes_in_world=boxes)
 
-    def brought_from(self, crs: str, frame: WorldFrame) -> Truth:
+    def brought_from(self, crs: str | None, frame: WorldFrame) -> Truth:
         """Return the fruits in a survey's `frame`, whose x and y were coordinates of `crs`, and z heights in metres.
 
-        Easting or longitude comes first. Boxes lie along the frame's axes then, as wide and deep as they were. Raises
-        `InputError` where the frame has no place on Earth, for a system that does not exist, or places it cannot have.
+        Without a `crs` they are in that frame already. Easting or longitude comes first. Boxes lie along the frame's
+        axes then, as wide and deep as they were. Raises `InputError` where the frame has no place on Earth, for a
+        system that does not exist, or places it cannot have.
         """
+        if crs is None:
+            return self
         if frame.crs is None:
             raise InputError(
                 f"`truth_crs` {crs}: the survey's frame has no place on Earth. GNSS positions, `markers_crs` or `gcp` "
