@@ -53,6 +53,7 @@ export interface FruitColumns {
  */
 export interface PhotoColumns {
   names: string[];
+  sides: string[];
   widths: number[];
   heights: number[];
   frusta: F32;

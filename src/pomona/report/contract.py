@@ -74,6 +74,7 @@ class PhotoColumns:
     """
 
     names: list[str]
+    sides: list[str]
     widths: list[int]
     heights: list[int]
     frusta: F32

@@ -128,9 +128,11 @@ def _frustum_depth(data: ReportData, middle: FloatArray) -> float:
 
 def _photos(data: ReportData, middle: FloatArray, files: dict[str, str]) -> PhotoColumns:
     cameras = data.cameras
+    side_of = {photo.name: photo.side for photo in data.photos}
     lenses = [cameras.intrinsics_of(i) for i in range(len(cameras))]
     return PhotoColumns(
         names=list(cameras.photos),
+        sides=[side_of.get(name, "") for name in cameras.photos],
         widths=[lens.width_px for lens in lenses],
         heights=[lens.height_px for lens in lenses],
         frusta=F32(packed(_frusta(cameras, middle, _frustum_depth(data, middle)), "<f4")),
