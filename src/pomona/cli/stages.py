@@ -45,7 +45,7 @@ def reconstruct(
         "fruit_diameter_m": fruit_diameter,
         "cameras": cameras,
     }
-    _go_on(survey, "scale", _given(changed), as_json)
+    show(_go_on(survey, "scale", _given(changed)), as_json=as_json)
 
 
 def fuse(
@@ -58,7 +58,7 @@ def fuse(
     changed: dict[str, Any] = _given({"method": method, "variant": variant})
     if method is not None:
         changed["variant"] = variant
-    _go_on(survey, "filter", changed, as_json)
+    show(_go_on(survey, "filter", changed), as_json=as_json)
 
 
 def measure(
@@ -76,7 +76,7 @@ def measure(
     changed: dict[str, Any] = _given({"fruit": fruit, "weights": weights})
     if trees is not None or tree_spacing is not None:
         changed |= {"trees": trees, "tree_spacing": tree_spacing}
-    _go_on(survey, "results", changed, as_json)
+    show(_go_on(survey, "results", changed), as_json=as_json)
 
 
 def report(
@@ -98,7 +98,7 @@ def report(
     from pomona.survey import SurveyFolder
 
     true_fruits = None if truth is None else read_truth(truth)  # a mistake in it is said before any stage is run
-    summary = _gone_on(survey, "report", _given({"packing": packing}))
+    summary = _go_on(survey, "report", _given({"packing": packing}))
     files = SurveyFolder.open(survey)
     page, made = files.report, []
     try:
@@ -123,11 +123,7 @@ def _write_truth_report(survey: Path, true_fruits: Truth, truth_crs: str | None,
     write_file(path, lambda part: write_report(data, part, truth=placed))
 
 
-def _go_on(survey: Path, until: str, changed: dict[str, Any], as_json: bool) -> None:
-    show(_gone_on(survey, until, changed), as_json=as_json)
-
-
-def _gone_on(survey: Path, until: str, changed: dict[str, Any]) -> Summary:
+def _go_on(survey: Path, until: str, changed: dict[str, Any]) -> Summary:
     return with_progress(
         lambda progress: go_on(survey, progress, until=until, changed=changed, on_stage=progress.stage), survey
     )

@@ -21,8 +21,8 @@ def show(summary: Summary, *, as_json: bool = False, files: Sequence[Path] = ())
     """Print the summary, and the names of further `files` that were written."""
     if as_json:
         values = all_with_options(summary.to_json())
-        # Names of files are printed as they are.
-        values |= {"files": [str(path) for path in files]} if files else {}
+        if files:
+            values["files"] = [str(path) for path in files]  # names of files are printed as they are
         typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
     else:
         typer.echo("\n".join([with_options(text_of(summary)), *map(str, files)]))

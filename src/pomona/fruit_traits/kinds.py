@@ -61,9 +61,9 @@ def many_of(name: str | None) -> str:
     return "fruits" if name is None else fruit_kind(name).plural
 
 
-def packing_of(name: str | None) -> str | None:
-    """Return the name of the classes of size in which this kind is usually sold, if it has some and was named."""
-    return None if name is None else fruit_kind(name).packing
+def packing_of(name: str | None, chosen: str | None = None) -> str | None:
+    """Return the classes of size to show: those `chosen`, else those in which the named kind is usually sold."""
+    return chosen or (None if name is None else fruit_kind(name).packing)
 
 
 def fruit_kind(name: str) -> FruitKind:

@@ -46,7 +46,7 @@ class _Shown:
 
 def _shown(options: StageOptions) -> _Shown:
     fruit = options.run.fruit
-    return _Shown(words=many_of(fruit), packing=options.run.packing or packing_of(fruit))
+    return _Shown(words=many_of(fruit), packing=packing_of(fruit, options.run.packing))
 
 
 def _gathered(

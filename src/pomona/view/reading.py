@@ -55,7 +55,7 @@ def page_data(survey: SurveyReader) -> ReportData:
         scale=survey.scale,
         trees=_trees(survey),
         fruit_words=many_of(options.get("fruit")),
-        packing=options.get("packing") or packing_of(options.get("fruit")),
+        packing=packing_of(options.get("fruit"), options.get("packing")),
         weight=TotalWeight.from_json(results.info.get("weight")) if results else None,
         crop=survey.crop,
         segments=survey.segments,
