@@ -254,6 +254,10 @@ def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
     assert states[-1].fruits == 1
     assert [revision for _, revision in answers] == list(range(1, len(answers) + 1))
     assert states[-1].revision == len(answers) >= 1
+    assert watch.answer is not None
+    shown = watch.answer.page_data("row", watch.photos, RunOptions(fruit="orange"))
+    assert (shown.fruit_words, shown.packing) == ("oranges", "citrus")
+    assert watch.answer.page_data("row", watch.photos, RunOptions(packing="60,70")).packing == "60,70"
     before = fakes.calls["tiles"]
     assert before >= 8
     summary = watch.finish(Silent())

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from pomona import __version__
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_traits.kinds import many_of, packing_of
 from pomona.fruits import Fruits, Observations
 from pomona.live.coverage import Coverage, coverage_of
 from pomona.photos import Photos
 from pomona.pipeline.filter import filter_stage
 from pomona.pipeline.fuse import FUSE_BY_OBJECT
-from pomona.pipeline.options import StageOptions
+from pomona.pipeline.options import RunOptions, StageOptions
 from pomona.pipeline.results import scene_cloud
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.segment import Segmented
@@ -40,8 +41,8 @@ class Provisional:
     masks: SurveyDetections
     coverage: Coverage
 
-    def page_data(self, title: str, photos: Photos, fruit_words: str) -> ReportData:
-        """Return what the page shows of it."""
+    def page_data(self, title: str, photos: Photos, options: RunOptions) -> ReportData:
+        """Return what the page shows of it; `options` are those of the run that is to come."""
         from pomona.fruits import FruitCloud
 
         return ReportData(
@@ -53,7 +54,8 @@ class Provisional:
             cloud=scene_cloud(FruitCloud.empty(), self.cameras, self.fruits, FruitCloud.empty()),
             masks=self.masks,
             detections=self.masks.total,
-            fruit_words=fruit_words,
+            fruit_words=many_of(options.fruit),
+            packing=packing_of(options.fruit, options.packing),
             version=__version__,
         )
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from pomona.capture.quality import quality_of
 from pomona.errors import InputError, PomonaError
 from pomona.formats.files import resolved
-from pomona.fruit_traits.kinds import many_of
 from pomona.live.arrivals import Arrivals, Stamp
 from pomona.live.checks import Checks, Hint
 from pomona.live.options import WatchOptions
@@ -254,7 +253,7 @@ class Watch:
             with contextlib.suppress(PomonaError):
                 self._answer = provisional(pieces, found, self._photos, self._options.of_stages)
                 self._revision += 1
-                data = self._answer.page_data(self._survey.folder.name, self._photos, many_of(self._options.fruit))
+                data = self._answer.page_data(self._survey.folder.name, self._photos, self._options)
                 self._on_answer(data, self._revision)
         self._answered = time.monotonic()
         self._count_s = self._answered - began
