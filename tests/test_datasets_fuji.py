@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.io import loadmat
 
-from datasets_scenes import RedSegmenter, painted, write_fuji_spheres
+from datasets_scenes import GREEN, RED, RedSegmenter, painted, write_fuji_spheres
 from fuji_miniature import write_boxes, write_miniature, write_tiles
 from pomona.datasets.fuji_files import find_fuji_files
 from pomona.datasets.fuji_row import read_fuji_row, read_true_trees
@@ -88,6 +89,36 @@ def test_without_clouds_only_the_object_method_is_left_and_without_boxes_a_total
     assert total.columns == ("object",)
     assert 27 <= value(total, "fruits found in all", "object") <= 33
     assert "no boxes" in result.missing["Table 3"]
+
+
+class Steps(Silent):
+    """Remembers what was begun."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.begun: list[str] = []
+
+    def start(self, label: str, total: int | None = None) -> None:
+        self.begun.append(label)
+
+
+@pytest.mark.parametrize("halved", [False, True])
+def test_with_photos_of_the_masks_size_fruits_are_looked_at_again(halved: bool, copy: Path, tmp_path: Path) -> None:
+    shutil.rmtree(copy / "data" / "pt_clouds")
+    for path in (copy / "data" / "masks").rglob("*.mat"):
+        label = loadmat(path)["mask"]
+        pixels = np.where(label[:, :, None] > 0, RED, GREEN).astype(np.uint8)
+        folder = copy / "2-SfM-set" / f"raw_images_{path.parent.name.split('_')[0]}_side"
+        folder.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(pixels[::2, ::2] if halved else pixels).save(folder / f"{path.stem}.jpg")
+    steps = Steps()
+    result = benchmark_fuji_sfm(copy, tmp_path / "out", BenchmarkOptions(), steps)
+    assert ("looking again" in steps.begun) != halved
+    assert [warning for warning in steps.warnings if "another size than the photos" in warning] == [
+        "The fruits are not looked at again: the masks have another size than the photos."
+    ] * halved
+    in_test_trees = next(table for table in result.tables if "test trees" in table.title and "centre" in table.title)
+    assert 0.85 < value(in_test_trees, "F1", "object") <= 1
 
 
 def test_masks_without_cameras_say_why_there_is_no_table_3(copy: Path, tmp_path: Path) -> None:

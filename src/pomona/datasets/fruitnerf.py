@@ -72,7 +72,7 @@ def _rendered(scene: FruitNerfScene, out: Path, fruit_diameter_m: float, progres
     truth, placed = _in_frame_of(cameras, read_objects(scene.objects), detections)
     metres = Similarity(fruit_diameter_m / float(np.median(truth.diameters_m)), np.eye(3), np.zeros(3))
     cameras, truth = cameras.transformed(metres, _FRAME), _moved(truth, metres)
-    found, _ = found_by_methods(Given(cameras, detections, None), None, fruit_diameter_m, progress)
+    found, _ = found_by_methods(Given(cameras, detections, photos), None, fruit_diameter_m, progress)
     fruits = found[OBJECT]
     write_fruits(out / f"fruits-{scene.name}.csv", fruits)
     tally = evaluate_fruits(fruits, truth, options=EvaluateOptions(match="centers")).all

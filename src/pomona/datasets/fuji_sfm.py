@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from pomona.cameras import Cameras
 from pomona.capture import load_photos
 from pomona.datasets.fuji_files import FujiFiles, find_fuji_files
 from pomona.datasets.fuji_row import FujiRow, TrueTrees, photo_names, read_fuji_row, read_true_trees
@@ -111,7 +112,10 @@ def _fruits(
 
 
 def _given(files: FujiFiles, row: FujiRow, out: Path, options: BenchmarkOptions, progress: Progress) -> Given | None:
-    """What fruits are made of where cameras are given: masks of the segmenter, and a cloud, where none are given."""
+    """What fruits are made of where cameras are given: masks of the segmenter, and a cloud, where none are given.
+
+    None where there are neither masks nor photos of all sides.
+    """
     assert row.cameras is not None
     placed = [side for side in files.sides if side.cameras is not None]
     photos = _photos(files, progress) if all(side.photos for side in placed) else None
@@ -125,7 +129,17 @@ def _given(files: FujiFiles, row: FujiRow, out: Path, options: BenchmarkOptions,
 
         dense = RunOptions(method="paper", fruit_diameter_m=options.fruit_diameter_m).dense
         cloud = fruit_cloud(photos, detections.at_least(threshold), row.cameras, options=dense, progress=progress)
-    return Given(row.cameras, detections, cloud, threshold)
+    if photos is not None and not _of_one_size(photos, row.cameras):
+        progress.warn("The fruits are not looked at again: the masks have another size than the photos.")
+        photos = None
+    return Given(row.cameras, detections, photos, cloud, threshold)
+
+
+def _of_one_size(photos: Photos, cameras: Cameras) -> bool:
+    """Say whether the cameras, which have the masks' size where masks are given, are of photos of this size."""
+    by_name = photos.by_name()
+    sizes = ((by_name[name], cameras.intrinsics_of(i)) for i, name in enumerate(cameras.photos))
+    return all((photo.width_px, photo.height_px) == (lens.width_px, lens.height_px) for photo, lens in sizes)
 
 
 def _photos(files: FujiFiles, progress: Progress) -> Photos:

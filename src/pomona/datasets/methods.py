@@ -1,4 +1,4 @@
-"""Fruits from given cameras, masks and perhaps a cloud, by every method that these allow; no survey is written."""
+"""Fruits from given cameras and masks, perhaps photos and a cloud, by every method that these allow."""
 
 from __future__ import annotations
 
@@ -21,8 +21,10 @@ from pomona.fruits import FruitCloud, Fruits
 from pomona.fuse import Fused, object, paper
 from pomona.fuse.paper.projection import MIN_DLT_POINTS
 from pomona.measure import measure
+from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.progress import Progress
+from pomona.second_look import look_again
 
 OBJECT = "object"
 _VARIANTS = {"paper": None, "paper, text": "text", "paper, published code": "published-code"}
@@ -30,12 +32,17 @@ _VARIANTS = {"paper": None, "paper, text": "text", "paper, published code": "pub
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What fruits are made of. `least_score` is the score from which a detection in a single photo counts; 0 for masks
-    that were given, as who gives them has chosen them."""
+    """What fruits are made of.
+
+    `photos` are those of the cameras, without which there is no second look, and the paper's method needs a `cloud`.
+    `least_score` is the score from which a detection in a single photo counts; 0 for masks that were given, as who
+    gives them has chosen them.
+    """
 
     cameras: Cameras
     detections: SurveyDetections
-    cloud: FruitCloud | None
+    photos: Photos | None = None
+    cloud: FruitCloud | None = None
     least_score: float = 0.0
 
 
@@ -71,8 +78,15 @@ def _by_object(given: Given, fruit_diameter_m: float, progress: Progress) -> Fru
     fused = object.fuse(detections, given.cameras, options=options.object, progress=progress)
     if len(fused.fruits) == 0:
         return fused.fruits
-    fused = filters.apply_to_views(fused, detections, given.cameras)
-    return measure(fused, detections, given.cameras, options=options.measure, progress=progress)
+    if given.photos is not None:
+        fused = look_again(
+            fused, detections, given.photos, given.cameras,
+            options=options.looking, association=options.object, progress=progress,
+        )  # fmt: skip
+    fused = filters.apply_to_views(
+        fused, detections, given.cameras, photos=given.photos, options=options.filter, progress=progress
+    )
+    return measure(fused, detections, given.cameras, given.photos, options=options.measure, progress=progress)
 
 
 def _by_paper(given: Given, run: RunOptions, known: TrueTrees | None, progress: Progress) -> tuple[Fruits, str]:
