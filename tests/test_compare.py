@@ -111,6 +111,29 @@ def share_right(comparison: Comparison) -> float:
     return float((comparison.before.ids[pairs[:, 0]] == comparison.after.ids[pairs[:, 1]]).mean())
 
 
+@pytest.mark.parametrize("count", [6, 7, 10, 15, 30])
+def test_the_interval_of_growth_has_the_true_median_as_often_as_it_says(count: int) -> None:
+    rng, has, rows = np.random.default_rng(count), 0, 400
+    places = np.column_stack([np.arange(count), np.zeros((count, 2))]).astype(float)
+    sizes = np.full(count, 0.06)
+    before = Fruits(np.arange(1, count + 1), places, sizes, np.ones(count), np.full(count, 5))
+    all_ones = np.ones(count, bool)
+    same = Comparison(
+        before, before, np.column_stack([np.arange(count)] * 2), np.zeros(count),
+        Similarity(1.0, np.eye(3), np.zeros(3)), all_ones, all_ones,
+    )  # fmt: skip
+    for _ in range(rows):
+        after = replace(before, diameters_m=sizes + rng.normal(0.015, 0.004, count))
+        growth = replace(same, after=after).growth()
+        assert growth.low <= growth.value <= growth.high
+        has += growth.low <= 0.015 <= growth.high
+    assert 0.93 <= has / rows <= 0.998
+    few = replace(before, diameters_m=np.r_[np.full(5, 0.07), np.full(count - 5, np.nan)])
+    growth = replace(same, after=few).growth()
+    assert growth.value == pytest.approx(0.01)
+    assert np.isnan([growth.low, growth.high]).all()
+
+
 @pytest.mark.parametrize("scale", [1.0, 0.3])
 def test_fruits_of_a_grown_and_thinned_row_are_matched_in_any_frame(scale: float) -> None:
     before, after = found(EARLY, 1), found(LATE, 2)

@@ -189,6 +189,30 @@ def test_a_fruit_is_moved_to_another_tree(found: Found) -> None:
     assert done.how == {id_: "moved"}
 
 
+def test_a_fruit_between_two_trees_hangs_on_the_one_where_a_person_puts_it(found: Found) -> None:
+    k = int(np.flatnonzero(found.fruits.ids == fruit_at(found.fruits, GRID[2]))[0])
+    trees, others = np.ones(len(found.fruits), np.int64), np.zeros(len(found.fruits), np.int64)
+    others[k] = 2
+    between = replace(found, fruits=replace(found.fruits, tree_ids=trees, other_tree_ids=others))
+    for tree in (0, 1, 2, 3):
+        done = apply([Moved(at=at(GRID[2]), tree_id=tree)], between)
+        mine = done.fruits[done.fruits.ids == found.fruits.ids[k]]
+        assert (mine.tree_ids.tolist(), mine.other_tree_ids.tolist()) == ([tree], [0])
+
+
+def test_two_that_are_merged_hang_where_the_one_of_known_tree_does(found: Found) -> None:
+    one, other = (int(np.flatnonzero(found.fruits.ids == fruit_at(found.fruits, GRID[k]))[0]) for k in (0, 1))
+    for known, beside in ((one, 0), (other, 0), (one, 2), (other, 2)):
+        trees, others = np.zeros(len(found.fruits), np.int64), np.zeros(len(found.fruits), np.int64)
+        trees[known], others[known] = 1, beside
+        planted = replace(found, fruits=replace(found.fruits, tree_ids=trees, other_tree_ids=others))
+        done = apply([Merged(at=(at(GRID[0]), at(GRID[1])))], planted)
+        ((id_, how),) = done.how.items()
+        assert how == "merged"
+        mine = done.fruits[done.fruits.ids == id_]
+        assert (mine.tree_ids.tolist(), mine.other_tree_ids.tolist()) == ([1], [beside])
+
+
 def every_kind(found: Found) -> list[Correction]:
     return [
         Deleted(at=at(GRID[FALSE_ONE])),

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from scipy import stats
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, robust_sd, set_checked
+from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.data_frames import data_frame
 from pomona.errors import InputError
 from pomona.fruits import Fruits
@@ -87,16 +88,17 @@ class Comparison:
         return sds
 
     def growth(self, among: BoolArray | None = None) -> Interval:
-        """Return the median growth, metres, of all pairs or some (k,), and how well it is known."""
+        """Return the median growth, metres, of all pairs or some (k,), and its 95 % interval, by the sign test.
+
+        Its ends are NaN of fewer than six fruits.
+        """
         values = self.growth_m if among is None else self.growth_m[among]
         values = values[np.isfinite(values)]
-        if len(values) < 3:
-            return Interval(float(np.median(values)) if len(values) else float("nan"), float("nan"), float("nan"))
-        middle = float(np.median(values))
-        spread = robust_sd(values)
-        # The median of n values is known to 1.25 of their standard deviations over the root of n.
-        half = 1.96 * 1.2533 * spread / float(np.sqrt(len(values)))
-        return Interval(middle, middle - half, middle + half)
+        if len(values) == 0:
+            return Interval(float("nan"), float("nan"), float("nan"))
+        # Between two values by their ranks, however growth is distributed; of fewer than six, none are that likely.
+        ends = stats.quantile_test(values, q=0.0, p=0.5).confidence_interval(0.95)
+        return Interval(float(np.median(values)), float(ends.low), float(ends.high))
 
     def gone(self) -> Interval:
         """Estimate how many fruits have left the tree among those that the first survey found.

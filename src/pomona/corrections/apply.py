@@ -137,12 +137,14 @@ def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:
     views = np.maximum([first.views[0], second.views[0]], 1)
     middle = np.average([first.centers_in_world[0], second.centers_in_world[0]], axis=0, weights=views)
     size = first if np.isfinite(first.diameters_m[0]) else second
+    hangs = first if first.tree_ids[0] else second
     fruit = replace(
         size,
         ids=first.ids,
         centers_in_world=middle[None],
         scores=np.ones(1),
-        tree_ids=first.tree_ids if first.tree_ids[0] else second.tree_ids,
+        tree_ids=hangs.tree_ids,
+        other_tree_ids=hangs.other_tree_ids,
     )
     fruit = survey.seen_from(survey.measured(fruit, seen), seen.photo)
     survey.put(fruit, seen, "merged", at=at)
@@ -236,9 +238,9 @@ def _parts_in(
 
 def _move(survey: EditedSurvey, correction: Moved) -> tuple[int, ...]:
     idx = _matched(survey, correction.at)
-    trees = survey.fruits.tree_ids.copy()
-    trees[idx] = correction.tree_id
-    survey.fruits = replace(survey.fruits, tree_ids=trees)
+    trees, others = survey.fruits.tree_ids.copy(), survey.fruits.other_tree_ids.copy()
+    trees[idx], others[idx] = correction.tree_id, 0  # a person knows which: it is between no trees any more
+    survey.fruits = replace(survey.fruits, tree_ids=trees, other_tree_ids=others)
     id_ = int(survey.fruits.ids[idx])
     survey.how.setdefault(id_, "moved")
     return (id_,)
