@@ -111,6 +111,33 @@ def test_fruits_that_hang_anywhere_are_on_no_tree() -> None:
         assert not on_trees(fruits, find_trunks(fruits)).tree_ids.any()
 
 
+@pytest.mark.parametrize("size", [1, 2, 3, 6])
+def test_bunches_that_hang_anywhere_are_on_no_tree(size: int) -> None:
+    rng, invented = np.random.default_rng(size), 0
+    for _ in range(40):
+        n = 600 // size
+        bunches = np.column_stack([rng.uniform(0, 20, n), rng.uniform(-0.4, 0.4, n), rng.uniform(0.6, 2.4, n)])
+        centers = np.repeat(bunches, size, axis=0) + rng.normal(0, 0.03, (n * size, 3))
+        m = len(centers)
+        hedge = Fruits(np.arange(1, m + 1), centers, np.full(m, 0.07), np.ones(m), np.full(m, 3))
+        invented += find_trunks(hedge).source == "fruits"
+    assert invented <= 3  # 0.8 by what is said of chance
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6])
+def test_trees_are_found_where_bunches_gather(size: int) -> None:
+    rng = np.random.default_rng(size)
+    along = np.repeat(np.arange(15) * 1.1, 40 // size) + rng.normal(0, 0.2, 15 * (40 // size))
+    n = len(along)
+    bunches = np.column_stack([along, rng.uniform(-0.4, 0.4, n), rng.uniform(0.6, 2.4, n)])
+    centers = np.repeat(bunches, size, axis=0) + rng.normal(0, 0.03, (n * size, 3))
+    m = len(centers)
+    for diameter_m in (0.07, np.nan):  # what is not measured is not told from bunches
+        trunks = find_trunks(Fruits(np.arange(1, m + 1), centers, np.full(m, diameter_m), np.ones(m), np.full(m, 3)))
+        assert (trunks.source, len(trunks.ids)) == ("fruits", 15)
+        assert trunks.spacing_m == pytest.approx(1.1, abs=0.02)
+
+
 def test_a_wrong_distance_is_said() -> None:
     fruits, _ = row(8, 1.2)
     progress = Listening()

@@ -16,7 +16,7 @@ class PlantingOptions:
     `trees` is a table of trunks (`id,x,y`, metres in the world frame, or coordinates of `trees_crs` or of the system of
     `trees_gcp`, a `gcp_list.txt`); without one, `spacing_m` is the planting distance, and without that too, distances
     of `shortest_m` to `longest_m` are tried: trees are then numbered along the row, where fruits gather at equal
-    distances. They are believed to if fruits hanging anywhere would do so with a probability of at most `chance`. A
+    distances. They are believed to if bunches hanging anywhere would do so with a probability of at most `chance`. A
     fruit is between two trees where it is nearer to the line midway between them than `between` of their distance.
     """
 
@@ -26,7 +26,7 @@ class PlantingOptions:
     spacing_m: float | None = None
     shortest_m: float = 0.5
     longest_m: float = 8.0
-    chance: float = 1e-4
+    chance: float = 0.02
     between: float = 0.1
 
     def __post_init__(self) -> None:

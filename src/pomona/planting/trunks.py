@@ -2,7 +2,8 @@
 
 Fruits of a tree hang about its trunk. Along the row, their positions modulo the planting distance are angles; how far
 these are from even is the length R of their mean vector (Rayleigh's test, Mardia & Jupp 2000, section 6.3.1), and its
-angle says where the trunks are. A distance that is not known is that of the largest R.
+angle says where the trunks are. A distance that is not known is that of the largest R. The test is of fruits that hang
+independently, and those of a bunch do not: n is made smaller by the design effect of bunches (Kish 1965, section 5.4).
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 from scipy.fft import fft
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray
@@ -25,6 +28,8 @@ from pomona.row_line import RowLine, row_line
 from pomona.trees import Trunks
 
 _TRIED_A_PERIOD = 16  # so many distances are tried between two which differ by one tree over the row's length
+_ALIKE = 5.7  # of those, so many say no more than one does, as the largest R of even rows shows
+_TOUCHING = 1.2  # usual diameters: nearer fruits hang in one bunch
 _BINS_A_PERIOD = 64  # of the shortest distance
 _FEWEST_TREES = 3  # of fewer, no distance can be read off
 _STRAY = 0.15  # of the fruits that trees usually have: fewer are no tree
@@ -48,7 +53,7 @@ def find_trunks(
         return _given(read_trunks(options.trees), fruits, options, crs)
     if len(fruits) < 2:
         return Trunks.unknown()
-    row = _Row.of(fruits.centers_in_world)
+    row = _Row.of(fruits)
     if row.length_m == 0:
         return Trunks.unknown()
     if options.spacing_m is not None:
@@ -80,6 +85,19 @@ def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions, crs: str | 
     )
 
 
+def _bunch(fruits: Fruits) -> float:
+    """Return how many fruits of a bunch count as one: the mean size of the bunch that a fruit hangs in."""
+    diameters_m = fruits.diameters_m[np.isfinite(fruits.diameters_m)]
+    if not len(diameters_m):
+        return 1.0
+    reach_m = _TOUCHING * float(np.median(diameters_m))
+    pairs = cKDTree(fruits.centers_in_world).query_pairs(reach_m, output_type="ndarray")
+    n = len(fruits)
+    touching = sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n))
+    sizes = np.bincount(connected_components(touching, directed=False)[1])
+    return float((sizes**2).sum() / n)
+
+
 def _nearest_m(trunks: Trunks, fruits: Fruits) -> float:
     away_m = cKDTree(trunks.xy_in_world).query(fruits.centers_in_world[:, :2])[0]
     return float(np.min(away_m))
@@ -100,15 +118,16 @@ def _compare(row: _Row, spacing_m: float, options: PlantingOptions, progress: Pr
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """A row's fruits along its middle `line`: `along_m` (n,)."""
+    """A row's fruits along its middle `line`: `along_m` (n,). So many of a bunch hang as one: `bunch`."""
 
     along_m: FloatArray
     line: RowLine
+    bunch: float
 
     @classmethod
-    def of(cls, centers_in_world: FloatArray) -> _Row:
-        line = row_line(centers_in_world)
-        return cls(line.along_across(centers_in_world)[0], line)
+    def of(cls, fruits: Fruits) -> _Row:
+        line = row_line(fruits.centers_in_world)
+        return cls(line.along_across(fruits.centers_in_world)[0], line, _bunch(fruits))
 
     @property
     def length_m(self) -> float:
@@ -129,8 +148,8 @@ class _Row:
         return abs(self.mean_vector(spacing_m))
 
     def chance(self, spacing_m: float) -> float:
-        """Return the probability that fruits hanging anywhere gather as much, by Rayleigh's test."""
-        return float(np.exp(-len(self.along_m) * self.gathered(spacing_m) ** 2))
+        """Return the probability that bunches hanging anywhere gather as much, by Rayleigh's test."""
+        return float(np.exp(-len(self.along_m) / self.bunch * self.gathered(spacing_m) ** 2))
 
     def spacings(self, options: PlantingOptions) -> FloatArray:
         """Return the distances to try, evenly by the number of trees in the row."""
@@ -146,7 +165,7 @@ class _Row:
         if not len(tried):
             return None
         best = float(tried[np.argmax(self._gathered_all(tried))])
-        return best if self.chance(best) * len(tried) <= options.chance else None
+        return best if self.chance(best) * len(tried) / _ALIKE <= options.chance else None
 
     def _gathered_all(self, tried_m: FloatArray) -> FloatArray:
         """Return `gathered` of all distances (m,) of `spacings`.
