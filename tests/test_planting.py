@@ -127,7 +127,7 @@ def test_bunches_that_hang_anywhere_are_on_no_tree(size: int) -> None:
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
 def test_trees_are_found_where_bunches_gather(size: int) -> None:
     rng = np.random.default_rng(size)
-    along = np.repeat(np.arange(15) * 1.1, 40 // size) + rng.normal(0, 0.2, 15 * (40 // size))
+    along = np.repeat(np.arange(15) * 1.1, 72 // size) + rng.normal(0, 0.2, 15 * (72 // size))
     n = len(along)
     bunches = np.column_stack([along, rng.uniform(-0.4, 0.4, n), rng.uniform(0.6, 2.4, n)])
     centers = np.repeat(bunches, size, axis=0) + rng.normal(0, 0.03, (n * size, 3))
