@@ -473,6 +473,38 @@ def test_hand_counts_of_trees_that_do_not_exist_are_named(tmp_path: Path) -> Non
     assert ["17" in w and "1 to 4" in w for w in listening.warnings] == [True]
 
 
+def test_trees_of_the_table_that_photos_do_not_show_are_neither_counted_nor_empty(tmp_path: Path) -> None:
+    fruits, observations, cameras, _ = grown(12, 2)
+    end = float(fruits.centers_in_world[:, 0].max())
+    here = TRUNKS.xy_in_world
+    beyond, other_row = here[-2:] + np.array([end, 0]), here + np.array([0, 4.0])
+    table = Trunks(np.arange(1, 11), np.concatenate([here, beyond, other_row]))
+    bare = Trunks(np.append(TRUNKS.ids, 9), np.vstack([here, [(here[0] + here[1]) / 2]]))
+
+    def found(trunks: Trunks, counts: str) -> tuple[Estimate, list[str]]:
+        planted, listening = on_trees(fruits, TRUNKS), Listening()
+        trees = trees_of(planted, trunks, STORY_APPLES)
+        options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", counts) if counts else None)
+        made = estimate_crop(
+            planted, observations, cameras, trees, STORY_APPLES, options=options, progress=listening
+        )  # fmt: skip
+        return made, listening.warnings
+
+    alone, _ = found(TRUNKS, "1,40\n2,41\n")
+    among_others, warnings = found(table, "1,40\n2,41\n5,40\n6,38\n8,45\n9,39\n")
+    assert alone.crop is not None
+    assert among_others.crop is not None
+    assert among_others.crop.fruits == alone.crop.fruits
+    assert ["5, 6, 8, 9" in said for said in warnings] == [True]
+    np.testing.assert_allclose(among_others.trees.all_fruits[:4], alone.trees.all_fruits)
+    for values in (among_others.trees.all_fruits, among_others.trees.all_low, among_others.trees.all_high):
+        assert np.isnan(values[4:]).all()
+    # A tree that photos show, and that bears nothing, is known to.
+    shown, warnings = found(bare, "1,40\n2,41\n9,0\n")
+    assert (shown.trees.ids[-1], shown.trees.all_fruits[-1]) == (9, 0)
+    assert warnings == []
+
+
 def test_hand_counts_without_trees_or_far_off_are_said(tmp_path: Path) -> None:
     fruits, observations, cameras, _ = grown(13, 2)
     options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,40\n"))

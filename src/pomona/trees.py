@@ -61,8 +61,9 @@ class Trees(OneLine):
     `xy_in_world` (n, 2) is where the trunk stands, metres; `fruits` are counted on it, and the 95 % interval of
     `fruits_low` to `fruits_high` covers false fruits by their scores and those that may hang on the neighbour, not
     those that no photo shows; `all_fruits` are those too, with the 95 % interval of `all_low` to `all_high`
-    (`pomona.yields`). `diameters_m` are medians, `weights_kg` of all the tree's fruits, those that were not
-    measured taken as its others, with `weights_low_kg` and `weights_high_kg` the ends of its 95 % interval.
+    (`pomona.yields`), NaN where no photo looks at the tree. `diameters_m` are medians, `weights_kg` of all the tree's
+    fruits, those that were not measured taken as its others, with `weights_low_kg` and `weights_high_kg` the ends of
+    its 95 % interval.
     """
 
     _one = "tree"

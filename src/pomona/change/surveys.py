@@ -12,7 +12,7 @@ from pomona.cameras import Cameras
 from pomona.change.comparison import Comparison
 from pomona.change.matching import Overlay, lay_over
 from pomona.errors import InputError, MissingFileError
-from pomona.fruit_geometry.near_photos import places_in_pictures
+from pomona.fruit_geometry.near_photos import in_view
 from pomona.fruits import Fruits
 from pomona.geometry import estimate_similarity
 from pomona.planting import on_trees
@@ -21,8 +21,6 @@ from pomona.trees import Trunks
 
 # As many fruits have to be the same for two surveys to be laid over each other.
 _LEAST_COMMON = 8
-# A place is in view where so many photos show it, no farther away than nearly all fruits are that were seen.
-_LEAST_PHOTOS, _FAR_PERCENTILE = 2, 98
 # Surveys in metres of their own contradict each other where scales differ by this share and so many sigmas.
 _SAME_SCALE, _CONTRADICTION = 0.01, 4.0
 
@@ -131,11 +129,7 @@ def _in_view(places: FloatArray, survey: SurveyReader) -> BoolArray:
     if not len(fruit):
         return np.ones(len(places), bool)
     away = np.linalg.norm(survey.fruits.centers_in_world[fruit] - cameras.centers_in_world[camera], axis=1)
-    far = float(np.percentile(away, _FAR_PERCENTILE))
-    shown = np.zeros(len(places), np.int64)
-    for _, idx in places_in_pictures(places, cameras, far):
-        shown[idx] += 1
-    return np.asarray(shown >= _LEAST_PHOTOS)
+    return in_view(places, cameras, away)
 
 
 def _sightings(survey: SurveyReader) -> tuple[IntArray, IntArray]:

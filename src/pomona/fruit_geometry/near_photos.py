@@ -7,10 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray, groups
+from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 
 _ROUNDING = 1e-9  # the tree adds distances up in another way
+# A place is in view where so many photos show it, no farther away than nearly all fruits are that were seen.
+_LEAST_PHOTOS, _FAR_PERCENTILE = 2, 98
 
 
 def photos_near(
@@ -49,3 +51,14 @@ def places_in_pictures(places: FloatArray, cameras: Cameras, reach: float) -> It
         lens = cameras.intrinsics_of(k)
         inside = ((xy_px > 0) & (xy_px < [lens.width_px, lens.height_px])).all(axis=1)
         yield k, idx[inside & (np.linalg.norm(places[idx] - eyes[k], axis=1) < reach)]
+
+
+def in_view(places: FloatArray, cameras: Cameras, sights_m: FloatArray) -> BoolArray:
+    """Say of places (n, 3) whether two photos or more have them in their pictures, as near as fruits were seen.
+
+    `sights_m` (k,) is how far photos were from the fruits that they saw; all but the longest count.
+    """
+    shown = np.zeros(len(places), np.int64)
+    for _, idx in places_in_pictures(places, cameras, float(np.percentile(sights_m, _FAR_PERCENTILE))):
+        shown[idx] += 1
+    return np.asarray(shown >= _LEAST_PHOTOS)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.cameras import Cameras
-from pomona.fruit_geometry.near_photos import places_in_pictures
+from pomona.fruit_geometry.near_photos import in_view, places_in_pictures
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.fruits import Fruits, Observations
 from pomona.row_line import row_line, walk_of
+from pomona.trees import Trees
 from pomona.yields.options import YieldOptions
 
 DEPTH_UNIT_M = 0.3
@@ -98,6 +100,23 @@ def encounters_of(
         np.clip(steps, -_MOST_STEPS, _MOST_STEPS),
         kept_shares(fruits.views, candidate_views, share),
     )
+
+
+def trees_in_view(trees: Trees, fruits: Fruits, observations: Observations, cameras: Cameras) -> BoolArray:
+    """Say of trees (t,) whether photos look at them: tables may have those of the rest of the row, and of other rows.
+
+    They do where fruits hang, and where they show the place of the trunk as high as the fruits nearest to it hang.
+    """
+    result = np.isin(trees.ids, fruits.tree_ids) | np.isin(trees.ids, fruits.other_tree_ids)
+    bare = np.flatnonzero(~result & np.isfinite(trees.xy_in_world).all(axis=1))
+    if len(bare):
+        seen = _seen(fruits, observations, cameras)
+        sights = fruits.centers_in_world[seen.fruit_idx] - cameras.centers_in_world[seen.photo_idx]
+        xy = trees.xy_in_world[bare]
+        nearest = cKDTree(fruits.centers_in_world[:, :2]).query(xy)[1]
+        places = np.column_stack([xy, fruits.centers_in_world[nearest, 2]])
+        result[bare] = in_view(places, cameras, np.linalg.norm(sights, axis=1))
+    return result
 
 
 def kept_shares(views: IntArray, candidate_views: IntArray | None, share: float = 1.0) -> FloatArray:

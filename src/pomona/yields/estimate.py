@@ -21,7 +21,7 @@ from pomona.progress import Progress, Silent
 from pomona.row_line import RowLine, row_line, walk_of
 from pomona.trees import Trees
 from pomona.yields.detectability import Detectability, fit_detectability
-from pomona.yields.encounters import Encounters, encounters_of
+from pomona.yields.encounters import Encounters, encounters_of, trees_in_view
 from pomona.yields.hand_counts import Calibration, OnTrees, calibration, known_counts, read_hand_counts
 from pomona.yields.options import YieldOptions
 from pomona.yields.sizes import size_distribution
@@ -76,8 +76,9 @@ def estimate_crop(
     draws = _Draws.of(fruits, detectability, options.draws, rng)
     covers = _ALL[min(encounters.sides, 2)]
     ratio = None
+    surveyed = trees_in_view(trees, fruits, observations, cameras)
     if counts is not None:
-        known = known_counts(counts, trees.ids, progress)
+        known = known_counts(counts, trees.ids[surveyed], progress)
         found = calibration(known, draws.on_trees(fruits, known.tree_ids), rng, progress) if len(known) else None
         if found is not None:
             ratio, draws, covers = found.ratio, draws.calibrated(found), covers + _CALIBRATED
@@ -85,7 +86,7 @@ def estimate_crop(
     return Estimate(
         _crop(fruits, line, encounters, draws, covers, ratio, allometry),
         fruits,
-        _of_trees(fruits, trees, draws),
+        _of_trees(fruits, trees, surveyed, draws),
         _segments(fruits, line, draws, options.segment_m),
     )
 
@@ -207,13 +208,14 @@ def _weight(
     return CropInterval.of_draws(mean_kg * everything.value, np.maximum(weights, 0.0), everything.covers)
 
 
-def _of_trees(fruits: Fruits, trees: Trees, draws: _Draws) -> Trees:
-    """Return the trees with all their fruits, hidden ones too."""
+def _of_trees(fruits: Fruits, trees: Trees, surveyed: BoolArray, draws: _Draws) -> Trees:
+    """Return the trees with all their fruits, hidden ones too; NaN of those that no photo looks at."""
     if not len(trees):
         return trees
     # By what is expected, as the row's total is: draws of few hand counts have no mean that is worth anything.
     on = draws.on_trees(fruits, trees.ids)
-    estimates, (low, high) = on.expected, np.percentile(on.draws, _ENDS, axis=0)
+    low, high = np.percentile(on.draws, _ENDS, axis=0)
+    estimates, low, high = (np.where(surveyed, each, np.nan) for each in (on.expected, low, high))
     return replace(
         trees, all_fruits=estimates, all_low=np.minimum(low, estimates), all_high=np.maximum(high, estimates)
     )

@@ -51,14 +51,14 @@ def read_hand_counts(path: Path) -> HandCounts:
 
 
 def known_counts(counts: HandCounts, tree_ids: IntArray, progress: Progress) -> HandCounts:
-    """Return the counts of trees that there are, with a warning that names the others."""
+    """Return the counts of trees (t,) that photos look at, with a warning that names the others."""
     known = np.isin(counts.tree_ids, tree_ids)
     if len(tree_ids) == 0:
         progress.warn("Hand counts are of no use where trees are not known: give `trees` or `tree_spacing`")
     elif not known.all():
         strange = ", ".join(str(i) for i in counts.tree_ids[~known])
         progress.warn(
-            f"Hand counts of trees that the survey does not have were left out: {strange}; it has trees "
+            f"Hand counts of trees that the survey does not have were left out: {strange}; its photos show trees "
             f"{tree_ids.min()} to {tree_ids.max()}"
         )
     return HandCounts(counts.tree_ids[known], counts.counts[known])
