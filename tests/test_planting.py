@@ -8,15 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.cameras import WorldFrame
+from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruits import Fruits
+from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.fuse import Fused
 from pomona.measure.allometry import STORY_APPLES, weigh
+from pomona.pipeline.fuse import FUSE_BY_OBJECT
+from pomona.pipeline.planting import planting_stage
 from pomona.planting import PlantingOptions, find_trunks, on_trees, read_trunks
 from pomona.planting.summary import trees_of
 from pomona.progress import Silent
 from pomona.row_line import row_line
 from pomona.scale.gnss import in_local_metres
+from pomona.scale.report import PieceScale, Placed, ScaleReport
 from pomona.trees import Trees, Trunks
 
 
@@ -164,6 +168,31 @@ def test_fruits_above_each_other_are_no_row() -> None:
     fruits = Fruits(np.arange(1, 4), centers, np.full(3, 0.07), np.ones(3), np.full(3, 3))
     for options in (PlantingOptions(), PlantingOptions(spacing_m=1.0)):
         assert find_trunks(fruits, options).source == "none"
+
+
+@pytest.mark.parametrize("spacing_m", [None, 1.2])
+def test_parts_that_are_not_joined_have_no_trees_but_those_of_a_table(spacing_m: float | None, tmp_path: Path) -> None:
+    fruits, _ = row(7, 1.2)
+    pieces = tuple(PieceScale(side, 4, "fruit-diameter", 1.0) for side in ("east", "west"))
+    frame = WorldFrame("fruit-diameter", approximate=True)
+    stage = planting_stage(FUSE_BY_OBJECT)
+    table = tmp_path / "trees.csv"
+    table.write_text(
+        "id,x,y\n" + "".join(f"{i},{x},{y}\n" for i, (x, y) in enumerate(trunks_of(7, 1.2).xy_in_world, 1))
+    )
+
+    def found(tied: int, options: PlantingOptions) -> tuple[Trunks, list[str]]:
+        listening = Listening()
+        placed = Placed(replace(Cameras.empty(), frame=frame), report=ScaleReport(pieces=pieces, tied_pieces=tied))
+        measured = Fused(fruits, Observations.empty(), FruitCloud.empty())
+        trunks = stage.compute(measured=measured, placed=placed, options=options, progress=listening)
+        return trunks, listening.warnings
+
+    assert len(found(2, PlantingOptions(spacing_m=spacing_m))[0]) == 7
+    trunks, warnings = found(0, PlantingOptions(spacing_m=spacing_m))
+    assert (len(trunks), trunks.source) == (0, "none")
+    assert ["not joined" in said for said in warnings] == [True] * (spacing_m is not None)
+    assert len(found(0, PlantingOptions(trees=table))[0]) == 7
 
 
 def test_one_trunk_of_many_has_its_own_fruits_alone() -> None:

@@ -413,6 +413,23 @@ def counted(path: Path, text: str) -> Path:
     return path
 
 
+def test_what_lies_between_parts_that_are_not_joined_is_no_row() -> None:
+    fruits, observations, cameras, _ = grown(11, 2)
+    trees = trees_of(fruits, Trunks.unknown(), STORY_APPLES)
+    one, apart = (
+        estimate_crop(fruits, observations, cameras, trees, STORY_APPLES, in_one_frame=joined)
+        for joined in (True, False)
+    )
+    assert one.crop is not None
+    assert apart.crop is not None
+    assert one.crop.per_metre is not None
+    assert apart.crop.per_metre is None
+    assert (len(one.segments) >= 4, len(apart.segments)) == (True, 0)
+    assert apart.crop.fruits.value == one.crop.fruits.value
+    assert "count twice" in apart.crop.fruits.covers
+    assert "count twice" not in one.crop.fruits.covers
+
+
 def test_hand_counts_calibrate(tmp_path: Path) -> None:
     plain_, _, _ = estimated(11, 2)
     trees = plain_.trees

@@ -97,8 +97,8 @@ class Comparison:
         if len(values) == 0:
             return Interval(float("nan"), float("nan"), float("nan"))
         # Between two values by their ranks, however growth is distributed; of fewer than six, none are that likely.
-        ends = stats.quantile_test(values, q=0.0, p=0.5).confidence_interval(0.95)
-        return Interval(float(np.median(values)), float(ends.low), float(ends.high))
+        low, high = np.asarray(stats.quantile_test(values, q=0.0, p=0.5).confidence_interval(0.95), float).tolist()
+        return Interval(float(np.median(values)), low, high)
 
     def gone(self) -> Interval:
         """Estimate how many fruits have left the tree among those that the first survey found.

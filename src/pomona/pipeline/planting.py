@@ -25,6 +25,13 @@ def _find(measured: Fused, placed: Placed, *, options: PlantingOptions, progress
         if options.trees is not None or options.spacing_m is not None:
             progress.warn("Fruits are on no tree: that needs metres (`markers`, `scale_bar` or `fruit_diameter_m`)")
         return Trunks.unknown()
+    if options.trees is None and not placed.report.sides_are_tied:
+        if options.spacing_m is not None:
+            progress.warn(
+                "Fruits are on no tree: parts of the survey are not joined, and were set beside each other. Photos "
+                "round the row's end, or markers that both sides see, join them; or give the trunks' places (`trees`)"
+            )
+        return Trunks.unknown()
     return find_trunks(measured.fruits, options, progress, crs=placed.cameras.frame.crs)
 
 

@@ -70,7 +70,7 @@ def _as_found(
 ) -> Results:
     progress.start("writing tables, map and cloud")
     views = candidates.fruits.views
-    found = _estimate(measured.fruits, measured.observations, views, placed.cameras, trunks, options, progress)
+    found = _estimate(measured.fruits, measured.observations, views, placed, trunks, options, progress)
     return Results(
         found.fruits,
         measured.observations,
@@ -100,7 +100,7 @@ def _as_corrected(
             progress.warn(outcome.warning())
     count = len(corrected.outcomes)
     views = candidates.fruits.views
-    found = _estimate(corrected.fruits, corrected.detected, views, placed.cameras, trunks, options, progress)
+    found = _estimate(corrected.fruits, corrected.detected, views, placed, trunks, options, progress)
     return Results(
         found.fruits,
         corrected.detected,
@@ -124,7 +124,7 @@ def _estimate(
     fruits: Fruits,
     observations: Observations,
     candidate_views: IntArray,
-    cameras: Cameras,
+    placed: Placed,
     trunks: Trunks,
     options: ResultsOptions,
     progress: Progress,
@@ -136,10 +136,11 @@ def _estimate(
     return estimate_crop(
         fruits,
         observations,
-        cameras,
+        placed.cameras,
         trees,
         options.allometry,
         candidate_views=candidate_views,
+        in_one_frame=placed.report.sides_are_tied,
         options=options.yields,
         progress=progress,
     )

@@ -33,6 +33,7 @@ _ALL = {
     2: "all fruit of the part that photos look at, hidden ones too",
 }
 _CALIBRATED = ", calibrated on hand counts"
+_APART = "; parts of the survey are not joined, and fruits that two of them see count twice"
 _AT_ONCE = 2000  # fruits: more are drawn part by part, in bounded memory
 _ENDS = (2.5, 97.5)
 
@@ -55,15 +56,17 @@ def estimate_crop(
     allometry: Allometry,
     *,
     candidate_views: IntArray | None = None,
+    in_one_frame: bool = True,
     options: YieldOptions | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Return how many fruits there are, also those that no photo shows, with 95 % intervals.
 
     `fruits` are those found, on their `trees`, `observations` the photos that saw them and `cameras` those of all
-    photos; `candidate_views` (m,) are the numbers of photos of all that the filter chose from (None: all were kept). Of
-    too few fruits, and without metres, nothing is estimated. Raises `FormatError` or `MissingFileError` for
-    hand counts that cannot be read.
+    photos; `candidate_views` (m,) are the numbers of photos of all that the filter chose from (None: all were kept).
+    Where parts of the survey were only set beside each other, not `in_one_frame`, what lies between them is no row:
+    nothing is said by metre. Of too few fruits, and without metres, nothing is estimated. Raises `FormatError` or
+    `MissingFileError` for hand counts that cannot be read.
     """
     options, progress = options or YieldOptions(), progress or Silent()
     counts = None if options.hand_counts is None else read_hand_counts(options.hand_counts)
@@ -82,12 +85,15 @@ def estimate_crop(
         found = calibration(known, draws.on_trees(fruits, known.tree_ids), rng, progress) if len(known) else None
         if found is not None:
             ratio, draws, covers = found.ratio, draws.calibrated(found), covers + _CALIBRATED
+    if not in_one_frame:
+        covers += _APART
     fruits = replace(fruits, stands_for=draws.expected)
+    length_m = float(np.ptp(line.along_across(fruits.centers_in_world)[0])) if in_one_frame else 0.0
     return Estimate(
-        _crop(fruits, line, encounters, draws, covers, ratio, allometry),
+        _crop(fruits, length_m, encounters, draws, covers, ratio, allometry),
         fruits,
         _of_trees(fruits, trees, surveyed, draws),
-        _segments(fruits, line, draws, options.segment_m),
+        _segments(fruits, line, draws, options.segment_m) if in_one_frame else RowSegments.empty(),
     )
 
 
@@ -172,7 +178,7 @@ def _reality(fruits: Fruits) -> FloatArray:
 
 def _crop(
     fruits: Fruits,
-    line: RowLine,
+    length_m: float,
     encounters: Encounters,
     draws: _Draws,
     covers: str,
@@ -181,12 +187,11 @@ def _crop(
 ) -> Crop:
     total: FloatArray = draws.counts.sum(axis=1, dtype=float)
     everything = CropInterval.of_draws(float(draws.expected.sum()), total, covers)
-    length = float(np.ptp(line.along_across(fruits.centers_in_world)[0]))
     sizes = size_distribution(fruits, allometry)
     return Crop(
         seen=CropInterval.of_draws(float(_reality(fruits).sum()), draws.real.sum(axis=1), _SEEN),
         fruits=everything,
-        per_metre=everything.times(1 / length) if length > 0 else None,
+        per_metre=everything.times(1 / length_m) if length_m > 0 else None,
         weight_kg=_weight(fruits, sizes, everything, total, allometry),
         sides=encounters.sides,
         calibration=ratio,
