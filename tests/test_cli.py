@@ -269,6 +269,25 @@ def test_stages_one_by_one(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     assert SurveyFolder.open(out).get("options")["fruit_diameter_m"] == 0.08
 
 
+def test_markers_and_control_points_replace_each_other(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    out, markers, gcp = tmp_path / "out", tmp_path / "markers.csv", tmp_path / "gcp_list.txt"
+    markers.write_text("id,x,y,z\n" + "".join(f"{i},{300000 + i % 2},{4600000 + i // 2},{i}\n" for i in range(4)))
+    names = sorted(photo.name for photo in photos.iterdir())
+    lines = [f"{300000 + k} {4600000 + k % 2} {k} {5 + k} 5 {names[0]} p{k}" for k in range(4)]
+    gcp.write_text("EPSG:25831\n" + "\n".join(lines) + "\n")
+    assert pomona("run", photos, "--out", out, "--markers", markers, "--markers-crs", "EPSG:25831").exit_code == 0
+    result = pomona("reconstruct", out, "--gcp", gcp)
+    assert result.exit_code == 0, result.stderr
+    options = SurveyFolder.open(out).get("options")
+    assert (options["markers"], options["markers_crs"], Path(options["gcp"]).name) == (None, None, gcp.name)
+    assert pomona("reconstruct", out, "--markers", markers).exit_code == 0
+    options = SurveyFolder.open(out).get("options")
+    assert (Path(options["markers"]).name, options["gcp"]) == (markers.name, None)
+    both = pomona("reconstruct", out, "--markers", markers, "--gcp", gcp)
+    assert both.exit_code == 1
+    assert "give one of them" in both.stderr
+
+
 def test_one_photo_and_one_detection_are_spoken_of_in_the_singular(fakes: Fakes, tmp_path: Path) -> None:
     one = make_photos(tmp_path / "one", 1)
     said = pomona("segment", one, "--out", tmp_path / "out").stdout

@@ -96,6 +96,18 @@ def test_a_pair_with_a_slip_of_the_pen_is_named(tmp_path: Path) -> None:
             read_allometry(tmp_path / "pairs.csv")
 
 
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [("6.15,106\n7.4,188\n6.5,120\n7,150\n8,230\n", r"millimetres \(these look like centimetres\)"),
+     ("61.5,0.106\n74,0.188\n65,0.12\n70,0.15\n80,0.23\n", r"grams \(these look like kilograms\)"),
+     ("61.5,2.1\n74,3.8\n65,2.4\n70,3\n80,4.6\n", "diameters in millimetres and weights in grams")],
+)  # fmt: skip
+def test_pairs_in_other_units_say_which_column_is_wrong(pairs: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "pairs.csv").write_text("diameter_mm,weight_g\n" + pairs)
+    with pytest.raises(FormatError, match=f"expected {said}|expected (diameters|weights) in {said}"):
+        read_allometry(tmp_path / "pairs.csv")
+
+
 def test_a_fruit_that_was_not_measured_has_no_weight() -> None:
     weighed = weigh(fruits_of([0.07, np.nan]), STORY_APPLES, METRES)
     assert 140 < weighed.weights_g[0] < 190

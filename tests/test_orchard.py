@@ -107,6 +107,11 @@ def test_options_are_those_of_the_command_line() -> None:
         assert wording.with_options(f"`{field}`") == f"--{said}"
 
 
+def test_a_file_may_begin_with_the_mark_of_windows(tmp_path: Path) -> None:
+    (tmp_path / "o.toml").write_bytes(b"\xef\xbb\xbf" + SURVEY.encode())
+    assert [survey.row for survey in read_orchard(tmp_path / "o.toml").surveys] == ["1"]
+
+
 SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
 
 
@@ -115,7 +120,7 @@ SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
     [
         ("rows = [", "expected TOML"),
         ("", r"\[\[survey\]\] for each survey"),
-        ("nothing = 1\n" + SURVEY, "`nothing`: expected some of title, out"),
+        ("nothing = 1\n" + SURVEY, "has 'nothing': expected some of title, out"),
         ('[[survey]]\nphotos = "p"\n', "number 1: expected `row`"),
         ('[[survey]]\nrow = "../../x"\nphotos = "p"\n', "can be a folder's; found '../../x'"),
         ('[[survey]]\nrow = "con"\nphotos = "p"\n', "expected `row`"),
@@ -123,7 +128,9 @@ SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
         ('[[survey]]\nrow = "1"\nphotos = [1]\n', "expected `photos`, a list of folders"),
         (SURVEY + 'date = "2026-07-01"\n', "without quotes, such as 2026-07-01, found '2026-07-01'"),
         (SURVEY + "fruit-diameter = true\n", r"\(row 1\) fruit-diameter: expected a number, found True"),
-        (SURVEY + "fruit_diameter = 0.07\n", "has `fruit_diameter`: expected some of .*fruit-diameter"),
+        (SURVEY + "fruit_diameter = 0.07\n", "has 'fruit_diameter': expected fruit-diameter, or others of cameras, "),
+        (SURVEY + "tree_spacing = 0.9\n", "has 'tree_spacing': expected tree-spacing, or others of cameras, "),
+        (SURVEY + "overwrite = true\n", "has 'overwrite': expected some of cameras, "),
         (SURVEY + "scale-bar = [0, 1]\n", "scale-bar: expected a list of 3, found"),
         (SURVEY + 'fruit = "potato"\n', r"number 1 \(row 1\): .*potato"),
         (SURVEY + 'packing = "6.5,7"\n', "edges in mm, found 6.5,7, .* give 65,70"),

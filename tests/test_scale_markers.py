@@ -114,6 +114,12 @@ def test_markers_never_seen_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert warning.startswith(f"2 of 6 markers named in {options.markers.name} were not seen in any photo: 4, 5.")
     assert "`marker_dictionary`" in warning
     assert placed.report.notes == tuple(progress.warnings)
+    progress = Silent()
+    with_bar = ScaleOptions(markers=options.markers, scale_bar=(0, 17, 1.0))
+    place_in_world(BOTH, photos_of(EAST, WEST), options=with_bar, progress=progress)
+    assert progress.warnings[0].startswith(
+        f"3 of 7 markers named in {options.markers.name} and `scale_bar` were not seen in any photo: 4, 5, 17."
+    )
 
 
 def test_control_points_are_not_called_markers() -> None:

@@ -34,7 +34,7 @@ def reconstruct(
 ) -> None:
     """Find the cameras of a survey, in metres: writes SURVEY/cameras.
 
-    Options that are not given keep their earlier values.
+    Options that are not given keep their earlier values; --markers and --gcp replace each other.
     """
     changed = {
         "markers": markers,
@@ -45,7 +45,12 @@ def reconstruct(
         "fruit_diameter_m": fruit_diameter,
         "cameras": cameras,
     }
-    show(_go_on(survey, "scale", _given(changed)), as_json=as_json)
+    replaced: dict[str, Any] = {}
+    if gcp is not None and markers is None:
+        replaced = {"markers": None, "markers_crs": None}
+    elif markers is not None and gcp is None:
+        replaced = {"gcp": None}
+    show(_go_on(survey, "scale", _given(changed) | replaced), as_json=as_json)
 
 
 def fuse(

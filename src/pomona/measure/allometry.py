@@ -121,9 +121,13 @@ def fit_allometry(diameters_mm: FloatArray, weights_g: FloatArray, *, source: st
     densities = weights_g / (np.pi / 6 * (diameters_mm / 10) ** 3)
     density = float(np.median(densities))
     if not _LIKELY_DENSITIES_G_CM3[0] <= density <= _LIKELY_DENSITIES_G_CM3[1]:
-        raise InputError(
-            f"expected weights in grams: as spheres of their diameters, these fruits have {density:.3g} g/cm³"
-        )
+        low, high = _LIKELY_DENSITIES_G_CM3
+        expected = "diameters in millimetres and weights in grams"
+        if low <= density / 1000 <= high:
+            expected = "diameters in millimetres (these look like centimetres)"
+        elif low <= density * 1000 <= high:
+            expected = "weights in grams (these look like kilograms)"
+        raise InputError(f"expected {expected}: as spheres of their diameters, these fruits have {density:.3g} g/cm³")
     off = np.abs(np.log(densities / density))
     if off.max() > np.log(_OF_ANOTHER_FRUIT):
         worst = int(np.argmax(off))

@@ -110,7 +110,7 @@ def read_orchard(path: Path) -> Orchard:
     """
     path = resolved(path)
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows begin files with a mark
     except FileNotFoundError:
         raise MissingFileError(f"{path}: no such file; expected the orchard's rows, such as orchard.toml") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -270,7 +270,8 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _expect_known(where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
     if unknown := sorted(set(table) - set(known)):
-        raise InputError(f"{where} has `{unknown[0]}`: expected some of {', '.join(known)}")
+        meant = f"{_said(unknown[0])}, or others of " if _said(unknown[0]) in known else "some of "
+        raise InputError(f"{where} has {unknown[0]!r}: expected {meant}{', '.join(known)}")
 
 
 def _place(text: str, folder: Path) -> str:
