@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pyproj import Transformer
+from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import adjust
 from pomona.adjustment.lenses import credible_focals
@@ -304,6 +305,37 @@ def test_positions_without_altitudes_leave_up_to_the_cameras() -> None:
         assert placed.cameras.frame.up_is_known == up_is_known
         turned = placed.cameras.cam_from_world[0, :, :3].T @ around.cam_from_world[0, :, :3]
         assert 0 < np.degrees(np.arccos(turned[2, 2])) < most_deg
+
+
+@pytest.mark.parametrize(
+    ("noise_m", "drift_m", "up_is_known"), [(0.03, 0.0, True), (0.03, 1.0, False), (0.5, 0.0, False), (1.0, 2.0, False)]
+)
+def test_altitudes_that_are_worse_than_places_on_the_ground_do_not_tilt_the_row(
+    noise_m: float, drift_m: float, up_is_known: bool
+) -> None:
+    sides = [photographed(side, length_m=12.0, photos=20, seed=k, points=10) for k, side in enumerate(("east", "west"))]
+    around = concatenate(sides, EAST.frame)
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        positions = around.centers_in_world + random.normal(0, [0.02, 0.02, noise_m], (40, 3))
+        positions[20:, 2] += drift_m
+        found = fit_gnss(around, positions, ScaleOptions())
+        assert not isinstance(found, str)
+        assert found.up_is_known == up_is_known
+        assert 0 < np.degrees(np.arccos(found.local_from_piece.rotation[2, 2])) < 1.2
+
+
+@pytest.mark.parametrize(("pitch_deg", "headings_deg"), [(-90, [0]), (-90, [0, 180]), (-45, [0]), (-45, [0, 90])])
+def test_rough_altitudes_leave_drones_upright_however_they_look(pitch_deg: float, headings_deg: list[int]) -> None:
+    random = np.random.default_rng(0)
+    centers = random.uniform([0, 0, 28], [60, 50, 32], (40, 3))
+    look = Rotation.from_euler("x", pitch_deg, degrees=True).as_matrix() @ [[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]
+    rotations = look @ Rotation.from_euler("z", np.resize(headings_deg, 40)[:, None], degrees=True).as_matrix()
+    poses = np.concatenate([rotations, -rotations @ centers[:, :, None]], axis=2)
+    drone = Cameras(tuple(f"row/{i}.jpg" for i in range(40)), EAST.intrinsics, np.zeros(40, np.int64), poses)
+    found = fit_gnss(drone, centers + random.normal(0, [0.5, 0.5, 2.0], (40, 3)), ScaleOptions())
+    assert not isinstance(found, str)
+    assert 0 < np.degrees(np.arccos(found.local_from_piece.rotation[2, 2])) < 4
 
 
 def test_heights_that_one_receiver_got_wrong_move_nothing() -> None:

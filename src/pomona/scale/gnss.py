@@ -23,6 +23,11 @@ _FAR_OFF = 6.0  # times the scatter of the others: no noise, a wrong position
 _LEAST_SCATTER_M = 0.05
 # Positions contradict a scale that they differ from by more than this share and so many standard deviations.
 _SAME_SCALE, _CONTRADICTION = 0.03, 4.0
+# Altitudes drift by more than they scatter, here by so many times as much: between the sides of a row, that tilts it.
+# People hold cameras so nearly level, of all sides together; where all look one way, they may be looking up or down.
+_DRIFT, _HELD, _LOOKING = 3.0, np.radians(10), np.radians(20)
+# Cameras were not held upright, as those of drones are not, where positions on the ground fit that so many times worse.
+_CLEARLY_WORSE = 2.0
 _MOST_LATITUDE_DEG, _MOST_LONGITUDE_DEG = 90.0, 360.0
 
 
@@ -185,9 +190,10 @@ def fit_gnss(
     """Return a piece's place from its cameras' positions (n, 3), NaN where unknown, or why they do not give one.
 
     Where positions are spread well in two directions, as from a drone, all of the similarity is fitted to those with a
-    height, if most have one. Positions along a row say nothing of its roll: there up is taken from how the cameras were
-    held, and scale (unless given), heading and place are fitted to the positions on the ground, the height to those
-    that have one. `weights` (n,) of the positions are by default all the same.
+    height, if most have one, and heights are good enough to tell up. Positions along a row say nothing of its roll:
+    there up is taken from how the cameras were held, and scale (unless given), heading and place are fitted to the
+    positions on the ground, the height to those that have one. `weights` (n,) of the positions are by default all the
+    same.
     """
     known = np.isfinite(positions[:, :2]).all(1)
     distinct = _distinct(positions[known])
@@ -197,11 +203,14 @@ def fit_gnss(
     worth = np.ones(len(source)) if weights is None else weights[known]
     fit = _fit_all(source, target, worth, options.least_gnss_spread) if scale is None else None
     up_is_known = fit is not None
-    if fit is None:
-        try:
-            fit = _robust_upright(source, target, worth, up_direction(cameras), scale)
-        except InputError as error:
+    try:
+        upright = _robust_upright(source, target, worth, up_direction(cameras), scale)
+    except InputError as error:
+        if fit is None:
             return str(error)
+    else:
+        if fit is None or _is_tilted(cameras, fit, upright, source, target, worth):
+            fit, up_is_known = upright, False
     similarity, good = fit
     agreeing = _distinct(target[good])
     if agreeing < options.least_gnss_positions:
@@ -245,6 +254,32 @@ def _fit_all(
     across_m = _spread(target[good])[1]
     scatter_m = _scatter(similarity, source[good], target[good], worth[good], unknowns=7)
     return (similarity, good) if across_m > least_spread * scatter_m else None
+
+
+def _is_tilted(
+    cameras: Cameras,
+    free: tuple[Similarity, BoolArray],
+    upright: tuple[Similarity, BoolArray],
+    source: FloatArray,
+    target: FloatArray,
+    worth: FloatArray,
+) -> bool:
+    """Say whether heights turned a free fit, or may have, from how cameras were held, which fits the ground as well."""
+    on_ground_m = [
+        _scatter(fit, source[good], target[good], worth[good], unknowns=unknowns)
+        for (fit, good), unknowns in ((free, 7), (upright, 4))
+    ]
+    if on_ground_m[1] > _CLEARLY_WORSE * max(on_ground_m[0], _LEAST_SCATTER_M):
+        return False
+    similarity, good = free
+    off_m = (similarity.apply(source) - target)[good, 2]
+    # Three of a similarity's unknowns are told by heights.
+    scatter_m = np.sqrt((worth[good] / worth[good].mean() * off_m**2).sum() / max(1, len(off_m) - 3))
+    drift = _DRIFT * scatter_m / _spread(target[good])[1]
+    held_up = up_direction(cameras)
+    turned = np.arccos(np.clip((similarity.rotation @ held_up)[2], -1, 1))
+    one_way = np.linalg.norm(np.cross(held_up, cameras.cam_from_world[:, 2, :3].mean(0)))
+    return bool(turned + drift > _HELD + _LOOKING * one_way)
 
 
 def _spread(positions: FloatArray) -> FloatArray:
