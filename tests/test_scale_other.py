@@ -114,6 +114,30 @@ def test_a_scale_bar_that_few_photos_see_is_named(monkeypatch: pytest.MonkeyPatc
     assert len(said) == named
 
 
+@pytest.mark.parametrize("apart_m", [0.4, 1.0])
+def test_a_scale_bar_that_was_moved_to_the_other_side_is_measured_where_it_was_at_one_time(
+    monkeypatch: pytest.MonkeyPatch, apart_m: float
+) -> None:
+    bare = concatenate([photographed(side, photos=10, seed=k) for k, side in ((1, "east"), (2, "west"))], EAST.frame)
+    one_lens = Cameras(bare.photos, bare.intrinsics[:1], np.zeros(20, np.int64), bare.cam_from_world)
+    random = np.random.default_rng(0)
+    both = seeing(one_lens, random.uniform([-1, -0.6, 0.2], [3, 0.6, 2.8], (1500, 3)), 0.2, random)
+    east = sighted([both.of_photos(both.photos[:10])], {0: (0.6, 0.5, 1.2), 1: (0.6 + apart_m, 0.5, 1.2)})
+    west = sighted([both.of_photos(both.photos[10:])], {0: (1.3, -0.5, 1.2), 1: (1.3 - apart_m, -0.5, 1.2)})
+    # Leaves hide one end in photos of each side, so that most photos of the two ends are of different sides.
+    hidden = [s for s in west if s.marker_id == 0][1:] + [s for s in east if s.marker_id == 1][3:]
+    show_markers(monkeypatch, [s for s in east + west if s not in hidden])
+    progress, options = Silent(), ScaleOptions(scale_bar=(0, 1, apart_m))
+    one = Reconstruction((as_piece(both, "row", 3),))
+    (piece,) = place_in_world(one, photos_of(both), options=options, progress=progress).report.pieces
+    if apart_m < 0.5:
+        assert piece.source == "scale-bar"
+        assert piece.metres_per_unit * some_frame(3).scale == pytest.approx(1, abs=0.005)
+    else:  # no photo is wide enough for both ends
+        assert piece.source == "none"
+        assert "marker 1 of the scale bar is seen at 2 places, and no photo shows both" in progress.warnings[0]
+
+
 @pytest.mark.parametrize(
     "bar", [{0: (0.5, -0.3, 1.0), 1: (1.5, -0.3, 1.0)}, {0: (0.8, -0.3, 1.0), 1: (0.9, -0.5, 1.7)}]
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from pomona.scale.triangulation import TriangulatedMarker, triangulate_markers
 
 # The ends' places count for nothing where they are known to so many lengths of the bar only.
 _UNKNOWN_PLACE = 100.0
+# A bent piece has a marker at some places, too, but these give about one length.
+_SAME_LENGTH = 1.02
 
 
 def scale_by_bar(
@@ -69,19 +72,48 @@ def _seen_bar(
     cameras: Cameras, sightings: Sequence[PlateSighting], photos: Mapping[str, Photo], bar: tuple[int, int, float]
 ) -> _SeenBar | str:
     """Return the scale bar as a piece sees it, or why it gives no scale."""
-    one, other, _ = bar
-    found, failed = triangulate_markers(cameras, [s for s in sightings if s.marker_id in (one, other)])
-    for marker_id in (one, other):
-        if marker_id not in found:
-            return f"marker {marker_id} of the scale bar: {failed.get(marker_id, 'not seen in any photo')}"
-    ends = found[one], found[other]
+    places = []
+    for marker_id in bar[:2]:
+        seen = _places_of(cameras, [s for s in sightings if s.marker_id == marker_id])
+        if isinstance(seen, str):
+            return f"marker {marker_id} of the scale bar: {seen}"
+        places.append(seen)
+    pairs = list(product(*places))
+    ends = max(pairs, key=_count_both)
+    lengths = [_length(pair) for pair in pairs]
+    if not _count_both(ends) and max(lengths) > _SAME_LENGTH * min(lengths):
+        moved = max(places, key=len)
+        return (
+            f"marker {moved[0].marker_id} of the scale bar is seen at {len(moved)} places, and no photo shows both of "
+            "its ends: was it moved between photos?"
+        )
     a, b = (end.triangulated.point for end in ends)
-    length = float(np.linalg.norm(a - b))
+    length = _length(ends)
     if length <= 0:
         return "both markers of the scale bar are seen in one place"
     seen_from = [cameras.photos.index(sighting.photo) for end in ends for sighting in end.sightings]
     away = np.linalg.norm(cameras.centers_in_world[seen_from] - (a + b) / 2, axis=1)
     return _SeenBar(ends, length, _scale_sd(cameras, ends, length, photos), float(np.median(away)))
+
+
+def _places_of(cameras: Cameras, sightings: Sequence[PlateSighting]) -> list[TriangulatedMarker] | str:
+    """Return a marker where photos agree that it is, most photos first, or why nowhere: people move bars."""
+    places: list[TriangulatedMarker] = []
+    while True:
+        found, failed = triangulate_markers(cameras, sightings)
+        if not found:
+            return places or next(iter(failed.values()), "not seen in any photo")
+        places += found.values()
+        sightings = [s for s in sightings if s not in places[-1].sightings]
+
+
+def _length(ends: tuple[TriangulatedMarker, ...]) -> float:
+    return float(np.linalg.norm(ends[0].triangulated.point - ends[1].triangulated.point))
+
+
+def _count_both(ends: tuple[TriangulatedMarker, ...]) -> int:
+    """Count the photos that show all of the ends, so that these were there at one time."""
+    return len(set.intersection(*({sighting.photo for sighting in end.sightings} for end in ends)))
 
 
 def _scale_sd(
