@@ -77,10 +77,11 @@ def test_markers_surveyed_in_a_coordinate_system(monkeypatch: pytest.MonkeyPatch
     assert np.ptp(placed.cameras.centers_in_world[:, 0]) == pytest.approx(np.ptp(EAST.centers_in_world[:, 0]), abs=0.2)
 
 
+@pytest.mark.parametrize("crs", ["EPSG:25831", "EPSG:4326"])
 @pytest.mark.parametrize("named", [True, False])
-def test_ground_control_points_place_the_row_without_any_plate(tmp_path: Path, named: bool) -> None:
+def test_ground_control_points_place_the_row_without_any_plate(tmp_path: Path, named: bool, crs: str) -> None:
     # Both sides call their photos the same: full names tell them apart.
-    lines = gcp_lines(named=named)
+    lines = gcp_lines(crs, named=named)
     full = [f"{seen.photo}" for seen in sighted([EAST, WEST], PLACES)]
     lines = [lines[0], *(" ".join([*line.split()[:5], name, *line.split()[6:]]) for line, name in
                          zip(lines[1:], full, strict=True))]  # fmt: skip
@@ -151,6 +152,44 @@ def test_a_point_measured_wrongly_is_told_by_its_name(tmp_path: Path) -> None:
     )
 
     assert any(re.search(r"point point_3 was left out: seen 0\.(3[5-9]|4[0-5])", text) for text in progress.warnings)
+
+
+@pytest.mark.parametrize(("crs", "digits"), [("EPSG:25831", 2), ("EPSG:4326", 7)])
+def test_points_without_a_name_are_told_apart_by_their_places(tmp_path: Path, crs: str, digits: int) -> None:
+    there = on_earth({i: (0.5 * i, 0.4 * (-1) ** i, 1.0) for i in range(8)}, crs)
+    path = tmp_path / "gcp_list.txt"
+    lines = [f"{x:.{digits}f} {y:.{digits}f} {z:.2f} 9 9 {n}.jpg" for x, y, z in there.values() for n in ("a", "b")]
+    path.write_text("\n".join([crs, *lines]) + "\n")
+    found = read_control_points(path)
+    assert len(found.markers) == len(set(found.names.values())) == 8
+    away_m = np.linalg.norm(np.diff(found.markers.points_in_world, axis=0), axis=1)
+    np.testing.assert_allclose(away_m, np.hypot(0.5, 0.8), atol=0.03)
+
+
+def test_a_point_with_two_places_is_refused_in_degrees_too(tmp_path: Path) -> None:
+    path = tmp_path / "gcp_list.txt"
+    for off, refused in ((0.0, False), (1e-9, False), (1e-6, True)):  # nothing, 0.1 mm and 0.1 m
+        path.write_text(f"EPSG:4326\n0.87 41.62 200 9 9 a.jpg A\n{0.87 + off:.9f} 41.62 200 9 9 b.jpg A\n")
+        if refused:
+            with pytest.raises(FormatError, match="line 3: point A has another place"):
+                read_control_points(path)
+        else:
+            assert len(read_control_points(path).markers) == 1
+
+
+def test_points_that_fit_nowhere_are_told_by_their_names(tmp_path: Path) -> None:
+    swapped = {"point_0": "point_1", "point_1": "point_2", "point_2": "point_3", "point_3": "point_0"}
+    there, lines = on_earth(PLACES, "EPSG:25831"), ["EPSG:25831"]
+    for seen in sighted([EAST], PLACES):
+        if (name := swapped.get(f"point_{seen.marker_id}")) is not None:
+            x, y, z = there[int(name[-1])]
+            lines.append(f"{x:.3f} {y:.3f} {z:.3f} {seen.center_px[0]:.2f} {seen.center_px[1]:.2f} {seen.photo} {name}")
+    path, progress = tmp_path / "gcp_list.txt", Silent()
+    path.write_text("\n".join(lines) + "\n")
+    one = Reconstruction((as_piece(EAST, "east", 3),))
+    place_in_world(one, photos_of(EAST), options=ScaleOptions(gcp=path), progress=progress)
+    (said,) = [text for text in progress.warnings if "has no place from the control points" in text]
+    assert re.search(r"points: point point_\d, point point_\d, .* are seen where the table does not have them", said)
 
 
 @pytest.mark.parametrize(

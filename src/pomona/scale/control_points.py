@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, few
-from pomona.formats.gcp_list import GcpLine, read_gcp_list
+from pomona.formats.gcp_list import GcpLine, GcpList, read_gcp_list
 from pomona.photo_names import PhotoNames
 from pomona.photos import Photos
 from pomona.scale.aruco import PlateSighting
@@ -20,7 +21,7 @@ from pomona.scale.marker_table import Markers, check_apart, read_markers
 
 # A point is a plate without a size: its corners lie so many pixels about it.
 _POINT = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-_SAME_PLACE_M = 1e-3  # lines of one point without a name have the same place
+_SAME_PLACE_M = 1e-3  # lines of one name have the same place
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,25 +64,27 @@ def read_control_points(path: Path, photos: Photos | None = None) -> ControlPoin
     """
     given = read_gcp_list(path)
     crs, lines = given.crs, given.lines
-    names = _named(lines)
-    ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
-    first = {ids[name]: line.place for name, line in reversed(list(zip(names, lines, strict=True)))}
-    _check_places(path, lines, [first[ids[name]] for name in names])
+    keys = [line.name or line.place for line in lines]  # points without a name are told apart by their places
+    ids = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    point_ids = [ids[key] for key in keys]
+    _check_places(path, given, point_ids)
+    first = {k: line.place for k, line in reversed(list(zip(point_ids, lines, strict=True)))}
     points, frame = in_local_metres(np.array([first[k] for k in range(len(ids))], float), crs, str(path))
     unknown = np.full(len(ids), np.nan)
     markers = Markers(np.arange(len(ids)), points, unknown, unknown)
-    sightings = [] if photos is None else _sightings(path, lines, [ids[name] for name in names], photos)
-    return ControlPoints(markers, frame, tuple(sightings), {k: f"point {name}" for name, k in ids.items()})
+    sightings = [] if photos is None else _sightings(path, lines, point_ids, photos)
+    return ControlPoints(markers, frame, tuple(sightings), {k: _name(key) for key, k in ids.items()})
 
 
-def _named(lines: Sequence[GcpLine]) -> list[str]:
-    """The name of each line's point; points without a name are told apart by their places."""
-    return [line.name or "at " + " ".join(f"{value:.4f}" for value in line.place) for line in lines]
+def _name(key: str | tuple[float, float, float]) -> str:
+    return f"point {key}" if isinstance(key, str) else "point at " + " ".join(f"{value:.10g}" for value in key)
 
 
-def _check_places(path: Path, lines: Sequence[GcpLine], places: list[tuple[float, float, float]]) -> None:
-    for line, place in zip(lines, places, strict=True):
-        if max(abs(a - b) for a, b in zip(line.place, place, strict=True)) > _SAME_PLACE_M:
+def _check_places(path: Path, given: GcpList, point_ids: Sequence[int]) -> None:
+    metres = in_local_metres(np.array([line.place for line in given.lines]), given.crs, str(path))[0]
+    first: dict[int, FloatArray] = {}
+    for line, k, place in zip(given.lines, point_ids, metres, strict=True):
+        if np.abs(place - first.setdefault(k, place)).max() > _SAME_PLACE_M:
             raise FormatError(f"{path}, line {line.number}: point {line.name} has another place than further above")
 
 

@@ -16,7 +16,7 @@ from pomona.adjustment.lenses import credible_focals, share_lenses
 from pomona.adjustment.weights import Landmark
 from pomona.arrays import FloatArray
 from pomona.cameras import Cameras, ScaleSource, WorldFrame, concatenate, split
-from pomona.errors import InputError
+from pomona.errors import InputError, few
 from pomona.geometry import PLACED_SD_M, Similarity, on_one_line, robust_similarity
 from pomona.photos import Photo, Photos
 from pomona.scale.accuracy import warn_of_vague_places
@@ -121,7 +121,7 @@ def place_by_markers(
     called = source.replace("-", " ")
     fits: dict[int, MarkerFit] = {}
     for idx, piece in enumerate(placement.pieces):
-        fit = fit_markers(piece.cameras, sightings, places, called=called)
+        fit = fit_markers(piece.cameras, sightings, places, called=called, names=placement.marker_names)
         if isinstance(fit, str):
             placement.add_failure(idx, fit)
             if placement.is_main(idx):
@@ -229,12 +229,18 @@ class MarkerFit:
 
 
 def fit_markers(
-    cameras: Cameras, sightings: Sequence[PlateSighting], places: Mapping[int, FloatArray], *, called: str = "markers"
+    cameras: Cameras,
+    sightings: Sequence[PlateSighting],
+    places: Mapping[int, FloatArray],
+    *,
+    called: str = "markers",
+    names: Mapping[int, str] | None = None,
 ) -> MarkerFit | str:
     """Return a piece's fit to markers of known places, or why there is none.
 
     Three markers that are not on one line give place, rotation and scale. With two, or on one line, the rotation
-    about the line comes from how the cameras were held. `called` is what a person calls them.
+    about the line comes from how the cameras were held. `called` is what a person calls them, and `names` each of them,
+    by id, where that is not its number.
     """
     sightings = [sighting for sighting in sightings if sighting.marker_id in places]
     found, failed = triangulate_markers(cameras, sightings)
@@ -257,9 +263,10 @@ def fit_markers(
     spread = float(np.linalg.norm(target[inliers] - target[inliers].mean(0), axis=1).mean())
     rms_m = float(np.sqrt((residuals[inliers] ** 2).mean()))
     if rms_m > _MOST_RESIDUAL * spread:
+        those = few([names[i] for i in ids]) if names else f"markers {', '.join(map(str, ids))}"
         return (
-            f"markers {', '.join(map(str, ids))} are seen where the table does not have them ({rms_m:.2f} m off, RMS): "
-            "check its ids and places"
+            f"{those} are seen where the table does not have them ({rms_m:.2f} m off, RMS): "
+            f"check its {'names' if names else 'ids'} and places"
         )
     wrong = {
         i: f"seen {r:.3f} m from its place in the table, against all others"
