@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +70,26 @@ def test_a_photo_far_above_its_neighbours_is_named() -> None:
     assert said.startswith("1 photo stands")
     (three_heights,) = {len(said_of(lifted(EAST, 0.9 * (np.arange(len(EAST)) % 3))).notes)}
     assert three_heights == 0  # a pole, or a drone
+
+
+@pytest.mark.parametrize("off", [0, 1, 20, 40])
+@pytest.mark.parametrize("slope", [-0.3, 0.0, 0.4])
+def test_photos_of_a_row_that_climbs_are_named_only_where_they_are_off(slope: float, off: int) -> None:
+    row = photographed("row", length_m=40.0, photos=41, seed=1, points=10)
+    climbing = lifted(row, slope * row.centers_in_world[:, 0])
+    assert said_of(climbing).notes == []
+    for above_m in (-0.9, 0.9):
+        (said,) = said_of(lifted(climbing, above_m * (np.arange(41) == off))).contradictions
+        found = re.fullmatch(rf"1 photo stands far .*: {row.photos[off]} \(([-+].*) m\)\. Unless .*", said)
+        assert found is not None
+        assert float(found[1]) == pytest.approx(above_m, abs=0.3)
+
+
+def test_photos_taken_from_one_place_do_not_say_how_steep_the_ground_is() -> None:
+    random = np.random.default_rng(0)
+    centers = np.repeat([[0.0, 0, 1.5], [2.5, 0, 1.5], [5.0, 0, 1.5], [7.5, 0, 1.5]], [9, 1, 9, 1], axis=0)
+    centers += random.normal(0, [0.1, 0.1, 0.08], centers.shape)
+    assert 0 < np.abs(heights_above_neighbours(centers)).max() < 0.4
 
 
 @pytest.mark.parametrize("source", ["markers", "control-points"])

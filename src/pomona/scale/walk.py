@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray
+from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray, weighted_median
 from pomona.cameras import Cameras
 from pomona.photos import side_in_words
 from pomona.scale.placement import Placement
@@ -98,7 +98,19 @@ def _check_heights(placement: Placement, photos: Sequence[str], centers: FloatAr
 
 
 def heights_above_neighbours(centers: FloatArray) -> FloatArray:
-    """Return how far (n,) each camera is above the median height of those nearest to it, seen from above."""
-    beside = min(_BESIDE, len(centers) - 1)
-    neighbours = np.asarray(cKDTree(centers[:, :2]).query(centers[:, :2], k=beside + 1)[1])
-    return np.asarray(centers[:, 2] - np.median(centers[neighbours[:, 1:], 2], axis=1))
+    """Return how far (n,) each camera is above a line through those nearest to it, seen from above: rows climb.
+
+    The line runs the way these stand; its slope is the median of those between any two of them, weighted by how far
+    apart these are, its height the median. Where they stand at one place, apart from the camera, it is level.
+    """
+    count = min(_BESIDE, len(centers) - 1)
+    beside = centers[np.asarray(cKDTree(centers[:, :2]).query(centers[:, :2], k=count + 1)[1])[:, 1:]]
+    flat = beside[:, :, :2]
+    way = np.linalg.svd(flat - flat.mean(axis=1, keepdims=True), full_matrices=False)[2][:, 0]
+    along = np.einsum("nki,ni->nk", flat - centers[:, None, :2], way)
+    one, other = np.triu_indices(count, 1)
+    run, rise = along[:, other] - along[:, one], beside[:, other, 2] - beside[:, one, 2]
+    slopes = rise / np.where(run == 0, np.inf, run)
+    slope = np.array([weighted_median(*each) for each in zip(slopes, np.abs(run), strict=True)])
+    slope[np.abs(along).min(axis=1) >= np.ptp(along, axis=1)] = 0
+    return np.asarray(centers[:, 2] - np.median(beside[:, :, 2] - slope[:, None] * along, axis=1))
