@@ -262,6 +262,17 @@ def test_a_table_of_another_row_is_refused_by_the_photos(monkeypatch: pytest.Mon
     assert any("are seen where the table does not have them" in warning for warning in progress.warnings)
 
 
+def test_a_table_of_a_whole_orchard_is_not_taken_for_one_in_other_units(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    show_markers(monkeypatch, sighted([EAST], PLACES))
+    elsewhere = {i: (600 + 10 * (i % 7), 4.0 * (i // 7), 1.0) for i in range(6, 48)}
+    options, progress = ScaleOptions(markers=marker_table(tmp_path / "markers.csv", PLACES | elsewhere)), Silent()
+    place_in_world(Reconstruction(BOTH.pieces[:1]), photos_of(EAST), options=options, progress=progress)
+    (said,) = progress.warnings
+    assert "42 of 48 markers named in markers.csv were not seen" in said
+
+
 def test_places_in_millimetres_are_asked_about(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     show_markers(monkeypatch, sighted([EAST], PLACES))
     places = {i: tuple(1000 * v for v in place) for i, place in PLACES.items()}

@@ -145,7 +145,7 @@ def place_by_markers(
             sds_m = tilt_sds_m(cameras, np.array([places[i] for i in fit.used]))
             warn_of_vague_places(placement, cameras.photos, sds_m, options.fruit_diameter_m)
         placement.markers += residuals_of(cameras, placement.pieces[idx].side, fit, places)
-        _check_units(placement, idx, places, cameras.centers_in_world)
+        _check_units(placement, idx, [places[i] for i in fit.used], cameras.centers_in_world)
     return WorldFrame(source, approximate=False, up_is_known=any(fit.up_is_known for fit in fits.values()))
 
 
@@ -185,8 +185,8 @@ def _warn_of_fit(placement: Placement, idx: int, fit: MarkerFit) -> None:
         placement.warn(f"{placement.name(idx)}: {placement.marker_name(marker_id)} was left out: {reason}")
 
 
-def _check_units(placement: Placement, idx: int, places: dict[int, FloatArray], centers: FloatArray) -> None:
-    middle = np.mean(list(places.values()), axis=0)
+def _check_units(placement: Placement, idx: int, used: Sequence[FloatArray], centers: FloatArray) -> None:
+    middle = np.mean(used, axis=0)
     distance = float(np.median(np.linalg.norm(centers - middle, axis=1)))
     low, high = PLAUSIBLE_DISTANCE_M
     if not low < distance < high:
