@@ -74,6 +74,18 @@ def test_points_lie_on_the_fruits_and_nowhere_else(scene: tuple[Photos, SurveyDe
     assert progress.warnings == []
 
 
+def test_a_photo_that_cannot_be_decoded_is_left_out_with_one_warning(tmp_path: Path) -> None:
+    photos, detections, cameras = scene_of(cameras_in_a_row(5, step_m=0.1, distance_m=0.9), tmp_path)
+    photos.items[2].path.write_bytes(b"no photo any more")
+    progress = Silent()
+    cloud = fruit_cloud(photos, detections, cameras, options=DenseOptions(engine="opencv"), progress=progress)
+    (said,) = progress.warnings
+    assert said.startswith(f"{cameras.photos[2]} is not in the cloud: its pixels cannot be decoded")
+    assert len(cloud) > 200
+    off_m = np.abs(np.linalg.norm(cloud.points_in_world[:, None] - CENTERS, axis=2) - DIAMETERS / 2).min(axis=1)
+    assert 0 < np.median(off_m) < 0.004
+
+
 def test_one_photo_or_no_masks_give_an_empty_cloud(scene: tuple[Photos, SurveyDetections, Cameras]) -> None:
     photos, detections, cameras = scene
     alone = Cameras(

@@ -11,6 +11,8 @@ from fuse_scenes import HEIGHT, WIDTH, cameras_in_a_row, detections_of, seen_pix
 from pomona.capture import load_photos
 from pomona.dense import sphere_cloud
 from pomona.fruits import Fruits, Observations
+from pomona.photos import Photo, Photos
+from pomona.progress import Silent
 
 CENTERS = np.array([[-0.15, 0.0, 0.05], [0.12, 0.05, -0.05], [0.0, 0.1, 0.15]])
 DIAMETERS = np.full(3, 0.08)
@@ -50,3 +52,23 @@ def test_no_fruits_have_no_cloud(tmp_path: Path) -> None:
     detections = detections_of(cameras, CENTERS, DIAMETERS)
     cloud = sphere_cloud(Fruits.empty(), Observations.empty(), detections, cameras, load_photos([tmp_path]))
     assert len(cloud) == 0
+
+
+def test_a_photo_that_cannot_be_decoded_is_left_out(tmp_path: Path) -> None:
+    cameras = cameras_in_a_row(2)
+    for name in cameras.photos:
+        Image.new("RGB", (WIDTH, HEIGHT)).save(tmp_path / name)
+    photos = Photos(tuple(Photo(name, tmp_path / name, WIDTH, HEIGHT) for name in cameras.photos))
+    detections = detections_of(cameras, CENTERS, DIAMETERS)
+    ids = [int(detections[name].ids[0]) for name in cameras.photos]
+    observations = Observations(np.array([1, 1]), tuple(cameras.photos), np.array(ids), np.zeros((2, 2)))
+    fruits = Fruits(np.array([1]), CENTERS[:1], np.array([0.08]), np.full(1, 0.9), np.full(1, 2))
+    sizes = []
+    for damaged in (None, *photos):
+        if damaged is not None:
+            damaged.path.write_bytes(b"no photo any more")
+        progress = Silent()
+        sizes.append(len(sphere_cloud(fruits, observations, detections, cameras, photos, progress=progress)))
+    assert 0.4 * sizes[0] < sizes[1] < 0.6 * sizes[0]
+    assert sizes[2] == 0
+    assert [said.split(": ")[0] for said in progress.warnings] == [f"{n} is not in the cloud" for n in cameras.photos]

@@ -31,10 +31,11 @@ def fruit_cloud(
 ) -> FruitCloud:
     """Return a point cloud of what the detections cover, in the world frame, `fruit_id` 0 throughout.
 
-    Engine "patchmatch" falls back to the plane sweep, with a warning, where COLMAP's cannot run.
+    Engine "patchmatch" falls back to the plane sweep, with a warning, where COLMAP's cannot run. Photos that cannot be
+    decoded are left out, with a warning.
     """
     options, progress = options or DenseOptions(), progress or Silent()
-    scene = StereoScene(photos, detections, cameras, options)
+    scene = StereoScene(photos, detections, cameras, options, progress)
     missing = what_colmap_lacks() if options.engine != "opencv" else "not asked for"
     if options.engine == "patchmatch" and missing:
         progress.warn(f"COLMAP's PatchMatch cannot run: {missing}. The cloud is made on the CPU instead.")

@@ -15,17 +15,29 @@ from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.options import DenseOptions
 from pomona.dense.views import View, ViewCache, make_view
 from pomona.detections import Detections, SurveyDetections
+from pomona.errors import DamagedPhotoError
 from pomona.fruit_traits.ranges import fruit_ranges
 from pomona.fruit_traits.size import FruitSize
 from pomona.photos import Photos
-from pomona.progress import Progress, track
+from pomona.progress import Progress, Silent, track
 
 
 class StereoScene:
-    """The photos of a survey as stereo sees them: `ranges` of depth, `neighbours` of each photo, and its views."""
+    """The photos of a survey as stereo sees them: `ranges` of depth, `neighbours` of each photo, and its views.
 
-    def __init__(self, photos: Photos, detections: SurveyDetections, cameras: Cameras, options: DenseOptions) -> None:
+    A photo that cannot be decoded is black and has no fruit; `progress` is warned of it once.
+    """
+
+    def __init__(
+        self,
+        photos: Photos,
+        detections: SurveyDetections,
+        cameras: Cameras,
+        options: DenseOptions,
+        progress: Progress | None = None,
+    ) -> None:
         self._detections, self.cameras, self.options = detections, cameras, options
+        self._progress, self._damaged = progress or Silent(), set[int]()
         by_name = photos.by_name()
         self._photos = [by_name[name] for name in cameras.photos]
         self.ranges = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m))
@@ -36,8 +48,15 @@ class StereoScene:
 
     def _load(self, i: int) -> View:
         photo = self._photos[i]
-        rgb = read_pixels(photo, max_side_px=photo.longer_side_px(self._scales[i]))
         found = self._detections.get(photo.name)
+        try:
+            rgb = read_pixels(photo, max_side_px=photo.longer_side_px(self._scales[i]))
+        except DamagedPhotoError as error:
+            if i not in self._damaged:
+                self._progress.warn(f"{photo.name} is not in the cloud: {error.reason}")
+            self._damaged.add(i)
+            width, height = (max(1, round(side * self._scales[i])) for side in (photo.width_px, photo.height_px))
+            rgb, found = np.zeros((height, width, 3), np.uint8), None
         if found is None:
             found = Detections.empty(photo.name, photo.width_px, photo.height_px)
         return make_view(i, rgb, found, self.cameras.intrinsics_of(i), self.cameras.cam_from_world[i])

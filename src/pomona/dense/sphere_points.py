@@ -11,6 +11,7 @@ from pomona.cameras import Cameras
 from pomona.capture import read_pixels
 from pomona.dense.options import SphereCloudOptions
 from pomona.detections import Mask, SurveyDetections
+from pomona.errors import DamagedPhotoError
 from pomona.fruit_traits.ranges import fruit_widths_px
 from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.photos import Photos
@@ -30,7 +31,7 @@ def sphere_cloud(
     """Return points (m, 3) where rays through fruits' masks meet their spheres, coloured by the photos.
 
     Only what photos show has points; places are those of the spheres, not measured one by one. Fruits without a
-    diameter have none.
+    diameter have none, and photos that cannot be decoded are left out, with a warning.
     """
     options, progress = options or SphereCloudOptions(), progress or Silent()
     shown = _most_shown(fruits, observations, detections, options.views)
@@ -43,7 +44,11 @@ def sphere_cloud(
     for name in track(sorted(shown), progress, "cloud", len(shown)):
         photo = by_name[name]
         photo_idx = photo_of[name]
-        pixels = read_pixels(photo, max_side_px=photo.longer_side_px(scales[photo_idx]))
+        try:
+            pixels = read_pixels(photo, max_side_px=photo.longer_side_px(scales[photo_idx]))
+        except DamagedPhotoError as error:
+            progress.warn(f"{name} is not in the cloud: {error.reason}")
+            continue
         for fruit_id, mask in shown[name]:
             i = index[fruit_id]
             xy_px = _inside(mask, photo.width_px / pixels.shape[1])
@@ -51,7 +56,7 @@ def sphere_cloud(
                 cameras, photo_idx, xy_px, fruits.centers_in_world[i], float(fruits.diameters_m[i]) / 2
             )
             parts.append((points, _colours(pixels, xy_px[met], photo.width_px), np.full(len(points), fruit_id)))
-    return FruitCloud(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return FruitCloud(*(np.concatenate(column) for column in zip(*parts, strict=True))) if parts else FruitCloud.empty()
 
 
 def _most_shown(
