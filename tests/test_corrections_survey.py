@@ -6,7 +6,9 @@ import http.client
 import json
 import re
 import shutil
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -248,6 +250,27 @@ def test_every_later_command_has_them(scene: Scene, tmp_path: Path) -> None:
     assert runner.invoke(app, ["export", str(scene.survey), "--to", "coco", "--out", str(masks)]).exit_code == 0
     kinds = {a["attributes"]["correction"] for a in json.loads(masks.read_text())["annotations"]}
     assert kinds == {"none", "added", "split", "merged", "moved"}
+
+
+def test_values_read_before_a_correction_are_not_exported_after_it(scene: Scene, tmp_path: Path) -> None:
+    survey = pomona.open(scene.survey)
+    assert len(survey.fruits) == len(set(survey.observations.fruit_id.tolist())) == 16
+    desk = Desk.of(scene)
+    desk.ask("delete", desk.fruit(GRID[FALSE_ONE]))
+    with closing(sqlite3.connect(survey.export("gpkg", tmp_path / "fruits.gpkg"))) as database:
+        assert database.execute("select count(*) from fruits").fetchone() == (15,)
+    assert len(survey.fruits) == len(read_fruits(scene.survey / "fruits.csv")) == 15
+    assert set(survey.observations.fruit_id.tolist()) == set(survey.fruits.ids.tolist())
+
+
+def test_values_are_the_corrected_ones_when_the_page_ends(scene: Scene) -> None:
+    survey = pomona.open(scene.survey)
+    assert len(survey.fruits) == 16
+    with running(survey.viewer()) as server:
+        assert server.corrector is not None
+        false_one = Desk.of(scene).fruit(GRID[FALSE_ONE])
+        assert post(server, request(server.corrector.state, "delete", fruits=[false_one]))[0] == 200
+    assert len(survey.fruits) == len(read_fruits(scene.survey / "fruits.csv")) == 15
 
 
 def test_masks_are_labels_before_the_first_correction_as_after_it(scene: Scene, tmp_path: Path) -> None:

@@ -78,8 +78,8 @@ class Survey(SurveySource):
         """Return the server of the page of this survey, on this computer alone.
 
         `url` says where the page is, `serve_forever` serves it; it is a context manager, too. `port` 0 takes a free
-        one. `truth` and `truth_crs` are those of `evaluate`. Corrections are made in the page. Raises `InputError`
-        where the port is taken or is none.
+        one. `truth` and `truth_crs` are those of `evaluate`. Corrections are made in the page; tables and values have
+        them when the context ends. Raises `InputError` where the port is taken or is none.
         """
         from pomona.view import Corrector, ViewServer
 
@@ -89,7 +89,13 @@ class Survey(SurveySource):
         if corrector.note and self.files.corrections.is_file():
             self.progress.warn(corrector.note)
         try:
-            return ViewServer(corrector.data, port=port, truth=corrector.truth, corrector=corrector)
+            return ViewServer(
+                corrector.data,
+                port=port,
+                truth=corrector.truth,
+                corrector=corrector,
+                on_changed=self.bring_up_to_date,
+            )
         except OSError as error:
             reason = error.strerror or error
             raise InputError(f"`port` {port}: {reason}: choose another, or none for a free one") from None
@@ -117,14 +123,10 @@ class Survey(SurveySource):
         """Show the survey in the browser until Ctrl-C, then bring its tables up to date with what was corrected."""
         import webbrowser
 
-        from pomona.pipeline.reopen import bring_up_to_date
-
         with self.viewer(port=port, truth=truth, truth_crs=truth_crs) as server:
             webbrowser.open(server.url)
             with contextlib.suppress(KeyboardInterrupt):
                 server.serve_forever()
-        bring_up_to_date(self.files, self.progress)
-        self.forget()
 
 
 def run(

@@ -44,6 +44,5 @@ def view(
         server = opened.viewer(port=port, truth=truth, truth_crs=truth_crs)
     serve_page(server, no_browser=no_browser)
     if server.changed:
-        pomona.open(survey)
         command = command_line(["pomona", "report", survey])
         typer.echo(f"The tables are corrected; `{command}` writes the report again.", err=True)

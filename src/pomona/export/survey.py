@@ -17,6 +17,16 @@ if TYPE_CHECKING:
 class SurveySource(SurveyReader):
     """A survey to be exported."""
 
+    def bring_up_to_date(self) -> None:
+        """Write tables, map and cloud again where they lack corrections; all is read again when it is asked for next.
+
+        Raises what `pomona.pipeline.reopen.bring_up_to_date` raises.
+        """
+        from pomona.pipeline.reopen import bring_up_to_date
+
+        bring_up_to_date(self.files, self.progress)
+        self.forget()
+
     def corrected(self) -> tuple[Found, Corrected] | None:
         """Return the fruits as found and as corrected; None where nothing is, or all of it was undone."""
         if not self.files.corrections.is_file():
@@ -48,15 +58,14 @@ class SurveySource(SurveyReader):
 def export_survey(kind: str, source: SurveySource, path: Path | None = None) -> Path:
     """Write a survey in the format of that kind to `path`, by default in its folder `export/`; return the path.
 
-    Tables, map and cloud are first brought up to date with the survey's corrections. Raises what `write_export` raises,
-    and `MissingFileError` where the survey has not got so far, naming the command that goes on.
+    Tables, map and cloud, and the values of `source`, are first brought up to date with the survey's corrections.
+    Raises what `write_export` raises, and `MissingFileError` where the survey has not got so far, naming the command
+    that goes on.
     """
-    from pomona.pipeline.reopen import bring_up_to_date
-
     chosen = export_format(kind)
     target = path or source.files.exports / chosen.file_name
     if chosen.content != "cameras":
-        bring_up_to_date(source.files, source.progress)
+        source.bring_up_to_date()
     source.files.need(source.file(chosen.needs))
     write_export(kind, source, target)
     return target

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from http import HTTPStatus
+from types import TracebackType
 from typing import Any
 
 from starlette.applications import Starlette
@@ -80,7 +81,8 @@ class SurveyPages:
 class ViewServer(PageServer):
     """Serves one survey on 127.0.0.1. `port` 0 takes a free one; raises `OSError` where a port is taken.
 
-    `truth` and `corrector` are those of `SurveyPages`.
+    `truth` and `corrector` are those of `SurveyPages`. `on_changed` is called at the end of the context where fruits
+    were corrected.
     """
 
     def __init__(
@@ -90,8 +92,9 @@ class ViewServer(PageServer):
         port: int = 0,
         truth: TruthData | None = None,
         corrector: Corrector | None = None,
+        on_changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self.corrector = corrector
+        self.corrector, self._on_changed = corrector, on_changed
         self.pages = SurveyPages(data, truth, corrector)
         super().__init__(self.pages.app, policy=policy("server"), port=port)
 
@@ -99,6 +102,14 @@ class ViewServer(PageServer):
     def changed(self) -> bool:
         """Whether fruits were corrected since it was started."""
         return self.corrector is not None and self.corrector.changed
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the port back, and say that fruits were corrected."""
+        super().__exit__(kind, error, trace)
+        if self.changed:
+            self._on_changed()
 
 
 def _not_there(request: Request, error: Exception) -> Response:
