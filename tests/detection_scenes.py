@@ -185,6 +185,25 @@ def supervision_coco(folder: Path) -> Path:
     return written(folder / "annotations.json", content)
 
 
+def cvat_coco(folder: Path) -> Path:
+    """As CVAT exports COCO, by Datumaro: what was drawn with the brush as runs with `iscrowd`, other shapes without."""
+    annotations = [
+        {"id": k, "category_id": 3, "image_id": e["image_id"], "area": 9.0, "bbox": [1.0, 1.0, 5.0, 5.0],
+         "segmentation": e["segmentation"] if k > 2 else polygon_of(FRUITS[k - 1][1]), "iscrowd": int(k > 2),
+         "attributes": {"occluded": False}}
+        for k, e in enumerate(coco_annotations(lambda fruit: runs_of(fruit.pixels)), start=1)
+    ]  # fmt: skip
+    images = [{**image, "license": 0, "flickr_url": "", "coco_url": "", "date_captured": 0} for image in coco_images()]
+    content = {
+        "licenses": [{"name": "", "id": 0, "url": ""}],
+        "info": {"contributor": "", "date_created": "", "description": "", "url": "", "version": "", "year": ""},
+        "categories": [{"id": 3, "name": "apple", "supercategory": ""}],
+        "images": images,
+        "annotations": annotations,
+    }
+    return written(folder / "instances_default.json", content)
+
+
 # VIA
 
 
@@ -403,6 +422,7 @@ WRITERS: dict[str, tuple[Writer, bool, bool]] = {
     "COCO results by name": (results_of_names, True, True),
     "SAHI": (sahi_results, True, True),
     "supervision, COCO": (supervision_coco, True, False),
+    "CVAT, COCO": (cvat_coco, False, False),
     "supervision, YOLO": (yolo_traced, True, False),
     "supervision, Pascal VOC": (voc, True, False),
     "VIA 1": (via1, False, True),

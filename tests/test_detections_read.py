@@ -14,6 +14,7 @@ import detection_scenes as scenes
 from detection_scenes import FRUITS, SCENE, WRITERS, scene_photos, whole, written
 from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
+from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.detections.read import read_detections
 from pomona.photos import Photo, Photos
@@ -189,6 +190,14 @@ def test_crowds_are_left_out_but_for_supervisions_fruits_in_parts(tmp_path: Path
     progress = Silent()
     assert read_detections(written(path, content), scene_photos(), progress=progress).total == len(FRUITS) - 1
     assert any("1 crowd (iscrowd) left out" in warning for warning in progress.warnings)
+
+
+def test_what_was_drawn_with_cvats_brush_is_a_fruit_to_learn_from(tmp_path: Path) -> None:
+    path = scenes.cvat_coco(tmp_path)
+    marks = [annotation.crowd for annotation in parse_coco(path).annotations]
+    assert marks == [False] * len(FRUITS)
+    path.write_text(path.read_text().replace('"url": ""}]', '"url": "https://cocodataset.org"}]', 1))
+    assert [annotation.crowd for annotation in parse_coco(path).annotations] == [False] * 2 + [True] * (len(FRUITS) - 2)
 
 
 def test_a_folder_must_hold_one_format_and_something(tmp_path: Path) -> None:

@@ -69,13 +69,16 @@ class Habits:
 
 
 def habits_of(content: Mapping[str, Any]) -> Habits:
-    """Return the habits of the program that wrote a file: supervision, SAHI (its results, with images), or others.
+    """Return the habits of the program that wrote a file: supervision, Datumaro (CVAT), SAHI (its results, with
+    images), or others.
 
     `content` has been found to have lists of categories, which are objects, and of annotations.
     """
     above = [entry.get("supercategory") for entry in content.get("categories", ())]
     if above and all(name == "common-objects" for name in above):  # supervision, dataset/formats/coco.py
         return Habits(traced=True, crowds=False)
+    if content.get("licenses") == [{"name": "", "id": 0, "url": ""}]:  # Datumaro, coco/exporter.py: whatever was drawn
+        return Habits(crowds=False)
     annotations = content["annotations"]
     keys = {"score", "category_name", "iscrowd", "area"}  # SAHI, utils/coco.py, CocoPrediction.json
     if annotations and all(isinstance(entry, dict) and keys <= set(entry) for entry in annotations):
