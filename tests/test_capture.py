@@ -470,6 +470,14 @@ def test_natural_key_counts_as_people_do() -> None:
         (Exif(focal_35mm=26.0), (4032, 3024), 26 / 43.2666 * 5040),
         # The camera's own sensor width.
         (Exif(focal_mm=10.0, plane_width_mm=20.0), (4000, 3000), 2000.0),
+        # The camera's own before what is usual in its family, unless the photo was made smaller.
+        (Exif(make="Canon", model="Canon PowerShot V10", focal_mm=6.5, plane_width_mm=13.1), (4000, 3000), 1984.73),
+        (Exif(make="Canon", model="Canon PowerShot A640", focal_mm=7.3, plane_width_mm=7.2), (4000, 3000), 4055.56),
+        (Exif(make="Canon", model="Canon PowerShot A550", focal_mm=5.8, plane_width_mm=5.76), (3000, 2000), 3020.83),
+        (Exif(make="Canon", model="Canon PowerShot SX260 HS", focal_mm=4.5), (4000, 3000), 4.5 / 6.17 * 4000),
+        (Exif(make="Canon", model="Canon PowerShot SX260 HS", focal_mm=4.5, plane_width_mm=4.6), (3000, 2250), 2188.01),
+        # A known camera's sensor before what it writes: the EOS 6D Mark II writes nonsense.
+        (Exif(make="Canon", model="Canon EOS 6D Mark II", focal_mm=24.0, plane_width_mm=23.7), (6240, 4160), 4160.0),
         # Digital zoom: the equivalent knows of it, the sensor's width does not.
         (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0, focal_35mm=76), (3000, 2000), 76 / 36 * 3000),
         (Exif(make="Unheard", model="Of", focal_mm=24.0), (3000, 2000), None),
@@ -514,6 +522,21 @@ def test_focal_lengths_are_as_exact_as_they_were_written(exif: Exif, share: floa
         ("SONY", "ILCE-7M3", 35.8),
         ("SONY", "ILCE-6000", 23.5),
         ("DJI", "FC6310", 13.2),
+        ("Canon", "Canon PowerShot G1 X", 18.7),
+        ("Canon", "Canon PowerShot G1 X Mark II", 18.7),
+        ("Canon", "Canon PowerShot G1 X Mark III", 22.3),
+        ("Canon", "Canon PowerShot G3 X", 13.2),
+        ("Canon", "Canon PowerShot G9 X Mark II", 13.2),
+        ("Canon", "Canon PowerShot G9", 7.44),
+        ("Canon", "Canon PowerShot G12", 7.44),
+        ("Canon", "Canon PowerShot G16", 7.44),
+        ("Canon", "Canon PowerShot S120", 7.44),
+        ("Canon", "Canon PowerShot SX260 HS", None),
+        ("SONY", "DSC-RX1", 35.8),
+        ("SONY", "DSC-RX1RM2", 35.8),
+        ("SONY", "DSC-RX100", 13.2),
+        ("SONY", "DSC-RX100M3", 13.2),
+        ("SONY", "DSC-RX10M4", 13.2),
         ("", "", None),
     ],
 )
@@ -545,6 +568,8 @@ def test_exif_position_and_time() -> None:
     assert exif.gnss.altitude_m == 212.5
     assert exif.taken_at == datetime(2017, 9, 28, 11, 2, 3, 250000)
     assert exif.plane_width_mm == pytest.approx(20.0)
+    for resolution in (12000.0, 600.0):  # per cm: sensors of 3 and 67 mm
+        assert parse_exif({}, details | {0xA210: 3, 0xA20E: resolution, 0xA20F: resolution}, {}).plane_width_mm is None
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "heic"])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from pomona.capture.sensors import sensor_width_mm
+from pomona.capture.sensors import sensor_width_mm, usual_width_mm
 from pomona.photos import Gnss
 
 _MAKE, _MODEL, _ORIENTATION, _DATE_TIME = 0x010F, 0x0110, 0x0112, 0x0132
@@ -25,6 +25,8 @@ _HIGHEST_M = 20_000.0  # of a photo's place, above the sea or below: more is no 
 _NOMINAL = 0.01
 # Sides of a photo in another proportion than EXIF has them, by more than rounding and a raw file's margin: cropped.
 _SAME_SHAPE = 0.02
+# The usual sensor of a family of compact cameras is among its smallest: as a share of it, none is smaller.
+_LEAST_OF_USUAL = 0.85
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,9 @@ def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] |
     """Return the focal length of a photo of this size and its standard deviation, in pixels, or None.
 
     A known sensor width gives the most exact value, then the sensor width that the camera itself writes (focal plane
-    resolution), then the 35 mm equivalent, which is rounded to whole millimetres. The equivalent overrules the two
-    others where they disagree by more than 10 %: it alone knows of digital zoom, crops and a phone's other lenses.
+    resolution), then the one that is usual in its family, then the 35 mm equivalent, which is rounded to whole
+    millimetres. The equivalent overrules the others where they disagree by more than 10 %: it alone knows of digital
+    zoom, crops and a phone's other lenses.
     Photos may have been resized, so millimetres are related to the longer side or, for the 35 mm equivalent, to the
     diagonal, by which CIPA's guideline DCG-001 defines it. None where EXIF does not lead to a focal length, as where
     photos were cropped: EXIF is of the whole.
@@ -88,7 +91,7 @@ def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] |
         focal = exif.focal_35mm / _DIAGONAL_35MM_MM * math.hypot(width_px, height_px)
         equivalent = focal, focal * _sd(exif.focal_35mm)
     if exif.focal_mm is not None:
-        for sensor_mm in (sensor_width_mm(exif.make, exif.model), exif.plane_width_mm):
+        for sensor_mm in _sensor_widths_mm(exif):
             if sensor_mm is None or not _is_of_a_lens(exif.focal_mm / sensor_mm * _WIDTH_35MM_MM):
                 continue
             focal = exif.focal_mm / sensor_mm * max(width_px, height_px)
@@ -97,6 +100,18 @@ def focal_px(exif: Exif, width_px: int, height_px: int) -> tuple[float, float] |
             if equivalent is not None and abs(focal / equivalent[0] - 1) < 0.1:
                 return focal, focal * _sd(exif.focal_mm)
     return equivalent
+
+
+def _sensor_widths_mm(exif: Exif) -> tuple[float | None, ...]:
+    """What is known of the sensor's width, the most trusted first.
+
+    Known cameras are not asked: some write nonsense (Canon's EOS 6D Mark II 23.7 mm, for 36), and programs that make
+    photos smaller change their size in EXIF, but not the resolution, so that sensors seem smaller, too.
+    """
+    written_mm, usual_mm = exif.plane_width_mm, usual_width_mm(exif.make, exif.model)
+    if written_mm is not None and usual_mm is not None and written_mm < _LEAST_OF_USUAL * usual_mm:
+        written_mm = None
+    return sensor_width_mm(exif.make, exif.model), written_mm, usual_mm
 
 
 def was_cropped(exif: Exif, width_px: int, height_px: int) -> bool:
@@ -146,8 +161,8 @@ def _plane_width_mm(details: Mapping[int, Any]) -> float | None:
             return None
         sides.append(pixels / resolution * _MM_PER_UNIT.get(details.get(_PLANE_UNIT, 2), 25.4))
     longer = max(sides)
-    # Anything else than 2 to 70 mm is a wrong unit or a size that was rewritten by an editor.
-    return longer if 2.0 < longer < 70.0 else None
+    # Anything else than 4 to 60 mm is a wrong unit or a size that was rewritten by an editor.
+    return longer if 4.0 < longer < 60.0 else None
 
 
 def _size_px(details: Mapping[int, Any]) -> tuple[float, float] | None:

@@ -16,15 +16,15 @@ _SENSOR_WIDTHS_MM: tuple[tuple[str, float], ...] = (
     (r"canon eos (100d|200d|250d|1100d|1200d|1300d|1500d|2000d|4000d|m\d*|r7|r10|r50|r100)\b", 22.3),
     (r"canon eos (rebel t\d+i?|rebel sl\d|kiss \w+)", 22.3),
     (r"canon eos (450d|500d|1000d|40d|50d|400d|350d|30d|20d)\b", 22.2),
-    (r"canon powershot g(1 ?x mark iii)", 22.3),
-    (r"canon powershot (g5 ?x|g7 ?x|g9 ?x)", 13.2),
-    (r"canon powershot", 6.17),
+    (r"canon powershot g1 ?x mark iii", 22.3),
+    (r"canon powershot g1 ?x", 18.7),
+    (r"canon powershot g[3579] ?x", 13.2),
+    (r"canon powershot (g9|g1[0-2]|g1[56]|s9[05]|s1[0-2]0)$", 7.44),
     # Nikon
     (r"nikon.*(d[3-6]s?|d6\d0|d7[05]0|d780|d8\d0e?|z ?[5-9](ii)?)\b", 35.9),
     (r"nikon.*(d\d{4}|d[59]00|z ?30|z ?50|z ?fc)", 23.5),
-    (r"nikon.*coolpix", 6.17),
     # Sony
-    (r"sony.*(ilce-[179]\w*|slt-a99|dsc-rx1\w*)$", 35.8),
+    (r"sony.*(ilce-[179]\w*|slt-a99|dsc-rx1(r\w*)?)$", 35.8),
     (r"sony.*(ilce-\d{4}|nex-|slt-a|zv-e10)", 23.5),
     (r"sony.*(dsc-rx100|dsc-rx10|zv-1)", 13.2),
     # Fujifilm, Pentax, Ricoh, Olympus, Panasonic
@@ -51,16 +51,30 @@ _SENSOR_WIDTHS_MM: tuple[tuple[str, float], ...] = (
     (r"google pixel [2-5]", 5.64),
     (r"samsung sm-g9[2-8]\d", 5.64),
 )
+# Compact cameras, of which there are too many to name: what most of a family have. Few have less, some have more.
+_USUAL_WIDTHS_MM: tuple[tuple[str, float], ...] = (
+    (r"canon powershot", 6.17),
+    (r"nikon.*coolpix", 6.17),
+)
 
 
 def sensor_width_mm(make: str, model: str) -> float | None:
     """Return the longer side of a camera's sensor in millimetres, or None where the camera is not in the table."""
+    return _width_mm(_SENSOR_WIDTHS_MM, make, model)
+
+
+def usual_width_mm(make: str, model: str) -> float | None:
+    """Return the longer side of the sensor that most cameras of a family of compacts have, or None for all others."""
+    return _width_mm(_USUAL_WIDTHS_MM, make, model)
+
+
+def _width_mm(widths_mm: tuple[tuple[str, float], ...], make: str, model: str) -> float | None:
     name = " ".join(f"{make} {model}".lower().split())
     # Makers repeat themselves: "Canon" + "Canon EOS 60D", "NIKON CORPORATION" + "NIKON D90".
     first, _, rest = name.partition(" ")
     if rest.startswith(first + " "):
         name = rest
-    for pattern, width_mm in _SENSOR_WIDTHS_MM:
+    for pattern, width_mm in widths_mm:
         if re.search(pattern, name):
             return width_mm
     return None
