@@ -387,6 +387,8 @@ def test_pixels_are_upright_at_any_size(tmp_path: Path, orientation: int, suffix
     }[orientation]  # fmt: skip
     expected = turn(np.asarray(painted((96, 80), 3)))
     assert (photo.width_px, photo.height_px) == ((96, 80) if orientation < 5 else (80, 96))
+    # Other programs read it as it is stored: cameras are exchanged with them by this.
+    assert photo.orientation == orientation
     # JPEG blurs the borders of the blocks; a turn too many or too few is some 80 grey values.
     assert np.abs(read_pixels(photo).astype(int) - expected).mean() <= (12 if suffix == "jpg" else 0)
     for side_px in (None, 24):

@@ -32,13 +32,16 @@ _READ_ERRORS = (
     Image.DecompressionBombError,
 )  # fmt: skip
 _NO_IMAGE = "this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)"
+# Pillow's readers of these turn the pixels upright themselves, and give the upright size.
+_TURNED = ("TIFF", "HEIF")
 # What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
 _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
 
 
 @dataclass(frozen=True)
 class Header:
-    """What an image file's header says: the upright size; `exif.orientation` is what is left to do with the pixels.
+    """What an image file's header says: the upright size; `exif.orientation` is how its pixels are stored, as other
+    programs have them.
 
     `file_state` is that of the file before it was looked into.
     """
@@ -62,8 +65,7 @@ def read_header(path: Path) -> Header:
         with Image.open(path, formats=_FORMATS) as image:
             tags = image.getexif()
             exif = parse_exif(tags, tags.get_ifd(0x8769), tags.get_ifd(0x8825))
-            # Pillow's readers of TIFF and HEIC turn the pixels upright themselves, and give the upright size.
-            turned = image.format in ("TIFF", "HEIF")
+            turned = image.format in _TURNED
             width, height = image.size if turned or exif.orientation < 5 else image.size[::-1]
             whole = _is_whole(path, image)
     except InputError:
@@ -76,7 +78,8 @@ def read_header(path: Path) -> Header:
         raise InputError(f"the image cannot be read ({error})") from None
     if not whole:
         raise InputError("the image is truncated: its end is missing; copy the file again from the camera")
-    return Header(width, height, replace(exif, orientation=1) if turned else exif, state)
+    # All programs turn HEIC, as the format itself says; TIFF they read as it is stored.
+    return Header(width, height, replace(exif, orientation=1) if image.format == "HEIF" else exif, state)
 
 
 def file_state(path: Path) -> tuple[int, int]:
@@ -156,6 +159,7 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
             if scale < 1 or mode == "L":
                 image.draft(mode, stored_size)
             pixels = _grey(image) if mode == "L" else _rgb(image)
+            turned = image.format in _TURNED
     except _READ_ERRORS as error:
         check_unchanged(photo, error)
         # Pillow's own words name the file again.
@@ -163,7 +167,7 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
         reason = f"its pixels cannot be decoded ({why})"
         raise DamagedPhotoError(f"Photo {photo.name} ({photo.path})", reason) from None
     check_unchanged(photo)
-    pixels = _upright(pixels, photo.orientation)
+    pixels = pixels if turned else _upright(pixels, photo.orientation)
     if (pixels.shape[1], pixels.shape[0]) != size:
         if scale == 1.0:
             found = f"{pixels.shape[1]} × {pixels.shape[0]}"
