@@ -20,6 +20,7 @@ from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.crop import RowSegments
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.cameras.colmap import write_colmap
+from pomona.formats.cameras.lenses import Lens, fit_lens
 from pomona.formats.cameras.metashape_export import write_metashape
 from pomona.formats.cameras.nerfstudio_export import write_nerfstudio
 from pomona.formats.cameras.onto_photos import as_stored
@@ -32,6 +33,7 @@ from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
 from pomona.fruits import FruitCloud, Fruits
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
+from pomona.progress import Silent
 from pomona.trees import Trees
 
 METRES = WorldFrame("markers", approximate=False, up_is_known=True)
@@ -108,6 +110,24 @@ def test_nerfstudio_by_its_own_formula(tmp_path: Path) -> None:
     v = y * d + 2 * frame["p2"] * x * y + frame["p1"] * (r2 + 2 * y**2)
     px = np.stack([frame["fl_x"] * u + frame["cx"], frame["fl_y"] * v + frame["cy"]], 1)
     np.testing.assert_allclose(px, cameras.project(3, cameras.points_in_world)[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("focal_px", "taken"), [(1500, True), (1200, False)])
+def test_splatfacto_takes_lenses_that_three_coefficients_are_near_to(
+    tmp_path: Path, focal_px: float, taken: bool
+) -> None:
+    fisheye = Lens(width_px=1600, height_px=1200, fx=focal_px, fy=focal_px, cx=800, cy=600, curve="equidistant")
+    lens = fit_lens(fisheye, "a fisheye").intrinsics
+    cameras = replace(_cameras(METRES), intrinsics=(lens,), intrinsics_idx=np.zeros(6, int))
+    photos = Photos(tuple(Photo(name, tmp_path / name, 1600, 1200) for name in cameras.photos))
+    progress = Silent()
+    write_nerfstudio(tmp_path / "out", cameras, photos, progress)
+    content = json.loads((tmp_path / "out" / "transforms.json").read_text())
+    assert (content["k4"] == 0) == taken  # where it is not, nerfstudio's `_undistort_image` ends with an assertion
+    assert ["splatfacto does not take" in said for said in progress.warnings] == [True] * (not taken)
+    grid = np.stack(np.meshgrid(np.linspace(0, 1600, 41), np.linspace(0, 1200, 31)), -1).reshape(-1, 2)
+    off_px = read_cameras(tmp_path / "out", photos).cameras.intrinsics[0].px_from_cam(lens.cam_from_px(grid)) - grid
+    assert np.sqrt((off_px**2).sum(1).mean()) < 0.1
 
 
 def test_metashape_comes_back(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def _nerfstudio(source: ExportSource, path: Path) -> None:
     cameras = source.cameras
     photos = source.photos_of(cameras)
     _warn_of_missing_points(source, cameras)
-    write_nerfstudio(path, cameras, photos)
+    write_nerfstudio(path, cameras, photos, source.progress)
 
 
 def _metashape(source: ExportSource, path: Path) -> None:

@@ -22,15 +22,17 @@ from pomona.formats.ply import write_ply
 from pomona.fruits import FruitCloud
 from pomona.intrinsics import Intrinsics
 from pomona.photos import Photo, Photos
+from pomona.progress import Progress, Silent
 
 POINTS = "sparse_pc.ply"
+_OF_SPLATFACTO = 3  # coefficients: it asserts that there are no more where it undistorts photos
 
 
-def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
+def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos, progress: Progress | None = None) -> None:
     """Write `transforms.json` and `sparse_pc.ply` to `folder`, with paths to the photos relative to it.
 
     Photos without a file are named as if they lay in `images/` there; those on another drive of Windows, to which no
-    relative path leads, by their whole path.
+    relative path leads, by their whole path. `progress` is warned of lenses that splatfacto does not take.
 
     Raises `InputError` where a lens has no polynomial that is near enough.
     """
@@ -38,6 +40,11 @@ def write_nerfstudio(folder: Path, cameras: Cameras, photos: Photos) -> None:
     paths = {photo.name: _path_from(folder, photo) for photo in photos}
     cameras = as_stored(cameras, photos)
     lenses = [_lens_json(lens, cameras.photos[0]) for lens in cameras.intrinsics]
+    if any(lens["k4"] for lens in lenses):
+        (progress or Silent()).warn(
+            "nerfstudio's splatfacto does not take lenses with k4, and a lens needs it here: train it on undistorted "
+            "photos, which COLMAP makes of the export `colmap`"
+        )
     one = len(lenses) == 1
     frames = [
         {
@@ -67,7 +74,7 @@ def _path_from(folder: Path, photo: Photo) -> str:
 
 
 def _lens_json(intrinsics: Intrinsics, name: str) -> dict[str, Any]:
-    lens = polynomial_lens(intrinsics, name)
+    lens = polynomial_lens(intrinsics, name, fewest=_OF_SPLATFACTO)
     return {
         "camera_model": "OPENCV",
         "w": lens.width_px,
