@@ -160,6 +160,12 @@ def test_two_that_are_one_are_merged_also_where_a_photo_saw_both(found: Found) -
     assert photos_twice(done.observations) == 0
     (made,) = done.made.values()
     assert (made.how, 9000 in made.of, len(made.of)) == ("joined", True, 2)
+    # No detection of the survey's file is lost: the photo that saw both has a line for each, at the middle of both.
+    detected = done.detected[done.detected.fruit_id == id_]
+    assert len(detected) == len(set(detected.detection_id.tolist())) == len(cameras) + 1
+    both = np.flatnonzero([photo == cameras.photos[0] for photo in detected.photo])
+    assert set(detected.detection_id[both].tolist()) == set(made.of)
+    assert len(np.unique(detected.xy_px[both], axis=0)) == 1
     assert sorted(done.became) == sorted([whole, 900])
 
 

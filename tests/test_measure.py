@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -178,7 +179,9 @@ def test_a_fruit_far_from_the_median_is_no_measurement() -> None:
     )
     fruits = measure(fused, detections, CAMERAS)
     assert fruits.reasons[:2] == ("", "")
-    assert "far from the median" in fruits.reasons[2]
+    assert re.fullmatch(r"(19|20)\d mm would fit, far from the median of 7[2-5] mm", fruits.reasons[2])
+    without_metres = measure(fused, detections, replace(CAMERAS, frame=WorldFrame()))
+    assert re.fullmatch(r"2\.[67] times the median width would fit, far from it", without_metres.reasons[2])
 
 
 def test_what_little_is_seen_says_is_doubted_and_what_was_known_beforehand_is_not() -> None:

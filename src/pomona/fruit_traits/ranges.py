@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_traits.size import FruitSize
@@ -42,7 +42,8 @@ def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: Frui
     n = len(cameras)
     widths, focals = _widths_px(detections, cameras), _focals_px(cameras)
     usual_px = _usual_widths_px(widths, focals)
-    sparse = [_sparse_depths(detections, cameras, i) for i in range(n)]
+    tracks, none = dict(groups(cameras.track_photo_idx)), np.zeros(0, np.int64)
+    sparse = [_sparse_depths(detections, cameras, i, tracks.get(i, none)) for i in range(n)]
     estimates = [
         float(np.median(depths)) * width / focal
         for depths, width, focal in zip(sparse, widths, focals, strict=True)
@@ -85,11 +86,13 @@ def _whole_fruit_px(detections: SurveyDetections, photo: str) -> float:
     return float(np.percentile(extents, _WHOLE_FRUIT_PERCENTILE))
 
 
-def _sparse_depths(detections: SurveyDetections, cameras: Cameras, photo_idx: int) -> FloatArray:
-    """Return the depths of the sparse points that the photo sees within half a mask's width of a mask."""
+def _sparse_depths(detections: SurveyDetections, cameras: Cameras, photo_idx: int, seen: IntArray) -> FloatArray:
+    """Return the depths of the sparse points that the photo sees, by its tracks, within half a mask's width of a mask.
+
+    `seen` (k,) are the places of these among all tracks.
+    """
     name = cameras.photos[photo_idx]
-    seen = cameras.track_photo_idx == photo_idx
-    if name not in detections or not seen.any():
+    if name not in detections or not len(seen):
         return np.zeros(0)
     xy = cameras.track_xy_px[seen]
     near = np.zeros(len(xy), bool)

@@ -89,7 +89,13 @@ def measure(
         options = options.known_by(points=len(fused.cloud) > 0, circles=circles is not None)
         fitted = _fit(fused, seen, masks, cameras, widths_m / 2, fitting, options, circles)
         fruits = _fruits(
-            fused, fitted, fitting, reasons, _visibilities(fitted.spheroids, seen, masks, fitting), options
+            fused,
+            fitted,
+            fitting,
+            reasons,
+            _visibilities(fitted.spheroids, seen, masks, fitting),
+            options,
+            metric=cameras.frame.metric,
         )
     else:
         fruits = replace(fused.fruits, diameters_m=np.full(len(reasons), np.nan), reasons=tuple(reasons))
@@ -349,6 +355,8 @@ def _fruits(
     reasons: list[str],
     visibilities: FloatArray,
     options: MeasureOptions,
+    *,
+    metric: bool,
 ) -> Fruits:
     """Return the fruits as measured; sizes that are far from the others', or hardly known, are taken back."""
     diameters_m = 2 * fitted.spheroids.radii
@@ -360,7 +368,11 @@ def _fruits(
     vague = fitted.own_sds > options.largest_sd
     for k, i in enumerate(np.flatnonzero(fitting).tolist()):
         if far[k]:
-            reasons[i] = f"{1000 * diameters_m[k]:.0f} mm would fit, far from the median of {1000 * median_m:.0f} mm"
+            reasons[i] = (
+                f"{1000 * diameters_m[k]:.0f} mm would fit, far from the median of {1000 * median_m:.0f} mm"
+                if metric
+                else f"{diameters_m[k] / median_m:.2g} times the median width would fit, far from it"
+            )
         elif vague[k]:
             why = "hidden too far" if visibilities[k] < _PLAIN else "not clear enough"
             reasons[i] = f"{why}: its width is not known to {100 * options.largest_sd:g} %"

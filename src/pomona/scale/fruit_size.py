@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
@@ -138,10 +138,11 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections, *, least_fruits: 
         return _by_pairs(cameras, detections)
     diameters: list[FloatArray] = []
     whole: list[BoolArray] = []
+    tracks, none = dict(groups(cameras.track_photo_idx)), np.zeros(0, np.int64)
     for i, name in enumerate(cameras.photos):
         found = detections.get(name)
         if found is not None and len(found):
-            diameters.append(_diameters(cameras, i, found))
+            diameters.append(_diameters(cameras, i, found, tracks.get(i, none)))
             whole.append(np.array([_is_whole(mask, found) for mask in found.masks], bool))
     all_diameters = np.concatenate(diameters) if diameters else np.zeros(0)
     is_whole = np.concatenate(whole) if whole else np.zeros(0, bool)
@@ -166,9 +167,11 @@ def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> ApparentSize | 
     return ApparentSize(*found, whole=True)
 
 
-def _diameters(cameras: Cameras, photo_idx: int, found: Detections) -> FloatArray:
-    """The diameter (n,) of each detection in the cameras' units; NaN where no scene point is seen there."""
-    here = cameras.track_photo_idx == photo_idx
+def _diameters(cameras: Cameras, photo_idx: int, found: Detections, here: IntArray) -> FloatArray:
+    """The diameter (n,) of each detection in the cameras' units; NaN where no scene point is seen there.
+
+    `here` (k,) are the places of the photo's tracks among all.
+    """
     xy_px = cameras.track_xy_px[here]
     depths = cameras.project(photo_idx, cameras.points_in_world[cameras.track_point_idx[here]])[1]
     focal_px = cameras.intrinsics_of(photo_idx).focal_px

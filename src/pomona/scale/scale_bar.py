@@ -78,7 +78,7 @@ def _seen_bar(
         if isinstance(seen, str):
             return f"marker {marker_id} of the scale bar: {seen}"
         places.append(seen)
-    pairs = list(product(*places))
+    pairs = list(product(places[0], places[1]))
     ends = max(pairs, key=_count_both)
     lengths = [_length(pair) for pair in pairs]
     if not _count_both(ends) and max(lengths) > _SAME_LENGTH * min(lengths):
