@@ -195,6 +195,25 @@ def test_ctrl_c_while_segmenting_goes_on_with_the_next_photo(fakes: Fakes, photo
     assert len(set(ids)) == 4
 
 
+def test_overwrite_keeps_the_results_where_the_photos_cannot_be_used(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    run([photos], tmp_path / "out")
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.csv")}
+    (tmp_path / "empty").mkdir()
+    for mistyped in (tmp_path / "no such folder", tmp_path / "empty", make_photos(tmp_path / "one", 1)):
+        with pytest.raises((MissingFileError, InputError)):
+            run([mistyped], tmp_path / "out", overwrite=True)
+    assert before
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.csv")} == before
+    done = dict(fakes.calls)
+    assert run([photos], tmp_path / "out").fruits == 1
+    assert fakes.calls == done
+    other = make_photos(tmp_path / "other", seed=3)
+    assert run([other], tmp_path / "out", overwrite=True).photos == 4
+    assert fakes.calls["sfm"] == done["sfm"] + 1
+
+
 def test_overwrite_begins_anew_and_leaves_other_files(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "out")
     (tmp_path / "out" / "notes.txt").write_text("mine")

@@ -62,11 +62,9 @@ def run(
     survey = SurveyFolder.create(Path(out), overwrite=overwrite)
     try:
         with disk_errors(survey.folder), survey.locked():
-            if overwrite:
-                survey.clear()
             log = EventLog(survey, progress or Silent(), on_stage=on_stage)
             with log, disk_errors(survey.folder):  # the log tells of a full disk in the same words
-                return _run(paths, survey, options, used, log, words_of(progress or Silent()), until=until)
+                return _run(paths, survey, options, used, log, words_of(progress or Silent()), until, overwrite)
     except PomonaError:
         survey.withdraw()
         raise
@@ -79,8 +77,8 @@ def _run(
     options: RunOptions,
     log: EventLog,
     words: Callable[[str], str],
-    *,
     until: str,
+    overwrite: bool,
 ) -> Summary:
     """Run with `options`: those `given`, which the survey notes, with its copies of tables that are gone.
 
@@ -101,6 +99,10 @@ def _run(
     log.stage("photos")
     of_stages = options.of_stages
     loaded, digests = _photos_for(survey, paths, of_stages, recorder, until=until)
+    if overwrite:
+        survey.clear()  # only now: photos that cannot be used are no reason to lose the results of others
+    else:
+        _check_same_row(survey, paths, loaded, digests, recorder)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)
     with _kept_unless_refused(survey):
         # Only now: a survey goes on with the photos and options that it has where these cannot be used.
@@ -142,7 +144,7 @@ def _run(
 def _photos_for(
     survey: SurveyFolder, paths: Sequence[Path], options: StageOptions, progress: Progress, *, until: str
 ) -> tuple[Photos, Mapping[str, str]]:
-    """Return the photos and their digests, once it is known that a run can do something with them, and may."""
+    """Return the photos and their digests, once it is known that a run can do something with them."""
     from pomona.pipeline.sources import load_photos
 
     places_photos = until not in _OF_PHOTOS and options.run.cameras is None
@@ -150,7 +152,6 @@ def _photos_for(
     photos, digests = load_photos(survey, paths, options.run, progress, min_photos=least)
     if places_photos:
         _check_sides(photos, least)
-    _check_same_row(survey, paths, photos, digests, progress)
     return photos, digests
 
 
