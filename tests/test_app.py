@@ -24,7 +24,7 @@ from pomona.app.checks import check_photos
 from pomona.app.contract import NewSurvey, RunView, SurveyView
 from pomona.app.first_results import FirstResults
 from pomona.app.folders import Folders
-from pomona.app.jobs import Jobs, QueuedRun
+from pomona.app.jobs import WORKING, Jobs, QueuedRun
 from pomona.app.progress_view import run_view
 from pomona.app.request import begun_with, equal_of_survey, equal_to, options_of, run_arguments
 from pomona.app.service import Homes, Service
@@ -464,6 +464,20 @@ def test_two_surveys_have_two_names(service: Service, surveyed: Path) -> None:
         service.begin(_asked(name="photos"))
     with pytest.raises(InputError, match="needs a name"):
         service.begin(_asked(name=" ../ "))
+
+
+def test_a_name_that_waits_for_its_run_is_taken(service: Service, tmp_path: Path) -> None:
+    place = service.homes.surveys / "Row 9"
+    entry = service._catalogue.add("Row 9", place, ("run", "photos"))
+    job = service._jobs._jobs[entry.id] = QueuedRun(entry.id, entry.asked)
+    photos = [str(make_photos(tmp_path / "photos 9"))]
+    for state in WORKING:
+        job.state = state
+        with pytest.raises(SurveyError, match="There is a survey 'Row 9' already: choose another name"):
+            service.begin(_asked(name="Row 9", photos=photos))
+    assert not place.exists()
+    job.state = "failed"
+    assert service.begin(_asked(name="Row 9", photos=photos)) == entry.id
 
 
 # --- first results, and checks

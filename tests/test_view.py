@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+import pomona
 from pipeline_fakes import make_photos
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
@@ -372,3 +373,9 @@ def test_thresholds_are_the_sliders_steps_at_which_a_fruit_goes() -> None:
     many = thresholds(np.linspace(0, 1, 5000))
     assert len(many) == 60
     assert (many[0], many[-1]) == (0.0, 1.0)
+
+
+def test_photos_are_found_without_a_folder_for_work(survey: Path) -> None:
+    shutil.rmtree(survey / "work", ignore_errors=True)
+    assert len(pomona.open(survey).photos)
+    assert not (survey / "work").exists()

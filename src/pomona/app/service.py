@@ -111,12 +111,18 @@ class Service:
         """
         photos, options = options_of(asked, self.folders)
         place = self._place_of(asked.name)
-        if place.exists() and (not place.is_dir() or any(place.iterdir())):
+        taken = place.exists() and (not place.is_dir() or any(place.iterdir()))
+        if taken or self._is_to_come(place):
             raise SurveyError(f"There is a survey '{place.name}' already: choose another name")
         arguments = run_arguments(photos, place, options, adapt=asked.learn)
         entry = self._catalogue.add(asked.name.strip(), place, arguments)
         self._jobs.put(entry.id, arguments)
         return entry.id
+
+    def _is_to_come(self, place: Path) -> bool:
+        """Say whether a survey that waits for its run, and may have no folder yet, is to be made there."""
+        jobs = [self._jobs.of(entry.id) for entry in self._catalogue.entries if entry.folder == place.resolve()]
+        return any(job is not None and job.state in WORKING for job in jobs)
 
     def add(self, folder: str) -> str:
         """Add a survey that was made elsewhere; return its id. Raises `MissingFileError` where there is none."""

@@ -30,10 +30,11 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
     chosen = options.get("key_frames") or {}
     if not isinstance(chosen, dict):
         raise SurveyError(f"{survey.folder}: its options say of `key_frames` {chosen!r:.80}: it is damaged")
+    survey.check_there()
     photos = load_photos(
         places,
         sides="none" if folder else options.get("sides", "auto"),
-        frames_dir=survey.work("frames"),
+        frames_dir=survey.work_folder / "frames",
         min_photos=1,
         key_frames=KeyFrameOptions(**{f.name: chosen[f.name] for f in fields(KeyFrameOptions) if f.name in chosen}),
     )
