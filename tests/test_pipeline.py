@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from pipeline_fakes import Fakes, make_photos
+from pomona.app.request import begun_with
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.formats.tables import read_fruits, read_observations, read_trees
 from pomona.fuse.paper.options import PaperOptions
@@ -21,6 +22,7 @@ from pomona.pipeline.times import stage_times
 from pomona.progress import Silent
 from pomona.report import write_contact_sheet
 from pomona.scale.report import PieceScale, ScaleReport
+from pomona.segment.load import SHIPPED_WEIGHTS
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.view import read_survey
 
@@ -212,6 +214,21 @@ def test_overwrite_keeps_the_results_where_the_photos_cannot_be_used(
     other = make_photos(tmp_path / "other", seed=3)
     assert run([other], tmp_path / "out", overwrite=True).photos == 4
     assert fakes.calls["sfm"] == done["sfm"] + 1
+
+
+def test_a_survey_that_learnt_goes_on_where_it_was_moved_to(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    run([photos], tmp_path / "row 7")
+    model = SurveyFolder.open(tmp_path / "row 7").take_adapted(SHIPPED_WEIGHTS)
+    run([photos], tmp_path / "row 7", RunOptions(model=str(model)))
+    (tmp_path / "row 7").rename(tmp_path / "row 7 (July)")
+    moved = SurveyFolder.open(tmp_path / "row 7 (July)")
+    assert moved.get("options")["model"] == str(model)
+    assert begun_with(moved)[2].model == str(moved.adapted_model)
+    assert go_on(moved.folder, changed={"packing": "apples"}).fruits == 1
+    assert SurveyFolder.open(moved.folder).get("options")["model"] == str(moved.adapted_model)
+    moved.adapted_model.unlink()
+    with pytest.raises(MissingFileError, match=r"adapted\.onnx: no such file"):
+        go_on(moved.folder)
 
 
 def test_overwrite_begins_anew_and_leaves_other_files(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def equal_of_survey(survey: SurveyFolder) -> Equal:
 
 def begun_with(survey: SurveyFolder) -> tuple[list[Path], Path, RunOptions]:
     """Return the photos, the folder and the options of a survey; raises `SurveyError` where it does not say them."""
-    sources, options = survey.get("sources"), survey.get("options")
+    sources, options = survey.get("sources"), survey.options
     if not sources or options is None:
         raise SurveyError(f"{survey.folder} does not say of which photos it is: begin a new survey with them")
     return [Path(source) for source in sources], survey.folder, RunOptions.from_json(options)

@@ -228,7 +228,7 @@ def segment_only(
     `changed` are options that are to be other than they were. Raises what `run` raises.
     """
     survey = None if overwrite else SurveyFolder.find(out)
-    known = {} if survey is None else survey.get("options") or {}
+    known = {} if survey is None else survey.options or {}
     # Masks that were given are not those of a segmenter.
     kept = RunOptions.from_json({**known, "detections": None, "classes": None})
     options = replace(kept, **(changed or {}))
@@ -249,7 +249,7 @@ def go_on(
     there is no survey in `folder`, or its photos are not where it says.
     """
     survey = SurveyFolder.open(folder)
-    sources, options = survey.get("sources"), survey.get("options")
+    sources, options = survey.get("sources"), survey.options
     if not sources or options is None:
         raise SurveyError(f"{survey.folder} does not say of which photos it is: use `pomona run PHOTOS --out` first")
     paths = [Path(source) for source in sources]

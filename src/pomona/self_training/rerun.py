@@ -67,7 +67,7 @@ def model_of(survey: SurveySource) -> Path | None:
 
     Raises `InputError` where its detections came from something that cannot learn.
     """
-    options = survey.files.get("options", {})
+    options = survey.files.options or {}
     if options.get("detections"):
         raise InputError(f"{survey.folder}: its `detections` were given, so that there is no model that could learn")
     model = options.get("model")

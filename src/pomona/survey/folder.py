@@ -201,6 +201,15 @@ class SurveyFolder:
         return self.folder / "contact_sheet.jpg"
 
     @property
+    def options(self) -> dict[str, Any] | None:
+        """The options of the last run, as noted; a model that the survey learnt is where the survey is now."""
+        options: dict[str, Any] | None = self.get("options")
+        model, learnt = (options or {}).get("model"), self.adapted_model
+        if not isinstance(model, str) or Path(model).name != learnt.name or Path(model).is_file():
+            return options
+        return {**(options or {}), "model": str(learnt)} if learnt.is_file() else options
+
+    @property
     def adapted_model(self) -> Path:
         """`adapted.onnx`: the segmenter that learnt from this survey."""
         return self.folder / "adapted.onnx"
