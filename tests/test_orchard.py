@@ -36,7 +36,7 @@ from pomona.orchard.places import Place, Sender, is_url
 from pomona.orchard.plan import option_fields
 from pomona.orchard.run import parts_of
 from pomona.orchard.tables import write_tables
-from pomona.orchard.work import do_job
+from pomona.orchard.work import _made_from, do_job
 from pomona.pipeline import STAGES
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
@@ -195,6 +195,26 @@ def test_a_survey_that_nothing_changed_is_known_without_its_photos(scene: Path, 
     other = replace(again, options={**planned.options, "tree_spacing": 0.7}, left=mended.left)
     assert not do_job(other, tmp_path).kept
     assert list(tmp_path.glob("pomona-*")) == []
+
+
+def test_files_that_options_mean_and_do_not_name_make_a_survey_again(tmp_path: Path) -> None:
+    for folder in ("photos", "card/east", "cameras"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "photos" / "east").symlink_to(tmp_path / "card" / "east", target_is_directory=True)
+    (tmp_path / "card" / "again").symlink_to(tmp_path / "card", target_is_directory=True)
+    model = tmp_path / "weights.onnx"
+    model.write_bytes(b"1")
+    for name in ("cameras.txt", "images.txt", "points3D.txt"):
+        (tmp_path / "cameras" / name).write_text("# COLMAP\n")
+    options = {"model": f"{model}:apple", "cameras": str(tmp_path / "cameras" / "images.txt")}
+    photos = (str(tmp_path / "photos"), str(tmp_path / "card"))
+    job = SurveyJob(name="7", photos=photos, options=options, out=str(tmp_path / "out"), parts=(Part("report"),))
+    known = [_made_from(job)]
+    assert _made_from(job) == known[0]
+    for changed in (tmp_path / "card" / "east" / "new.jpg", model, tmp_path / "cameras" / "cameras.txt"):
+        changed.write_bytes(b"changed")
+        known.append(_made_from(job))
+    assert len(set(known)) == 4
 
 
 def test_a_survey_made_in_parts_is_the_same(scene: Path, tmp_path: Path) -> None:

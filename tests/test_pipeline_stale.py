@@ -250,6 +250,20 @@ def test_masks_alone_leave_the_other_options_of_a_survey(fakes: Fakes, photos: P
     assert RunOptions.from_json(SurveyFolder.open(tmp_path / "out").get("options")) == RunOptions(score_threshold=0.6)
 
 
+def test_names_of_classes_beside_the_masks_redo_them(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    labels, names = tmp_path / "set" / "labels", tmp_path / "set" / "data.yaml"
+    labels.mkdir(parents=True)
+    for photo in photos.iterdir():
+        (labels / f"{photo.stem}.txt").write_text("0 .3 .5 .1 .1\n0 .6 .5 .1 .1\n1 .8 .8 .1 .1\n")
+    names.write_text("names: [leaf, apple]\n")
+    options = RunOptions(detections=labels, classes=("apple",), sides="none")
+    assert run([photos], tmp_path / "out", options, until="select").detections == 4
+    assert run([photos], tmp_path / "out", options, until="select").stages[0].kept
+    names.write_text("names: [apple, leaf]\n")
+    mended = run([photos], tmp_path / "out", options, until="select")
+    assert (mended.detections, mended.stages[0].kept) == (8, False)
+
+
 def test_masks_need_no_cameras(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     gone = tmp_path / "cameras"
     assert run([photos], tmp_path / "out", RunOptions(cameras=gone), until="select").detections > 0

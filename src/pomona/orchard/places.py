@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -99,8 +100,8 @@ class Place:
             return {"": _stat_mark(self.path)}
         if not self.path.is_dir():
             raise MissingFileError(f"{self.text} does not exist")
-        found = (path for path in sorted(self.path.rglob("*")) if path.is_file())
-        return {path.relative_to(self.path).as_posix(): _stat_mark(path) for path in found}
+        found = sorted(Path(folder) / name for folder, names in _walked(self.path) for name in names)
+        return {path.relative_to(self.path).as_posix(): _stat_mark(path) for path in found if path.is_file()}
 
     def bring(self, folder: Path, *, leave: tuple[str, ...] = ()) -> Path:
         """Return a local copy in `folder`, or the path itself where this is no URL.
@@ -185,6 +186,18 @@ class Sender:
         found = Place(str(self._folder)).listing()
         unfinished = {name for name in found if PurePosixPath(name).name.startswith(".")}
         return {name: mark for name, mark in found.items() if name not in unfinished and name not in _NOT_COPIED}
+
+
+def _walked(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield a folder and those below it, also where links lead to, each once, with the names of their files."""
+    been = set[str]()
+    for here, folders, names in os.walk(folder, followlinks=True):
+        place = os.path.realpath(here)
+        if place in been:
+            folders.clear()
+        else:
+            been.add(place)
+            yield here, names
 
 
 def _stat_mark(path: Path) -> str:

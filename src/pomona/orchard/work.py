@@ -92,6 +92,7 @@ def _made_from(job: SurveyJob) -> str:
     """A digest of all that decides what a survey is, without reading photos: names, sizes, times, options, code."""
     corrections = Place(job.out) / "corrections.json"
     named = [value for value in job.options.values() if isinstance(value, str) and _is_there(value)]
+    named += [str(file) for file in _files_named_otherwise(job.options)]
     return digest(
         [
             _code(),
@@ -101,6 +102,18 @@ def _made_from(job: SurveyJob) -> str:
             corrections.listing() if corrections.exists() else {},
         ]
     )
+
+
+def _files_named_otherwise(options: Mapping[str, Any]) -> tuple[Path, ...]:
+    """Return files here that options mean and do not name: of a model with classes, and beside a file of cameras."""
+    from pomona.formats.cameras.read import find_cameras
+    from pomona.segment.load import files_of
+
+    model, cameras = options.get("model"), options.get("cameras")
+    files = files_of(model) if isinstance(model, str) and not is_url(model) else ()
+    if isinstance(cameras, str) and not is_url(cameras) and Path(cameras).is_file():
+        files = (*files, *find_cameras(Path(cameras)).files)
+    return files
 
 
 def _is_there(value: str) -> bool:
@@ -113,6 +126,7 @@ def _is_there(value: str) -> bool:
 def _code() -> str:
     """A digest of what the keys of all stages say of code and engines."""
     modules = [f"pomona.pipeline.{name}" for name in (*STAGES, "correct")]
+    modules += ["pomona.change.surveys", "pomona.change.page"]  # of comparisons
     return digest([(module, code_digest(module), engine_versions(module)) for module in modules])
 
 

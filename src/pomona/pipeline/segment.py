@@ -54,6 +54,20 @@ class ModelChoice:
         return [said, [file_digest(path) for path in self.files]]
 
 
+@dataclass(frozen=True)
+class GivenMasks:
+    """A file or folder of masks, with the files beside a folder that may name its classes."""
+
+    path: Path
+
+    @property
+    def content_key(self) -> Any:
+        """What is read of them."""
+        from pomona.formats.detections.yolo import files_of_names_beside
+
+        return [self.path, *(files_of_names_beside(self.path) if self.path.is_dir() else ())]
+
+
 @dataclass(frozen=True, kw_only=True)
 class SegmentChoice:
     """Who detects: a model with its options, or the masks in a file with the classes that are fruit.
@@ -66,7 +80,7 @@ class SegmentChoice:
     options: SegmentOptions
     lowest_score: float | None
     engines: Mapping[str, str]
-    given: Path | None
+    given: GivenMasks | None
     classes: tuple[str, ...] | None
 
     def kept_from(self, threshold: float) -> SegmentOptions:
@@ -87,7 +101,7 @@ def _choice(options: StageOptions) -> SegmentChoice:
         options=replace(options.segment, score_threshold=None),
         lowest_score=None if run.detections else _lowest_score(options),
         engines={name: version_of(name) for name in engines_of(run.segmenter)},
-        given=run.detections,
+        given=None if run.detections is None else GivenMasks(run.detections),
         classes=run.classes,
     )
 
@@ -116,7 +130,7 @@ def _segment(
     from pomona.formats.detections.read import read_detections
 
     progress.start("reading the detections given")
-    found = read_detections(options.given, photos, classes=options.classes, progress=progress)
+    found = read_detections(options.given.path, photos, classes=options.classes, progress=progress)
     return Segmented(found, 0.0)
 
 

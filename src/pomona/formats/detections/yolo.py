@@ -174,10 +174,19 @@ def class_names(folder: Path, *, is_set: bool = True) -> Mapping[int, str] | Non
             continue
         if isinstance(content, dict) and "names" in content:
             return _names(file, content["names"])
-    for file in (folder / "classes.txt", folder / "obj.names", folder / "labels" / "classes.txt"):
-        if file.is_file():
-            return dict(enumerate(read_text(file, "names of classes, one a line").split("\n")))
+    for file in _lists_of_names(folder):
+        return dict(enumerate(read_text(file, "names of classes, one a line").split("\n")))
     return None
+
+
+def files_of_names_beside(folder: Path) -> tuple[Path, ...]:
+    """Return the files outside of a folder that may name the classes of what was found there."""
+    return (*_settings(folder.parent, is_set=False), *_lists_of_names(folder.parent))
+
+
+def _lists_of_names(folder: Path) -> list[Path]:
+    files = (folder / "classes.txt", folder / "obj.names", folder / "labels" / "classes.txt")
+    return [file for file in files if file.is_file()]
 
 
 def _settings(folder: Path, *, is_set: bool) -> list[Path]:
