@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from pipeline_fakes import Fakes, make_photos
@@ -24,6 +26,7 @@ from pomona.report import write_contact_sheet
 from pomona.scale.report import PieceScale, ScaleReport
 from pomona.segment.load import SHIPPED_WEIGHTS
 from pomona.survey import StageRecord, SurveyFolder
+from pomona.survey.events import run_status
 from pomona.view import read_survey
 
 ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
@@ -214,6 +217,26 @@ def test_overwrite_keeps_the_results_where_the_photos_cannot_be_used(
     other = make_photos(tmp_path / "other", seed=3)
     assert run([other], tmp_path / "out", overwrite=True).photos == 4
     assert fakes.calls["sfm"] == done["sfm"] + 1
+
+
+def test_overwrite_has_the_frames_of_its_video_and_its_own_log(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    out, video = tmp_path / "out", tmp_path / "row.mp4"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 120))
+    wide = np.random.default_rng(0).integers(0, 255, (12, 60, 3), np.uint8).repeat(10, axis=0).repeat(10, axis=1)
+    for k in range(30):
+        writer.write(wide[:, 6 * k : 6 * k + 160])
+    writer.release()
+    count = run([video], out).photos
+    assert count >= 4
+    (out / "work" / "of_an_earlier_run").write_text("")
+    assert run([video], out, overwrite=True).photos == count
+    assert len(list((out / "work" / "frames").glob("*.jpg"))) == count
+    assert not (out / "work" / "of_an_earlier_run").exists()
+    run([photos], out, overwrite=True)
+    assert not (out / "work" / "frames").exists()
+    status = run_status(SurveyFolder.open(out))
+    assert status is not None
+    assert (status.state, status.stages[0].name, status.stage) == ("finished", "photos", "report")
 
 
 def test_a_survey_that_learnt_goes_on_where_it_was_moved_to(fakes: Fakes, photos: Path, tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def _reopened(survey: SurveyFolder, corrections: Corrections, progress: Progress
     records = survey.records
     if "results" not in records:
         raise SurveyError(f"{survey.folder} has no fruits that can be corrected: `pomona report` finishes it first")
-    options = with_kept_tables(survey, RunOptions.from_json(survey.get("options", {})))
+    options = with_kept_tables(survey, RunOptions.from_json(survey.options or {}))
     if "scene" not in records:  # of an older version: without the photos none can be made
         options = replace(options, scene=False)
     photos = _photos(survey)

@@ -52,7 +52,7 @@ def run(
 
     Raises errors of `pomona.errors`: for photos and options that cannot be used, photos that cannot be placed, a
     folder that holds something else or a survey of entirely other photos, a full disk. Where photos cannot be used, no
-    new folder is left.
+    new folder is left, and a survey keeps its results, with `overwrite`, too.
     """
     options = options or RunOptions()
     if until not in STAGES:
@@ -100,7 +100,8 @@ def _run(
     of_stages = options.of_stages
     loaded, digests = _photos_for(survey, paths, of_stages, recorder, until=until)
     if overwrite:
-        survey.clear()  # only now: photos that cannot be used are no reason to lose the results of others
+        # Only now: photos that cannot be used are no reason to lose the results of others.
+        survey.clear(but=("digests.json", "frames") if loaded.from_video else ("digests.json",))
     else:
         _check_same_row(survey, paths, loaded, digests, recorder)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)

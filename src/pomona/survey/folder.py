@@ -21,8 +21,6 @@ from pomona.survey.manifest import FORMAT, MANIFEST, read_manifest
 from pomona.survey.record import StageRecord, now
 
 # The command that writes each, of a survey that was stopped before it.
-# In `work/`: what is of the run that is at work, and of its photos.
-_OF_THIS_RUN = ("lock", "run.jsonl", "frames", "digests.json")
 _WRITERS = {
     "detections.json": "pomona segment PHOTOS --out {survey}",
     "cameras": "pomona reconstruct {survey}",
@@ -338,19 +336,18 @@ class SurveyFolder:
             self._manifest = read_manifest(self.manifest_path)
             yield
 
-    def clear(self) -> None:
-        """Remove what earlier runs wrote, and nothing else: what a run that found its photos has written stays."""
+    def clear(self, *, but: Collection[str] = ()) -> None:
+        """Remove what earlier runs wrote, and nothing else; of `work/` what `but` names stays, as the run needs it."""
+        kept = {*but, "lock", "run.jsonl"}  # both are this run's by now
         learnt = [self.adapted_model, self.before_adapting, self.learnt]
-        for path in [*(self.folder / name for name in _WRITERS), *learnt, *self._work_of_stages()]:
+        work = [path for path in self.work_folder.glob("*") if path.name not in kept]
+        for path in [*(self.folder / name for name in _WRITERS), *learnt, *work]:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
         self._manifest = _new_manifest()
         self._write()
-
-    def _work_of_stages(self) -> list[Path]:
-        return [path for path in self.work_folder.glob("*") if path.name not in _OF_THIS_RUN]
 
     def withdraw(self) -> None:
         """Leave nothing where nothing was: remove a survey that this run made, and that has no photos yet."""
