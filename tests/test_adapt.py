@@ -283,6 +283,36 @@ def test_no_other_run_works_on_a_survey_that_is_learnt_from(tmp_path: Path, monk
     assert pomona.run(photos, folder).detections.total == 4
 
 
+@pytest.mark.parametrize(
+    ("halves", "kept", "said"),
+    [((np.nan, 0.95), True, "agree on none of their fruits, then on 95 %"),
+     ((0.8, 0.7), False, "agree on 80 % of their fruits, then on 70 %"),
+     ((0.8, np.nan), False, "agree on 80 % of their fruits, then on none"),
+     ((np.nan, np.nan), False, "agree on none of their fruits, then on none")],
+)  # fmt: skip
+def test_what_is_learnt_where_nothing_was_found_is_kept(
+    halves: tuple[float, float], kept: bool, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch")
+    from pomona.self_training.learn import Adapted
+    from pomona.self_training.rerun import run_adapted
+    from pomona.train.validate import ValidationScores
+
+    def learn(_: object, out: Path, **__: object) -> Adapted:
+        out.write_bytes(b"learnt")
+        nothing, found = (ValidationScores(f1, f1, f1, f1, f1, 12) for f1 in (np.nan, 0.9))
+        return Adapted(out, nothing, found, 1.0, 4, 0, 0, 0, 12, None)
+
+    Fakes().install(monkeypatch)
+    answers = iter(halves)
+    monkeypatch.setattr("pomona.self_training.learn.adapt", learn)
+    monkeypatch.setattr("pomona.self_training.rerun.agreement_of_halves", lambda *given, **more: next(answers))
+    folder = tmp_path / "survey"
+    made = run_adapted([make_photos(tmp_path / "photos")], folder, RunOptions(), Silent())
+    assert said in made.changed
+    assert SurveyFolder.open(folder).adapted_model.is_file() == kept
+
+
 @pytest.fixture(scope="module")
 def adapted(tmp_path_factory: pytest.TempPathFactory) -> SurveyFolder:
     pytest.importorskip("torch")

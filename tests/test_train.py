@@ -29,10 +29,12 @@ from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import LARGER, CenterLearner, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
+from pomona.train.gather import gather  # noqa: E402
 from pomona.train.label_images import samples_of  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.samples import Sample, boxes_of, group_of, split  # noqa: E402
+from pomona.train.training_state import _settings  # noqa: E402
 from pomona.train.validate import ValidationScores, validate  # noqa: E402
 from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
@@ -139,6 +141,40 @@ def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample],
     (tmp_path / "last.pt").write_bytes(b"cut short")
     with pytest.raises(FormatError, match=r"last\.pt: expected what `pomona train` keeps"):
         fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
+
+
+def test_other_labels_or_weights_of_the_same_name_are_another_training(samples: list[Sample], tmp_path: Path) -> None:
+    options = FitOptions(steps=1, batch=1, checked_photos=1, workers=0, threads=1, augment=SMALL)
+    fit(CenterLearner(), samples[:4], samples[4:], tmp_path / "a", options=options)
+    corrected = [replace(sample, labels=tmp_path / f"{sample.labels.stem}-corrected.png") for sample in samples[:4]]
+    with pytest.raises(InputError, match=r"begun with labels and photos 4 \(\w+\), now 4 \(\w+\)\. Give"):
+        fit(CenterLearner(), corrected, samples[4:], tmp_path / "a", options=options)
+    learner, weights = CenterLearner(), tmp_path / "weights.onnx"
+    known = []
+    for content in (b"1", b"1", b"2"):
+        weights.write_bytes(content)
+        learner.weights = str(weights)
+        known.append(_settings(learner, options, "")["weights"])
+    assert known[0] == known[1] != known[2]
+    assert known[0].startswith(f"{weights} (")
+
+
+def test_a_training_stopped_before_its_first_check_can_end_there(samples: list[Sample], tmp_path: Path) -> None:
+    class Stops(Silent):
+        def advance(self, units: int = 1) -> None:
+            self.done = getattr(self, "done", 0) + units
+            if self.done == 3:
+                raise KeyboardInterrupt
+
+    options = FitOptions(
+        steps=9, batch=1, check_every=8, checked_photos=1, workers=0, threads=1, augment=SMALL, save_every_s=0.0
+    )
+    with pytest.raises(KeyboardInterrupt):
+        fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options, progress=Stops())
+    assert not (tmp_path / "best.pt").exists()
+    fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=replace(options, steps=2))
+    assert torch.load(tmp_path / "last.pt", weights_only=True)["step"] == 2
+    assert (tmp_path / "log.csv").read_text().splitlines()[-1].startswith("2,")
 
 
 def test_training_ends_early_when_nothing_gets_better(samples: list[Sample], tmp_path: Path) -> None:
@@ -285,3 +321,26 @@ def test_the_command_trains_a_model_file_that_is_run(tmp_path: Path) -> None:
     found = CenterOffsetSegmenter(out).segment([discs(99)[0]])[0]
     assert 3 <= len(found) <= 12
     assert (tmp_path / "fruit.training" / "curves.svg").is_file()
+
+
+def test_a_mask_corrected_within_its_box_is_learnt_as_it_is_now(tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    folder.mkdir()
+    outlines = {
+        "corner": [60, 60, 140, 60, 140, 100, 100, 100, 100, 140, 60, 140],
+        "octagon": [80, 60, 120, 60, 140, 80, 140, 120, 120, 140, 80, 140, 60, 120, 60, 80],
+    }
+    images = [{"id": k, "file_name": f"IMG_{k}.png", "width": 200, "height": 200} for k in (1, 2)]
+    for image in images:
+        assert cv2.imwrite(str(folder / str(image["file_name"])), np.full((200, 200, 3), 90, np.uint8))
+    areas = {}
+    for shape, outline in outlines.items():
+        fruits = [
+            {"id": k, "image_id": k, "category_id": 1, "bbox": [60, 60, 80, 80], "segmentation": [outline]}
+            for k in (1, 2)
+        ]
+        coco = {"images": images, "annotations": fruits, "categories": [{"id": 1, "name": "apple"}]}
+        (folder / "labels.json").write_text(json.dumps(coco))
+        training, _ = gather([folder], tmp_path / "cache", 0.5)
+        areas[shape] = int((training[0].label_image() > 0).sum())
+    assert areas == {"corner": pytest.approx(4800, abs=60), "octagon": pytest.approx(5600, abs=60)}

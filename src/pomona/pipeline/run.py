@@ -101,7 +101,9 @@ def _run(
     loaded, digests = _photos_for(survey, paths, of_stages, recorder, until=until)
     if overwrite:
         # Only now: photos that cannot be used are no reason to lose the results of others.
-        survey.clear(but=("digests.json", "frames") if loaded.from_video else ("digests.json",))
+        frames = survey.work_folder / "frames"
+        in_use = {frames.name} if any(photo.path.is_relative_to(frames) for photo in loaded) else set[str]()
+        survey.clear(but={*in_use, "digests.json"})
     else:
         _check_same_row(survey, paths, loaded, digests, recorder)
     skipped = tuple((file.name, file.reason) for file in loaded.skipped)

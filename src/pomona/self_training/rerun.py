@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -128,8 +129,9 @@ def run_adapted(
     again = SurveySource(SurveyFolder.open(out), progress=progress)
     after = _agreement(again, mine)
     learnt = replace(learnt, halves=(before, after), detections=(detections, _count(again)))
-    in_words += f"; two halves of the photos agree on {100 * before:.0f} % of their fruits, then on {100 * after:.0f} %"
-    if not after >= before:
+    in_words += f"; two halves of the photos agree on {_percent(before)} of their fruits, then on {_percent(after)}"
+    # Halves without any fruit agree on nothing, which is less than whatever others do.
+    if math.isnan(after) or after < before:
         source.files.drop_kept()
         write_learnt(source.files, learnt)
         return Rerun(made(options), f"nothing that holds: {in_words}, so the results are those of before")
@@ -137,6 +139,10 @@ def run_adapted(
     write_learnt(source.files, replace(learnt, kept=True, fruits=(first.fruits, second.fruits)))
     kept = source.files.before_adapting
     return Rerun(second, f"{first.fruits} fruits to {second.fruits}; {in_words}; the results of before are in {kept}")
+
+
+def _percent(share: float) -> str:
+    return "none" if math.isnan(share) else f"{100 * share:.0f} %"
 
 
 def _in_words(outcome: Adapted) -> str:

@@ -64,6 +64,8 @@ def fit(
                     progress.warn(f"Training ended at step {state.step}: nothing better in {options.patience} checks.")
                     break
             state.save_now_and_then()
+        if not state.was_checked:  # stopped before its first check, and asked for no more steps now
+            state.conclude(check(learner, state.average, _spread(validation, options.checked_photos)))
         return state.best_network()
 
 
@@ -88,8 +90,8 @@ def _spread(samples: list[Sample], count: int) -> list[Sample]:
 
 
 def _names(samples: list[Sample]) -> str:
-    """How many samples, and a digest of which: short enough to be shown."""
-    names = "\n".join(f"{sample.source}/{sample.image.name}" for sample in samples)
+    """How many samples, and a digest of which, and of their labels: short enough to be shown."""
+    names = "\n".join(f"{sample.source}/{sample.image.name} {sample.labels.name}" for sample in samples)
     return f"{len(samples)} ({zlib.crc32(names.encode()):08x})"
 
 

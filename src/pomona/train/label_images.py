@@ -25,7 +25,7 @@ from pomona.photos import Photo
 from pomona.train.samples import IGNORED, Labels, Sample, group_of
 from pomona.train.weak_masks import label_image_from_boxes
 
-_VERSION = "2"  # of what is made from the same labels
+_VERSION = "3"  # of what is made from the same labels
 # A photo of more pixels is cut into parts, since each crop that training draws decodes a whole file.
 _LARGEST_WHOLE_PX = 2_500_000
 _FRUITS_ACROSS = 16  # a part: a crop shows 13 fruits across at most (AugmentOptions: 320 px, fruits from 24 px)
@@ -148,7 +148,8 @@ def _digest(photo: LabelledPhoto, plan: _Plan) -> str:
     key = hashlib.blake2b(digest_size=8)
     key.update(repr((_VERSION, str(photo.path.resolve()), file.st_size, file.st_mtime_ns, plan)).encode())
     for fruit in photo.fruits:
-        key.update(repr((fruit.box_px, fruit.ignored, fruit.mask)).encode())
+        key.update(repr((fruit.box_px, fruit.ignored, fruit.mask)).encode())  # of a mask, its place and size
+        key.update(b"" if fruit.mask is None else fruit.mask.packed)
     return key.hexdigest()
 
 

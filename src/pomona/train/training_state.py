@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -100,6 +101,11 @@ class TrainingState:
         _save(self._folder / "last.pt", state | {"optimiser": self._optimiser.state_dict()})
         self._saved_at = time.monotonic()
 
+    @property
+    def was_checked(self) -> bool:
+        """Whether there is a best network."""
+        return (self._folder / "best.pt").is_file()
+
     def best_network(self) -> nn.Module:
         """Return the best network so far, in evaluation mode."""
         best = read_checkpoint(self._folder / "best.pt", "the best checkpoint of this training")
@@ -118,7 +124,19 @@ def _settings(learner: Learner, options: FitOptions, photos: str) -> dict[str, A
     """All that must be the same for a training to go on."""
     settings = {name: value for name, value in asdict(options).items() if name not in _FREE_TO_CHANGE}
     settings |= settings.pop("augment")
-    return {"arch": learner.arch, "weights": learner.weights, "photos": photos, **settings}
+    return {
+        "arch": learner.arch,
+        "weights": _weights_in_words(learner.weights),
+        "labels and photos": photos,
+        **settings,
+    }
+
+
+def _weights_in_words(weights: str) -> str:
+    """What a learner begins with; of a file, with a digest, as there may be another one of that name."""
+    if not Path(weights).is_file():
+        return weights
+    return f"{weights} ({zlib.crc32(Path(weights).read_bytes()):08x})"
 
 
 def _read(path: Path, settings: Mapping[str, Any]) -> Mapping[str, Any]:
