@@ -123,10 +123,9 @@ def _is_there(value: str) -> bool:
 
 
 @cache
-def _code() -> str:
-    """A digest of what the keys of all stages say of code and engines."""
-    modules = [f"pomona.pipeline.{name}" for name in (*STAGES, "correct")]
-    modules += ["pomona.change.surveys", "pomona.change.page"]  # of comparisons
+def _code(*modules: str) -> str:
+    """A digest of what the keys of stages say of code and engines: of some modules, or of all stages."""
+    modules = modules or tuple(f"pomona.pipeline.{name}" for name in (*STAGES, "correct"))
     return digest([(module, code_digest(module), engine_versions(module)) for module in modules])
 
 
@@ -152,7 +151,8 @@ def _comparison(job: ComparisonJob, scratch: Path) -> JobOutcome:
 
     out = Place(job.out)
     surveys = [Place(job.before), Place(job.after)]
-    made_from = digest([_code(), [day.isoformat() for day in job.days], [_results_of(survey) for survey in surveys]])
+    code = _code(), _code("pomona.change.surveys", "pomona.change.page")
+    made_from = digest([code, [day.isoformat() for day in job.days], [_results_of(survey) for survey in surveys]])
     figures = (out / _FIGURES).read_bytes()
     if figures is not None and job.left.get("from") == made_from:
         return JobOutcome(name=job.name, state="done", kept=True, left=job.left, figures=json.loads(figures))

@@ -67,8 +67,9 @@ def find_sightings(
     if placement.unseen_markers:
         named = ", ".join(map(str, placement.unseen_markers))
         # Not its folder: what is kept of the message is the same wherever the table lies.
-        tables = [Path(options.markers).name] if options.markers is not None else []
-        where = " and ".join([*tables, "`scale_bar`"] if options.scale_bar is not None else tables)
+        named_in = [Path(options.markers).name] if options.markers is not None else []
+        named_in += ["`scale_bar`"] if options.scale_bar is not None else []
+        where = " and ".join(named_in)
         placement.warn(
             f"{len(placement.unseen_markers)} of {len(wanted)} markers named in {where} were not seen in any photo: "
             f"{named}. Check that they are {options.marker_dictionary} plates (`marker_dictionary`), sharp, "
