@@ -31,7 +31,7 @@ from pomona.pipeline.results import scene_cloud
 from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
 from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, read_survey
-from pomona.view.corrected import with_corrections
+from pomona.view.corrected import ESTIMATED_LATER, with_corrections
 from report_scenes import row_photos
 from serving import running
 
@@ -271,6 +271,42 @@ def test_values_are_the_corrected_ones_when_the_page_ends(scene: Scene) -> None:
         false_one = Desk.of(scene).fruit(GRID[FALSE_ONE])
         assert post(server, request(server.corrector.state, "delete", fruits=[false_one]))[0] == 200
     assert len(survey.fruits) == len(read_fruits(scene.survey / "fruits.csv")) == 15
+
+
+def test_the_page_counts_what_is_corrected(scene: Scene) -> None:
+    trees = scene.survey.parent / "trees.csv"
+    trees.write_text("id,x,y\n" + "".join(f"{k},{x},0\n" for k, x in enumerate((-0.6, 0.0, 0.6), 1)))
+    options = RunOptions(detections=scene.masks, cameras=scene.cameras, filter_false_positives=False, trees=trees)
+    run([scene.photos], scene.survey, options)
+    read = read_survey(scene.survey)
+    assert read.crop is not None
+    desk = Desk.of(scene)
+    measured = read.fruits.ids[np.isfinite(read.fruits.diameters_m)]
+    for id_ in measured[:3].tolist():
+        desk.ask("delete", id_)
+    desk.ask("move", int(desk.corrector.data.fruits.ids[0]), tree=3)
+    shown = desk.corrector.data
+    assert shown.crop is None
+    assert len(shown.segments) == 0
+    assert ESTIMATED_LATER in shown.warnings
+    bring_up_to_date(SurveyFolder.open(scene.survey))
+    written = read_survey(scene.survey)
+    assert written.crop is not None
+    assert written.weight == shown.weight
+    assert shown.weight.weighed == len(measured) - 3
+    np.testing.assert_array_equal(written.trees.fruits, shown.trees.fruits)
+    assert shown.trees.fruits.sum() == 13
+    np.testing.assert_allclose(written.trees.weights_kg, shown.trees.weights_kg, atol=6e-4)
+    # A page that is opened with these tables shows the crop that was estimated with them, until fruits change.
+    again = Desk.of(scene)
+    assert again.corrector.data.crop == written.crop
+    assert np.isfinite(written.trees.all_fruits).all()
+    np.testing.assert_array_equal(again.corrector.data.trees.all_fruits, written.trees.all_fruits)
+    again.ask("undo")
+    assert again.corrector.data.crop is None
+    again.ask("redo")
+    assert again.corrector.data.crop == written.crop
+    assert ESTIMATED_LATER not in again.corrector.data.warnings
 
 
 def test_masks_are_labels_before_the_first_correction_as_after_it(scene: Scene, tmp_path: Path) -> None:

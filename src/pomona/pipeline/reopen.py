@@ -19,6 +19,7 @@ from pomona.pipeline.stage import SurveyContext
 from pomona.pipeline.stages import Stages, stages_of
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
+from pomona.trees import Trunks
 
 
 class LastFound:
@@ -41,6 +42,11 @@ class LastFound:
     def scene(self) -> FruitCloud:
         """The dense scene; no points where none was made."""
         return self._runner.value(SCENE)
+
+    @property
+    def trunks(self) -> Trunks:
+        """Where trees stand."""
+        return self._runner.value(self._stages.trunks)
 
     @property
     def corrected(self) -> Corrected | None:

@@ -23,6 +23,7 @@ from pomona.pipeline.segment import SEGMENT
 from pomona.pipeline.select import SELECT
 from pomona.pipeline.sfm import SFM
 from pomona.pipeline.stage import Stage
+from pomona.trees import Trunks
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,12 @@ class Stages:
     """The stages of one run: `in_order`, and those that are asked for by what they give.
 
     `shown` gives the fruits with their points as they were found; `found` the same with all that correcting them takes,
-    and `corrected` what a person made of them (None where nothing was corrected).
+    and `corrected` what a person made of them (None where nothing was corrected). `trunks` gives where trees stand.
     """
 
     in_order: tuple[Stage[Any], ...]
     shown: Stage[Fused]
+    trunks: Stage[Trunks]
     found: Stage[FoundWithCloud]
     corrected: Stage[Corrected] | None
     results: Stage[Results]
@@ -56,4 +58,4 @@ def stages_of(method: str, *, corrected: bool) -> Stages:
     report = report_stage(results, by_person)
     every = (SEGMENT, SELECT, SFM, SCALE, *fuse, filtered, measured, trunks, dense, SCENE, results, report)
     by_name = {stage.name: stage for stage in every}
-    return Stages(tuple(by_name[name] for name in stages_by(method)), shown, found, by_person, results)
+    return Stages(tuple(by_name[name] for name in stages_by(method)), shown, trunks, found, by_person, results)
