@@ -33,6 +33,23 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def sample_survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The survey of the whole bundled sample, made once for all processes that run tests: copy it to change it."""
+    from filelock import FileLock
+
+    import pomona
+
+    of_process = tmp_path_factory.getbasetemp()
+    folder = of_process.parent if "PYTEST_XDIST_WORKER" in os.environ else of_process
+    sample, survey, done = pomona.sample_folder(), folder / "sample-survey", folder / "sample-survey.done"
+    with FileLock(folder / "sample-survey.lock"):
+        if not done.exists():
+            pomona.run([sample / "east", sample / "west"], survey, markers=sample / "markers.csv")
+            done.touch()
+    return survey
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     from chromium import chromium  # it loads NumPy, which reads the variables above

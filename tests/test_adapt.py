@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -314,9 +315,10 @@ def test_what_is_learnt_where_nothing_was_found_is_kept(
 
 
 @pytest.fixture(scope="module")
-def adapted(tmp_path_factory: pytest.TempPathFactory) -> SurveyFolder:
+def adapted(tmp_path_factory: pytest.TempPathFactory, sample_survey: Path) -> SurveyFolder:
     pytest.importorskip("torch")
     folder = tmp_path_factory.mktemp("adapted") / "survey"
+    shutil.copytree(sample_survey, folder)
     sample = pomona.sample_folder()
     from pomona.self_training.rerun import run_adapted
 
