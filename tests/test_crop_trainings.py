@@ -127,6 +127,7 @@ def trained(name: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(
     row: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,6 +149,7 @@ def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(
     np.testing.assert_allclose(torch.sigmoid(again.eval()(as_seen))[:, 0].detach().numpy(), maps, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_training_of_circles_goes_on_and_its_file_is_one_to_measure_with(row: Path, tmp_path: Path) -> None:
     file = tmp_path / "new.onnx"
     assert "\n1 " in trained("train_circles", str(file), str(row), "--steps", "1", "--batch", "4")
