@@ -313,6 +313,49 @@ def test_fruit_ids_become_masks() -> None:
     assert truth.masks[1].area_px == 20 * 10 - 5 * 5
 
 
+@pytest.mark.parametrize("masks", ["masks", "instances"])
+@pytest.mark.parametrize("match", ["masks", "boxes"])
+def test_pixels_to_be_ignored_are_crowds_each_where_it_is(tmp_path: Path, masks: str, match: Any) -> None:
+    """Fruits of the row behind are neither right nor wrong, however many; what lies between them is false."""
+    ids = np.zeros((HEIGHT, WIDTH), np.uint16)
+    ids[10:30, 10:30] = 1
+    ids[5:25, 60:80] = ids[35:55, 5:25] = ids[35:55, 70:90] = 65534
+    (tmp_path / masks).mkdir()
+    write_photo(tmp_path / "images" / "a.jpg")
+    assert cv2.imwrite(str(tmp_path / masks / "a.png"), ids)
+    truth = read_detection_truth(tmp_path).of_photos(("a.jpg",))
+    behind = [square(62, 5, 16), square(6, 36, 16), square(72, 36, 16)]
+    found = found_of("a.jpg", [square(10, 10, 20), *behind, square(40, 15, 16)], [0.6, 0.9, 0.8, 0.7, 0.5], 1)
+    options = EvaluateDetectionsOptions(match=match)
+    scores = evaluate_detections({"a.jpg": found}, truth, options=options)
+    assert (scores.true_fruits, scores.ignored) == (1, 3)
+    assert kinds(scores.matches[0]) == ("right", "neither", "neither", "neither", "false")
+    assert scores.ap50 == 1
+
+
+def test_crowds_and_ignored_ones_are_the_same_in_one_coco_file_and_in_several(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_photo(tmp_path / "images" / f"{name}.jpg")
+        image = {"id": 1, "file_name": f"{name}.jpg", "width": WIDTH, "height": HEIGHT}
+        of = [(disc(15, 15, 8), {}), (disc(40, 15, 8), {"ignore": 1}), (disc(75, 35, 20), {"iscrowd": 1})]
+        annotations = [
+            {**shape(mask), "id": k, "image_id": 1, "category_id": 1, "iscrowd": 0, **marks}
+            for k, (mask, marks) in enumerate(of, start=1)
+        ]
+        content = {"images": [image], "annotations": annotations, "categories": [{"id": 1, "name": "apple"}]}
+        write_json(tmp_path / f"{name}.json", content)
+    places = [(15, 15, 8), (40, 15, 8), (70, 30, 8), (80, 40, 8)]
+    for path, photos in ((tmp_path / "a.json", 1), (tmp_path, 2)):
+        names = ("a.jpg", "b.jpg")[:photos]
+        truth = read_detection_truth(path).of_photos(names)
+        found = {n: found_of(n, [disc(*p) for p in places], [0.6, 0.9, 0.8, 0.7], 10 * k) for k, n in enumerate(names)}
+        scores = evaluate_detections(found, truth)
+        assert scores.by_masks
+        assert (scores.true_fruits, scores.ignored) == (photos, 2 * photos)
+        assert kinds(scores.matches[-1]) == ("right", "neither", "neither", "neither")
+        assert scores.ap50 == 1
+
+
 # Files and the command line.
 
 

@@ -16,6 +16,7 @@ from PIL import Image
 from pomona.capture.images import size_of
 from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
+from pomona.formats.detections.label_sets import LabelSet, read_label_set
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.shapes import ellipse_mask
 from pomona.progress import Silent
@@ -125,6 +126,22 @@ def test_labels_of_masks_boxes_crowds_and_what_is_hardly_seen(tmp_path: Path) ->
     assert (labels[70:95, 50:80] == IGNORED).all()
     assert labels[60, 10] == 0
     assert (labels == 3).sum() == pytest.approx(np.pi * 144, rel=0.1)
+
+
+def test_pixels_to_be_ignored_are_doubtful_where_they_are_and_not_between(tmp_path: Path) -> None:
+    size = (120, 100)
+    write_photo(tmp_path / "images" / "a.png", *size)
+    ids = np.zeros(size[::-1], np.uint16)
+    ids[40:60, 50:70] = 3
+    ids[5:15, 5:15] = ids[80:95, 100:115] = 65534
+    (tmp_path / "masks").mkdir()
+    cv2.imwrite(str(tmp_path / "masks" / "a.png"), ids)
+    (photo,) = read_label_set(LabelSet("masks", tmp_path), size_of)
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s")
+    assert sample.boxes_px.tolist() == [[50, 40, 70, 60]]
+    assert sample.ignored_px is not None
+    assert sample.ignored_px.tolist() == [[5, 5, 15, 15], [100, 80, 115, 95]]
+    assert (sample.label_image() == IGNORED).sum() == 10 * 10 + 15 * 15
 
 
 def test_a_box_drawn_beside_a_mask_is_learnt_as_drawn(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
 from pomona.formats.detections.label_sets import LABEL_SUFFIXES, LabelSet, find_label_sets, read_label_set
 from pomona.formats.detections.labelled import LabelledPhoto, classes_of
-from pomona.formats.detections.png_masks import masks_of_ids, read_ids
+from pomona.formats.detections.png_masks import fruits_of_ids, read_ids
 from pomona.progress import Progress, Silent, track
 
 
@@ -33,7 +33,7 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
 
     - a COCO file (or a folder with one), with masks or boxes; annotations with `iscrowd` or `ignore` are not scored;
     - a rendered row's folder, its `truth` folder, or a folder of images (`formats.detections.png_masks`) that are 0
-      where there is no fruit, else the fruit's id; named as the photos are, which need not be there;
+      where there is no fruit, else the fruit's id (65534: not scored); named as the photos, which need not be there;
     - photos with labels of another program that `formats.detections.label_sets` knows (VIA, CVAT, LabelMe, VOC, YOLO).
 
     Raises `MissingFileError`, `InputError` where there are no labels, and `FormatError` naming the file, the place and
@@ -130,11 +130,18 @@ def _of_image(image: CocoImage, annotations: list[CocoAnnotation], *, with_masks
 
 
 def truth_from_ids(photo: str, ids: IntArray) -> PhotoTruth:
-    """Return the fruits of an image (h, w) that is 0 where there is no fruit, else the fruit's id."""
-    found = list(masks_of_ids(ids))
-    masks = tuple(mask for _, mask in found)
-    boxes = np.array([mask.box_px for mask in masks], float).reshape(-1, 4)
-    return PhotoTruth(photo, ids.shape[1], ids.shape[0], np.array([id_ for id_, _ in found], np.int64), boxes, masks)
+    """Return the fruits of an image (h, w) that is 0 where there is no fruit, else the fruit's id (65534: ignored)."""
+    fruits = fruits_of_ids(ids)
+    return PhotoTruth(
+        photo,
+        ids.shape[1],
+        ids.shape[0],
+        np.array([fruit.id for fruit in fruits], np.int64),
+        np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4),
+        tuple(fruit.mask for fruit in fruits if fruit.mask is not None),
+        np.array([fruit.ignored for fruit in fruits], bool),
+        np.array([fruit.crowd for fruit in fruits], bool),
+    )
 
 
 def _check_one_category(path: Path, content: CocoFile) -> None:
@@ -182,4 +189,5 @@ def _of_photo(photo: LabelledPhoto, with_masks: bool) -> PhotoTruth:
         np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4),
         tuple(fruit.mask for fruit in fruits if fruit.mask is not None) if with_masks else None,
         np.array([fruit.ignored for fruit in fruits], bool),
+        np.array([fruit.crowd for fruit in fruits], bool),
     )

@@ -61,9 +61,10 @@ def _fruit(annotation: CocoAnnotation, *, named: bool) -> LabelledFruit | None:
         box,
         mask,
         annotation.category if named else None,
-        ignored=annotation.crowd,
+        ignored=annotation.crowd or annotation.ignored,
         score=annotation.score,
         id=annotation.id,
+        crowd=annotation.crowd,
     )
 
 

@@ -29,9 +29,9 @@ _ROUNDED_PX, _SAME_EDGE_PX, _LEAST_OF_BOX = 1.0, 2.0, 0.2
 class LabelledFruit:
     """One fruit of a photo. `mask` is None where the file gives a box alone; `category` where it names no class.
 
-    `ignored`: not one fruit (a crowd), or of no use: neither fruit nor background is to be learnt there. `score` is in
-    [0, 1], `id` is the file's; None where it has none. `circle_px` is the whole fruit's centre and radius, hidden parts
-    and all, where that is known.
+    `ignored`: not one fruit (a crowd), or of no use: neither fruit nor background is to be learnt there. `crowd`: of
+    those, what may be any number of fruits. `score` is in [0, 1], `id` is the file's; None where it has none.
+    `circle_px` is the whole fruit's centre and radius, hidden parts and all, where that is known.
     """
 
     box_px: Box
@@ -41,6 +41,7 @@ class LabelledFruit:
     score: float | None = None
     id: int | None = None
     circle_px: tuple[float, float, float] | None = None
+    crowd: bool = False
 
     @property
     def exact(self) -> bool:

@@ -105,11 +105,29 @@ def _read_one(photo: PhotoFile, mask: Path) -> LabelledPhoto:
         check_size((ids.shape[1], ids.shape[0]), photo)
     except InputError as error:
         raise FormatError(f"{mask}: {error}") from None
-    fruits = [
-        replace(LabelledFruit.from_mask(found), id=number, ignored=number == IGNORED_ID)
-        for number, found in masks_of_ids(ids)
-    ]
-    return LabelledPhoto.of(photo, fruits)
+    return LabelledPhoto.of(photo, fruits_of_ids(ids))
+
+
+def fruits_of_ids(ids: IntArray) -> list[LabelledFruit]:
+    """Return the fruits of an image of ids (h, w), in order of id.
+
+    What is to be ignored may be any number of fruits, anywhere in the photo: each part that hangs together is a crowd.
+    """
+    fruits = []
+    for number, mask in masks_of_ids(ids):
+        if number == IGNORED_ID:
+            fruits += [replace(LabelledFruit.from_mask(part), id=number, ignored=True, crowd=True)
+                       for part in _parts_of(mask)]  # fmt: skip
+        else:
+            fruits.append(replace(LabelledFruit.from_mask(mask), id=number))
+    return fruits
+
+
+def _parts_of(mask: Mask) -> Iterator[Mask]:
+    labels = ndimage.label(mask.pixels, np.ones((3, 3)))[0]
+    for number, place in enumerate(ndimage.find_objects(labels), start=1):
+        rows, columns = place
+        yield Mask.from_pixels(labels[place] == number, mask.x_px + columns.start, mask.y_px + rows.start)
 
 
 def decoded_image(data: bytes, flags: int) -> Array | None:

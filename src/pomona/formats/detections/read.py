@@ -134,11 +134,11 @@ def _detections(path: Path, labelled: Sequence[LabelledPhoto], photos: Photos, p
     """The masks of the fruits, with ids that are unique in the survey."""
     by_name = {photo.name: photo for photo in labelled}
     kept: list[tuple[str, LabelledFruit, Mask]] = []
-    said = {"crowds": 0, "boxes": 0, "small": 0, "scoreless": 0}
+    said = {"crowds": 0, "ignored": 0, "boxes": 0, "small": 0, "scoreless": 0}
     for name in photos.names:
         for fruit in by_name[name].fruits if name in by_name else ():
-            said["crowds"] += fruit.ignored
             if fruit.ignored:
+                said["crowds" if fruit.crowd else "ignored"] += 1
                 continue
             said["boxes"] += fruit.mask is None
             mask = fruit.mask or _in_box(fruit.box_px, by_name[name])
@@ -179,6 +179,9 @@ def _tell(path: Path, said: dict[str, int], total: int, progress: Progress) -> N
     if said["crowds"]:
         crowds = counted(said["crowds"], "crowd")
         progress.warn(f"{path}: {crowds} (iscrowd) left out: a detection is one fruit.")
+    if said["ignored"]:
+        ignored = counted(said["ignored"], "annotation")
+        progress.warn(f'{path}: {ignored} to be ignored ("ignore": 1) left out.')
     if said["small"]:
         progress.warn(
             f"{path}: boxes that cover no pixel are left out: {said['small']} (pixels of the photo are expected)."
