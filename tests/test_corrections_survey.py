@@ -106,6 +106,24 @@ def test_each_kind_is_done_and_kept_at_once(scene: Scene) -> None:
     assert not list(scene.survey.glob(".*"))
 
 
+def test_the_page_of_mistakes_knows_what_corrections_removed_and_made(scene: Scene, tmp_path: Path) -> None:
+    """One right fruit is deleted, and one is added where there is none; nothing of it is the filter's doing."""
+    rows = [f"{k},{x},{y},{z},{DIAMETER_M}" for k, (x, y, z) in enumerate(GRID.tolist(), start=1)]
+    (tmp_path / "fruits.csv").write_text("\n".join(["id,x,y,z,diameter", *rows]) + "\n")
+    desk = Desk.of(scene)
+    deleted = desk.fruit(GRID[14])
+    desk.ask("delete", deleted)
+    desk.ask("add", marks=desk.marks((0, 1), MISSED))
+    page = ("--pictures", str(tmp_path / "page"), "--worst", "1", "--json", "--outcomes")
+    said = CliRunner().invoke(app, ["evaluate", str(scene.survey), "--truth", str(tmp_path / "fruits.csv"), *page])
+    assert said.exit_code == 0, said.stderr
+    assert "What the filter dropped is not known" not in said.stderr
+    wrong = {entry["truth_id"]: entry for entry in json.loads(said.stdout)["mistakes"]["fruits"]}
+    assert wrong[15]["stage"] == "removed"
+    assert f"found as fruit {deleted} from " in wrong[15]["reason"]
+    assert not any(entry["stage"] == "dropped" for entry in wrong.values())
+
+
 def test_what_a_survey_was_made_with_may_be_gone(scene: Scene, tmp_path: Path) -> None:
     weights, counts = tmp_path / "pairs.csv", tmp_path / "counts.csv"
     weights.write_text("diameter_mm,weight_g\n" + "".join(f"{d},{2 * d}\n" for d in range(60, 90, 5)))

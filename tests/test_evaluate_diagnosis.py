@@ -173,6 +173,44 @@ def test_a_found_fruit_of_several_or_of_unknown_detections(scene: Scene) -> None
     assert by_name(mistakes_of(without))["fruit 107"].stage == "unknown"
 
 
+def test_what_a_person_removed_is_not_the_filters_fault(scene: Scene) -> None:
+    """Fruit 101 was right, and a person deleted it; fruit 105 became 205 by a correction, at another place."""
+    fruits, observations = scene.survey.fruits, scene.survey.observations
+    gone = np.isin(fruits.ids, [101, 105])
+    centers = fruits.centers_in_world.copy()
+    centers[fruits.ids == 101] += [0.003, 0, 0]  # measuring moved it
+    measured = replace(fruits, centers_in_world=centers)
+    made = replace(fruits[fruits.ids == 105], ids=np.array([205]), centers_in_world=np.array([[0.2, -0.07, 0.12]]))
+    after = [*np.flatnonzero(~gone), *np.flatnonzero(fruits.ids == 105)]
+    kept = replace(
+        fruits[np.array(after)],
+        ids=np.append(fruits.ids[~gone], made.ids),
+        centers_in_world=np.concatenate([fruits.centers_in_world[~gone], made.centers_in_world]),
+    )
+    seen = observations[observations.fruit_id != 101]
+    seen = replace(seen, fruit_id=np.where(seen.fruit_id == 105, 205, seen.fruit_id))
+    corrected = scene.with_(fruits=kept, observations=seen, removed=measured[gone])
+
+    mistakes = by_name(mistakes_of(corrected))
+
+    assert mistakes["true fruit 1"].stage == "removed"
+    assert mistakes["true fruit 1"].reason == (
+        "Detected in 3 of 6 photos; found as fruit 101 from 3 photos, 3 mm off its place, and then removed by a "
+        "correction."
+    )
+    assert (mistakes["true fruit 6"].stage, mistakes["fruit 205"].stage) == ("dropped", "misplaced")
+    assert mistakes["fruit 205"].reason == "3 of its 3 detections show true fruit 5, 70 mm away."
+
+
+def test_distances_are_those_of_fruits_as_they_were_measured(scene: Scene) -> None:
+    """Fruit 110 was 90 mm off before it was measured, and is 60 mm off in the table."""
+    centers = scene.survey.fruits.centers_in_world.copy()
+    centers[scene.survey.fruits.ids == 110] += [0, 0.03, 0]
+    mistakes = by_name(mistakes_of(scene.with_(fruits=replace(scene.survey.fruits, centers_in_world=centers))))
+    assert mistakes["fruit 110"].reason == "3 of its 3 detections show true fruit 10, 60 mm away."
+    assert "3 of 3 detections make fruit 110, 60 mm off its place" in mistakes["true fruit 10"].reason
+
+
 def test_what_the_filter_dropped_may_be_unknown(scene: Scene) -> None:
     assert by_name(mistakes_of(scene.with_(unfiltered=None)))["true fruit 6"].stage == "apart"
 

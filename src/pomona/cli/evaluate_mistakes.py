@@ -6,14 +6,15 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import typer
 from rich.console import Console
 
 from pomona.arrays import counted
 from pomona.cli.evaluate_detections import PictureRequest, find_photos
 from pomona.cli.progress import TerminalProgress
+from pomona.export.survey import SurveySource
 from pomona.survey import SurveyFolder
-from pomona.survey.reader import SurveyReader
 
 if TYPE_CHECKING:
     from pomona.evaluate.diagnosis import SurveyResult
@@ -74,8 +75,11 @@ def read_result(source: Path, truth: Path, photos: Path | None, progress: Progre
     files = SurveyFolder.open(source)
     bring_up_to_date(files, progress)
     files.need(files.cameras, files.detections, files.fruits, files.observations)
-    survey = SurveyReader(files, progress=progress)
-    if survey.before_filter is None:
+    survey = SurveySource(files, progress=progress)
+    corrected = survey.corrected()
+    found = survey.fruits if corrected is None else corrected[0].fruits
+    before_filter = survey.before_filter_of(found)
+    if before_filter is None:
         progress.warn("What the filter dropped is not known: the survey has not kept it, or of other fruits")
     return SurveyResult(
         photos=find_photos(source, truth, survey.cameras.photos, photos),
@@ -84,7 +88,8 @@ def read_result(source: Path, truth: Path, photos: Path | None, progress: Progre
         detections=read_found(files.detections, progress=progress).by_photo,
         fruits=survey.fruits,
         observations=survey.observations,
-        unfiltered=survey.before_filter,
+        unfiltered=before_filter,
+        removed=found[~np.isin(found.ids, survey.fruits.ids)],
         looked=survey.around_second_look,
         least_score=survey.least_score,
         title=survey.folder.name,

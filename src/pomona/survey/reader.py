@@ -258,12 +258,19 @@ class SurveyReader:
     @cached_property
     def before_filter(self) -> tuple[Fruits, Observations] | None:
         """The fruits before the filter, with what saw them; None where the survey has not kept those of its tables."""
+        return self.before_filter_of(self.fruits)
+
+    def before_filter_of(self, left: Fruits) -> tuple[Fruits, Observations] | None:
+        """Return the fruits before the filter, with what saw them; None where the survey has not kept those of `left`.
+
+        `left` are the fruits that the filter left, as they were found: corrections may have changed those of tables.
+        """
         record = self._finished("second_look")
         stage = "second_look" if record is not None and fused_path(self.files, "second_look").is_file() else "fuse"
         if not fused_path(self.files, stage).is_file():
             return None
         before = read_fused(self.files, stage)
-        kept = set(self.fruits.ids.tolist()) <= set(before.fruits.ids.tolist())
+        kept = set(left.ids.tolist()) <= set(before.fruits.ids.tolist())
         return (before.fruits, before.observations) if kept else None
 
     @property

@@ -140,20 +140,20 @@ class Associations:
     """Detections with the true fruits that they show and the found fruits that they became part of.
 
     Detections are rows of `compared`, true fruits are indices into `truth`, found fruits are ids. `unfiltered` are the
-    found fruits before the filter, `kept` the ids of those that it left.
+    found fruits before the filter, `kept` the ids of those that are in the result, and `removed` of those that a
+    person's corrections took out of it.
     """
 
     def __init__(self, survey: SurveyResult, truth: Truth, compared: ComparedPhotos, options: EvaluateOptions) -> None:
         self.survey, self.truth, self.compared, self.options = survey, truth, compared, options
-        fruits, observations = survey.before_filter
-        self.unfiltered = fruits
-        self.place_of = {fruit_id: i for i, fruit_id in enumerate(fruits.ids.tolist())}
+        self.unfiltered = survey.before_filter[0]
+        self.place_of = {fruit_id: i for i, fruit_id in enumerate(self.unfiltered.ids.tolist())}
         self.kept = frozenset(survey.fruits.ids.tolist())
+        self.removed = frozenset(() if survey.removed is None else survey.removed.ids.tolist())
         row_of = {detection_id: row for row, detection_id in enumerate(compared.detection_ids.tolist())}
         self.rows_of_fruit: dict[int, list[int]] = defaultdict(list)
         self.fruit_of_row: dict[int, int] = {}
-        pairs = zip(observations.fruit_id.tolist(), observations.detection_id.tolist(), strict=True)
-        for fruit_id, detection_id in pairs:
+        for fruit_id, _, detection_id in survey.sightings:
             if (row := row_of.get(detection_id)) is not None:
                 self.rows_of_fruit[fruit_id].append(row)
                 self.fruit_of_row[row] = fruit_id
@@ -201,13 +201,31 @@ class Associations:
         return self.survey.sides.get(self.survey.cameras.photos[photo_idx], "")
 
     def distance_mm(self, fruit_id: int, true_idx: int) -> float:
-        """Return the distance between the centres of a found fruit, before the filter, and a true one."""
-        center = self.unfiltered.centers_in_world[self.place_of[fruit_id]]
+        """Return the distance between the centres of a found fruit and a true one.
+
+        As it was measured at last, unless the filter had dropped it before.
+        """
+        center = self._centers_in_world[fruit_id]
         return float(1000 * np.linalg.norm(center - self.truth.centers_in_world[true_idx]))
 
+    @cached_property
+    def _centers_in_world(self) -> dict[int, FloatArray]:
+        parts = [self.unfiltered, *([] if self.survey.removed is None else [self.survey.removed]), self.survey.fruits]
+        return {
+            fruit_id: center
+            for fruits in parts
+            for fruit_id, center in zip(fruits.ids.tolist(), fruits.centers_in_world, strict=True)
+        }
+
     def name_of(self, fruit_id: int) -> str:
-        """Return what to call a found fruit that the filter may have dropped."""
-        return f"fruit {fruit_id}" + ("" if fruit_id in self.kept else " (dropped by the filter)")
+        """Return what to call a found fruit that may not be in the result any more."""
+        if fruit_id in self.kept:
+            return f"fruit {fruit_id}"
+        return f"fruit {fruit_id} ({self.loss_of(fruit_id)})"
+
+    def loss_of(self, fruit_id: int) -> str:
+        """Return why a found fruit is not in the result, in words."""
+        return "removed by a correction" if fruit_id in self.removed else "dropped by the filter"
 
 
 def _grouped(keys: list[int]) -> dict[int, list[int]]:

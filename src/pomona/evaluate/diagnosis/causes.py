@@ -43,7 +43,7 @@ class _Sightings:
 
 
 def explain_lost(kind: Kind, true_idx: int, links: Associations, dropped: int | None) -> Mistake:
-    """Return why a true fruit, missed or merged, was not found. `dropped`: the fruit there before the filter."""
+    """Return why a true fruit, missed or merged, was not found. `dropped`: the fruit there that did not stay."""
     seen = _sightings(true_idx, links)
     stage, reason, others = _why_not_found(seen, links, dropped)
     inside = _nearest(true_idx, links) if kind == "merged" else None
@@ -99,7 +99,8 @@ def _why_not_found(seen: _Sightings, links: Associations, dropped: int | None) -
     if dropped is not None:
         mm, views = links.distance_mm(dropped, seen.true_idx), links.unfiltered.views[links.place_of[dropped]]
         found = f"found as fruit {dropped} from {views} photos, {mm:.0f} mm off its place"
-        return "dropped", f"{of}; {found}, and then dropped by the filter.", (dropped,)
+        stage: Stage = "removed" if dropped in links.removed else "dropped"
+        return stage, f"{of}; {found}, and then {links.loss_of(dropped)}.", (dropped,)
     if k == 0:
         return _undetected(seen, links)
     if k == 1:

@@ -80,7 +80,7 @@ def _explained(tally: Tally, links: Associations) -> list[Mistake]:
 
 
 def _dropped(true_idx: list[int], links: Associations) -> dict[int, int]:
-    """Return, by true fruit, the fruit at its place that the filter dropped."""
+    """Return, by true fruit, the fruit at its place that the filter dropped, or a person's corrections took away."""
     was = np.array([fruit_id not in links.kept for fruit_id in links.unfiltered.ids.tolist()], bool)
     fruits = links.unfiltered[was]
     candidates = candidates_by_center(fruits, links.truth, links.options)

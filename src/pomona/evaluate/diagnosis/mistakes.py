@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
 
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
@@ -18,7 +20,7 @@ from pomona.photos import Photo
 
 Kind = Literal["missed", "merged", "false", "double"]
 Stage = Literal[
-    "unplaced", "undetected", "covered", "weak", "once", "apart", "taken", "elsewhere", "dropped",
+    "unplaced", "undetected", "covered", "weak", "once", "apart", "taken", "elsewhere", "dropped", "removed",
     "misplaced", "mixed", "nothing", "sides", "twice", "unknown",
 ]  # fmt: skip
 
@@ -39,6 +41,7 @@ STAGES: dict[Stage, str] = {
     "taken": "detected, and joined with another fruit",
     "elsewhere": "detected and joined, but placed wrongly",
     "dropped": "found, and then dropped by the filter",
+    "removed": "found, and then removed by a correction",
     "nothing": "its detections show no true fruit",
     "mixed": "its detections show several true fruits",
     "misplaced": "a true fruit that is placed wrongly",
@@ -80,7 +83,8 @@ class SurveyResult:
 
     `photos`, by name, are those that can still be read; `sides` says of which side of the row a photo is. Detections
     of at least `least_score` could become fruit. `unfiltered` are the fruits before the filter and their observations,
-    None where these are not known. `looked` are those before and after the second look, None where there was none.
+    None where these are not known; `removed` those that the filter left and a person's corrections took away, as they
+    were measured. `looked` are those before and after the second look, None where there was none.
     """
 
     photos: Mapping[str, Photo]
@@ -90,6 +94,7 @@ class SurveyResult:
     fruits: Fruits
     observations: Observations
     unfiltered: tuple[Fruits, Observations] | None = None
+    removed: Fruits | None = None
     looked: tuple[Fruits, Fruits] | None = None
     least_score: float = 0.0
     title: str = ""
@@ -98,6 +103,16 @@ class SurveyResult:
     def before_filter(self) -> tuple[Fruits, Observations]:
         """The fruits before the filter where they are known, else those that it left."""
         return self.unfiltered or (self.fruits, self.observations)
+
+    @property
+    def sightings(self) -> Iterator[tuple[int, str, int]]:
+        """Which fruit was seen in which photo by which detection: before the filter; fruits that corrections made, as
+        these say."""
+        before, seen = self.before_filter
+        yield from zip(seen.fruit_id.tolist(), seen.photo, seen.detection_id.tolist(), strict=True)
+        if self.unfiltered is not None:
+            made = self.observations[~np.isin(self.observations.fruit_id, before.ids)]
+            yield from zip(made.fruit_id.tolist(), made.photo, made.detection_id.tolist(), strict=True)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ _LEGEND: dict[str, tuple[Rgb, str]] = {
     "right": (RIGHT, "found, right"),
     "false": (FALSE, "found, false"),
     "double": (DOUBLE, "found, double"),
-    "dropped": (DROPPED, "found, dropped by the filter"),
+    "dropped": (DROPPED, "found, dropped by the filter or removed by a correction"),
     "own": (OWN, "detection of this fruit"),
     "other": (OTHER, "other detection"),
     "weak": (UNUSED, "detection too weak to be used"),

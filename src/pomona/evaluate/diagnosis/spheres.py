@@ -54,15 +54,15 @@ class Circle:
 
 
 class DrawnSpheres:
-    """All spheres that may be drawn: true fruits, found ones, and those that the filter dropped."""
+    """All spheres that may be drawn: true fruits, found ones, and those that did not stay in the result."""
 
     def __init__(self, survey: SurveyResult, truth: Truth, tally: Tally) -> None:
-        unfiltered, observations = survey.before_filter
+        unfiltered = survey.before_filter[0]
         dropped = unfiltered[~np.isin(unfiltered.ids, survey.fruits.ids)]
         self._cameras, self._truth = survey.cameras, truth
         self._seen_px = seen_px_by_photo(truth, survey.cameras.photos)
         self._seen_in: dict[str, set[int]] = defaultdict(set)
-        for fruit_id, photo in zip(observations.fruit_id.tolist(), observations.photo, strict=True):
+        for fruit_id, photo, _ in survey.sightings:
             self._seen_in[photo].add(fruit_id)
         self.usual_diameter_m = _typical_m(survey.fruits, truth)
         self._centers_in_world = np.concatenate(
