@@ -65,6 +65,13 @@ def test_two_fruits_found_as_one_are_both_detected_but_one_is_recalled() -> None
     assert sorted(o.kind for o in scores.outcomes) == ["matched", "merged"]
 
 
+def test_a_found_fruit_too_far_off_for_a_match_detects_what_it_covers() -> None:
+    # 45 mm off, 100 mm wide: it covers the true fruit's centre, which is 80 mm wide, and is false all the same.
+    scores = evaluate_fruits(found([(0.045, 0, 1)], 0.1), known([(0.0, 0, 1)])).all
+    assert (scores.detection_rate, scores.recall, scores.false_positives) == (1.0, 0.0, 1)
+    assert sorted(o.kind for o in scores.outcomes) == ["false", "merged"]
+
+
 def test_a_wild_diameter_does_not_detect_the_whole_row() -> None:
     scores = evaluate_fruits(found([(0, 0, 1)], 50.0), known(ROW)).all
     assert (scores.labels_detected, scores.diameters) == (1, 1)

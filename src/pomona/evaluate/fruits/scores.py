@@ -34,7 +34,7 @@ Kind = Literal["matched", "missed", "merged", "false", "double", "hidden"]
 class Outcome:
     """What became of one fruit. Lengths are metres; NaN and None where they do not apply.
 
-    `kind`: "matched"; of true fruits also "missed", or "merged" where a found fruit covers it that is another's match;
+    `kind`: "matched"; of true fruits also "missed", or "merged" where a found fruit covers it that is not its match;
     of found fruits also "false", "double" (another found fruit is this true one's match), or "hidden" (it is a true
     fruit that is not scored, being invisible: neither right nor wrong). `center_in_world` is the found fruit's, or the
     true one's where there is none.
