@@ -370,7 +370,7 @@ def test_a_row_some_weeks_later_has_the_same_fruits_grown_and_fewer_of_them():
 
 
 def test_growth_without_days_and_shares_beyond_reason_are_errors():
-    for wrong in ({"grow_m": 0.01}, {"drop_share": 0.2}, {"days_later": 9, "drop_share": 1.0},
+    for wrong in ({"grow_m": 0.01}, {"grow_sd_m": 0.002}, {"drop_share": 0.2}, {"days_later": 9, "drop_share": 1.0},
                   {"days_later": 9, "grow_m": float("nan")}, {"days_later": -1}):  # fmt: skip
         with pytest.raises(InputError, match=next(iter(reversed(wrong)))):
             RowOptions(**wrong)

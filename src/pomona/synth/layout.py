@@ -249,7 +249,7 @@ def _stem(spur: FloatArray, top: FloatArray) -> Mesh:
 
 
 def _grow_leaves(wood: Wood, fruits: TrueFruits, options: RowOptions, rng: np.random.Generator) -> Mesh:
-    """Grow rosettes of leaves on branches and shoots; leaves that would pierce a fruit are left out."""
+    """Grow rosettes of leaves on branches and shoots; leaves whose middle comes too near a fruit are left out."""
     count = options.leaves_per_tree
     rosettes = max(1, count // 5)
     spurs, along = _Twigs(wood.lines[1:]).draw(rosettes, rng)

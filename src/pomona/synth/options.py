@@ -159,8 +159,8 @@ class RowOptions:
             raise InputError(f"`drop_share` is {self.drop_share}; expected a share from 0 to below 1")
         if self.days_later < 0:
             raise InputError(f"`days_later` is {self.days_later}; expected 0 or more")
-        if self.days_later == 0 and (self.grow_m or self.drop_share):
-            raise InputError("`grow_m` and `drop_share` say what changed in `days_later`; set it, too")
+        if self.days_later == 0 and (self.grow_m or self.grow_sd_m or self.drop_share):
+            raise InputError("`grow_m`, `grow_sd_m` and `drop_share` say what changed in `days_later`; set it, too")
 
     def _check_names(self) -> None:
         if self.variety not in VARIETIES:
