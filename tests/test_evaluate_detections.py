@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import unicodedata
 from pathlib import Path
 from typing import Any
@@ -504,6 +505,24 @@ def test_photos_without_truth_are_left_out_with_a_warning() -> None:
     assert list(truth.of_photos(["1.jpg", "2.jpg"], progress=progress)) == ["1.jpg"]
     assert progress.warnings[0] == "Photos without truth are left out: 2.jpg."
     assert progress.warnings[1] == "Truth of photos that were not searched is left out: 3."
+
+
+def test_photos_that_nobody_labelled_are_warned_of(tmp_path: Path) -> None:
+    """Of a folder of photos with YOLO's labels of a few, the others are without fruit, and what is there is false."""
+    for k in range(5):
+        write_photo(tmp_path / "images" / f"p{k}.jpg")
+    (tmp_path / "labels").mkdir()
+    names = tuple(f"p{k}.jpg" for k in range(5))
+    found = {name: found_of(name, [square(20, 20, 20)], [0.9], 10 * k) for k, name in enumerate(names)}
+    for labelled, warned in ((2, "3 of 5 photos have no true fruit, .* is false: .*p2.jpg"), (3, None)):
+        for k in range(labelled):
+            (tmp_path / "labels" / f"p{k}.txt").write_text("0 0.1875 0.25 0.125 0.1666667")
+        heard = Silent()
+        scores = evaluate_detections(found, read_detection_truth(tmp_path).of_photos(names), progress=heard)
+        assert scores.best is not None
+        assert scores.best.precision == labelled / 5
+        assert bool(heard.warnings) == (warned is not None)
+        assert warned is None or re.search(warned, heard.warnings[0])
 
 
 def test_truth_of_other_photos(row: Path, detections: Path) -> None:

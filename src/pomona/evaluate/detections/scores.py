@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray
+from pomona.arrays import BoolArray, FloatArray, counted
 from pomona.detections import Detections
-from pomona.errors import FormatError, InputError
+from pomona.errors import FormatError, InputError, few
 from pomona.evaluate.detections.matching import COCO_IOUS, EvaluateDetectionsOptions, PhotoMatch, match_photo, right
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.evaluate.rates import Rates, known
@@ -207,7 +207,8 @@ def evaluate_detections(
     """Return the scores of the detections `found` in the photos of `truth`, both by the photo's name.
 
     `found_masks`: False where the detections' masks were made of boxes alone, and say nothing. A photo of `truth` that
-    `found` lacks was not searched, and is left out.
+    `found` lacks was not searched, and is left out. Warns where most photos have no true fruit, as where few of them
+    were labelled.
 
     Raises `InputError` where masks are to decide and one side has none, or where no photo is in both, and `FormatError`
     where a photo's size differs.
@@ -217,6 +218,11 @@ def evaluate_detections(
     if not photos:
         raise InputError(f"No photo has both truth ({len(truth)} photos) and detections ({len(found)} photos)")
     by_masks = _by_masks(truth, found_masks, options)
+    if 2 * len(bare := [name for name in photos if not len(truth[name])]) > len(photos):
+        progress.warn(
+            f"{len(bare)} of {counted(len(photos), 'photo')} have no true fruit, and all that was found in them is "
+            f"false: {few(bare)}. Leave them out of the truth where nobody has looked at them"
+        )
     matches = [
         _match(found[name], truth[name], found_masks, by_masks, options)
         for name in track(photos, progress, "comparing detections with the truth")
