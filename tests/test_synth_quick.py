@@ -13,7 +13,7 @@ from pomona.scale.aruco import detect
 from pomona.synth.quick import KINDS, QuickPictureOptions, render_pictures
 from pomona.synth.quick.develop import develop
 from pomona.synth.quick.lights import NAMES, backdrop, draw_lighting
-from pomona.synth.quick.pictures import with_grown_leaves
+from pomona.synth.quick.pictures import smaller_ids, with_grown_leaves
 from pomona.synth.quick.scene import FALLEN, FRUIT, build_scene
 from pomona.synth.quick.shapes import fruit_mesh
 from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
@@ -76,6 +76,19 @@ def test_leaves_grow_as_asked_and_scenes_stay_as_they_were_where_not() -> None:
     assert 2.6 < np.max(growths) <= 3.0
     with pytest.raises(InputError, match="leaf_growth: expected a range"):
         QuickPictureOptions(leaf_growth=(2.0, 1.0))
+
+
+def test_masks_lie_where_the_picture_shows_the_fruit() -> None:
+    """Ids are drawn 1.5 times as large as the picture, which is made smaller about each pixel's middle."""
+    rng, size = np.random.default_rng(0), 320
+    y, x = (np.mgrid[: 3 * size // 2, : 3 * size // 2] + 0.5) / 1.5
+    off = []
+    for center_x, center_y, radius in rng.uniform([60, 60, 9], [260, 260, 45], (40, 3)):
+        drawn = (7 * (np.hypot(x - center_x, y - center_y) < radius)).astype(np.float32)
+        rows, columns = np.nonzero(smaller_ids(drawn, size) == 7)
+        assert len(rows) == pytest.approx(np.pi * radius**2, rel=0.05)
+        off.append((columns.mean() + 0.5 - center_x, rows.mean() + 0.5 - center_y))
+    assert np.abs(np.mean(off, axis=0)).max() < 0.05
 
 
 def test_masks_lie_in_the_whole_fruits_circles_and_a_run_goes_on(tmp_path: Path) -> None:
