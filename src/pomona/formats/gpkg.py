@@ -38,7 +38,14 @@ _WKT = (
 )
 _SYSTEMS = (
     ("WGS 84", _WGS84, "EPSG", _WGS84, _WKT, "longitude, latitude and altitude"),
-    ("Undefined Cartesian", _LOCAL, "NONE", _LOCAL, "undefined", "metres in the survey's own frame"),
+    (
+        "Undefined Cartesian",
+        _LOCAL,
+        "NONE",
+        _LOCAL,
+        "undefined",
+        "the survey's own frame: metres, or units where it has no scale",
+    ),
     ("Undefined geographic", 0, "NONE", 0, "undefined", "not used"),
 )
 _TABLES = """
