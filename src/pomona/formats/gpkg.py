@@ -44,7 +44,7 @@ _SYSTEMS = (
         "NONE",
         _LOCAL,
         "undefined",
-        "the survey's own frame: metres, or units where it has no scale",
+        "metres, or units without a scale, in the survey's frame",
     ),
     ("Undefined geographic", 0, "NONE", 0, "undefined", "not used"),
 )
