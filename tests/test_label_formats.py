@@ -494,6 +494,10 @@ def test_what_folders_say_their_photos_are_for() -> None:
     names = ("images/train2017", "Valid", "val/images", "my_test_set", "training", "contest", "strain", "east")
     expected = ["training", "validation", "validation", "test", "training", "", "", ""]
     assert [part_of(name) for name in names] == expected
+    names = ("tests", "testset", "TestSet", "test_data", "trainset2", "train-images", "ValidationSet", "valdata")
+    expected = ["test", "test", "test", "test", "training", "training", "validation", "validation"]
+    assert [part_of(name) for name in names] == expected
+    assert not any(part_of(name) for name in ("Valencia", "valley", "trainer", "testament", "trainval", "latests"))
 
 
 YOLO = "0 0.5 0.5 0.25 0.2\n1 0.1 0.1 0.3 0.1 0.3 0.4\n"

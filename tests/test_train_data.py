@@ -319,6 +319,43 @@ def test_folders_that_say_what_their_photos_are_for(tmp_path: Path) -> None:
     assert not {s.group for s in training} & {s.group for s in validation}
 
 
+def test_further_parts_of_photos_follow_those_that_have_a_side(tmp_path: Path) -> None:
+    """Train and validation folders beside tiles without a side, in the same folder and in another one."""
+    via_of(tmp_path / "set" / "train", ["IMG_0001_0_0.png", "IMG_0003_0_0.png"])
+    via_of(tmp_path / "set" / "valid", ["IMG_0002_0_0.png", "IMG_0003_0_512.png"])
+    names = [f"IMG_{k:04d}_512_0.png" for k in range(1, 9)]
+    via_of(tmp_path / "set" / "more", names)
+    via_of(tmp_path / "other", [f"IMG_{k:04d}_512_512.png" for k in range(1, 9)])
+    progress = Silent()
+    training, validation = gather([tmp_path / "other", tmp_path / "set"], tmp_path / "cache", 0.15, progress=progress)
+    assert len(training) + len(validation) == 4 + 2 * 8
+    followers = [s for s in training + validation if not s.part]
+    of = {s.name: side for side, samples in (("t", training), ("v", validation)) for s in samples if s in followers}
+    for offset in ("512_0", "512_512"):
+        assert of[f"IMG_0001_{offset}.png"] == "t"
+        assert of[f"IMG_0002_{offset}.png"] == "v"
+        assert of[f"IMG_0003_{offset}.png"] == "v"  # on both sides already: held out in doubt
+    both = {s.group for s in training} & {s.group for s in validation}
+    assert both == {"IMG_0003"}  # as the folders say
+    assert any("4 samples that no folder says a side of" in warning for warning in progress.warnings)
+
+
+def test_sides_are_said_by_the_names_of_what_is_given(tmp_path: Path) -> None:
+    for part, k in (("train", 1), ("valid", 7), ("test", 9)):
+        via_of(tmp_path / "set" / part, [f"IMG_{n:04d}.png" for n in range(k, k + 4)])
+    folders = [tmp_path / "set" / part for part in ("train", "valid", "test")]
+    for given in (folders, [folder / "via_region_data.json" for folder in folders]):
+        progress = Silent()
+        training, validation = gather(given, tmp_path / "cache", 0.15, progress=progress)
+        assert [s.name for s in training] == [f"IMG_{n:04d}.png" for n in range(1, 5)]
+        assert [s.name for s in validation] == [f"IMG_{n:04d}.png" for n in range(7, 11)]
+        assert any("4 samples kept there for tests are not used" in warning for warning in progress.warnings)
+    training, validation = gather(folders, tmp_path / "cache", 0.15, split_by="photos")
+    assert len(training) + len(validation) == 12
+    training, validation = gather(folders[2:], tmp_path / "cache", 0.3)
+    assert len(training) + len(validation) == 4
+
+
 def test_a_set_with_one_side_alone_is_split(tmp_path: Path) -> None:
     via_of(tmp_path / "set" / "train", [f"IMG_{k:04d}.png" for k in range(6)])
     training, validation = gather([tmp_path / "set"], tmp_path / "cache", 0.2)

@@ -40,9 +40,10 @@ def gather(
 
     Each of `data` is a folder of photos with labels, a folder of such folders, or a label file; the format is found
     from the content (`formats.detections.label_sets`). `classes` names those which are fruit (None: all). Where a
-    folder of `data` says itself what is for training and what for validation, `split_by="folders"` does as it says and
-    warns where parts of one photo are on both sides; "photos" splits anew, by photo. What it keeps for tests is left
-    out. Rendered rows are trained on only: what counts is how real fruits are found.
+    folder of `data`, or several of them by their names, say what is for training and what for validation,
+    `split_by="folders"` does as they say and warns where parts of one photo are on both sides; further parts of those
+    photos follow them, held out in doubt. "photos" splits anew, by photo. What is kept for tests is left out. Rendered
+    rows are trained on only: what counts is how real fruits are found.
 
     Raises `MissingFileError`, `FormatError` naming file and place, or `InputError` when a side has no photo.
     """
@@ -55,14 +56,12 @@ def gather(
         sets = _of_classes(sets, classes)
     samples = [(one, _samples(one, cache, progress)) for one in sets]
     real = [(one, found) for one, found in samples if not one.one.rendered]
-    training: list[Sample] = []
-    validation: list[Sample] = []
-    free: list[Sample] = []
-    for root in dict.fromkeys(one.root for one, _ in real or samples):
-        mine = [sample for one, found in real or samples if one.root == root for sample in found]
-        learnt, held, rest = _sides(mine, root, split_by, progress)
-        training, validation, free = training + learnt, validation + held, free + rest
-    learnt, held = split(free, held_out)
+    by_root = {
+        root: [sample for one, found in real or samples if one.root == root for sample in found]
+        for root in dict.fromkeys(one.root for one, _ in real or samples)
+    }
+    training, validation, free = _sides(by_root, split_by, progress)
+    learnt, held = _split(free, training, validation, held_out, progress)
     training, validation = training + learnt, validation + held
     if real:
         training += [sample for one, found in samples if one.one.rendered for sample in found]
@@ -151,19 +150,78 @@ def _samples(one: _ReadSet, cache: Path, progress: Progress) -> list[Sample]:
 
 
 def _sides(
-    samples: list[Sample], root: Path, split_by: str, progress: Progress
+    by_root: dict[Path, list[Sample]], split_by: str, progress: Progress
 ) -> tuple[list[Sample], list[Sample], list[Sample]]:
-    """Return (training, validation, others) of one of `data`: others are those that it leaves to us to split."""
-    of = {part: [s for s in samples if s.part == part] for part in ("training", "validation", "test")}
-    if of["test"] and len(of["test"]) < len(samples):
-        progress.warn(f"{root}: {len(of['test'])} samples kept there for tests are not used")
-        samples = [s for s in samples if s.part != "test"]
-    if not (of["training"] and of["validation"] and split_by == "folders"):
-        return [], [], samples
-    if both := {s.group for s in of["training"]} & {s.group for s in of["validation"]}:
-        count = sum(1 for s in of["validation"] if s.group in both)
+    """Return (training, validation, others): others are those that `data` leave to us to split."""
+    training: list[Sample] = []
+    validation: list[Sample] = []
+    free: list[Sample] = []
+    one_sided: dict[Path, list[Sample]] = {}
+    for root, samples in by_root.items():
+        kept = _without_tests(samples, str(root), progress) if {s.part for s in samples} != {"test"} else samples
+        if split_by == "folders" and _has_both_sides(kept):
+            learnt, held, rest = _as_said(kept, str(root), progress)
+            training, validation, free = training + learnt, validation + held, free + rest
+        elif split_by == "folders":
+            one_sided[root] = kept
+        else:
+            free += kept
+    together = [  # `train.json val.json`: what each of them is for is said by its own name
+        replace(sample, part=sample.part or _part_of_root(root)) for root, kept in one_sided.items() for sample in kept
+    ]
+    if not _has_both_sides(together):
+        return training, validation, free + [sample for kept in one_sided.values() for sample in kept]
+    named = ", ".join(str(root) for root in one_sided)
+    learnt, held, rest = _as_said(_without_tests(together, named, progress), named, progress)
+    return training + learnt, validation + held, free + rest
+
+
+def _part_of_root(root: Path) -> str:
+    """What the name of one of `data` says it is for; of a file, its folder's name too: `valid/labels.json`."""
+    return part_of("/".join(root.resolve().parts[-2 if root.is_file() else -1 :]))
+
+
+def _has_both_sides(samples: Sequence[Sample]) -> bool:
+    return {"training", "validation"} <= {sample.part for sample in samples}
+
+
+def _without_tests(samples: list[Sample], where: str, progress: Progress) -> list[Sample]:
+    kept = [sample for sample in samples if sample.part != "test"]
+    if len(kept) < len(samples):
+        progress.warn(f"{where}: {len(samples) - len(kept)} samples kept there for tests are not used")
+    return kept
+
+
+def _as_said(
+    samples: Sequence[Sample], where: str, progress: Progress
+) -> tuple[list[Sample], list[Sample], list[Sample]]:
+    """Return (training, validation, others) as folders or files say; warn where parts of one photo are on both sides."""
+    training, validation, rest = ([s for s in samples if s.part == part] for part in ("training", "validation", ""))
+    if both := {s.group for s in training} & {s.group for s in validation}:
+        count = sum(1 for s in validation if s.group in both)
         progress.warn(
-            f"{root}: {count} of {len(of['validation'])} samples to measure on are of photos of which other parts are "
+            f"{where}: {count} of {len(validation)} samples to measure on are of photos of which other parts are "
             "trained on, as its folders say: scores will be too good; split by photo (`split_by` photos) to avoid it"
         )
-    return of["training"], of["validation"], [s for s in samples if not s.part]
+    return training, validation, rest
+
+
+def _split(
+    free: Sequence[Sample],
+    training: Sequence[Sample],
+    validation: Sequence[Sample],
+    held_out: float,
+    progress: Progress,
+) -> tuple[list[Sample], list[Sample]]:
+    """Return (training, validation) of samples whose side nobody has said: that of other parts of their photo."""
+    measured_on = {sample.group for sample in validation}
+    trained_on = {sample.group for sample in training} - measured_on
+    learnt, held = split([s for s in free if s.group not in measured_on | trained_on], held_out)
+    followers = [sample for sample in free if sample.group in measured_on]
+    if followers:
+        progress.warn(
+            f"{len(followers)} samples that no folder says a side of, the first of them {followers[0].image.name}, are "
+            "measured on and not trained on, as photos of the same name are for validation; rename them if they are "
+            "other photos, or split by photo (`split_by` photos)"
+        )
+    return learnt + [s for s in free if s.group in trained_on], held + followers

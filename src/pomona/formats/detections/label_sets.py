@@ -19,7 +19,10 @@ LABEL_SUFFIXES = (".json", ".csv", ".xml")
 """Of files that may hold the labels of many photos."""
 _DEPTH = 4  # how far below a folder its sets may lie: deeper folders are of something else, and may be many
 _PARTS = {"train": "training", "val": "validation", "test": "test"}
-_PART = re.compile(r"(?:^|[^a-z])(train|val|test)(?:ing|id|idation)?\d*(?:[^a-z]|$)")
+# Not all that begins so: Valencia is a variety, and trainval are both.
+_PART = re.compile(
+    r"(?:^|[^a-z])(train|val|test)(?:ing|id|idation)?(?:s|sets?|data|images|imgs|photos)?\d*(?:[^a-z]|$)"
+)
 
 
 @dataclass(frozen=True)
