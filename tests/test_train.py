@@ -28,7 +28,7 @@ from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E
 from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import LARGER, CenterLearner, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
-from pomona.train.fit import fit  # noqa: E402
+from pomona.train.fit import _spread, fit  # noqa: E402
 from pomona.train.gather import gather  # noqa: E402
 from pomona.train.label_images import samples_of  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
@@ -121,6 +121,15 @@ def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: li
     assert len(mine) == len(theirs)
     odds = theirs.scores / (1 - theirs.scores) * 0.3 / 0.7
     np.testing.assert_allclose(np.sort(mine.scores), np.sort(odds / (1 + odds)), atol=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 59, 60, 61, 110, 119, 120, 179, 1000])
+def test_photos_to_check_on_are_from_all_along_the_list(count: int) -> None:
+    spread: list[int] = _spread(list(range(count)), 60)  # type: ignore[arg-type, assignment]
+    assert len(spread) == len(set(spread)) == min(count, 60)
+    assert spread[0] == 0
+    assert count - spread[-1] <= math.ceil(count / 60)
+    assert max(np.diff(spread), default=1) <= math.ceil(count / 60)
 
 
 def test_a_folder_of_another_training_is_not_gone_on_with(samples: list[Sample], tmp_path: Path) -> None:

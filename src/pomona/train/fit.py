@@ -86,7 +86,8 @@ def _reproducible(threads: int | None) -> Iterator[None]:
 
 def _spread(samples: list[Sample], count: int) -> list[Sample]:
     """At most `count` samples from all along the list, so that every set is among them."""
-    return samples[:: max(1, len(samples) // count)][:count]
+    count = min(count, len(samples))
+    return [samples[k * len(samples) // count] for k in range(count)]
 
 
 def _names(samples: list[Sample]) -> str:
