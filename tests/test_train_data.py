@@ -241,6 +241,14 @@ def test_a_photo_that_the_camera_stored_turned_is_kept_upright(tmp_path: Path) -
     assert (red[labels == 1, 0] > 150).mean() > 0.9
 
 
+def test_grey_of_twelve_bits_is_learnt_as_bright_as_it_is_segmented(tmp_path: Path) -> None:
+    grey = np.tile(np.linspace(0, 255, 64).astype(np.uint8), (48, 1))
+    cv2.imwrite(str(tmp_path / "a.png"), grey.astype(np.uint16) * 16)  # 0 to 4095 of 65535
+    photo = LabelledPhoto(tmp_path / "a.png", "a.png", 64, 48, (disc(30, 20, 8, (64, 48)),))
+    (sample,) = samples_of(photo, tmp_path / "cache", source="s")
+    assert np.abs(sample.pixels()[:, :, 0].astype(int) - grey).max() <= 4
+
+
 def test_sets_of_several_kinds_together_and_classes(tmp_path: Path) -> None:
     data = tmp_path / "data"
     names = [f"IMG_{k:04d}.png" for k in range(8)]

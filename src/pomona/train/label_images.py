@@ -35,7 +35,8 @@ _FEWEST_SEEN = 0.3  # of a fruit's box; less of it in a part is doubtful
 _SMALLEST_BOX_PX = 4.0
 # Samples are read by OpenCV, photos elsewhere by Pillow: the first bytes of files of which both give the same pixels.
 # TIFF is not among them: headers give it upright, but of some orientations OpenCV reads nothing.
-_READ_AS_THEY_ARE = (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n", b"BM")
+_READ_AS_THEY_ARE = (b"\xff\xd8\xff", b"BM")
+_PNG, _GREY_OF_16_BITS = b"\x89PNG\r\n\x1a\n", b"\x10\x00"
 _RIFF, _WEBP = b"RIFF", b"WEBP"
 
 
@@ -134,8 +135,11 @@ def _plan(photo: LabelledPhoto, fruit_px: float | None) -> _Plan:
 
 def _is_read_as_it_is(path: Path) -> bool:
     """Whether OpenCV reads the pixels that a photo's header tells of; by the content, as suffixes may be wrong."""
-    head = read_head(path, "a photo", 12)
-    return head.startswith(_READ_AS_THEY_ARE) or (head[:4] == _RIFF and head[8:] == _WEBP)
+    head = read_head(path, "a photo", 26)
+    if head.startswith(_PNG):
+        # OpenCV takes the highest eight of 16 bits of grey, though sensors count with 12 of them.
+        return head[24:] != _GREY_OF_16_BITS
+    return head.startswith(_READ_AS_THEY_ARE) or (head[:4] == _RIFF and head[8:12] == _WEBP)
 
 
 def _scaled(photo: LabelledPhoto, scale: float) -> tuple[int, int]:
