@@ -195,7 +195,7 @@ def _without_tests(samples: list[Sample], where: str, progress: Progress) -> lis
 def _as_said(
     samples: Sequence[Sample], where: str, progress: Progress
 ) -> tuple[list[Sample], list[Sample], list[Sample]]:
-    """Return (training, validation, others) as folders or files say; warn where parts of one photo are on both sides."""
+    """Return (training, validation, others) as folders or files say; warn of photos that are on both sides."""
     training, validation, rest = ([s for s in samples if s.part == part] for part in ("training", "validation", ""))
     if both := {s.group for s in training} & {s.group for s in validation}:
         count = sum(1 for s in validation if s.group in both)
