@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -116,6 +117,54 @@ def test_a_video_becomes_photos_once(tmp_path: Path) -> None:
     fewer = load_photos([video], frames_dir=frames, key_frames=KeyFrameOptions(move=0.1))
     assert len(fewer) < len(photos)
     assert len(list(frames.glob("*.jpg"))) == len(fewer)
+
+
+def write_matroska(path: Path, positions: list[float], times_ms: list[int], duration_ms: float | None = None) -> Path:
+    """A video whose frames come when they come, as browsers and screen recorders write it: no rate is said."""
+
+    def element(name: str, content: bytes) -> bytes:
+        return bytes.fromhex(name) + (1 << 56 | len(content)).to_bytes(8, "big") + content
+
+    def number(name: str, value: int) -> bytes:
+        return element(name, value.to_bytes(4, "big"))
+
+    head = number("4286", 1) + number("42f7", 1) + number("42f2", 4) + number("42f3", 8)
+    head += element("4282", b"matroska") + number("4287", 4) + number("4285", 2)
+    info = number("2ad7b1", 1_000_000)  # times are in milliseconds
+    if duration_ms is not None:
+        info += element("4489", struct.pack(">d", duration_ms))
+    track = number("d7", 1) + number("73c5", 1) + number("83", 1) + element("86", b"V_MJPEG")
+    track += element("e0", number("b0", WIDTH) + number("ba", HEIGHT))
+    segment = element("1549a966", info) + element("1654ae6b", element("ae", track))
+    for time_ms, frame in zip(times_ms, frames_at(positions), strict=True):
+        jpeg = cv2.imencode(".jpg", frame.pixels)[1].tobytes()
+        segment += element("1f43b675", number("e7", time_ms) + element("a3", b"\x81\0\0\x80" + jpeg))
+    path.write_bytes(element("1a45dfa3", head) + element("18538067", segment))
+    return path
+
+
+def test_frames_are_looked_at_by_their_times_where_a_video_has_no_rate(tmp_path: Path) -> None:
+    """At first a second's frames come 125 times a second, then 30 times: the rate is taken for that of the first."""
+    times_ms = [8 * k for k in range(60)] + [480 + 33 * k for k in range(120)]
+    steps = [0.2] * 60 + [2.0] * 120
+    video = write_matroska(tmp_path / "row.mkv", list(np.cumsum(steps)), times_ms)
+    photos = load_photos([video], frames_dir=tmp_path / "frames", progress=(progress := Silent()))
+    assert not any("could be decoded" in warning for warning in progress.warnings)
+    listed = json.loads((tmp_path / "frames" / "frames.json").read_text())["frames"]
+    late = [frame["frame_idx"] for frame in listed if frame["frame_idx"] >= 60]
+    assert len(photos) == len(listed)
+    assert max(np.diff(late)) <= 2  # each moves by 1.7 % of the width, of which 1.4 to 2.6 % are a step
+    assert [frame["time_s"] for frame in listed] == [times_ms[frame["frame_idx"]] / 1000 for frame in listed]
+
+
+def test_a_whole_video_of_changing_rate_is_not_said_to_be_incomplete(tmp_path: Path) -> None:
+    times_ms = np.cumsum([50 if k % 3 == 0 else 25 for k in range(90)]).tolist()
+    video = write_matroska(tmp_path / "row.mkv", list(np.arange(90) * 1.5), times_ms, times_ms[-1])
+    load_photos([video], frames_dir=tmp_path / "frames", progress=(progress := Silent()))
+    assert not any("could be decoded" in warning for warning in progress.warnings)
+    cut = write_matroska(tmp_path / "cut.mkv", list(np.arange(60) * 1.5), times_ms[:60], times_ms[-1])
+    load_photos([cut], frames_dir=tmp_path / "cut", progress=(progress := Silent()))
+    assert any("could be decoded; is the file complete?" in warning for warning in progress.warnings)
 
 
 def test_frames_that_are_not_as_they_were_written_are_made_again(tmp_path: Path) -> None:

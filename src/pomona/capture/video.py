@@ -21,7 +21,8 @@ from pomona.progress import Progress
 
 _MANIFEST = "frames.json"
 _QUIET = "-8"  # FFmpeg's AV_LOG_QUIET
-_VERSION = 2  # of `frames.json` and of how frames are chosen: another one takes them anew
+_ROUNDED = 0.97  # of the time between two frames of 30 a second, which Matroska has in whole milliseconds
+_VERSION = 3  # of `frames.json` and of how frames are chosen: another one takes them anew
 
 
 @dataclass(frozen=True)
@@ -150,17 +151,22 @@ def _decode(video: Path, options: KeyFrameOptions, progress: Progress) -> Iterat
         stride = max(1, round(rate / options.most_per_s))
         total = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         progress.start(f"Choosing key frames of {video.name}", total if total > 0 else None)
-        index = 0
+        index, time_s, looked_at, looked_at_s = 0, 0.0, -stride, -np.inf
         while capture.grab():
             progress.advance()
-            if index % stride == 0:
+            stamp_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000  # 0 where a frame has none
+            time_s = max(time_s, stamp_s if stamp_s > 0 else index / rate)
+            # Screen recorders and browsers write frames as they come: the rate may be that of the first of them alone.
+            if index - looked_at >= stride or time_s - looked_at_s >= _ROUNDED / options.most_per_s:
+                looked_at, looked_at_s = index, time_s
                 decoded, pixels = capture.retrieve()
                 if decoded and pixels is not None:
-                    yield _looked_at(index, index / rate, pixels, options)
+                    yield _looked_at(index, time_s, pixels, options)
             index += 1
         if index == 0:
             raise InputError(_undecodable(video))
-        if total > 0 and index < 0.9 * total:
+        # Some containers have no count: it is worked out from the rate, and time alone tells what is missing.
+        if total > 0 and index < 0.9 * total and time_s < 0.9 * total / rate:
             progress.warn(f"{video}: only {index} of {total} frames could be decoded; is the file complete?")
     finally:
         capture.release()
