@@ -345,6 +345,31 @@ def test_copies_of_photos_are_left_out(tmp_path: Path) -> None:
     assert len(load_photos([tmp_path])) == 6  # whoever looks for photos by name finds all
 
 
+def test_copies_in_another_format_are_left_out(tmp_path: Path) -> None:
+    """A phone's HEIC photos beside the JPEGs made of them; and what has the same name, and is another photo."""
+    for i in range(3):
+        for suffix in ("heic", "jpg"):
+            write_photo(tmp_path / f"IMG_{i}.{suffix}", seed=i, seconds=i)
+    write_photo(tmp_path / "IMG_3.heic", seed=3, seconds=3)
+    write_photo(tmp_path / "IMG_3.jpg", seed=4, seconds=40)  # of another camera
+    for suffix in ("png", "JPG"):  # times are not known
+        write_photo(tmp_path / f"a.{suffix}", (120, 80), seed=5, camera="", focal_mm=None)
+    write_photo(tmp_path / "b.png", (120, 80), seed=6, camera="", focal_mm=None)
+    write_photo(tmp_path / "b.jpg", (120, 80), seed=7, camera="", focal_mm=None)
+    write_photo(tmp_path / "c.jpg", (120, 80), seed=8, seconds=8)
+    write_photo(tmp_path / "c.png", (80, 80), seed=8, seconds=8)  # a part of it
+    progress = Silent()
+    photos = load_photos([tmp_path], leave_out_copies=True, progress=progress)
+    kept = {"IMG_0.jpg", "IMG_1.jpg", "IMG_2.jpg", "IMG_3.heic", "IMG_3.jpg", "a.JPG"}
+    assert set(photos.names) == kept | {"b.png", "b.jpg", "c.jpg", "c.png"}
+    assert {skipped.name: skipped.reason for skipped in photos.skipped} == {
+        **{f"IMG_{i}.heic": f"a copy of IMG_{i}.jpg" for i in range(3)},
+        "a.png": "a copy of a.JPG",
+    }
+    assert any("a copy of" in warning for warning in progress.warnings)
+    assert len(load_photos([tmp_path])) == 14
+
+
 def test_mixed_cameras_sizes_and_missing_exif_are_warned_of_once(tmp_path: Path) -> None:
     write_photo(tmp_path / "1.jpg", seed=1)
     write_photo(tmp_path / "2.jpg", seed=2, focal_mm=35.0)

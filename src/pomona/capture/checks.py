@@ -8,11 +8,19 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from pomona.arrays import counted
+from pomona.capture.images import read_grey
+from pomona.errors import DamagedPhotoError
 from pomona.photos import Photo, Skipped, side_in_words
 from pomona.progress import Progress
 
 _HEAD_BYTES = 1 << 16  # where these differ, as they do for photos of one size that are not copies, no more is read
+_SAME_SHAPE = 0.02  # of width over height: sides are rounded where photos are made smaller
+_LOOKED_AT_PX = 64
+_ALIKE = 0.98  # the correlation of small copies: compression leaves 0.999, neighbours in a row have less than 0.9
 _ADVISED_PHOTOS = 3  # of a side: two rays place a fruit, a third checks it
 
 
@@ -82,7 +90,15 @@ def _warn_of_cameras(photos: Sequence[Photo], progress: Progress) -> None:
 
 
 def copies_of(photos: Sequence[Photo]) -> dict[str, str]:
-    """Return the photos that are copies, byte for byte, of one before them, by name, each with that one's name."""
+    """Return the photos that are copies of another one, by name, each with that one's name.
+
+    They are so byte for byte, or in another format under the same name: a phone's HEIC and the JPEG made of it.
+    """
+    copies = _same_bytes(photos)
+    return copies | _other_formats([photo for photo in photos if photo.name not in copies])
+
+
+def _same_bytes(photos: Sequence[Photo]) -> dict[str, str]:
     by_size: defaultdict[int, list[Photo]] = defaultdict(list)
     for photo in photos:
         by_size[photo.path.stat().st_size].append(photo)
@@ -98,6 +114,43 @@ def copies_of(photos: Sequence[Photo]) -> dict[str, str]:
                 if first != photo.name:
                     copies[photo.name] = first
     return copies
+
+
+def _other_formats(photos: Sequence[Photo]) -> dict[str, str]:
+    by_stem: defaultdict[tuple[Path, str], list[Photo]] = defaultdict(list)
+    for photo in photos:
+        by_stem[photo.path.parent, photo.path.stem.casefold()].append(photo)
+    copies: dict[str, str] = {}
+    for alike in by_stem.values():
+        best, *others = sorted(alike, key=_use, reverse=True)
+        copies |= {photo.name: best.name for photo in others if _show_the_same(photo, best)}
+    return copies
+
+
+def _use(photo: Photo) -> tuple[bool, int, bool]:
+    """What one of several files of a photo is worth; in doubt the JPEG, which other programs will have been given."""
+    is_jpeg = photo.path.suffix.lower().startswith(".j")
+    return photo.focal_px is not None, photo.width_px * photo.height_px, is_jpeg
+
+
+def _show_the_same(one: Photo, other: Photo) -> bool:
+    """Whether two files of one name are of one photo: taken in the same second, or where that is not known, alike."""
+    shapes = [photo.width_px / photo.height_px for photo in (one, other)]
+    if abs(shapes[0] / shapes[1] - 1) > _SAME_SHAPE:
+        return False
+    if one.taken_at is not None and other.taken_at is not None:
+        return one.taken_at.replace(microsecond=0) == other.taken_at.replace(microsecond=0)
+    try:
+        small = [
+            cv2.resize(read_grey(photo, max_side_px=_LOOKED_AT_PX), (_LOOKED_AT_PX, _LOOKED_AT_PX))
+            for photo in (one, other)
+        ]
+    except DamagedPhotoError:
+        return False
+    spreads = [float(pixels.std()) for pixels in small]
+    if min(spreads) == 0:
+        return False
+    return float(np.corrcoef(small[0].ravel(), small[1].ravel())[0, 1]) > _ALIKE
 
 
 def _sha256(path: Path, head_bytes: int = -1) -> bytes:

@@ -46,8 +46,8 @@ def load_photos(
     `sides` is `auto` (two folders or sub-folders, else names such as east_001 and west_001, else one side called
     "row"), `none` (one side), or two patterns `GLOB,GLOB`. Key frames of a video are written into `frames_dir`.
     Photo files may be named one by one, too: those of two folders are of two sides. Files that cannot be used are
-    warned of and kept in `Photos.skipped`; with `leave_out_copies`, so are copies of photos, byte for byte, which are
-    no further sightings of their fruits.
+    warned of and kept in `Photos.skipped`; with `leave_out_copies`, so are copies of photos, byte for byte or of the
+    same name in another format, which are no further sightings of their fruits.
 
     Raises `MissingFileError` when a source is not there, `LostFileError` when a photo that was there is gone, and
     `InputError` when there is no photo, fewer than `min_photos`, a video that cannot be decoded, or a value of `sides`
