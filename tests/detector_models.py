@@ -30,6 +30,7 @@ def write_yolo(
     free_size: bool = False,
     half: bool = False,
     outputs: tuple[str, str] = ("output0", "output1"),
+    metadata: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a YOLO-seg export: `rows` of (box in pixels of the input, class, score), masks where red exceeds green."""
     width, height = input_px
@@ -45,7 +46,7 @@ def write_yolo(
             row[4 + label] = score
         row[-PROTOTYPES:] = weights
     candidates = table if end_to_end else table.T
-    metadata = {"stride": "32", "task": "segment", "imgsz": f"[{height}, {width}]"}
+    own = {"stride": "32", "task": "segment", "imgsz": f"[{height}, {width}]"} | dict(metadata or {})
     sizes: list[int | str] = ["height", "width"] if free_size else [height, width]
     return _write(
         path,
@@ -55,7 +56,7 @@ def write_yolo(
         sizes=sizes,
         cells=["h", "w"] if free_size else [height // 4, width // 4],
         input_name="images",
-        metadata=metadata | ({} if names is None else {"names": names}),
+        metadata=own | ({} if names is None else {"names": names}),
         half=half,
     )
 

@@ -69,6 +69,25 @@ def test_yolo_on_tiles_of_any_shape(tmp_path: Path, width: int, height: int) -> 
 
 
 @needs_onnx
+@pytest.mark.parametrize("known", [False, True])
+def test_yolo_sees_small_photos_at_the_scale_of_the_fruits_it_knows(tmp_path: Path, known: bool) -> None:
+    box, input_px = (20, 16, 48, 40), (320, 320)
+    placement = TilePlacement((80, 64), input_px, (1.0, 1.0), (120, 128))  # not enlarged
+    assert TilePlacement.letterboxed((80, 64), input_px, enlarged=False) == placement
+    seen = placement if known else TilePlacement.letterboxed((80, 64), input_px)
+    model = write_yolo(
+        tmp_path / "best.onnx",
+        [(in_input(box, seen), 0, 0.9)],
+        input_px=input_px,
+        metadata={"pomona.typical_fruit_px": "28"} if known else {},
+    )
+    (found,) = load_segmenter(model).segment([red_tile(80, 64, [box])])
+    assert_found(found, [box])
+    larger = TilePlacement.letterboxed((640, 512), input_px, enlarged=False)
+    assert larger == TilePlacement.letterboxed((640, 512), input_px)
+
+
+@needs_onnx
 def test_a_yolo_mask_is_what_is_red_in_its_box(tmp_path: Path) -> None:
     placement = TilePlacement.letterboxed((320, 240), (160, 128))
     wide = (40, 24, 144, 120)

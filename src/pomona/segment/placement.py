@@ -23,9 +23,11 @@ class TilePlacement:
     shift_px: tuple[int, int]
 
     @classmethod
-    def letterboxed(cls, tile_px: tuple[int, int], input_px: tuple[int, int]) -> TilePlacement:
-        """As large as it fits, its shape kept, in the middle."""
-        ratio = min(input_px[0] / tile_px[0], input_px[1] / tile_px[1])
+    def letterboxed(
+        cls, tile_px: tuple[int, int], input_px: tuple[int, int], *, enlarged: bool = True
+    ) -> TilePlacement:
+        """As large as it fits, its shape kept, in the middle; unless `enlarged`, never larger than it is."""
+        ratio = min(input_px[0] / tile_px[0], input_px[1] / tile_px[1], np.inf if enlarged else 1.0)
         placed = max(1, round(tile_px[0] * ratio)), max(1, round(tile_px[1] * ratio))
         scale = placed[0] / tile_px[0], placed[1] / tile_px[1]
         return cls(tile_px, input_px, scale, ((input_px[0] - placed[0]) // 2, (input_px[1] - placed[1]) // 2))

@@ -64,7 +64,9 @@ class YoloSegmenter(ExportedSegmenter):
         return self._rows.classes, names
 
     def _segment_tile(self, tile: ByteArray) -> TileDetections:
-        placement = TilePlacement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px)
+        # Photos that are read at the scale of the fruits that the network knows best are to be seen at that scale.
+        enlarged = self.traits.typical_fruit_px is None
+        placement = TilePlacement.letterboxed((tile.shape[1], tile.shape[0]), self._input_px, enlarged=enlarged)
         image = placement.image(tile, _GREY).transpose(2, 0, 1)[None].astype(np.float32) / 255
         candidates, prototypes = self._file.run(image, self._outputs)
         boxes, scores, weights = self._rows.read(self._file, candidates, prototypes, self._fruits, self._score_floor)
