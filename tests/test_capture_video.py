@@ -213,6 +213,17 @@ def test_two_videos_are_two_sides(tmp_path: Path) -> None:
     assert photos.names[0].startswith("east/frame_")
 
 
+@pytest.mark.parametrize("names", [("east/a.mp4", "west/a.mp4"), ("east/a.mp4", "west/b.mp4")])
+def test_each_video_has_a_lens_of_its_own_whatever_it_is_called(tmp_path: Path, names: tuple[str, str]) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir()
+    videos = [write_video(tmp_path / name, list(np.arange(0, 40, 2.0))) for name in names]
+    photos = load_photos(videos, frames_dir=tmp_path / "frames")
+    lenses = [{photo.lens_key for photo in photos if photo.side == side} for side in photos.sides]
+    assert [len(of_side) for of_side in lenses] == [1, 1]
+    assert not lenses[0] & lenses[1]
+
+
 @pytest.mark.parametrize("content", [b"\0\0\0\x18ftypmp42" + bytes(5000), b"nothing like a video" * 99])
 def test_a_video_that_cannot_be_decoded_is_named(tmp_path: Path, content: bytes) -> None:
     video = tmp_path / "walk.mp4"

@@ -94,8 +94,15 @@ def _find(paths: list[Path], frames_dir: Path | None, options: KeyFrameOptions, 
     if paths[0].resolve() == paths[1].resolve():
         raise InputError(f"{paths[0]} was given twice: expected two different folders, one per side of the row")
     labels = _labels(paths)
+    # Two videos are of two cameras, for all that is known: also where both are called VID_0001.MP4.
+    alike = paths[0].name == paths[1].name
     return [
-        replace(file, name=f"{label}/{file.name}", group=label)
+        replace(
+            file,
+            name=f"{label}/{file.name}",
+            group=label,
+            video=f"{label}/{file.video}" if file.video and alike else file.video,
+        )
         for path, label in zip(paths, labels, strict=True)
         for file in _of_source(path, label, frames_dir, options, progress)
     ]
