@@ -34,6 +34,19 @@ def test_a_table_goes_before_exif_and_photos_without_a_place_are_named(tmp_path:
 
 
 @pytest.mark.parametrize(
+    "columns",
+    [
+        "Photo,Latitude (deg),Longitude (deg),Altitude (m),SD (m)",
+        "photo,latitude_deg,longitude_deg,altitude_m,sd_m",
+        "photo,latitude [°],longitude [°],altitude,sd",
+    ],
+)
+def test_columns_may_have_their_unit_behind_the_name(tmp_path: Path, columns: str) -> None:
+    path = table(tmp_path, "IMG_0000.jpg,41.6203,0.8701,212.40,0.015", columns=columns)
+    assert read_positions(path) == {"IMG_0000.jpg": Gnss(41.6203, 0.8701, 212.40, 0.015)}
+
+
+@pytest.mark.parametrize(
     ("row", "said"),
     [
         ("IMG_0000.JPG,4161.2,0.87,212,0.02", "line 2: `latitude`: expected degrees from -90 to 90, found 4161.2"),

@@ -482,6 +482,23 @@ def test_tables_are_read_whatever_their_separator(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("columns", "yaw_rad"),
+    [
+        ("id,x,y,z,size,yaw", 1.5),
+        ("ID,X (m),Y (m),Z [m],Size (m),Yaw (rad)", 1.5),
+        ("id,x_m,y_m,z_m,size_m,yaw_rad", 1.5),
+        ("id,x,y,z,size,yaw (deg)", np.nan),
+    ],
+)
+def test_columns_may_have_their_unit_behind_the_name(tmp_path: Path, columns: str, yaw_rad: float) -> None:
+    (tmp_path / "markers.csv").write_text(f"{columns}\n3,1,2,0.5,0.14,1.5\n")
+    markers = read_markers(tmp_path / "markers.csv")
+    assert markers.points_in_world.tolist() == [[1, 2, 0.5]]
+    assert markers.sizes_m.tolist() == [0.14]
+    np.testing.assert_equal(markers.yaws_rad, [yaw_rad])  # in another unit, it is not the column that is asked for
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "the file is empty"),

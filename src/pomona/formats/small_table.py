@@ -19,7 +19,9 @@ _GREATEST_ID = 2**53  # up to there, all whole numbers are told apart
 _GREATEST = 1e15  # nothing that is measured is larger, and squares of larger numbers may have no place
 
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)  # Excel's first line
-_UNIT = re.compile(r"[\s_]*[(\[]\s*(\w+)\s*[)\]]$")  # x (m), diameter [mm]
+_UNIT = re.compile(r"[\s_]*[(\[]\s*(\w+|°)\s*[)\]]$")  # x (m), diameter [mm]
+# The unit of columns that are no lengths in metres; a column in another unit than its own is not the one asked for.
+_UNITS_OF = {"yaw": ("_rad",), "latitude": ("_deg", "_°"), "longitude": ("_deg", "_°")}
 _POINT = re.compile(r"[-+]?\d*\.\d*")
 _WHOLE = re.compile(r"[-+]?\d+")
 
@@ -91,10 +93,11 @@ def read_small_table(
 ) -> SmallTable:
     """Read a table that has these columns, in any order and case, and maybe the optional ones; others are ignored.
 
-    A column `x` may be called `x_m` or `x (m)`, too, and `diameter_mm` `Diameter (mm)`. `also_called` are other names
-    of columns, by column, which count where the first one is not there. `option` names in messages what asks for it,
-    `entry` what a row is. Raises `MissingFileError` where there is no such file, and `FormatError` where it is no text,
-    a column is missing or there twice, a row has numbers in more cells than the header, or none stands below it.
+    A column `x` may be called `x_m` or `x (m)`, too, `yaw` `yaw_rad`, and `diameter_mm` `Diameter (mm)`. `also_called`
+    are other names of columns, by column, which count where the first one is not there. `option` names in messages what
+    asks for it, `entry` what a row is. Raises `MissingFileError` where there is no such file, and `FormatError` where
+    it is no text, a column is missing or there twice, a row has numbers in more cells than the header, or none stands
+    below it.
     """
     wanted = f"a table with the columns {','.join(columns)}"
     if not path.is_file():
@@ -141,8 +144,9 @@ def _named(header: Sequence[str], wanted: Set[str]) -> list[str]:
     names = []
     for name in plain:
         with_unit = _UNIT.sub(r"_\1", name)
-        in_metres = with_unit.removesuffix("_m")  # columns in another unit are not those asked for
-        meant = [each for each in (with_unit, in_metres) if each in wanted and each not in plain]
+        bare, mark, unit = with_unit.rpartition("_")
+        meant = [with_unit, *([bare] if mark + unit in _UNITS_OF.get(bare, ("_m",)) else [])]
+        meant = [each for each in meant if each in wanted and each not in plain]
         names.append(name if name in wanted or not meant else meant[0])
     return names
 
