@@ -357,6 +357,19 @@ def test_clicks_become_a_place(found: Found) -> None:
     assert 0 < np.linalg.norm(place_from_marks(found.cameras, three, DIAMETER_M) - MISSED) < 0.03
 
 
+@pytest.mark.parametrize(("apart", "refused"), [(0.9, False), (1.1, True)])
+def test_lines_that_pass_each_other_by_more_than_a_fruit_are_refused(found: Found, apart: float, refused: bool) -> None:
+    across = np.cross(*(MISSED - found.cameras.centers_in_world[:2]))  # both lines
+    aside = MISSED + apart * DIAMETER_M * across / np.linalg.norm(across)
+    marks = [mark(found, 0, MISSED), mark(found, 1, aside)]
+    if refused:
+        with pytest.raises(InputError, match="their lines pass each other"):
+            place_from_marks(found.cameras, marks, DIAMETER_M)
+    else:
+        place = place_from_marks(found.cameras, marks, DIAMETER_M)
+        assert np.linalg.norm(place - (MISSED + aside) / 2) < DIAMETER_M
+
+
 def test_clicks_that_say_nothing_of_a_place_are_refused(found: Found) -> None:
     one = mark(found, 0, MISSED)
     with pytest.raises(InputError, match="two photos"):

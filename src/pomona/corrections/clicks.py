@@ -24,7 +24,8 @@ def place_from_marks(cameras: Cameras, marks: Sequence[Mark], typical_diameter: 
     """Return the place (3,) nearest to the rays of all marks, which are in two or more photos.
 
     Raises `InputError` where that says nothing of the place: one photo only, photos taken from nearly the same place,
-    rays that pass each other by more than half a typical fruit, or meet behind a camera.
+    two rays that pass each other by more than a typical fruit is wide (one of several: the place by half of that), or
+    rays that meet behind a camera.
     """
     if len({mark.photo for mark in marks}) < 2:
         raise InputError("Click the fruit in two photos at least")
