@@ -26,6 +26,7 @@ from pomona.report.totals import card, notices
 from pomona.survey.files import disk_errors, write_file, write_text_file
 
 PAGE = "comparison.html"
+FIGURES = "comparison.json"
 _DIGITS = {"x_m": 4, "y_m": 4, "z_m": 4, "growth_mm_per_day": 4}
 
 
@@ -40,7 +41,7 @@ def write_comparison(found: Comparison, after: ReportData, names: tuple[str, str
         raise SurveyError(f"{folder} holds something else: choose a new or empty folder")
     figures = {"before": names[0], "after": names[1], **found.to_json()}
     texts = {
-        "comparison.json": json.dumps(figures, indent=1, ensure_ascii=False) + "\n",
+        FIGURES: json.dumps(figures, indent=1, ensure_ascii=False) + "\n",
         "growth.svg": standalone(_growth_chart(found)),
         PAGE: comparison_html(found, after, names),
     }

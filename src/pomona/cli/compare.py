@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,11 +36,12 @@ def compare(
     The two may be in different frames: they are aligned by their fruits.
     """
     import pomona
+    from pomona.change.page import FIGURES
 
     with TerminalProgress() as progress:
         found = pomona.compare(before, after, out=out, dates=_dates(dates), progress=progress)
     if as_json:
-        typer.echo(json.dumps(found.to_json(), indent=1, ensure_ascii=False))
+        typer.echo((out / FIGURES).read_text(encoding="utf-8"), nl=False)
     else:
         _show(found)
         typer.echo(str(out / "comparison.html"))
