@@ -7,7 +7,7 @@ import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from datetime import date
@@ -34,6 +34,7 @@ from pomona.orchard.jobs import ComparisonJob, JobOutcome, Part, SurveyJob
 from pomona.orchard.page import write_page
 from pomona.orchard.places import Place, Sender, is_url
 from pomona.orchard.plan import option_fields
+from pomona.orchard.rows import CHANGE_COLUMNS, ROW_COLUMNS
 from pomona.orchard.run import parts_of
 from pomona.orchard.tables import write_tables
 from pomona.orchard.work import _made_from, do_job
@@ -341,6 +342,15 @@ def test_a_storage_that_is_not_known() -> None:
 def planned_rows(out: Path, count: int) -> Orchard:
     surveys = tuple(PlannedSurvey(row=f"{k:04}", day=None, photos=("p",), options={}) for k in range(count))
     return Orchard(title="Many <rows>", out=str(out), surveys=surveys)
+
+
+@pytest.mark.parametrize(("layer", "columns"), [("rows", ROW_COLUMNS), ("changes", CHANGE_COLUMNS)])
+def test_the_guide_has_the_columns_of_the_tables(layer: str, columns: Mapping[str, object]) -> None:
+    guide = (Path(__file__).parents[1] / "docs/guide/orchards.md").read_text()
+    text = guide.split("## Its tables", 1)[1].split(f"`{layer}`: one line for each", 1)[1]
+    table = text.split("\n\n", 2)[1]
+    first_cells = "".join(line.split("|")[1] for line in table.splitlines()[2:])
+    assert re.findall(r"`(\w+)`", first_cells) == list(columns)
 
 
 def test_tables_and_report_of_all_rows(tmp_path: Path) -> None:
