@@ -111,8 +111,9 @@ class Fruits(OneLine):
     (0 to 1: probability that it is a fruit) and `views` (number of photos) are (n,); `tree_ids` (0: none),
     `other_tree_ids` (of fruits between two trees the neighbour, else 0) and `sides` (which side's photos saw it; "both"
     for more than one) are (n,). `stands_for` (n,) is how many fruits of the crop each stands for, itself and those that
-    no photo shows (`pomona.yields`). `rough_diameters_m` and `rough_diameter_sds_m` (n,) are of fruits that are not
-    measured how large they are likely to be, by the little that is seen of them and the sizes of the others; else NaN.
+    no photo shows, times the probability that it is one (`pomona.yields`). `rough_diameters_m` and
+    `rough_diameter_sds_m` (n,) are of fruits that are not measured how large they are likely to be, by the little that
+    is seen of them and the sizes of the others; else NaN.
 
     Indexing with a boolean array, indices or a slice selects; one index gives that fruit, as fruits of which there is
     one, and so do loops.
