@@ -19,6 +19,7 @@ from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_traits.colours import FruitColours
 from pomona.marks import MarkedPhoto, read_marks, write_marks
 from pomona.photos import Photo
+from pomona.progress import Silent
 from pomona.self_training.labels import FoundFruits, label_photos
 from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.self_training.marked import detections_of_marks, labels_of_marks
@@ -93,6 +94,32 @@ def test_labels_of_other_programs_are_marks_of_all_fruits(tmp_path: Path) -> Non
     path.write_text(json.dumps({**content, "annotations": [{**fruit, "circle_px": [1, 2]}]}))
     with pytest.raises(FormatError, match=r"annotation 1: circle_px: expected x, y, radius, found \[1, 2\]"):
         read_marks(path)
+
+
+def test_marks_of_labelling_programs_are_of_the_photos_that_they_mean(tmp_path: Path) -> None:
+    survey = pomona.open(write_view_survey(tmp_path))
+    survey.files.note(photos=[{"name": name, "digest": "1"} for name in survey.photos.names])
+    photo, other = survey.photos.items[:2]
+    box = LabelledFruit((5.0, 5.0, 25.0, 25.0), None)
+    size = photo.width_px, photo.height_px
+    named = [f"upload/{Path(photo.name).with_suffix('.png')}", "elsewhere.jpg"]
+    write_marks(survey.files.marks, [MarkedPhoto(name, *size, (box, box), complete=True) for name in named])
+    progress = Silent()
+
+    found = found_fruits(pomona.open(survey.folder, progress=progress))
+
+    assert set(found.marked) == {photo.name, "elsewhere.jpg"}
+    assert label_photos(found, options=OPTIONS).marked == 2
+    (warning,) = progress.warnings
+    assert warning.endswith("marks of photos that the survey does not have were left out: elsewhere.jpg")
+    assert (len(marked_view(survey.files, 0).marks), marked_view(survey.files, 0).complete) == (2, True)
+    keep_marks(survey.files, 1, GivenMarks(complete=False, marks=[MarkView([5.0, 5.0, 25.0, 25.0], None)]))
+    assert {name: len(each.fruits) for name, each in read_marks(survey.files.marks).items()} == {
+        photo.name: 2, "elsewhere.jpg": 2, other.name: 1
+    }  # fmt: skip
+    write_marks(survey.files.marks, [MarkedPhoto(Path(photo.name).name, *size, (box,))])
+    with pytest.raises(FormatError, match=r"marks\.json: 'IMG_0000.JPG' fits several photos, east/.*, west/"):
+        found_fruits(survey)
 
 
 def test_where_all_fruits_are_marked_the_marks_alone_are_labels(found: FoundFruits) -> None:

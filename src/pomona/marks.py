@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pomona.errors import FormatError
+from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import CATEGORY, CocoAnnotation, coco_of
 from pomona.formats.detections.labelled import LabelledFruit, edges_of
 from pomona.formats.detections.rle import encode
 from pomona.formats.json_file import load_json
+from pomona.photo_names import pair_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +32,24 @@ class MarkedPhoto:
     complete: bool = False
 
 
-def read_marks(path: Path) -> dict[str, MarkedPhoto]:
+def read_marks(path: Path, photos: Sequence[str] = ()) -> dict[str, MarkedPhoto]:
     """Return the marked photos of a file by their names; none where there is no file.
 
-    Raises `FormatError` naming file and entry.
+    Those that mean one of a survey's `photos` (as `PhotoNames` says) have its name: labelling programs leave folders
+    out. The others have their own. Raises `FormatError` naming file and entry, also for a name that means several.
     """
     if not path.is_file():
         return {}
+    marked = _marks_in(path)
+    try:
+        pairs = pair_names(list(marked), photos)
+    except InputError as error:
+        raise FormatError(f"{path}: {error}") from None
+    names = {name: pairs.get(name, name) for name in marked}
+    return {names[name]: replace(photo, name=names[name]) for name, photo in marked.items()}
+
+
+def _marks_in(path: Path) -> dict[str, MarkedPhoto]:
     content = load_json(path, "a COCO file")
     parsed = coco_of(path, content)
     complete = {entry["id"]: entry.get("complete", True) is True for entry in content["images"]}

@@ -23,7 +23,7 @@ _writing = threading.Lock()
 
 def teaching(survey: SurveyFolder, equal: Equal | None) -> Teaching:
     """Return what a survey can learn from, and what it learnt; raises `FormatError` for damaged files."""
-    marked = read_marks(survey.marks).values()
+    marked = _marks(survey).values()
     learnt = read_learnt(survey)
     return Teaching(
         marks=[MarkCount(photo.name, len(photo.fruits), photo.complete) for photo in marked],
@@ -37,7 +37,7 @@ def marked_view(survey: SurveyFolder, index: int) -> MarkedView:
     """Return a photo's marks and what was found in it; raises `MissingFileError` where there is no such photo."""
     results = FirstResults(survey)
     photo = results.photo(index)
-    marked = read_marks(survey.marks).get(photo.name)
+    marked = _marks(survey).get(photo.name)
     return MarkedView(
         photo.name,
         photo.width_px,
@@ -59,13 +59,17 @@ def keep_marks(survey: SurveyFolder, index: int, given: GivenMarks) -> None:
     size = photo.width_px, photo.height_px
     with _writing, disk_errors(survey.folder, then="mark the fruit again"):
         survey.check_there()
-        known = read_marks(survey.marks)
+        known = _marks(survey)
         before = {_box(fruit): fruit for fruit in known[photo.name].fruits} if photo.name in known else {}
         drawn = [_fruit(mark, *size) for mark in given.marks]
         # Of a mark that stays, what another program gave besides its box stays, too.
         fruits = tuple(before.get(_box(fruit), fruit) for fruit in drawn)
         known[photo.name] = MarkedPhoto(photo.name, *size, fruits, given.complete)
         write_file(survey.marks, partial(write_marks, photos=list(known.values())))
+
+
+def _marks(survey: SurveyFolder) -> dict[str, MarkedPhoto]:
+    return read_marks(survey.marks, FirstResults(survey).names)
 
 
 def _fruit(mark: MarkView, width_px: int, height_px: int) -> LabelledFruit:

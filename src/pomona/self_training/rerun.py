@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pomona.errors import InputError, MissingExtraError, MissingFileError
+from pomona.errors import InputError, MissingExtraError, MissingFileError, few
 from pomona.evaluate.rates import written
 from pomona.export.survey import SurveySource
-from pomona.marks import read_marks
+from pomona.marks import MarkedPhoto, read_marks
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline import run as run_pipeline
 from pomona.pipeline.given_tables import checked_options
@@ -59,8 +59,18 @@ def found_fruits(survey: SurveySource) -> FoundFruits:
         observations,
         by_hand & frozenset(survey.fruits.ids.tolist()),
         false_ids,
-        read_marks(survey.files.marks),
+        _marks_of(survey),
     )
+
+
+def _marks_of(survey: SurveySource) -> dict[str, MarkedPhoto]:
+    """Return the marked photos of a survey by its names; warns of those that it does not have."""
+    marked = read_marks(survey.files.marks, survey.photos.names)
+    if strangers := [name for name in marked if name not in survey.photos.names]:
+        survey.progress.warn(
+            f"{survey.files.marks}: marks of photos that the survey does not have were left out: {few(strangers)}"
+        )
+    return marked
 
 
 def model_of(survey: SurveySource) -> Path | None:
