@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import unicodedata
 from collections.abc import Iterator
@@ -211,15 +212,25 @@ def test_sub_folders_that_may_not_be_read_are_passed_over(tmp_path: Path, monkey
     for i in range(2):
         write_photo(tmp_path / f"{i}.jpg", (60, 40), seed=i)
     (tmp_path / "lost+found").mkdir()
-    real = Path.iterdir
+    real, real_stat = Path.iterdir, Path.stat
 
     def iterdir(path: Path) -> Iterator[Path]:
         if path.name == "lost+found":
             raise PermissionError(13, "Permission denied", str(path))
         return real(path)
 
+    def stat(path: Path, **how: bool) -> os.stat_result:
+        if path.parent.name == "lost+found":  # nor may it be asked what is in it
+            raise PermissionError(13, "Permission denied", str(path))
+        return real_stat(path, **how)
+
     monkeypatch.setattr(Path, "iterdir", iterdir)
+    monkeypatch.setattr(Path, "stat", stat)
     assert load_photos([tmp_path]).names == ("0.jpg", "1.jpg")
+    (tmp_path / "east").mkdir()
+    for i in range(2):
+        (tmp_path / f"{i}.jpg").rename(tmp_path / "east" / f"{i}.jpg")
+    assert load_photos([tmp_path]).names == ("east/0.jpg", "east/1.jpg")
 
 
 def test_sides_by_globs_take_their_literal_names() -> None:

@@ -101,7 +101,14 @@ def _photos_in(folder: Path) -> list[Path]:
 
 def _sub_folders(folder: Path) -> list[Path]:
     """The folders in a folder, without surveys: one beside the photos that it is of has pictures, too."""
-    return [child for child in _visible(folder) if child.is_dir() and not (child / "survey.json").is_file()]
+    return [child for child in _visible(folder) if child.is_dir() and not _is_survey(child)]
+
+
+def _is_survey(folder: Path) -> bool:
+    try:
+        return (folder / "survey.json").is_file()
+    except PermissionError:  # one that may not be read, as disks have for themselves
+        return False
 
 
 def _photos_below(folder: Path) -> list[Path]:
