@@ -269,6 +269,21 @@ def test_names_that_fit_several_photos_are_refused() -> None:
     assert pair_names(["2"], ["1.jpg"]) == {}
 
 
+def test_a_photo_that_is_gone_is_not_its_namesake_of_another_folder() -> None:
+    photos = ["east/1.jpg", "west/1.jpg", "west/2.jpg"]
+    for name in ("east/2.jpg", "x/East/2.png", "East\\2"):
+        assert pair_names([name], photos) == {}
+        assert PhotoNames(photos).meant_by(name) == ()
+    rows = ["row1/east/1.jpg", "row2/east/2.jpg"]
+    assert pair_names(["row1/east/2.jpg", "row2/east/2.png"], rows) == {"row2/east/2.png": "row2/east/2.jpg"}
+    assert PhotoNames(rows).meant_by("row1/east/2.jpg") == ()
+    # Folders that no photo is in, and that of another program, tell nothing.
+    for name in ("2.jpg", "images/2.jpg", "row3/west/2"):
+        assert pair_names([name], photos) == {name: "west/2.jpg"}
+        assert PhotoNames(photos).meant_by(name) == ("west/2.jpg",)
+    assert pair_names(["row3/east/2"], rows) == {"row3/east/2": "row2/east/2.jpg"}
+
+
 def test_letter_case_and_suffix_tell_photos_apart_that_fit_alike() -> None:
     photos = ["east/IMG_1.JPG", "east/img_1.jpg", "east/img_1.png"]
     for name, photo in (("x/east/IMG_1.JPG", 0), ("IMG_1", 0), ("x/east/img_1.jpg", 1), ("img_1.png", 2)):

@@ -17,15 +17,19 @@ class PhotoNames:
 
     A name means the photo of that very name; else the one with the same end of the path, without suffix and in any
     letter case: the last three parts, two, or the stem alone. Where several have it, letter case and suffix count.
-    Accents are the same however they are encoded.
+    Accents are the same however they are encoded. A name in a folder that other photos are in means none of another
+    folder: east/1.jpg is not west/1.jpg where that of the east is gone.
     """
 
     def __init__(self, photos: Sequence[str]) -> None:
-        self._by_form = [(form, _by(form, photos)) for form in _FORMS]
+        self._by_form = [(form, _folders_of(photos, parts), _by(form, photos)) for form, parts in _FORMS]
 
     def meant_by(self, name: str) -> tuple[str, ...]:
         """Return the photos that `name` may mean: none, one, or several that it does not tell apart."""
-        return next((tuple(_nearest(name, found)) for form, by in self._by_form if (found := by.get(form(name)))), ())
+        for (form, folders, by), (_, parts) in zip(self._by_form, _FORMS, strict=True):
+            if (found := by.get(form(name))) and _folder(name, parts) not in folders:
+                return tuple(_nearest(name, found))
+        return ()
 
 
 def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
@@ -35,8 +39,9 @@ def pair_names(names: Sequence[str], photos: Sequence[str]) -> dict[str, str]:
     several photos, or several names, fit.
     """
     pairs: dict[str, str] = {}
-    for form in _FORMS:
-        rest = [name for name in names if name not in pairs]
+    for form, parts in _FORMS:
+        folders = _folders_of(photos, parts)
+        rest = [name for name in names if name not in pairs and _folder(name, parts) not in folders]
         taken = set(pairs.values())
         pairs |= _paired(rest, [photo for photo in photos if photo not in taken], form)
     return pairs
@@ -84,6 +89,16 @@ def _by(form: Callable[[str], str], photos: Sequence[str]) -> dict[str, list[str
     return by_form
 
 
+def _folder(name: str, parts: int) -> str:
+    """The last `parts` folders of a name, in lower case; "" where it has fewer."""
+    folders = PurePosixPath(_whole(name)).parts[:-1]
+    return "/".join(folders[len(folders) - parts :]).lower() if len(folders) >= parts else ""
+
+
+def _folders_of(photos: Sequence[str], parts: int) -> frozenset[str]:
+    return frozenset(_folder(photo, parts) for photo in photos) - {""}
+
+
 def _whole(name: str) -> str:
     return PurePosixPath(unicodedata.normalize("NFC", name.replace("\\", "/"))).as_posix()
 
@@ -113,4 +128,5 @@ _SUFFIXES = PHOTO_SUFFIXES | frozenset({
     ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw",
     ".txt", ".json", ".xml", ".csv", ".mat", ".npy", ".npz", ".gif", ".exr", ".pgm", ".ppm",
 })  # fmt: skip
-_FORMS = (_whole, _end(3), _end(2), _end(1))
+# Each with how many folders of a name are left out of it: photos that are in these were found before.
+_FORMS = ((_whole, 0), (_end(3), 0), (_end(2), 2), (_end(1), 1))
