@@ -239,6 +239,31 @@ def test_overwrite_has_the_frames_of_its_video_and_its_own_log(fakes: Fakes, pho
     assert (status.state, status.stages[0].name, status.stage) == ("finished", "photos", "report")
 
 
+def test_overwrite_discards_nothing_that_the_run_is_to_be_made_with(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    out, trunks = tmp_path / "out", tmp_path / "trunks.csv"
+    trunks.write_text("id,x,y\n1,0,2\n")
+    run([photos], out, RunOptions(trees=trunks))
+    survey = SurveyFolder.open(out)
+    own = survey.take_adapted(SHIPPED_WEIGHTS)
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    (tmp_path / "link").symlink_to(out)
+    for options in (
+        RunOptions(model=str(own)),
+        RunOptions(model=f"{tmp_path / 'link' / own.name}:apple"),
+        RunOptions(detections=survey.detections),
+        RunOptions(cameras=survey.cameras),
+        RunOptions(trees=survey.work("given") / "trees" / "trunks.csv"),
+    ):
+        with pytest.raises(InputError, match="is part of what `overwrite` discards: copy it to another place"):
+            run([photos], out, options, overwrite=True)
+        assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    # What is not of the run itself stays, and is used.
+    mine = out / "my trunks.csv"
+    mine.write_bytes(trunks.read_bytes())
+    assert run([photos], out, RunOptions(trees=mine), overwrite=True).fruits == 1
+    assert not own.exists()
+
+
 def test_a_survey_that_learnt_goes_on_where_it_was_moved_to(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "row 7")
     model = SurveyFolder.open(tmp_path / "row 7").take_adapted(SHIPPED_WEIGHTS)

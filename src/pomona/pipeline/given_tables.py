@@ -8,8 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pomona.formats.files import is_there
-from pomona.pipeline.options import TABLES, RunOptions
+from pomona.errors import InputError
+from pomona.formats.files import is_there, resolved
+from pomona.pipeline.options import FILES, TABLES, RunOptions
 from pomona.survey import SurveyFolder
 from pomona.survey.files import write_file
 
@@ -62,12 +63,32 @@ def with_kept_tables(survey: SurveyFolder, options: RunOptions) -> RunOptions:
 def checked_options(options: RunOptions, out: Path, *, overwrite: bool, places_photos: bool = True) -> RunOptions:
     """Return options with which a run of the survey in folder `out` can begin: those given, with the tables it kept.
 
-    A run that places no photos needs no `cameras`. Nothing is written. Raises as `RunOptions.check_files` does.
+    A run that places no photos needs no `cameras`. Nothing is written. Raises as `RunOptions.check_files` does, and
+    `InputError` where `overwrite` would discard what the run is to be made with.
     """
     if not overwrite and (survey := SurveyFolder.find(out)) is not None:
         options = with_kept_tables(survey, options)
     (options if places_photos else replace(options, cameras=None)).check_files()
+    if overwrite:
+        _check_outlast(options, out)
     return options
+
+
+def _check_outlast(options: RunOptions, out: Path) -> None:
+    """Raise `InputError` for a file of the survey itself that is given to the run which begins it anew."""
+    from pomona.segment.load import files_of
+
+    survey = SurveyFolder(resolved(out), {})
+    if not survey.manifest_path.is_file():
+        return
+    given = [(name, path) for name in FILES if (path := getattr(options, name)) is not None]
+    given += [("model", path) for path in files_of(options.model)] if options.model is not None else []
+    for name, path in given:
+        if survey.would_clear(path):
+            raise InputError(
+                f"`{name}`: {path} is part of what `overwrite` discards: copy it to another place and name that, or "
+                "leave `overwrite` out, as a changed option makes again all that depends on it"
+            )
 
 
 def tables_gone(given: RunOptions, used: RunOptions) -> list[str]:

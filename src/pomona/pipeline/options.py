@@ -46,7 +46,7 @@ ENGINES: tuple[str, ...] = get_args(Engine)
 # Options that name a small file, of which a survey keeps a copy.
 TABLES = ("markers", "gcp", "positions", "weights", "trees", "hand_counts", "filter_model")
 # Options that name a file or folder, which must exist when a run begins.
-_FILES = ("detections", "cameras", *TABLES)
+FILES = ("detections", "cameras", *TABLES)
 # Options of `pomona run`, hyphens as underscores, that have another name than the field that they set.
 COMMAND_NAMES = {
     "fruit_diameter": "fruit_diameter_m",
@@ -151,7 +151,7 @@ class RunOptions:
             packing_classes(self.packing)
         if self.fruit is not None:
             object.__setattr__(self, "fruit", fruit_kind(self.fruit).name)
-        for name in _FILES:
+        for name in FILES:
             if (path := getattr(self, name)) is not None:
                 object.__setattr__(self, name, resolved(path))
         if self.model is not None:
@@ -282,7 +282,7 @@ class RunOptions:
 
         Raises `InputError`, `FormatError` or `MissingFileError`.
         """
-        for name in _FILES:
+        for name in FILES:
             path = getattr(self, name)
             if path is not None and not is_there(path):
                 raise MissingFileError(f"`{name}`: {path} does not exist")

@@ -339,15 +339,28 @@ class SurveyFolder:
     def clear(self, *, but: Collection[str] = ()) -> None:
         """Remove what earlier runs wrote, and nothing else; of `work/` what `but` names stays, as the run needs it."""
         kept = {*but, "lock", "run.jsonl"}  # both are this run's by now
-        learnt = [self.adapted_model, self.before_adapting, self.learnt]
         work = [path for path in self.work_folder.glob("*") if path.name not in kept]
-        for path in [*(self.folder / name for name in _WRITERS), *learnt, *work]:
+        for path in (*self._results, *work):
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink(missing_ok=True)
         self._manifest = _new_manifest()
         self._write()
+
+    def would_clear(self, path: Path) -> bool:
+        """Say whether `clear` removes a file or folder, which may be named through links."""
+        return any(
+            place.is_relative_to(result)
+            for place in (path, path.resolve())
+            for result in (*self._results, self.work_folder)
+        )
+
+    @property
+    def _results(self) -> tuple[Path, ...]:
+        """All that runs write, but for `work/` and the manifest."""
+        written = (self.folder / name for name in _WRITERS)
+        return (*written, self.adapted_model, self.before_adapting, self.learnt)
 
     def withdraw(self) -> None:
         """Leave nothing where nothing was: remove a survey that this run made, and that has no photos yet."""
