@@ -265,6 +265,38 @@ def test_empty_folder_says_what_was_looked_for_and_found(tmp_path: Path) -> None
         load_photos([tmp_path])
 
 
+def test_photos_and_videos_that_are_left_out_are_told_of(tmp_path: Path) -> None:
+    def said(folder: Path) -> list[str]:
+        progress = Silent()
+        assert {name.rpartition("/")[0] for name in load_photos([folder], progress=progress).names} <= {"", "east"}
+        return [warning.replace(f"{folder}", "") for warning in progress.warnings if "left out" in warning]
+
+    for folder in (tmp_path / "flat", tmp_path / "card" / "east", tmp_path / "raw" / "east", tmp_path / "pairs"):
+        for i in range(3):
+            write_photo(folder / f"IMG_{i}.jpg", (60, 40), seed=i)
+    assert said(tmp_path / "flat") == said(tmp_path / "card") == []
+    # The other side, in folders that a camera made; and below a folder that has photos itself.
+    write_photo(tmp_path / "card" / "west" / "100CANON" / "IMG_7.jpg", (60, 40), seed=7)
+    (card,) = said(tmp_path / "card")
+    assert "photos further down, in folders of west, were left out, as there are photos in east" in card
+    shutil.copytree(tmp_path / "card" / "west", tmp_path / "flat" / "west")
+    assert said(tmp_path / "flat") == [": photos in sub-folders (west) were left out, as there are photos beside them"]
+    # The other side, or more of this one, in what is no photo.
+    (tmp_path / "raw" / "west").mkdir()
+    (tmp_path / "raw" / "west" / "IMG_7.CR2").write_bytes(b"raw")
+    (tmp_path / "raw" / "east" / "VID_1.MP4").write_bytes(b"video")
+    assert said(tmp_path / "raw") == [
+        "/east: 1 video left out, such as VID_1.MP4, as photos are used where there are some; a video is given by "
+        "itself",
+        "/west: 1 camera RAW file left out, such as IMG_7.CR2: export them as JPEG",
+    ]
+    # Those of a photo are no others, nor are the small pictures that disks make of photos.
+    for name in ("IMG_0.CR2", "IMG_1.MOV"):
+        (tmp_path / "pairs" / name).write_bytes(b"of a photo")
+    write_photo(tmp_path / "pairs" / "@eaDir" / "IMG_0.jpg" / "SYNOPHOTO_THUMB_M.jpg", (60, 40), seed=9)
+    assert said(tmp_path / "pairs") == []
+
+
 def test_photos_that_are_links_to_nowhere_are_told_of(tmp_path: Path) -> None:
     for side in ("east", "west"):
         (tmp_path / "row" / side).mkdir(parents=True)

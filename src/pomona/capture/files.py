@@ -18,6 +18,8 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".m
 # Folders that a camera makes by itself (DCF: 100CANON, 101_PANA): a change of folder there is no change of side.
 _CAMERA_FOLDER = re.compile(r"^\d{3}[A-Z0-9_]{5}$", re.IGNORECASE)
 
+# What archives of macOS and disks of Synology have beside photos: small pictures of these, and the like.
+_OF_SYSTEMS = frozenset({"__MACOSX", "@eaDir"})
 
 # How far down photos are looked for where nothing else is: cards have DCIM/100CANON, and archives a folder around that.
 _MOST_LEVELS = 3
@@ -27,7 +29,7 @@ _MOST_LEVELS = 3
 class PhotoListing:
     """The photo files of one folder: the files, and the sub-folder of each ("" where photos lie in the folder).
 
-    `notes` are things a person should know: sub-folders or RAW files that were left out.
+    `notes` are things a person should know: sub-folders, RAW files or videos that were left out.
     """
 
     files: tuple[Path, ...]
@@ -56,13 +58,21 @@ def list_photos(folder: Path) -> PhotoListing:
     children = _sub_folders(folder)
     below = {child.name: files for child in children if (files := _photos_below(child))}
     if here:
+        in_folders = [*below, *(c.name for c in children if c.name not in below and _photos_further_down(c))]
         left_out = [
-            f"{folder}: photos in sub-folders ({', '.join(below)}) were left out, as there are photos beside them"
+            f"{folder}: photos in sub-folders ({', '.join(in_folders)}) were left out, as there are photos beside them"
         ]
-        notes = left_out[: bool(below)] + _raw_notes(folder, here) + _notes_of_links(folder)
+        notes = left_out[: bool(in_folders)] + _notes_of_others([folder], here) + _notes_of_links(folder)
         return PhotoListing(tuple(here), ("",) * len(here), tuple(notes))
     notes = [note for child in children for note in _notes_of_links(child)]
-    if not below:
+    if below:
+        notes += _notes_of_others(children, [photo for photos in below.values() for photo in photos])
+        if deeper := [child.name for child in children if _photos_further_down(child)]:
+            notes.append(
+                f"{folder}: photos further down, in folders of {', '.join(deeper)}, were left out, as there are photos "
+                f"in {', '.join(below)}: to use them, give folders that have the photos in them"
+            )
+    else:
         below = {child.name: files for child in children if (files := _photos_further_down(child))}
         if len(below) == 1:
             return list_photos(folder / next(iter(below)))
@@ -91,7 +101,7 @@ def may_be_sides(names: Sequence[str]) -> bool:
 
 
 def _visible(folder: Path) -> list[Path]:
-    found = [p for p in folder.iterdir() if not p.name.startswith(".") and p.name != "__MACOSX"]
+    found = [p for p in folder.iterdir() if not p.name.startswith(".") and p.name not in _OF_SYSTEMS]
     return sorted(found, key=lambda p: (natural_key(p.name), p.name))  # a.jpg and A.JPG, too, in one order everywhere
 
 
@@ -129,12 +139,24 @@ def _photos_further_down(folder: Path, levels: int = _MOST_LEVELS) -> list[Path]
     return [photo for photos in found if photos for photo in photos]
 
 
-def _raw_notes(folder: Path, photos: list[Path]) -> list[str]:
+def _notes_of_others(folders: Sequence[Path], photos: list[Path]) -> list[str]:
+    """What is said of RAW files and videos beside photos; nothing of those of a photo, as live photos have them."""
     stems = {p.stem.casefold() for p in photos}
-    raw = [p for p in _visible(folder) if p.suffix.lower() in RAW_SUFFIXES and p.stem.casefold() not in stems]
-    if not raw:
-        return []
-    return [f"{folder}: {len(raw)} camera RAW files (such as {raw[0].name}) were left out: export them as JPEG"]
+    notes = []
+    for folder in folders:
+        try:
+            others = [p for p in _visible(folder) if p.stem.casefold() not in stems]
+        except PermissionError:
+            continue
+        raw = [p for p in others if p.suffix.lower() in RAW_SUFFIXES]
+        videos = [p for p in others if p.suffix.lower() in VIDEO_SUFFIXES]
+        if raw:
+            left_out = f"{counted(len(raw), 'camera RAW file')} left out, such as {raw[0].name}"
+            notes.append(f"{folder}: {left_out}: export them as JPEG")
+        if videos:
+            left_out = f"{counted(len(videos), 'video')} left out, such as {videos[0].name}"
+            notes.append(f"{folder}: {left_out}, as photos are used where there are some; a video is given by itself")
+    return notes
 
 
 def _notes_of_links(folder: Path) -> list[str]:
