@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from pomona.corrections import apply, read_corrections
 from pomona.errors import FormatError, SurveyError
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits, read_observations
-from pomona.fruits import FruitCloud
+from pomona.fruits import FruitCloud, Observations
 from pomona.pipeline import RunOptions, go_on, run
 from pomona.pipeline.reopen import bring_up_to_date, last_found
 from pomona.pipeline.results import scene_cloud
@@ -32,7 +33,7 @@ from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
 from pomona.survey import SurveyFolder
 from pomona.view import Corrector, ViewServer, read_survey
 from pomona.view.corrected import ESTIMATED_LATER, with_corrections
-from report_scenes import row_photos
+from report_scenes import LENS, looking, row_fruits, row_photos
 from serving import running
 
 
@@ -520,6 +521,45 @@ def test_lines_are_told(server: ViewServer) -> None:
     answer = connection.getresponse()
     assert answer.status == 404
     connection.close()
+
+
+def test_of_a_long_row_lines_are_where_fruits_hang(scene: Scene) -> None:
+    desk = Desk.of(scene)
+    places = np.arange(0, 300, 0.5)  # of photos along the row, 1.75 m from its middle
+    poses = np.array([looking(np.array([x, -1.75, 1.6]), np.array([x, 0.0, 1.6])) for x in places])
+    names = tuple(f"{k:04}.jpg" for k in range(len(places)))
+    cameras = replace(
+        desk.corrector.data.cameras,
+        photos=names,
+        intrinsics=(LENS,),
+        intrinsics_idx=np.zeros(len(names), np.int64),
+        cam_from_world=poses,
+    )
+    fruits = row_fruits(6000)
+    rng = np.random.default_rng(0)
+    centers = np.column_stack([rng.uniform(0, 300, 6000), rng.uniform(-0.4, 0.4, 6000), rng.uniform(0.9, 2.3, 6000)])
+    seen = [(fruit, k) for fruit in range(6000) if 1 < (k := round(centers[fruit, 0] / 0.5)) < 598]
+    xy_px = np.array([cameras.project(k, centers[[fruit]])[0][0] for fruit, k in seen])
+    desk.corrector.data = replace(
+        desk.corrector.data,
+        cameras=cameras,
+        fruits=replace(fruits, centers_in_world=centers),
+        observations=Observations(
+            fruits.ids[[fruit for fruit, _ in seen]],
+            tuple(names[k] for _, k in seen),
+            np.arange(1, len(seen) + 1),
+            xy_px,
+        ),
+    )
+    missed = np.array([[150.1, -0.1, 1.5]])
+    ((x, y),) = cameras.project(300, missed)[0]
+    lines = desk.corrector.lines(PhotoMark(300, x, y))
+    assert sorted(lines.photos[:2]) == [299, 301]
+    for k, line in zip(lines.photos[:2], lines.lines[:2], strict=True):
+        points = np.array(line).reshape(-1, 2)
+        steps = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(points)])
+        assert np.linalg.norm(steps - cameras.project(k, missed)[0], axis=1).min() < 3
+        assert np.linalg.norm(points[-1] - points[0]) < 600  # and no longer than what lies between near and far fruits
 
 
 def test_a_survey_of_others_is_shown_and_not_corrected(scene: Scene) -> None:

@@ -20,6 +20,7 @@ from pomona.errors import InputError, SurveyError
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
 from pomona.pipeline.reopen import LastFound, last_found
 from pomona.report import ReportData
+from pomona.report.axes import sightings_idx
 from pomona.report.contract import (
     CorrectionAnswer,
     CorrectionRequest,
@@ -133,14 +134,8 @@ class Corrector:
     def lines(self, mark: PhotoMark) -> SightLines:
         """Return where other photos may show what was clicked in one. Raises `InputError`."""
         cameras, clicked = self.data.cameras, self._mark(mark)
-        eye = cameras.centers_in_world[mark.photo]
-        places = (self.data.fruits.centers_in_world, self.data.cloud.points_in_world, cameras.points_in_world)
-        known = next((points for points in places if len(points)), np.zeros((0, 3)))
-        depths = np.linalg.norm(known - eye, axis=1)
-        if not len(depths):
-            raise InputError("Nothing is known of how far away fruits are: the survey has neither fruits nor points")
-        nearest, farthest = np.percentile(depths, (1, 99))
-        found = lines_in_photos(cameras, clicked, (_NEARER * float(nearest), _FARTHER * float(farthest)))
+        nearest, farthest = fruit_distances(self.data, mark.photo)
+        found = lines_in_photos(cameras, clicked, (_NEARER * nearest, _FARTHER * farthest))
         return SightLines([i for i, _ in found], [line.round(1).ravel().tolist() for _, line in found])
 
     def _show(self, log: Corrections) -> None:
@@ -219,6 +214,25 @@ class Corrector:
             raise InputError(f"{mark.x:.0f}, {mark.y:.0f} is outside the photo")
         # As the log has it, so that what is read from it is the same.
         return Mark(cameras.photos[mark.photo], round(mark.x, 2), round(mark.y, 2))
+
+
+def fruit_distances(data: ReportData, photo: int) -> tuple[float, float]:
+    """Return the least and the greatest distance of fruits from the cameras that saw them, without the odd ones.
+
+    Of all fruits of a long row, nearly none are as near to one photo as those that it shows. Where none was seen, it is
+    how far the known points are from a photo, by its index. Raises `InputError` where nothing is known at all.
+    """
+    eyes, fruits = data.cameras.centers_in_world, data.fruits.centers_in_world
+    _, fruit, camera = sightings_idx(data)
+    if len(fruit):
+        sights = fruits[fruit] - eyes[camera]
+    else:
+        places = (fruits, data.cloud.points_in_world, data.cameras.points_in_world)
+        sights = next((points for points in places if len(points)), np.zeros((0, 3))) - eyes[photo]
+    if not len(sights):
+        raise InputError("Nothing is known of how far away fruits are: the survey has neither fruits nor points")
+    nearest, farthest = np.percentile(np.linalg.norm(sights, axis=1), (1, 99))
+    return float(nearest), float(farthest)
 
 
 def request_from(values: Any) -> CorrectionRequest:
