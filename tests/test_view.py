@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +22,7 @@ from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.intrinsics import Intrinsics
+from pomona.photos import Photos
 from pomona.progress import Silent
 from pomona.report import ReportData, ReportOptions
 from pomona.report.page import report_html
@@ -93,6 +95,26 @@ def test_data_are_the_contract(server: ViewServer, data: ReportData) -> None:
     assert values["source"] == "server"
     assert values["fruits"]["ids"] == data.fruits.ids.tolist()
     assert values["photos"]["files"][2] == "photos/2"
+
+
+def test_other_photos_or_lenses_have_other_addresses(data: ReportData, tmp_path: Path) -> None:
+    def version(shown: ReportData) -> str:
+        with running(ViewServer(shown)) as site:
+            return str(unpacked(get(site, "/data/survey.bin")[2])["photosVersion"])
+
+    first = version(data)
+    assert re.fullmatch("[0-9a-f]{8,}", first)
+    assert version(data) == version(replace(data, title="renamed")) == first
+    copies = []
+    for photo in data.photos:
+        copies.append(replace(photo, path=tmp_path / photo.name.replace("/", "-")))
+        shutil.copy(photo.path, copies[-1].path)
+    moved = replace(data, photos=Photos(tuple(copies)))
+    second = version(moved)
+    copies[0].path.write_bytes(copies[0].path.read_bytes() + b"more")
+    lenses = tuple(replace(lens, params=lens.params * 1.01) for lens in data.cameras.intrinsics)
+    others = {first, second, version(moved), version(replace(data, cameras=replace(data.cameras, intrinsics=lenses)))}
+    assert len(others) == 4
 
 
 def test_points_come_in_pieces(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -264,12 +264,14 @@ export interface WatchState {
  * All that the view shows at once. `source` says where photos come from: none in a report, files, or a server.
  *
  * `sightings` and `detections` are null where a server is asked for them, by fruit and by photo. `provisional`: photos
- * still arrive, and the server tells of that.
+ * still arrive, and the server tells of that. `photos_version` goes into the addresses of a server's photos: browsers
+ * keep photos, and another survey may have been at the same address.
  */
 export interface SurveyData {
   source: Source;
   provisional: boolean;
   photosNote: string;
+  photosVersion: string;
   title: string;
   unit: string;
   metric: boolean;

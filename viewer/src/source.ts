@@ -48,17 +48,21 @@ export class PhotoSource {
   photo(photo: Photo, side: number): string {
     if (this.data.source !== "server") return photo.file;
     const longer = Math.max(photo.width, photo.height);
-    return `${photo.file}/${SIDES.find((size) => size >= Math.min(side, longer)) ?? SIDES[SIDES.length - 1]}.jpg`;
+    return this.sized(photo, SIDES.find((size) => size >= Math.min(side, longer)) ?? SIDES[SIDES.length - 1]!);
   }
 
   /** A small copy without the lens's distortion; null where no server makes one. */
   small(photo: Photo): string | null {
-    return this.data.source === "server" && this.hasPhoto(photo) ? `${photo.file}/${SMALL}.jpg`.replace(/^photos\//, "straight/") : null;
+    return this.data.source === "server" && this.hasPhoto(photo) ? this.sized(photo, SMALL).replace(/^photos\//, "straight/") : null;
   }
 
   /** The photo without the lens's distortion, where the server can make that. */
   straight(photo: Photo, side: number): string {
     return this.photo(photo, side).replace(/^photos\/(?=\d+\/)/, "straight/");
+  }
+
+  private sized(photo: Photo, side: number): string {
+    return `${photo.file}/${side}.jpg?${this.data.photosVersion}`;
   }
 
   /** A picture of what the photo saw there; null where there is none. */

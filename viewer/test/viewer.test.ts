@@ -5,13 +5,14 @@ import { decode, fromBase64 } from "../src/columns";
 import { placed } from "../src/crop";
 import type { DetectionColumns, Rates, Sightings, SurveyData } from "../src/contract";
 import { within } from "../src/filter";
-import { detectionsOf, fruitsOf, median, quantile, sightingsOf } from "../src/payload";
+import { detectionsOf, fruitsOf, median, quantile, sightingsOf, type Photo } from "../src/payload";
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
 import { localised, localisedDay, localisedText, short } from "../src/locale";
 import { classesOf, cropClasses, edgesIn } from "../src/packing";
 import { detectedText } from "../src/photo";
 import { marks, readable } from "../src/row";
+import { PhotoSource } from "../src/source";
 import { columnsOf, compared, rowsInSight } from "../src/table";
 import { stepAt } from "../src/truth";
 
@@ -214,6 +215,16 @@ test("fruits fall into packing classes with their weights, and classes can be ty
   expect(classes[0]!.from).toBe(-Infinity);
   expect(edgesIn("70, 60; 65 72,5 60 x")).toEqual([60, 65, 70, 72.5]);
   expect(edgesIn("none")).toEqual([]);
+});
+
+test("a server's photos are asked for as those of this survey alone", () => {
+  const photo = { file: "photos/4", width: 3000, height: 4000 } as Photo;
+  const source = new PhotoSource({ ...survey, source: "server", photosVersion: "5af3", detections: null } as SurveyData);
+  expect(source.photo(photo, 1500)).toBe("photos/4/2048.jpg?5af3");
+  expect(source.straight(photo, 9000)).toBe("straight/4/4096.jpg?5af3");
+  expect(source.small(photo)).toBe("straight/4/256.jpg?5af3");
+  const folder = new PhotoSource({ ...survey, source: "folder", photosVersion: "", detections: null } as SurveyData);
+  expect(folder.straight({ ...photo, file: "photos/00004.jpg" }, 9000)).toBe("photos/00004.jpg");
 });
 
 test("the whole crop falls into packing classes by how many of it are smaller", () => {

@@ -43,7 +43,7 @@ class SceneOptions:
     A server is asked for sightings and detections; other pages carry them. `crops` are JPEGs by detection
     id; `files` names of resized photos by photo; `detections` are outlines. `max_points` None: all of them.
     `corrections` are what a person changed, where more can be changed. `photos_note` is told where a photo would be
-    shown that is not there.
+    shown that is not there; `photos_version` is another one where photos or their cameras are others.
     """
 
     source: Source = "report"
@@ -56,6 +56,7 @@ class SceneOptions:
     earlier: EarlierFruits | None = None
     corrections: CorrectionState | None = None
     photos_note: str = ""
+    photos_version: str = ""
 
 
 def origin_of(data: ReportData) -> FloatArray:
@@ -77,6 +78,7 @@ def survey_data(data: ReportData, options: SceneOptions | None = None) -> Survey
     return SurveyData(
         source=options.source,
         photos_note=options.photos_note,
+        photos_version=options.photos_version,
         title=data.title,
         unit="m" if data.cameras.frame.metric else "units",
         metric=data.cameras.frame.metric,

@@ -11,12 +11,14 @@ import cv2
 import numpy as np
 
 from pomona.arrays import ByteArray
+from pomona.capture.images import file_state
 from pomona.drawing import jpeg
 from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo
 from pomona.report.crops import crop_jpeg
 from pomona.report.data import ReportData
 from pomona.report.seen import Box, crop_box
+from pomona.survey.digest import digest
 
 SIDES_PX = (256, 1024, 2048, 4096, 8192)
 """The sizes of resized copies (longer side); `viewer/src/source.ts` asks for the same, the smallest for cameras."""
@@ -83,6 +85,13 @@ class Pictures:
         """Whether the photo's file is there."""
         photo = self._photos[index]
         return photo is not None and photo.path.is_file()
+
+    @property
+    def version(self) -> str:
+        """What tells these photos and their lenses from others that had the same addresses."""
+        files = [(str(p.path), *file_state(p.path)) for p in self._photos if p is not None and p.path.is_file()]
+        lenses = [(lens.model, lens.width_px, lens.params.tolist()) for lens in self._cameras.intrinsics]
+        return digest([files, lenses, self._cameras.intrinsics_idx.tolist()])
 
     def photo(self, index: int, side_px: int, *, straight: bool = False) -> bytes:
         """Return a photo as a JPEG with its longer side at most `side_px`; raises as `capture.read_pixels` does.

@@ -64,6 +64,7 @@ class Site:
             truth=self._truth,
             corrections=self._corrections,
             photos_note=note,
+            photos_version=self._pictures.version,
         )
         return survey_data(self._data, options)
 
@@ -131,7 +132,7 @@ class Site:
         if side_px not in SIDES_PX:
             return None
         body = self._pictures.photo(photo, side_px, straight=straight)
-        # A survey may be made again behind the same port.
+        # The page asks for it with the photos' version.
         return Response(body, media_type=_JPEG, headers={"Cache-Control": "private, max-age=600"})
 
     def lines(self, photo: int, x: int, y: int) -> Response | None:
