@@ -16,15 +16,16 @@ export interface Limits {
 }
 
 const STEPS = 200;
-/** Shows what lies exactly at a limit. */
+/** Shows what lies exactly at a limit, as far as places far from the middle are known in single precision. */
 const SLACK = 1e-6;
 
 /** Whether each fruit lies within the limits. */
 export function within(fruits: Fruit[], along: readonly number[], limits: Limits): boolean[] {
   return fruits.map((fruit) => {
     const at = fruit.x * along[0]! + fruit.y * along[1]!;
-    return fruit.score >= limits.score - SLACK && fruit.z >= limits.low - SLACK && fruit.z <= limits.high + SLACK
-      && at >= limits.start - SLACK && at <= limits.end + SLACK && (limits.tree === 0 || fruit.tree === limits.tree);
+    const slack = SLACK * Math.max(1, Math.abs(fruit.x), Math.abs(fruit.y), Math.abs(fruit.z));
+    return fruit.score >= limits.score - SLACK && fruit.z >= limits.low - slack && fruit.z <= limits.high + slack
+      && at >= limits.start - slack && at <= limits.end + slack && (limits.tree === 0 || fruit.tree === limits.tree);
   });
 }
 

@@ -5,7 +5,7 @@ import { decode, fromBase64 } from "../src/columns";
 import { placed } from "../src/crop";
 import type { DetectionColumns, Rates, Sightings, SurveyData } from "../src/contract";
 import { within } from "../src/filter";
-import { detectionsOf, fruitsOf, median, quantile, sightingsOf, type Photo } from "../src/payload";
+import { detectionsOf, fruitsOf, median, quantile, sightingsOf, type Fruit, type Photo } from "../src/payload";
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
 import { localised, localisedDay, localisedText, short } from "../src/locale";
@@ -215,6 +215,17 @@ test("fruits fall into packing classes with their weights, and classes can be ty
   expect(classes[0]!.from).toBe(-Infinity);
   expect(edgesIn("70, 60; 65 72,5 60 x")).toEqual([60, 65, 70, 72.5]);
   expect(edgesIn("none")).toEqual([]);
+});
+
+test("the first and the last fruit of a long row are shown where nothing is left out", () => {
+  const ends = Array.from({ length: 60 }, (_, i) => 60 + 1.2345678 * i);
+  const hidden = ends.filter((end) => {
+    const fruits = [-end, end].map((x) => ({ x: Math.fround(0.6 * x), y: Math.fround(0.8 * x), z: 0, score: 1, tree: 0 }) as Fruit);
+    return within(fruits, [0.6, 0.8, 0], { score: 0, low: 0, high: 0, start: -end, end, tree: 0 }).includes(false);
+  });
+  expect(hidden).toEqual([]);
+  const near = { x: 100, y: 0, z: 0, score: 1, tree: 0 } as Fruit;
+  expect(within([near], [1, 0, 0], { score: 0, low: 0, high: 0, start: 0, end: 99.999, tree: 0 })).toEqual([false]);
 });
 
 test("a server's photos are asked for as those of this survey alone", () => {
