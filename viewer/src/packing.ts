@@ -49,17 +49,30 @@ function interpolated(at: number, xs: number[], ys: number[]): number {
   return ys[above - 1]! + share * (ys[above]! - ys[above - 1]!);
 }
 
-/** Numbers in what a person typed, in order, each once. */
+/**
+ * Numbers in what a person typed, in order, each once.
+ *
+ * A comma within a word is a decimal mark, as in 72,5, unless the word is a list in ascending order, such as 60,65,70.
+ */
 export function edgesIn(text: string): number[] {
-  const found = (text.match(/\d+(?:[.,]\d+)?(?!\d)/g) ?? []).map((word) => Number(word.replace(",", ".")));
+  const found = (text.match(/\d+(?:[.,]\d+)*/g) ?? []).flatMap((word) => {
+    const list = word.split(",").map(Number);
+    if (list.every((value, i) => value > (list[i - 1] ?? -1))) return list;
+    return (word.match(/\d+(?:[.,]\d+)?/g) ?? []).map((number) => Number(number.replace(",", ".")));
+  });
   return [...new Set(found.filter((value) => value > 0))].sort((a, b) => a - b);
+}
+
+/** Metres in millimetres, to a thousandth: in single precision 0.065 is a little less, and would be below an edge at 65. */
+export function millimetres(metres: number): number {
+  return Math.round(1e6 * metres) / 1000;
 }
 
 /** Fill the page's table of packing classes, where it has one. */
 export function showPacking(fruits: Fruit[]): void {
   const box = document.querySelector<HTMLElement>("#packing");
   if (!box) return;
-  const sizes = fruits.map(({ diameter }) => 1000 * diameter);
+  const sizes = fruits.map(({ diameter }) => millimetres(diameter));
   const preset = find<HTMLSelectElement>("#packing-preset");
   const typed = find<HTMLInputElement>("#packing-edges");
   const crop = box.dataset.crop ? (JSON.parse(box.dataset.crop) as Crop) : null;

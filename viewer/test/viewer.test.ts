@@ -9,7 +9,7 @@ import { detectionsOf, fruitsOf, median, quantile, sightingsOf, type Fruit, type
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
 import { localised, localisedDay, localisedText, short } from "../src/locale";
-import { classesOf, cropClasses, edgesIn } from "../src/packing";
+import { classesOf, cropClasses, edgesIn, millimetres } from "../src/packing";
 import { detectedText } from "../src/photo";
 import { marks, readable } from "../src/row";
 import { PhotoSource } from "../src/source";
@@ -215,6 +215,16 @@ test("fruits fall into packing classes with their weights, and classes can be ty
   expect(classes[0]!.from).toBe(-Infinity);
   expect(edgesIn("70, 60; 65 72,5 60 x")).toEqual([60, 65, 70, 72.5]);
   expect(edgesIn("none")).toEqual([]);
+  // As the command line takes them, and as one types who writes fractions with a comma.
+  expect(edgesIn("60,65,70")).toEqual([60, 65, 70]);
+  expect(edgesIn("60.5,65.5")).toEqual([60.5, 65.5]);
+  expect(edgesIn("62,5,67,5,72,5")).toEqual([62.5, 67.5, 72.5]);
+  expect(edgesIn("62,5 67,5")).toEqual([62.5, 67.5]);
+});
+
+test("a fruit that is as wide as an edge is in the class that begins there", () => {
+  const sizes = Array.from(Float32Array.of(0.06, 0.0649, 0.065, 0.0651, 0.07, NaN), millimetres);
+  expect(classesOf(sizes, sizes.map(() => NaN), [60, 65, 70]).map(({ fruits }) => fruits)).toEqual([0, 2, 2, 1]);
 });
 
 test("the first and the last fruit of a long row are shown where nothing is left out", () => {
