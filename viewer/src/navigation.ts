@@ -13,6 +13,28 @@ const FLIGHT_MS = 450;
 const ALONG_S = 4;
 const UP = new three.Vector3(0, 0, 1);
 
+/** Where a picture lies in the view, in pixels. */
+export interface Placed {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+}
+
+/**
+ * Where a photo without distortion lies over a view through its camera, and how high an angle (degrees) the view has.
+ *
+ * The whole photo is in sight. Where its pixels are wider than high, or its focal lengths differ, it is drawn so that
+ * both agree, as the view's pixels are square.
+ */
+export function throughLens({ width, height, lens }: Pick<Photo, "width" | "height" | "lens">, viewWidth: number, viewHeight: number): { place: Placed; fov: number } {
+  const [fx, fy, cx, cy] = lens as unknown as [number, number, number, number];
+  const wider = fy / fx;
+  const scale = Math.min(viewWidth / (width * wider), viewHeight / height);
+  const place = { left: viewWidth / 2 - cx * scale * wider, top: viewHeight / 2 - cy * scale, width: width * scale * wider, height: height * scale };
+  return { place, fov: 2 * three.MathUtils.radToDeg(Math.atan(viewHeight / (2 * fy * scale))) };
+}
+
 export class Navigation {
   readonly camera: three.PerspectiveCamera;
   readonly controls: OrbitControls;
@@ -87,14 +109,12 @@ export class Navigation {
   }
 
   /** Stand where a photo was taken from; returns where the photo then lies in the view, in pixels. */
-  lookThrough(photo: Photo): { left: number; top: number; width: number; height: number } {
+  lookThrough(photo: Photo): Placed {
     this.flight = null;
     this.along = null;
     this.through = photo;
     this.controls.enabled = false;
-    const { clientWidth, clientHeight } = this.box;
-    const [, fy, cx, cy] = photo.lens as unknown as [number, number, number, number];
-    const scale = Math.min(clientWidth / photo.width, clientHeight / photo.height);
+    const { place, fov } = throughLens(photo, this.box.clientWidth, this.box.clientHeight);
     const r = photo.rotation as unknown as number[];
     // Three's cameras look along their −z with y up, photos' along z with y down.
     const basis = new three.Matrix4().makeBasis(
@@ -102,10 +122,10 @@ export class Navigation {
     );
     this.camera.position.fromArray(photo.center);
     this.camera.quaternion.setFromRotationMatrix(basis);
-    this.camera.fov = 2 * three.MathUtils.radToDeg(Math.atan(clientHeight / (2 * fy * scale)));
+    this.camera.fov = fov;
     this.camera.updateProjectionMatrix();
     this.draw();
-    return { left: clientWidth / 2 - cx * scale, top: clientHeight / 2 - cy * scale, width: photo.width * scale, height: photo.height * scale };
+    return place;
   }
 
   /** Stand and look somewhere, at once. */

@@ -9,6 +9,7 @@ import { detectionsOf, fruitsOf, median, quantile, sightingsOf, type Fruit, type
 import { PointCloud, pointSize } from "../src/points";
 import { byChange, byGrowth } from "../src/earlier";
 import { localised, localisedDay, localisedText, short } from "../src/locale";
+import { throughLens } from "../src/navigation";
 import { classesOf, cropClasses, edgesIn, millimetres } from "../src/packing";
 import { detectedText } from "../src/photo";
 import { marks, readable } from "../src/row";
@@ -236,6 +237,23 @@ test("the first and the last fruit of a long row are shown where nothing is left
   expect(hidden).toEqual([]);
   const near = { x: 100, y: 0, z: 0, score: 1, tree: 0 } as Fruit;
   expect(within([near], [1, 0, 0], { score: 0, low: 0, high: 0, start: 0, end: 99.999, tree: 0 })).toEqual([false]);
+});
+
+test("through a camera, photo and scene lie over each other, of whatever focal lengths", () => {
+  for (const lens of [[1000, 1000, 700, 480], [1400, 1050, 730, 470], [900, 1200, 640, 540]]) {
+    const [fx, fy, cx, cy] = lens as [number, number, number, number];
+    const { place, fov } = throughLens({ width: 1440, height: 1080, lens: Float32Array.from(lens) }, 800, 600);
+    const camera = new three.PerspectiveCamera(fov, 800 / 600, 0.1, 100);
+    camera.updateMatrixWorld();
+    for (const [x, y] of [[0.3, -0.2], [-0.4, 0.35]] as const) {
+      // Three's cameras look along −z, with y up.
+      const seen = new three.Vector3(2 * x, -2 * y, -2).project(camera);
+      const inPhoto = [(fx * x + cx) / 1440, (fy * y + cy) / 1080] as const;
+      expect(place.left + inPhoto[0] * place.width).toBeCloseTo(400 * (1 + seen.x), 3);
+      expect(place.top + inPhoto[1] * place.height).toBeCloseTo(300 * (1 - seen.y), 3);
+    }
+    expect(Math.max(place.width / 800, place.height / 600)).toBeCloseTo(1, 6);
+  }
 });
 
 test("a server's photos are asked for as those of this survey alone", () => {
