@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from chromium import PATIENCE_MS
 from pomona.live import WatchServer
@@ -14,13 +17,14 @@ from serving import running
 from view_scenes import write_view_survey
 
 
+def state(**changed: Any) -> WatchState:
+    usual = {"photos": 3, "placed": 0, "fruits": None, "length": None, "step": None, "well_seen": None, "hints": []}
+    return WatchState(**{"phase": "looking", "doing": "Looking at IMG_0003.JPG", "revision": 0, **usual, **changed})
+
+
 def test_the_page_follows_the_watch(browser: Any, tmp_path: Path) -> None:
     data, stopped = read_survey(write_view_survey(tmp_path)), threading.Event()
     hint = WatchHint("IMG_0003.JPG", "blurred", "is blurred: <b>hold</b> still")
-
-    def state(**changed: Any) -> WatchState:
-        usual = {"photos": 3, "placed": 0, "fruits": None, "length": None, "step": None, "well_seen": None, "hints": []}
-        return WatchState(**{"phase": "looking", "doing": "Looking at IMG_0003.JPG", "revision": 0, **usual, **changed})
 
     with running(WatchServer("row")) as server:
         server.on_stop_wanted = stopped.set
@@ -51,4 +55,35 @@ def test_the_page_follows_the_watch(browser: Any, tmp_path: Path) -> None:
         assert "23 fruits" in page.inner_text(".watch .figures")
         assert page.is_hidden(".watch button")
         assert said == []
+        page.close()
+
+
+def test_the_fruit_that_was_selected_stays_it_though_numbers_change(browser: Any, tmp_path: Path) -> None:
+    data = read_survey(write_view_survey(tmp_path))
+    numbers = dict(zip(data.fruits.ids.tolist(), np.roll(data.fruits.ids, 1).tolist(), strict=True))
+    later = replace(
+        data,
+        fruits=replace(data.fruits, ids=np.array([numbers[id_] for id_ in data.fruits.ids.tolist()])),
+        observations=replace(
+            data.observations, fruit_id=np.array([numbers[id_] for id_ in data.observations.fruit_id.tolist()])
+        ),
+    )
+    chosen = int(data.observations.fruit_id[0])
+    with running(WatchServer("row")) as server:
+        server.show(data, 1)
+        server.tell(state(revision=1))
+        page = browser.new_page(reduced_motion="reduce")
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(server.url)
+        page.wait_for_selector("html.has-webgl, html.no-webgl")
+        page.fill("#find-id", str(chosen))
+        page.press("#find-id", "Enter")
+        page.wait_for_selector("#card .crop")
+        before = page.inner_text("#card dl")
+        server.show(later, 2)
+        server.tell(state(revision=2))
+        page.wait_for_url("**/at/2/")
+        page.wait_for_selector("#card h3")
+        assert page.inner_text("#card h3") == f"Fruit {numbers[chosen]}"
+        assert page.inner_text("#card dl") == before
         page.close()

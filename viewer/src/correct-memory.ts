@@ -4,11 +4,20 @@ import type { SurveyData } from "./contract";
 import { find } from "./dom";
 import type { View } from "./view";
 
-/** What is told and selected after a correction. */
+/** Where a photo shows a fruit: the middle of its crop and half the crop's width, pixels. */
+export interface Sight {
+  photo: string;
+  x: number;
+  y: number;
+  half: number;
+}
+
+/** What is told and selected after a correction; where photos arrive and numbers change, by what a photo shows. */
 export interface Told {
   message: string;
   fruit: number;
   fly: boolean;
+  sight?: Sight | undefined;
 }
 
 interface Kept extends Told {

@@ -92,7 +92,8 @@ class Page {
 
   /** Follow photos that still arrive. */
   follow(): void {
-    following({ data: this.data, view: this.view, selected: () => this.selected, select: (id) => this.select(id, "view") });
+    const { data, photos, source, view } = this;
+    following({ data, photos, source, view, sightings: () => this.sightings, select: (id) => this.select(id, "view") });
   }
 
   private lookThrough(photo: number): void {

@@ -1,17 +1,21 @@
 /** Photos that still arrive: how far it is, what is the matter with a photo, and the view of the answer so far. */
 
 import type { SurveyData, WatchHint, WatchState } from "./contract";
-import { forget, remember } from "./correct-memory";
+import { forget, remember, type Sight } from "./correct-memory";
 import { button, element, find, say } from "./dom";
 import { measured } from "./locale";
-import type { Fruit } from "./payload";
+import type { Detection, Photo, Sighting } from "./payload";
+import type { PhotoSource } from "./source";
 import type { View } from "./view";
 
 /** What following asks of the page. */
 export interface Followed {
   data: SurveyData;
+  photos: Photo[];
+  source: PhotoSource;
   view: View | null;
-  selected(): Fruit | null;
+  /** Of the selected fruit. */
+  sightings(): Sighting[];
   select(id: number): void;
 }
 
@@ -45,7 +49,7 @@ class Following {
     // What the report says of a finished survey is not known yet.
     document.documentElement.classList.add("provisional");
     const kept = forget(page.data, page.view);
-    if (kept?.fruit) page.select(kept.fruit);
+    if (kept?.sight) void this.selectAgain(kept.sight);
     for (const kind of ["pointerdown", "wheel", "keydown", "touchmove"]) {
       document.addEventListener(kind, () => (this.touched = Date.now()), { capture: true, passive: true });
     }
@@ -78,8 +82,25 @@ class Following {
       return;
     }
     this.events.close();
-    remember(this.page.data, this.page.view, { message: "", fruit: this.page.selected()?.id ?? 0, fly: false });
+    remember(this.page.data, this.page.view, { message: "", fruit: 0, fly: false, sight: this.sight() });
     location.replace(`${ROOT}at/${this.newest.revision}/`);
+  }
+
+  /** Where the largest photo of the selected fruit shows it. */
+  private sight(): Sight | undefined {
+    const [largest] = this.page.sightings();
+    if (!largest) return undefined;
+    const [x, y, width, height] = largest.box;
+    return { photo: this.page.photos[largest.photo]!.name, x: x + width / 2, y: y + height / 2, half: width / 2 };
+  }
+
+  /** Select the fruit that is there in the photo now: with each answer, fruits are numbered anew. */
+  private async selectAgain(sight: Sight): Promise<void> {
+    const { photos, source, select } = this.page;
+    const photo = photos.find(({ name }) => name === sight.photo);
+    const detections = photo ? await source.ofPhoto(photo.index).catch(() => []) : [];
+    const fruit = fruitAt(detections, sight);
+    if (fruit && !this.touched) select(fruit);
   }
 
   private async end(): Promise<void> {
@@ -91,6 +112,18 @@ class Following {
       this.doing.textContent = "The watch does not answer: was it ended?";
     }
   }
+}
+
+/** The number of the fruit that a photo shows at a place; 0 where nothing there became one. */
+export function fruitAt(detections: Detection[], { x, y, half }: Pick<Sight, "x" | "y" | "half">): number {
+  // A crop is twice as wide as its fruit.
+  let [nearest, found] = [half / 2, 0];
+  for (const { outline, fruit } of detections) {
+    const [across, down] = [0, 1].map((axis) => outline.filter((_, i) => i % 2 === axis)) as [Float32Array, Float32Array];
+    const away = Math.hypot((Math.min(...across) + Math.max(...across)) / 2 - x, (Math.min(...down) + Math.max(...down)) / 2 - y);
+    if (away < nearest) [nearest, found] = [away, fruit];
+  }
+  return found;
 }
 
 /** The figures so far, each with what it is. */

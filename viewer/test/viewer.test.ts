@@ -16,6 +16,7 @@ import { marks, readable } from "../src/row";
 import { PhotoSource } from "../src/source";
 import { columnsOf, compared, rowsInSight } from "../src/table";
 import { stepAt } from "../src/truth";
+import { fruitAt } from "../src/watch";
 
 const survey = {
   metric: true,
@@ -237,6 +238,15 @@ test("the first and the last fruit of a long row are shown where nothing is left
   expect(hidden).toEqual([]);
   const near = { x: 100, y: 0, z: 0, score: 1, tree: 0 } as Fruit;
   expect(within([near], [1, 0, 0], { score: 0, low: 0, high: 0, start: 0, end: 99.999, tree: 0 })).toEqual([false]);
+});
+
+test("what a photo shows at a place is found whatever its number", () => {
+  const square = (x: number, y: number): Float32Array => Float32Array.of(x - 10, y - 10, x + 10, y - 10, x + 10, y + 10, x - 10, y + 10);
+  const detections = [[100, 100, 7], [112, 100, 3], [300, 50, 0]].map(([x, y, fruit], i) => ({ id: i + 1, photo: 0, fruit: fruit!, score: 1, outline: square(x!, y!) }));
+  expect(fruitAt(detections, { x: 111, y: 101, half: 20 })).toBe(3);
+  expect(fruitAt(detections, { x: 101, y: 99, half: 20 })).toBe(7);
+  expect(fruitAt(detections, { x: 300, y: 50, half: 20 })).toBe(0); // became no fruit
+  expect(fruitAt(detections, { x: 100, y: 115, half: 20 })).toBe(0); // nothing is there any more
 });
 
 test("through a camera, photo and scene lie over each other, of whatever focal lengths", () => {
