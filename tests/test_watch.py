@@ -287,6 +287,32 @@ def test_a_photo_may_be_deleted_while_it_is_worked_on(
     assert watch.finish(Silent()).photos == 7
 
 
+def test_a_photo_that_was_deleted_does_not_count_any_more(
+    row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
+) -> None:
+    folder = tmp_path / "in"
+    shutil.copytree(row[0][0].path.parent, folder)
+    (folder / "broken.jpg").write_bytes(b"no photo")
+    states: list[WatchState] = []
+
+    def told(state: WatchState) -> None:
+        states.append(state)
+        if state.phase != "waiting" or not state.revision:
+            return
+        if len(watch.photos) < 8:
+            watch.stop()
+        elif state.photos == 9 and (folder / "p_003.png").exists():
+            (folder / "p_003.png").unlink()
+            (folder / "broken.jpg").unlink()
+
+    watch = Watch(folder, tmp_path / "out", RunOptions(sfm=QUICK), replace(AT_ONCE, idle_s=600.0), on_state=told)
+    watch.follow()
+    others = [f"p_{k:03}.png" for k in range(8) if k != 3]
+    assert watch.answer is not None
+    assert sorted(watch.answer.cameras.photos) == others
+    assert (states[-1].photos, states[-1].placed) == (7, 7)
+
+
 def test_watching_can_be_stopped_and_ends_when_nothing_comes(tmp_path: Path, fakes: Fakes) -> None:
     (tmp_path / "in").mkdir()
     watch = Watch(tmp_path / "in", tmp_path / "out", RunOptions(), AT_ONCE)

@@ -165,12 +165,14 @@ class Watch:
                 loaded, self._digests = load_photos(self._survey, [self._folder], self._options, Silent(), min_photos=0)
             except PomonaError:  # taken away again
                 return []
+            before = self._photos.names
             for file in loaded.skipped:
                 self._leave_out(self._folder / file.name, file.name, file.reason)
             whole = (photo for photo in loaded if photo.path in stamps)
             self._photos = Photos(tuple(p for p in whole if self._unusable.get(p.name) != stamps[p.path]))
             # One that was deleted since it was placed shows no fruits any more.
             there = self._photos.by_name()
+            self._is_old |= any(name in self._taken and name not in there for name in before)
             self._waiting = [there[photo.name] for photo in self._waiting if photo.name in there]
             if any(self._taken.get(photo.name, photo.side) != photo.side for photo in self._photos):
                 self._begin_anew()
@@ -271,13 +273,16 @@ class Watch:
         if fruits is None and answer is not None:
             fruits = len(answer.fruits)
         coverage = answer.coverage if answer else None
+        # Without those that were deleted since.
+        there, whole = set(self._photos.names), set(self._arrivals.whole.values())
+        placed = [name for side in self._sides.values() for piece in side.pieces for name in piece.cameras.photos]
         self._on_state(
             WatchState(
                 phase=phase,
                 doing=doing,
                 revision=self._revision,
-                photos=len(self._taken) + len(self._unusable),
-                placed=sum(len(piece.cameras) for side in self._sides.values() for piece in side.pieces),
+                photos=len(there & set(self._taken)) + sum(stamp in whole for stamp in self._unusable.values()),
+                placed=len(there & set(placed)),
                 fruits=fruits,
                 length=_known(coverage.length_m) if coverage else None,
                 step=_known(coverage.step_m) if coverage else None,
