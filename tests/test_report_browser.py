@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 from chromium import PATIENCE_MS, Opened, drawn, open_page, page_until, red_px
+from pomona.cameras import WorldFrame
 from pomona.fruits import FruitCloud, Observations
 from pomona.report import write_report
 from pomona.report.pdf import write_pdf
 from pomona.trees import Trees
-from report_scenes import row_report
+from report_scenes import row_cameras, row_report
 
 
 @pytest.fixture(scope="module")
@@ -171,4 +172,18 @@ def test_all_numbers_are_in_the_reader_s_language(browser: Any, tmp_path: Path) 
     read = "\n".join(page.inner_text(place) for place in (".totals", "#fruits", ".two", "#quality", ".hint"))
     assert "1.500" in read
     assert not re.search(r"\d,\d{3} (of|det|points)|\d\.\d{1,2}\b", read)
+    context.close()
+
+
+def test_without_a_scale_numbers_are_in_the_reader_s_language_too(browser: Any, tmp_path: Path) -> None:
+    data, cameras = row_report(40, scene_points=0), row_cameras(8, WorldFrame())
+    write_report(replace(data, cameras=cameras, weight=None), tmp_path / "units.html")
+    context = browser.new_context(locale="de-DE", reduced_motion="reduce")
+    page = context.new_page()
+    page.goto((tmp_path / "units.html").as_uri())
+    page.wait_for_selector("html.has-webgl, html.no-webgl", timeout=PATIENCE_MS)
+    page.locator("#fruits tbody button").first.click()
+    first, spread = data.fruits.diameters_m[0], data.fruits.diameter_sds_m[0]
+    expected = f"{float(f'{first:.3g}'):g} ± {float(f'{spread:.3g}'):g} units".replace(".", ",")
+    assert expected in page.inner_text("#card")
     context.close()

@@ -2,7 +2,7 @@
 
 import { cropButton, drawOutlines } from "./crop";
 import { button, element } from "./dom";
-import { measured } from "./locale";
+import { measured, short } from "./locale";
 import type { Fruit, Photo, Sighting } from "./payload";
 import type { PhotoSource, Seen } from "./source";
 
@@ -19,7 +19,7 @@ export interface CardWants {
 /** Pairs of label and text; what was not measured says why. */
 export function facts(fruit: Fruit, wants: Pick<CardWants, "metric" | "unit" | "origin">): [string, string][] {
   const missing = fruit.reason ? `not measured: ${fruit.reason}` : "not measured";
-  const size = (value: number): string => (wants.metric ? measured(1000 * value, 1) : value.toPrecision(3));
+  const size = (value: number): string => (wants.metric ? measured(1000 * value, 1) : short(value, 3));
   const sizeUnit = wants.metric ? "mm" : wants.unit;
   const spread = Number.isFinite(fruit.diameterSd) ? ` ± ${size(fruit.diameterSd)}` : "";
   const place = [fruit.x, fruit.y, fruit.z].map((v, axis) => measured(v + wants.origin[axis]!, 3)).join("; ");
