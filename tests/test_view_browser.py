@@ -384,6 +384,10 @@ def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, 
     assert "pomona view" in page.inner_text("#card .note")
     page.locator(".crop").first.click()
     assert "pomona view" in page.inner_text("#photo-missing")
+    # It has the outlines of its crops alone, which are not all that was detected in the photo.
+    page.wait_for_selector("#photo path.mine")
+    outlines = page.locator("#photo path").count()
+    assert page.inner_text("#photo-summary") == f"{outlines} outline{'s' * (outlines > 1)} of this photo in this file"
     assert opened.said == []
     page.close()
 

@@ -123,6 +123,7 @@ export class PhotoWindow {
     this.sheet.style.height = `${photo.height}px`;
     this.drawing.setAttribute("viewBox", `0 0 ${photo.width} ${photo.height}`);
     this.drawing.replaceChildren();
+    find("#photo-summary").textContent = "";
     const mine = this.seen.find((sighting) => sighting.photo === index);
     this.frameIt(() => {
       this.lookAt(mine ? around(mine.box, 6) : [0, 0, photo.width, photo.height]);
@@ -146,7 +147,7 @@ export class PhotoWindow {
     });
     this.drawing.replaceChildren(...shapes);
     const fruits = detections.filter(({ fruit }) => this.byId.has(fruit)).length;
-    const text = detectedText(detections.length, fruits);
+    const text = this.source.hasAllDetections ? detectedText(detections.length, fruits) : keptText(detections.length);
     find("#photo-summary").textContent = text;
     say(`Photo ${this.photos[this.at]!.name}. ${text}`);
   }
@@ -257,6 +258,11 @@ export function detectedText(detections: number, fruits: number): string {
   if (!detections) return "";
   if (detections === 1) return fruits ? "1 detection, which became a fruit" : "1 detection, which became no fruit";
   return `${detections} detections, ${fruits} of them became ${fruits === 1 ? "a fruit" : "fruits"}`;
+}
+
+/** How many outlines of a photo a file has that was kept small, in words. */
+export function keptText(outlines: number): string {
+  return outlines ? `${outlines} ${outlines === 1 ? "outline" : "outlines"} of this photo in this file` : "";
 }
 
 function around(box: Box, times: number): Box {

@@ -39,6 +39,11 @@ export class PhotoSource {
     return photo.file !== "";
   }
 
+  /** Whether photos have all their detections: a report has those alone whose crops are in it. */
+  get hasAllDetections(): boolean {
+    return this.data.source !== "report";
+  }
+
   /** What to tell where a photo is not there. */
   get note(): string {
     return this.data.photosNote;

@@ -11,7 +11,7 @@ import { byChange, byGrowth } from "../src/earlier";
 import { localised, localisedDay, localisedText, short } from "../src/locale";
 import { throughLens } from "../src/navigation";
 import { classesOf, cropClasses, edgesIn, millimetres } from "../src/packing";
-import { detectedText } from "../src/photo";
+import { detectedText, keptText } from "../src/photo";
 import { marks, readable } from "../src/row";
 import { PhotoSource } from "../src/source";
 import { columnsOf, compared, rowsInSight } from "../src/table";
@@ -176,6 +176,7 @@ test("what was detected in a photo is said in the singular, too", () => {
   expect(detectedText(1, 0)).toBe("1 detection, which became no fruit");
   expect(detectedText(5, 1)).toBe("5 detections, 1 of them became a fruit");
   expect(detectedText(5, 3)).toBe("5 detections, 3 of them became fruits");
+  expect([0, 1, 18].map(keptText)).toEqual(["", "1 outline of this photo in this file", "18 outlines of this photo in this file"]);
 });
 
 test("fractions in hints are written as the reader's language does, names are not", () => {
