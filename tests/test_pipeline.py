@@ -219,13 +219,18 @@ def test_overwrite_keeps_the_results_where_the_photos_cannot_be_used(
     assert fakes.calls["sfm"] == done["sfm"] + 1
 
 
-def test_overwrite_has_the_frames_of_its_video_and_its_own_log(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
-    out, video = tmp_path / "out", tmp_path / "row.mp4"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 120))
+def make_video(path: Path) -> Path:
+    """A walk along a wall of 30 frames."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 120))
     wide = np.random.default_rng(0).integers(0, 255, (12, 60, 3), np.uint8).repeat(10, axis=0).repeat(10, axis=1)
     for k in range(30):
         writer.write(wide[:, 6 * k : 6 * k + 160])
     writer.release()
+    return path
+
+
+def test_overwrite_has_the_frames_of_its_video_and_its_own_log(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    out, video = tmp_path / "out", make_video(tmp_path / "row.mp4")
     count = run([video], out).photos
     assert count >= 4
     (out / "work" / "of_an_earlier_run").write_text("")
@@ -262,6 +267,18 @@ def test_overwrite_discards_nothing_that_the_run_is_to_be_made_with(fakes: Fakes
     mine.write_bytes(trunks.read_bytes())
     assert run([photos], out, RunOptions(trees=mine), overwrite=True).fruits == 1
     assert not own.exists()
+
+
+def test_overwrite_keeps_frames_of_the_survey_that_are_given_as_photos(fakes: Fakes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run([make_video(tmp_path / "row.mp4")], out)
+    frames = {path.name: path.read_bytes() for path in (out / "work" / "frames").glob("*.jpg")}
+    assert len(frames) >= 4
+    (tmp_path / "also out").symlink_to(out)
+    for photos, survey in ((out, out), (out, tmp_path / "also out"), (tmp_path / "also out", out)):
+        assert run([photos / "work" / "frames"], survey, overwrite=True).photos == len(frames)
+        assert {path.name: path.read_bytes() for path in (out / "work" / "frames").glob("*.jpg")} == frames
+        assert (out / "fruits.csv").is_file()
 
 
 def test_a_survey_that_learnt_goes_on_where_it_was_moved_to(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
