@@ -22,6 +22,8 @@ from pomona.fuse.object import ObjectOptions, fuse
 from pomona.fuse.object.gating import Gate, _within
 from pomona.fuse.object.matches import Matches, with_raggedness
 from pomona.fuse.object.refinement import fit_spheres
+from pomona.intrinsics import Intrinsics
+from pomona.measure import measure
 
 DIAMETER_M = 0.075
 
@@ -114,6 +116,22 @@ def test_lens_distortion_is_respected() -> None:
     fused = fuse(detections_of(cameras, centers, diameters(14)), cameras)
     assert len(fused.fruits) == 14
     assert (errors_m(fused.fruits, centers) < 0.1 * DIAMETER_M).all()
+
+
+@pytest.mark.parametrize("distortion", [0.0, -0.08])
+def test_a_wide_lens_sees_each_fruit_once_and_as_much_of_it_in_its_corners(distortion: float) -> None:
+    # 16 mm of a full frame: fruits in the corners are seen 50 degrees beside the middle.
+    lens = Intrinsics("SIMPLE_RADIAL", 400, 300, np.array([180.0, 200, 150, distortion]))
+    cameras = replace(cameras_in_a_row(10, step_m=0.12, distance_m=1.0), intrinsics=(lens,))
+    x, z = (a.ravel() for a in np.meshgrid(np.linspace(-0.9, 0.9, 9), np.linspace(-0.6, 0.6, 5)))
+    rng = np.random.default_rng(3)
+    centers = np.stack([x, rng.uniform(-0.1, 0.1, 45), z], axis=1) + rng.uniform(-0.03, 0.03, (45, 3))
+    detections = detections_of(cameras, centers, diameters(45))
+    fused = fuse(detections, cameras)
+    assert len(fused.fruits) == 45
+    assert (errors_m(fused.fruits, centers) < 0.2 * DIAMETER_M).all()
+    visibilities = measure(fused, detections, cameras).visibilities
+    assert 0.9 < visibilities.min() <= visibilities.max() <= 1
 
 
 def test_missed_and_false_detections_cost_few_fruits() -> None:

@@ -252,6 +252,26 @@ def test_outlines_that_lie_deep_in_the_hull_are_left_out() -> None:
     assert hull.edge_counts[0] == pytest.approx(hull.edge_shares[0] * whole.edge_counts[0])
 
 
+@pytest.mark.parametrize(("distortion", "x_m"), [(0.0, 0.0), (0.0, 0.9), (-0.12, 0.0), (-0.12, 0.9), (0.1, -0.9)])
+def test_masks_are_as_large_as_fruits_wherever_in_a_photo(distortion: float, x_m: float) -> None:
+    radius_m, place = 0.06, np.array([x_m, 0.3, 1.0])
+    lens = Intrinsics("SIMPLE_RADIAL", 1200, 800, np.array([500.0, 600, 400, distortion]))
+    camera = Cameras(("a",), (lens,), np.zeros(1, int), np.eye(3, 4)[None])
+    rays = camera.rays_in_world(0, np.stack(np.meshgrid(np.arange(1200), np.arange(800)), axis=2).reshape(-1, 2) + 0.5)
+    off_m = np.linalg.norm(place - (rays @ place)[:, None] * rays, axis=1).reshape(800, 1200)
+    sideways_m = rays @ np.cross(place, [0, 1.0, 0])  # a leaf hides what lies on one side of the middle
+    whole, half = off_m < radius_m, (off_m < radius_m) & (sideways_m.reshape(off_m.shape) > 0)
+    masks = (Mask.from_pixels(whole), Mask.from_pixels(half))
+    detections = SurveyDetections({"a": Detections("a", 1200, 800, masks, np.ones(2), np.array([1, 2]))})
+    found = mask_rays(detections, camera, rays_per_mask=16)
+    distances_m = found.distances(place, np.arange(2))
+    np.testing.assert_allclose(distances_m, np.linalg.norm(place))
+    areas_m2 = (found.areas * distances_m**2)[np.argsort(found.ids)]
+    np.testing.assert_allclose(areas_m2, np.pi * radius_m**2 * np.array([1, 0.5]), rtol=0.06)
+    widths_m = (found.widths * distances_m)[np.argsort(found.ids)]
+    assert 1.95 * radius_m < widths_m[0] < 2.2 * radius_m
+
+
 def test_points_on_one_line_are_on_their_hull() -> None:
     assert (depths_in_hull(np.array([[1.0, 1], [2, 2], [3, 3]])) == 0).all()
     assert (depths_in_hull(np.array([[1.0, 1]])) == 0).all()

@@ -93,6 +93,23 @@ def test_projection_agrees_with_opencv_half_a_pixel_apart(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
+def test_pixels_are_as_wide_as_the_rays_at_their_edges_are_apart(model: str) -> None:
+    camera = Intrinsics(model, 800, 600, MODELS[model])
+    middles = camera.px_from_cam(points_in_front(np.random.default_rng(4), 50))
+    corners = [camera.cam_from_px(middles + np.array(by)) for by in ((-0.5, 0), (0.5, 0), (0, -0.5), (0, 0.5))]
+    left, right, up, down = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in corners)
+    solid_angles = np.linalg.norm(np.cross(right - left, down - up), axis=1)
+    np.testing.assert_allclose(camera.px_angles(middles), np.sqrt(solid_angles), rtol=1e-3)
+
+
+def test_where_a_lens_folds_pixels_have_a_width_all_the_same() -> None:
+    camera = Intrinsics("SIMPLE_RADIAL", 1000, 750, np.array([600.0, 500, 375, -0.35]))
+    angles = camera.px_angles(np.array([[500.0, 375], [900, 375], [1000, 750]]))
+    assert angles[0] == pytest.approx(1 / 600)
+    assert ((angles > 0) & (angles <= 10 / 600)).all()
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_projection_agrees_with_pycolmap(model: str) -> None:
     pycolmap = pytest.importorskip("pycolmap")
     camera, points = Intrinsics(model, 800, 600, MODELS[model]), points_in_front(np.random.default_rng(2), 50)

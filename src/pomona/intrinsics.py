@@ -25,6 +25,8 @@ _OPENCV_SLOTS: dict[str, tuple[tuple[int, ...], ...]] = {
 
 # Lenses of ordinary cameras have converged long before; Newton's steps are for what is left at the rim of wide ones.
 _FIXED_POINT_STEPS, _NEWTON_STEPS = 20, 8
+# Where a lens model folds, pixels have no angle any more: they are taken to be no wider than so many in the middle.
+_WIDEST_PIXEL = 10.0
 # The distance at z = 1 at which inverting the distortion stops: less than a ten-thousandth of a pixel of any photo.
 _CONVERGED = 1e-9
 
@@ -128,6 +130,18 @@ class Intrinsics:
                 if done:
                     break
         return np.stack([x, y, np.ones_like(x)], axis=1)
+
+    def px_angles(self, xy_px: FloatArray) -> FloatArray:
+        """Return the angle (n,), in radians, that a pixel at pixels (n, 2) is wide: the root of its solid angle.
+
+        In the middle it is 1 / `focal_px`; towards the edge of a picture perspective makes it narrower, and barrel
+        distortion wider.
+        """
+        rays = self.cam_from_px(xy_px)
+        slopes = self.px_slopes(rays)[0][:, :, :2]
+        pixels = np.abs(np.linalg.det(slopes))  # that a square of side 1 at z = 1 is seen on
+        least = self.opencv_params[:2].prod() / _WIDEST_PIXEL**2
+        return np.asarray((np.maximum(pixels, least) * np.linalg.norm(rays, axis=1) ** 3) ** -0.5)
 
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where undistorted x and y (n,) are seen, at z = 1.

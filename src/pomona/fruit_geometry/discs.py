@@ -70,16 +70,15 @@ def fruit_discs(
     centers, radii_m = spheres.centers_in_world[fruit_idx], spheres.radii_m[fruit_idx]
     shifts_m, sds = _fitted(centers, radii_m, eyes, rays)
     xy_px = cameras.project_each(photo_idx, centers + shifts_m)[0]
-    depths = masks.depths(centers, mask_idx)
-    focals_px = np.array([lens.focal_px for lens in cameras.intrinsics])[cameras.intrinsics_idx[photo_idx]]
-    shares = np.minimum(masks.areas[mask_idx] * depths**2 / (np.pi * radii_m**2), 1)
+    distances_m = masks.distances(centers, mask_idx)
+    shares = np.minimum(masks.areas[mask_idx] * distances_m**2 / (np.pi * radii_m**2), 1)
     return FruitDiscs(
         fruits.centers_in_world,
         fruits.diameters_m,
         fruit_idx,
         photo_idx,
         xy_px,
-        sds * radii_m * focals_px / depths,
+        sds * radii_m / (distances_m * masks.px_angles[mask_idx]),
         shares,
     )
 

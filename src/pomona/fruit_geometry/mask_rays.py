@@ -23,8 +23,9 @@ class MaskRays:
     centres of mass, `centers_px` (n, 2) these; `outlines` (n, k, 3) unit directions along their edges, and
     `edge_counts` (n,), how many pixels these have: less than k are repeated, and a mask without any, which lies along
     the photo's edge, has its centre in their place; `edge_shares` (n,): which share of the whole outline these are.
-    `widths`, `extents` and `areas` (n,) are the mean and the longer side of the box, and the area, at unit depth: times
-    the depth (squared) they are metres. Of the photos: their names `photos` (p,), centres `eyes_in_world` (p, 3) and
+    `widths`, `extents` and `areas` (n,) are the mean and the longer side of the box in radians, and the solid angle:
+    times the distance (squared) they are metres across the sight, wherever in the photo a mask is; `px_angles` (n,) is
+    the angle of a pixel there. Of the photos: their names `photos` (p,), centres `eyes_in_world` (p, 3) and
     `cam_from_world` (p, 3, 4).
 
     `raggedness`: how far masks reach out of the fruits that they show, in radii (RMS along outlines, the mean of all),
@@ -42,6 +43,7 @@ class MaskRays:
     widths: FloatArray
     extents: FloatArray
     areas: FloatArray
+    px_angles: FloatArray
     photos: tuple[str, ...]
     eyes_in_world: FloatArray
     cam_from_world: FloatArray
@@ -51,7 +53,7 @@ class MaskRays:
         n, p = len(self.photo_idx), len(self.photos)
         for name in ("photo_idx", "ids", "edge_counts"):
             set_checked(self, name, (n,), np.int64)
-        for name in ("scores", "edge_shares", "widths", "extents", "areas"):
+        for name in ("scores", "edge_shares", "widths", "extents", "areas", "px_angles"):
             set_checked(self, name, (n,), np.float64)
         set_checked(self, "rays", (n, 3), np.float64)
         set_checked(self, "centers_px", (n, 2), np.float64)
@@ -72,11 +74,12 @@ class MaskRays:
         first, last = np.searchsorted(self.photo_idx, [photo_idx, photo_idx + 1])
         return slice(int(first), int(last))
 
-    def depths(self, points_in_world: FloatArray, mask_idx: IntArray) -> FloatArray:
-        """Return how deep points (k, 3), or one (3,), lie in the photos of masks (k,), along these photos' axes."""
+    def distances(self, points_in_world: FloatArray, mask_idx: IntArray) -> FloatArray:
+        """Return how far points (k, 3), or one (3,), are from the photos of masks (k,); behind these, below 0."""
         photo_idx = self.photo_idx[mask_idx]
-        depths: FloatArray = ((points_in_world - self.eyes_in_world[photo_idx]) * self.axes_in_world[photo_idx]).sum(1)
-        return depths
+        away = points_in_world - self.eyes_in_world[photo_idx]
+        ahead = (away * self.axes_in_world[photo_idx]).sum(1)
+        return np.asarray(np.copysign(np.linalg.norm(away, axis=1), ahead))
 
     def seen(self, observations: Observations, fruit_ids: IntArray) -> tuple[IntArray, IntArray]:
         """Return which fruit (k,), an index into `fruit_ids` (n,), each observation is of, and which mask (k,) it is.
@@ -129,7 +132,7 @@ def mask_rays(
 
 
 def _of_photo(photo_idx: int, found: Detections, cameras: Cameras, rays: int, hull_slack: float | None) -> list[Array]:
-    """Return the first eleven columns of `MaskRays` for one photo."""
+    """Return the first twelve columns of `MaskRays` for one photo."""
     centers_px = np.array([mask.center_px for mask in found.masks])
     order = np.lexsort(centers_px.T)
     masks = [found.masks[k] for k in order]
@@ -137,6 +140,7 @@ def _of_photo(photo_idx: int, found: Detections, cameras: Cameras, rays: int, hu
     size_px = intrinsics.width_px, intrinsics.height_px
     outlines = [_outline(mask, centers_px[k], size_px, rays, hull_slack) for mask, k in zip(masks, order, strict=True)]
     outlines_px = np.concatenate([xy_px for xy_px, _, _ in outlines])
+    px_angles = intrinsics.px_angles(centers_px[order])
     return [
         np.full(len(found), photo_idx),
         found.ids[order],
@@ -146,9 +150,10 @@ def _of_photo(photo_idx: int, found: Detections, cameras: Cameras, rays: int, hu
         cameras.rays_in_world(photo_idx, outlines_px).reshape(len(found), rays, 3),
         np.array([count for _, count, _ in outlines]),
         np.array([share for _, _, share in outlines]),
-        np.array([mask.width_px + mask.height_px for mask in masks]) / (2 * intrinsics.focal_px),
-        np.array([max(mask.width_px, mask.height_px) for mask in masks]) / intrinsics.focal_px,
-        np.array([mask.area_px for mask in masks]) / intrinsics.focal_px**2,
+        np.array([mask.width_px + mask.height_px for mask in masks]) / 2 * px_angles,
+        np.array([max(mask.width_px, mask.height_px) for mask in masks]) * px_angles,
+        np.array([mask.area_px for mask in masks]) * px_angles**2,
+        px_angles,
     ]
 
 
@@ -174,5 +179,5 @@ def _evenly_spaced(count: int, places: int) -> IntArray:
 
 
 def _nothing(rays: int) -> list[Array]:
-    shapes: list[tuple[int, ...]] = [(0,), (0,), (0,), (0, 3), (0, 2), (0, rays, 3), (0,), (0,), (0,), (0,), (0,)]
+    shapes: list[tuple[int, ...]] = [(0,), (0,), (0,), (0, 3), (0, 2), (0, rays, 3), *[(0,)] * 6]
     return [np.zeros(shape) for shape in shapes]

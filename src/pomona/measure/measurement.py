@@ -128,7 +128,7 @@ def _points(cloud: FruitCloud, options: MeasureOptions) -> dict[int, FloatArray]
 def _first_widths(fused: Fused, seen: _Seen, masks: MaskRays) -> tuple[FloatArray, list[str]]:
     """Return how wide each fruit is at first sight (n,), and why it cannot be measured, "" where it can."""
     places = fused.fruits.centers_in_world
-    mask_widths_m = masks.extents[seen.mask_idx] * masks.depths(places[seen.fruit_idx], seen.mask_idx)
+    mask_widths_m = masks.extents[seen.mask_idx] * masks.distances(places[seen.fruit_idx], seen.mask_idx)
     widths_m, reasons = np.full(len(places), np.nan), []
     bounds = np.searchsorted(seen.fruit_idx, np.arange(len(places) + 1))
     for i, (low, high) in enumerate(pairwise(bounds.tolist())):
@@ -176,7 +176,7 @@ def _fit(
         tilt_sd=options.tilt_sd if up_is_known else float(np.hypot(options.tilt_sd, _GUESSED_UP)),
         place_radii=options.place_radii,
     )
-    evidence = _evidence(seen, masks, cameras, start, fitting, options)
+    evidence = _evidence(seen, masks, start, fitting, options)
     alone = fit_spheroids(start, evidence, prior)
     if n >= options.fewest_clear:  # of fewer, noise is not told from what is wrong with a fruit
         evidence = _as_noisy_as_it_is(alone, evidence)
@@ -232,7 +232,7 @@ def _clear(alone: Fitted, options: MeasureOptions) -> BoolArray:
 
 
 def _evidence(
-    seen: _Seen, masks: MaskRays, cameras: Cameras, start: Spheroids, fitting: BoolArray, options: MeasureOptions
+    seen: _Seen, masks: MaskRays, start: Spheroids, fitting: BoolArray, options: MeasureOptions
 ) -> SpheroidEvidence:
     """Return the rays along the outlines of the fruits' masks, and the points on them, each group for one fruit."""
     number = np.cumsum(fitting) - 1
@@ -240,8 +240,7 @@ def _evidence(
     of, mask_idx = number[seen.fruit_idx[mine]], seen.mask_idx[mine]
     rays = masks.outlines[mask_idx]
     photo_idx = masks.photo_idx[mask_idx]
-    focals_px = np.array([cameras.intrinsics_of(i).focal_px for i in range(len(cameras.photos))])
-    pixels_m = masks.depths(start.centers[of], mask_idx) / focals_px[photo_idx]
+    pixels_m = masks.distances(start.centers[of], mask_idx) * masks.px_angles[mask_idx]
     typical_m = float(np.median(start.radii))
     # Of a small mask's few pixels, each is a ray more than once; of an outline that leaves cut, less is on the hull.
     whole = options.independent * masks.edge_shares[mask_idx]
@@ -331,7 +330,7 @@ def _visibilities(spheroids: Spheroids, seen: _Seen, masks: MaskRays, fitting: B
     mine = fitting[seen.fruit_idx]
     of, mask_idx = (np.cumsum(fitting) - 1)[seen.fruit_idx[mine]], seen.mask_idx[mine]
     discs_m2 = spheroids.disc_areas(masks.rays[mask_idx], of)
-    shares = masks.areas[mask_idx] * masks.depths(spheroids.centers[of], mask_idx) ** 2 / discs_m2
+    shares = masks.areas[mask_idx] * masks.distances(spheroids.centers[of], mask_idx) ** 2 / discs_m2
     most = np.zeros(len(spheroids))
     np.maximum.at(most, of, shares)
     return np.asarray(np.minimum(most, 1.0))

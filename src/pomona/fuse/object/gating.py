@@ -128,7 +128,7 @@ def possible_matches(
     """
     off, shares = _off_centre(spheres, sphere_idx, mask_idx, masks), shares_of(spheres, sphere_idx, mask_idx, masks)
     if quick:
-        half = masks.widths[mask_idx] * masks.depths(spheres.centers_in_world[sphere_idx], mask_idx) / 2
+        half = masks.widths[mask_idx] * masks.distances(spheres.centers_in_world[sphere_idx], mask_idx) / 2
         outside = np.maximum(off + half / spheres.radii_m[sphere_idx] - 1, 0)
         # Of a disc that reaches out, about a third of the edge is outside.
         reaching = np.minimum((outside / options.outside_radii) ** 2, _MOST) / 3

@@ -120,7 +120,7 @@ def outside_radii(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, ma
 
 def shares_of(spheres: Spheres, sphere_idx: IntArray, mask_idx: IntArray, masks: MaskRays) -> FloatArray:
     """Return which share of the image of its sphere each mask fills (k,), at most 1."""
-    areas = masks.areas[mask_idx] * masks.depths(spheres.centers_in_world[sphere_idx], mask_idx) ** 2
+    areas = masks.areas[mask_idx] * masks.distances(spheres.centers_in_world[sphere_idx], mask_idx) ** 2
     result: FloatArray = np.minimum(areas / (np.pi * spheres.radii_m[sphere_idx] ** 2), 1)
     return result
 
