@@ -24,6 +24,7 @@ from pomona.dense.options import DenseOptions
 from pomona.errors import FormatError
 from pomona.filter.options import FilterOptions
 from pomona.filter.view_features import seen_shares
+from pomona.fruit_crops.sights import images_px
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.fruits import Fruits, Observations
 from pomona.geometry import estimate_similarity
@@ -374,12 +375,12 @@ def maps_by_all_fruits(
     middles = np.arange(36) + 0.5 - 18
     for k, (sphere, photo) in enumerate(zip(sights.sphere_idx.tolist(), sights.photo_idx.tolist(), strict=True)):
         xy_px, depths = cameras.project(photo, spheres.centers_in_world)
+        radii_px = images_px(cameras, photo, spheres)
         for i in np.flatnonzero((seen >= options.plain) & (depths > 0)).tolist():
             x, y = (xy_px[i] - sights.centers_px[k]) * evidence.scales[k] / evidence.cell_px
             if max(abs(x), abs(y)) >= 36 or (i == sphere and not own):
                 continue
-            radius_px = cameras.intrinsics_of(photo).focal_px * spheres.radii_m[i] / depths[i]
-            width = options.peak_width * radius_px * evidence.scales[k] / evidence.cell_px
+            width = options.peak_width * radii_px[i] * evidence.scales[k] / evidence.cell_px
             away2 = (middles - x) ** 2 + (middles[:, None] - y) ** 2
             maps[k] *= 1 - min(1, seen[i] / options.sure) * np.exp(-away2 / (2 * width**2))
     return maps

@@ -138,8 +138,8 @@ class Intrinsics:
         distortion wider.
         """
         rays = self.cam_from_px(xy_px)
-        slopes = self.px_slopes(rays)[0][:, :, :2]
-        pixels = np.abs(np.linalg.det(slopes))  # that a square of side 1 at z = 1 is seen on
+        slopes = self.px_slopes(rays)[0]
+        pixels = np.abs(slopes[:, 0, 0] * slopes[:, 1, 1] - slopes[:, 0, 1] * slopes[:, 1, 0])  # of a square at z = 1
         least = self.opencv_params[:2].prod() / _WIDEST_PIXEL**2
         return np.asarray((np.maximum(pixels, least) * np.linalg.norm(rays, axis=1) ** 3) ** -0.5)
 

@@ -51,10 +51,23 @@ def sights_of(spheres: Spheres, sphere_idx: IntArray, photo_idx: IntArray, camer
         xy_px, depths = cameras.project(photo, spheres.centers_in_world[sphere_idx[mine]])
         inside = (depths > 0) & (xy_px > 0).all(1) & (xy_px < [intrinsics.width_px, intrinsics.height_px]).all(1)
         centers[mine] = np.where(inside[:, None], xy_px, 0)
-        radii_px = intrinsics.focal_px * spheres.radii_m[sphere_idx[mine]] / np.maximum(depths, 1e-9)
+        radii_px = images_px(cameras, photo, spheres[sphere_idx[mine]])
         radii[mine] = np.where(inside, radii_px, 0)
     shown = radii >= _LEAST_RADIUS_PX
     return Sights(sphere_idx[shown], photo_idx[shown], centers[shown], radii[shown])
+
+
+def images_px(cameras: Cameras, photo_idx: int, spheres: Spheres) -> FloatArray:
+    """Return how large (n,), in pixels, the radii of spheres are in a photo, as distortion has it; NaN behind it.
+
+    Of perspective alone a sphere is as wide as in the middle at its depth: its image is longer the other way, which the
+    networks that look at crops know.
+    """
+    pose = cameras.cam_from_world[photo_idx]
+    in_cam = spheres.centers_in_world @ pose[:, :3].T + pose[:, 3]
+    by_place = cameras.intrinsics_of(photo_idx).px_slopes(in_cam)[0]
+    px2_per_m2 = by_place[:, 0, 0] * by_place[:, 1, 1] - by_place[:, 0, 1] * by_place[:, 1, 0]
+    return np.asarray(spheres.radii_m * np.sqrt(np.abs(px2_per_m2)))
 
 
 def well_spread(sights: Sights, spheres: Spheres, cameras: Cameras, most: int) -> Sights:

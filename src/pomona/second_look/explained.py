@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
+from pomona.fruit_crops.sights import images_px
 from pomona.fruit_geometry.spheres import Spheres
 from pomona.second_look.evidence import Evidence
 from pomona.second_look.options import SecondLookOptions
@@ -44,8 +45,8 @@ def unexplained(
         others = plain[_near_sights(blocks, photo, sights.centers_px[mine], reach_px[mine], cameras)]
         xy_px, depths = cameras.project(photo, spheres.centers_in_world[others])
         shown = (depths > 0) & np.isfinite(xy_px).all(1)
-        others, xy_px, depths = others[shown], xy_px[shown], depths[shown]
-        radii_px = cameras.intrinsics_of(photo).focal_px * spheres.radii_m[others] / depths
+        others, xy_px = others[shown], xy_px[shown]
+        radii_px = images_px(cameras, photo, spheres[others])
         row, beside = _within(sights.centers_px[mine], reach_px[mine], xy_px)
         if not own:
             apart = others[beside] != sights.sphere_idx[mine[row]]
