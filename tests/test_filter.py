@@ -36,6 +36,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused, Shown
 from pomona.fuse.object import fuse
 from pomona.pipeline import RunOptions
+from test_second_look import half_hidden
 
 RADIUS_M = 0.04
 
@@ -291,6 +292,20 @@ def three_alike() -> tuple[Fused, SurveyDetections, Cameras]:
     centers = np.array([[-0.2, 0.0, 0.0], [0.0, 0.05, 0.1], [0.2, 0.0, 0.05]])
     detections = detections_of(cameras, centers, np.full(3, 0.08))
     return fuse(detections, cameras), detections, cameras
+
+
+def test_photos_in_another_order_say_the_same() -> None:
+    cameras = cameras_in_a_row(12, step_m=0.05)
+    centers = np.array([[-0.2, 0.0, 0.0], [0.0, 0.05, 0.1], [0.2, 0.0, 0.05]])
+    found = half_hidden(cameras, detections_of(cameras, centers, np.full(3, 0.08)))
+    fused, order = fuse(found, cameras), np.random.default_rng(1).permutation(12)
+    shuffled = replace(
+        cameras, photos=tuple(cameras.photos[i] for i in order), cam_from_world=cameras.cam_from_world[order]
+    )
+    one, other = (view_features(fused, found, some) for some in (cameras, shuffled))
+    assert len(one.hidden) == 3
+    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(one.hidden, other.hidden)
 
 
 def test_what_the_second_look_saw_counts_for_a_fruit_and_against_it() -> None:

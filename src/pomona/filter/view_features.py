@@ -74,7 +74,7 @@ def view_features(
     fused: Fused, detections: SurveyDetections, cameras: Cameras, options: FilterOptions | None = None
 ) -> ViewFeatures:
     """Return what photos say of the fruits, each of which has observations in photos that have cameras."""
-    options = options or FilterOptions()
+    options, cameras = options or FilterOptions(), cameras.sorted_by_center()
     masks = mask_rays(detections, cameras, rays_per_mask=options.rays_per_mask, only=fused.observations)
     size = size_of_fruits(fused.fruits.diameters_m, FruitSize())
     spheres = Spheres.of_fruits(fused.fruits.centers_in_world, fused.fruits.diameters_m, size.radius_m)
