@@ -22,6 +22,7 @@ from pomona.fuse.object import ObjectOptions, fuse
 from pomona.fuse.object.gating import Gate, _within
 from pomona.fuse.object.matches import Matches, with_raggedness
 from pomona.fuse.object.refinement import fit_spheres
+from pomona.geometry import Similarity
 from pomona.intrinsics import Intrinsics
 from pomona.measure import measure
 
@@ -116,6 +117,17 @@ def test_lens_distortion_is_respected() -> None:
     fused = fuse(detections_of(cameras, centers, diameters(14)), cameras)
     assert len(fused.fruits) == 14
     assert (errors_m(fused.fruits, centers) < 0.1 * DIAMETER_M).all()
+
+
+@pytest.mark.parametrize("diameter_m", [0.008, 0.025, 0.11, 0.2])
+def test_cherries_and_melons_are_found_by_cameras_without_points_whatever_was_assumed(diameter_m: float) -> None:
+    cameras, centers = cameras_in_a_row(9, step_m=0.12), bunch(20, 5, apart=1.3)
+    detections = detections_of(cameras, centers, diameters(20))
+    resized = cameras.transformed(Similarity(diameter_m / DIAMETER_M, np.eye(3), np.zeros(3)))
+    fused = fuse(detections, resized)
+    assert len(fused.fruits) == 20
+    assert (errors_m(fused.fruits, centers * diameter_m / DIAMETER_M) < 0.3 * diameter_m).all()
+    np.testing.assert_allclose(np.median(fused.fruits.diameters_m), diameter_m, rtol=0.05)
 
 
 @pytest.mark.parametrize("distortion", [0.0, -0.08])

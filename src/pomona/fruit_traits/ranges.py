@@ -9,11 +9,14 @@ import numpy as np
 from pomona.arrays import FloatArray, IntArray, groups
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.fruit_traits.pairs import diameter_by_pairs
 from pomona.fruit_traits.size import FruitSize
 
 _MIN_SPARSE_POINTS = 20
 # Masks are cut by leaves and borders: the widest fifth stands for whole fruit, robustly.
 _WHOLE_FRUIT_PERCENTILE = 80
+# Fruits within this factor of what was assumed are found all the same, and tell their size themselves.
+_AS_ASSUMED = 1.2
 # Where no photo has enough masks: the middle of the widths at which segmenters know fruit.
 _UNKNOWN_WIDTH_PX = 40.0
 
@@ -37,7 +40,7 @@ def fruit_widths_px(detections: SurveyDetections, cameras: Cameras) -> FloatArra
 def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: FruitSize) -> FruitRanges:
     """Return the ranges from mask sizes and, where the cameras have sparse points near masks, from their depths.
 
-    `otherwise` is the size to assume where there are too few sparse points to estimate it.
+    Without any, pairs of photos tell whether it is of another size (`pairs`) than `otherwise`, which is assumed.
     """
     n = len(cameras)
     widths, focals = _widths_px(detections, cameras), _focals_px(cameras)
@@ -49,6 +52,8 @@ def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: Frui
         for depths, width, focal in zip(sparse, widths, focals, strict=True)
         if np.isfinite(width) and len(depths) >= _MIN_SPARSE_POINTS
     ]
+    if not len(cameras.track_point_idx):
+        otherwise = _by_pairs(detections, cameras, otherwise)
     size = FruitSize(float(np.median(estimates)), "masks") if estimates else otherwise
     typical = size.diameter_m * focals / np.where(np.isfinite(widths), widths, usual_px)
     near, far = 0.6 * typical, 1.7 * typical
@@ -59,6 +64,14 @@ def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: Frui
             near[i] = max(0.4 * middle, min(low, 0.85 * middle) - 2 * size.diameter_m)
             far[i] = min(2.5 * middle, max(high, 1.2 * middle) + 2 * size.diameter_m)
     return FruitRanges(usual_px, size, near, typical, far)
+
+
+def _by_pairs(detections: SurveyDetections, cameras: Cameras, assumed: FruitSize) -> FruitSize:
+    """Return the size as pairs of photos have it, where these contradict what was assumed."""
+    found = diameter_by_pairs(cameras, detections)
+    if found is None or abs(np.log(found[0] / assumed.diameter_m)) < np.log(_AS_ASSUMED):
+        return assumed
+    return FruitSize(found[0], "masks")
 
 
 def _focals_px(cameras: Cameras) -> FloatArray:

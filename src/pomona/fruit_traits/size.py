@@ -3,7 +3,8 @@
 It is refined along a run, each time from what a stage knows better than the one before:
 
 1. assumed, by default or by a person, where nothing says more;
-2. from masks and the scene's points, before any fruit is known (`ranges`): `fuse` begins with it;
+2. from masks and the scene's points, before any fruit is known (`ranges`), or, of cameras without points, from masks
+   that two photos have of whole fruits (`pairs`): `fuse` begins with it;
 3. from fruits that are well seen, fitted without a prior on their size, after the first round of `fuse`, which begins
    anew where this differs by more than `ObjectOptions.same_size`;
 4. from all fruits as fused: `filter` takes features relative to it;
@@ -34,9 +35,9 @@ SizeSource = Literal["assumed", "masks", "fruits"]
 class FruitSize:
     """The typical diameter of the fruits of a survey, in metres.
 
-    `source`: "assumed" by default or by a person; estimated from "masks", by their widths and the distances of the
-    scene's points at them; or from "fruits", the median diameter of `count` of them. `sd_m` is the standard deviation
-    between fruits, NaN where it is not known.
+    `source`: "assumed" by default or by a person; estimated from "masks", by their widths and how far away they are; or
+    from "fruits", the median diameter of `count` of them. `sd_m` is the standard deviation between fruits, NaN where it
+    is not known.
     """
 
     diameter_m: float = DEFAULT_DIAMETER_M

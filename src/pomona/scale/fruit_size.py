@@ -1,10 +1,8 @@
 """Metres from the fruits themselves, where nothing else gives them: their median diameter is roughly known.
 
 A fruit's diameter in units of a piece follows from the width of its mask and its distance: that of the scene's points
-seen at the mask, or, for cameras that came without points, that at which two photos of one fruit agree. There a whole
-disc of half-angle a is a sphere of diameter D at distance D / (2 sin a): its centre is at C + D v, with v known. Two
-photos that see the same fruit put it in the same place, which gives D; two that see different fruits give any D, or
-places that do not meet. Many pairs vote, and the diameter that most agree on is the fruits'.
+seen at the mask, or, for cameras that came without points, that at which two photos of one fruit agree
+(`fruit_traits.pairs`).
 """
 
 from __future__ import annotations
@@ -17,27 +15,15 @@ from pomona.arrays import BoolArray, FloatArray, IntArray, groups
 from pomona.cameras import Cameras, WorldFrame
 from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
+from pomona.fruit_traits.pairs import diameter_by_pairs, looks_whole
 from pomona.scale.options import ScaleOptions
 from pomona.scale.placement import Placement
 from pomona.scale.upright import up_direction
 
-# A mask that looks like a whole disc: sides alike, filled like an ellipse (π/4), clear of the photo's edge.
-_LEAST_ASPECT = 0.85
-_FILL = np.pi / 4
-_FILL_TOLERANCE = 0.08
 # Apples have few features of their own: scene points this many box sides around a mask give its distance, too.
 _NEAR_SIDES = 0.5
 # Surface points seen on a sphere lie this many radii nearer than its centre, on average over the disc.
 _SURFACE_RADII = 2 / 3
-# Photos are compared with their nearest ones that were taken this far apart, in parts of the distance to the fruit.
-_NEIGHBOURS = 6
-_BASELINE = (0.08, 0.8)
-# Places meet where they are within this part of the diameter, and agree on it within this part.
-_MEETS = 0.25
-_AGREES = 0.1
-_LEAST_PAIRS = 20
-# Pairs of different fruits spread over all diameters: the true one stands out by this factor over three times as wide.
-_STANDS_OUT = 1.5
 # Median diameters of a row against what an average fruit is assumed to have: varieties and weeks differ by so much.
 _LIKELY = 1.4
 # Fruits of any variety and week are within this factor of it: beyond it, metres are none.
@@ -143,7 +129,7 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections, *, least_fruits: 
         found = detections.get(name)
         if found is not None and len(found):
             diameters.append(_diameters(cameras, i, found, tracks.get(i, none)))
-            whole.append(np.array([_is_whole(mask, found) for mask in found.masks], bool))
+            whole.append(np.array([looks_whole(mask, found) for mask in found.masks], bool))
     all_diameters = np.concatenate(diameters) if diameters else np.zeros(0)
     is_whole = np.concatenate(whole) if whole else np.zeros(0, bool)
     known = np.isfinite(all_diameters)
@@ -157,11 +143,7 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections, *, least_fruits: 
 
 
 def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> ApparentSize | str:
-    whole = {
-        name: found[np.array([_is_whole(mask, found) for mask in found.masks], bool)]
-        for name, found in detections.by_photo.items()
-    }
-    found = diameter_by_pairs(cameras, SurveyDetections(whole))
+    found = diameter_by_pairs(cameras, detections)
     if found is None:
         return "the cameras came without points that photos see, and too few whole fruits are seen by two photos"
     return ApparentSize(*found, whole=True)
@@ -188,68 +170,3 @@ def _near(mask: Mask, xy_px: FloatArray) -> BoolArray:
     x0, y0, x1, y1 = mask.box_px
     margin = _NEAR_SIDES * max(mask.width_px, mask.height_px)
     return np.asarray(((xy_px > [x0 - margin, y0 - margin]) & (xy_px < [x1 + margin, y1 + margin])).all(1))
-
-
-def _is_whole(mask: Mask, found: Detections) -> bool:
-    x0, y0, x1, y1 = mask.box_px
-    if x0 <= 0 or y0 <= 0 or x1 >= found.width_px or y1 >= found.height_px:
-        return False
-    short, long = sorted((mask.width_px, mask.height_px))
-    fill = mask.area_px / (mask.width_px * mask.height_px)
-    return short >= _LEAST_ASPECT * long and abs(fill - _FILL) < _FILL_TOLERANCE
-
-
-def diameter_by_pairs(cameras: Cameras, whole: SurveyDetections) -> tuple[float, int] | None:
-    """Return the median diameter in the cameras' units and how many detections voted for it; None if none stands out.
-
-    `whole` are detections that look like whole discs; others make fruits seem too small.
-    """
-    seen = [_spheres(cameras, i, whole.get(name)) for i, name in enumerate(cameras.photos)]
-    diameters, detections = _all_votes(cameras, seen)
-    if len(diameters) < _LEAST_PAIRS:
-        return None
-    logs, width = np.log(diameters), np.log1p(_AGREES)
-    ordered = np.sort(logs)
-    counts = np.searchsorted(ordered, ordered + width) - np.searchsorted(ordered, ordered - width)
-    mode = ordered[int(np.argmax(counts))]
-    agree, around = np.abs(logs - mode) < width, np.abs(logs - mode) < 3 * width
-    if agree.sum() < _LEAST_PAIRS or agree.sum() * 3 < _STANDS_OUT * around.sum():
-        return None
-    return float(np.median(diameters[agree])), len(np.unique(detections[agree]))
-
-
-def _all_votes(cameras: Cameras, seen: list[FloatArray]) -> tuple[FloatArray, IntArray]:
-    """Diameters (k,) that pairs vote for, and the number of the detection (k,) that each is of."""
-    centers, first = cameras.centers_in_world, np.cumsum([0, *(len(v) for v in seen)])
-    diameters, detections = [np.zeros(0)], [np.zeros(0, np.int64)]
-    for i in range(len(cameras)):
-        away = np.linalg.norm(centers - centers[i], axis=1)
-        for j in [j for j in np.argsort(away, kind="stable") if away[j] > 0][:_NEIGHBOURS]:
-            found, of = _votes(seen[i], seen[j], centers[j] - centers[i])
-            diameters.append(found)
-            detections.append(first[i] + of)
-    return np.concatenate(diameters), np.concatenate(detections)
-
-
-def _spheres(cameras: Cameras, photo_idx: int, found: Detections | None) -> FloatArray:
-    """v (n, 3) of each detection: where its centre is from the camera, in diameters."""
-    if found is None or not len(found):
-        return np.zeros((0, 3))
-    boxes = np.array([mask.box_px for mask in found.masks], float)
-    rays = cameras.rays_in_world(photo_idx, (boxes[:, :2] + boxes[:, 2:]) / 2)
-    half_angles = np.max(boxes[:, 2:] - boxes[:, :2], axis=1) / 2 / cameras.intrinsics_of(photo_idx).focal_px
-    v: FloatArray = rays / (2 * np.sin(np.minimum(half_angles, np.pi / 4)))[:, None]
-    return v
-
-
-def _votes(one: FloatArray, other: FloatArray, baseline: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The diameters (k,) that pairs of detections of two photos vote for, where they meet, and which of `one` (k,)."""
-    apart = one[:, None] - other[None]
-    length = float(np.linalg.norm(baseline))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Along the baseline alone: how far away a fruit is, is known least, and that lies across the baseline.
-        diameters = length**2 / (apart @ baseline)
-        misses = np.linalg.norm(diameters[..., None] * apart - baseline, axis=2) / diameters
-        reach = length / (diameters * np.linalg.norm(one, axis=1)[:, None])
-    good = (diameters > 0) & (misses < _MEETS) & (reach > _BASELINE[0]) & (reach < _BASELINE[1])
-    return diameters[good], np.nonzero(good)[0]
