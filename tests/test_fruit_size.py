@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from correct_scenes import masks_of, taken_by
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.detections import SurveyDetections
 from pomona.errors import InputError
+from pomona.fruit_traits.pairs import diameter_by_pairs
 from pomona.fruit_traits.ranges import fruit_ranges, fruit_widths_px
 from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
 from pomona.intrinsics import Intrinsics
@@ -42,6 +44,27 @@ def test_without_sparse_points_masks_leave_the_size_as_assumed() -> None:
     ranges = fruit_ranges(detections, cameras, assumed)
     assert ranges.size is assumed
     np.testing.assert_array_equal(ranges.widths_px, fruit_widths_px(detections, cameras))
+
+
+@pytest.mark.parametrize(("assumed_m", "expected_m"), [(0.025, 0.08), (0.07, 0.07), (0.09, 0.09), (0.2, 0.08)])
+def test_pairs_of_photos_contradict_a_size_that_is_far_off(assumed_m: float, expected_m: float) -> None:
+    cameras, random = cameras_in_a_row(8, step_m=0.1), np.random.default_rng(2)
+    centers = random.uniform((-0.4, -0.15, -0.35), (0.4, 0.15, 0.35), (14, 3))
+    detections = detections_of(cameras, centers, np.full(14, 0.08))
+    assert fruit_ranges(detections, cameras, FruitSize(assumed_m)).size.diameter_m == pytest.approx(
+        expected_m, rel=0.08
+    )
+
+
+def test_fruits_as_far_from_each_other_as_rulers_have_it_leave_the_size_as_assumed() -> None:
+    cameras = taken_by()
+    for without in ((), (1, 12)):
+        ranges = fruit_ranges(masks_of(cameras, without=without), cameras, FruitSize(0.075))
+        assert ranges.size == FruitSize(0.075)
+    # Neighbours taken for one have as many votes for another size as the fruits themselves.
+    by_pairs = diameter_by_pairs(cameras, masks_of(cameras, without=(1, 12)))
+    assert by_pairs is not None
+    assert by_pairs[0] < 0.04
 
 
 def test_photos_of_two_sizes_and_without_masks_have_the_ranges_of_the_others() -> None:

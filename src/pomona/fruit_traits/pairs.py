@@ -26,6 +26,9 @@ _AGREES = 0.1
 _LEAST_PAIRS = 20
 # Pairs of different fruits spread over all diameters: the true one stands out by this factor over three times as wide.
 _STANDS_OUT = 1.5
+# Fruits within this factor of what was assumed are found all the same, and tell their size themselves; to contradict
+# that, another size needs so many times its votes.
+_AS_ASSUMED, _RATHER = 1.2, 3
 
 
 def looks_whole(mask: Mask, found: Detections) -> bool:
@@ -38,10 +41,14 @@ def looks_whole(mask: Mask, found: Detections) -> bool:
     return short >= _LEAST_ASPECT * long and abs(fill - _FILL) < _FILL_TOLERANCE
 
 
-def diameter_by_pairs(cameras: Cameras, detections: SurveyDetections) -> tuple[float, int] | None:
+def diameter_by_pairs(
+    cameras: Cameras, detections: SurveyDetections, *, rather_than: float | None = None
+) -> tuple[float, int] | None:
     """Return the median diameter in the cameras' units and how many detections voted for it; None if none stands out.
 
-    Detections that look like whole discs alone vote; others make fruits seem too small.
+    Detections that look like whole discs alone vote; others make fruits seem too small. Where a diameter was assumed,
+    None also if it is `rather_than` that by less than a fifth, or that has a third of its votes: of fruits as far from
+    each other as rulers have it, neighbours taken for one agree on a wrong one.
     """
     seen = [_spheres(cameras, i, detections.get(name)) for i, name in enumerate(cameras.photos)]
     diameters, of = _all_votes(cameras, seen)
@@ -54,7 +61,12 @@ def diameter_by_pairs(cameras: Cameras, detections: SurveyDetections) -> tuple[f
     agree, around = np.abs(logs - mode) < width, np.abs(logs - mode) < 3 * width
     if agree.sum() < _LEAST_PAIRS or agree.sum() * 3 < _STANDS_OUT * around.sum():
         return None
-    return float(np.median(diameters[agree])), len(np.unique(of[agree]))
+    found = float(np.median(diameters[agree]))
+    if rather_than is not None:
+        as_assumed = np.abs(np.log(np.append(diameters, found) / rather_than)) < np.log(_AS_ASSUMED)
+        if as_assumed[-1] or agree.sum() < _RATHER * as_assumed.sum():
+            return None
+    return found, len(np.unique(of[agree]))
 
 
 def _all_votes(cameras: Cameras, seen: list[FloatArray]) -> tuple[FloatArray, IntArray]:

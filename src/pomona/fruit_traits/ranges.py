@@ -15,8 +15,6 @@ from pomona.fruit_traits.size import FruitSize
 _MIN_SPARSE_POINTS = 20
 # Masks are cut by leaves and borders: the widest fifth stands for whole fruit, robustly.
 _WHOLE_FRUIT_PERCENTILE = 80
-# Fruits within this factor of what was assumed are found all the same, and tell their size themselves.
-_AS_ASSUMED = 1.2
 # Where no photo has enough masks: the middle of the widths at which segmenters know fruit.
 _UNKNOWN_WIDTH_PX = 40.0
 
@@ -68,10 +66,8 @@ def fruit_ranges(detections: SurveyDetections, cameras: Cameras, otherwise: Frui
 
 def _by_pairs(detections: SurveyDetections, cameras: Cameras, assumed: FruitSize) -> FruitSize:
     """Return the size as pairs of photos have it, where these contradict what was assumed."""
-    found = diameter_by_pairs(cameras, detections)
-    if found is None or abs(np.log(found[0] / assumed.diameter_m)) < np.log(_AS_ASSUMED):
-        return assumed
-    return FruitSize(found[0], "masks")
+    found = diameter_by_pairs(cameras, detections, rather_than=assumed.diameter_m)
+    return assumed if found is None else FruitSize(found[0], "masks")
 
 
 def _focals_px(cameras: Cameras) -> FloatArray:
