@@ -138,10 +138,19 @@ class Intrinsics:
         distortion wider.
         """
         rays = self.cam_from_px(xy_px)
-        slopes = self.px_slopes(rays)[0]
-        pixels = np.abs(slopes[:, 0, 0] * slopes[:, 1, 1] - slopes[:, 0, 1] * slopes[:, 1, 0])  # of a square at z = 1
         least = self.opencv_params[:2].prod() / _WIDEST_PIXEL**2
-        return np.asarray((np.maximum(pixels, least) * np.linalg.norm(rays, axis=1) ** 3) ** -0.5)
+        return np.asarray((np.maximum(self.areas_px2(rays), least) * np.linalg.norm(rays, axis=1) ** 3) ** -0.5)
+
+    def areas_px2(self, points_in_cam: FloatArray) -> FloatArray:
+        """Return on how many pixels (n,) a square of side 1 across the camera's axis is seen at points (n, 3).
+
+        NaN for points not in front of the camera.
+        """
+        fx, fy = self.opencv_params[:2]
+        depth = np.where(points_in_cam[:, 2] > 0, points_in_cam[:, 2], np.nan)
+        xx, xy, yy = self._slopes(points_in_cam[:, 0] / depth, points_in_cam[:, 1] / depth)
+        x_px, y_px = fx / depth, fy / depth
+        return np.asarray(np.abs(xx * x_px * (yy * y_px) - xy * x_px * (xy * y_px)))
 
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where undistorted x and y (n,) are seen, at z = 1.

@@ -65,9 +65,7 @@ def images_px(cameras: Cameras, photo_idx: int, spheres: Spheres) -> FloatArray:
     """
     pose = cameras.cam_from_world[photo_idx]
     in_cam = spheres.centers_in_world @ pose[:, :3].T + pose[:, 3]
-    by_place = cameras.intrinsics_of(photo_idx).px_slopes(in_cam)[0]
-    px2_per_m2 = by_place[:, 0, 0] * by_place[:, 1, 1] - by_place[:, 0, 1] * by_place[:, 1, 0]
-    return np.asarray(spheres.radii_m * np.sqrt(np.abs(px2_per_m2)))
+    return np.asarray(spheres.radii_m * np.sqrt(cameras.intrinsics_of(photo_idx).areas_px2(in_cam)))
 
 
 def well_spread(sights: Sights, spheres: Spheres, cameras: Cameras, most: int) -> Sights:

@@ -15,7 +15,7 @@ from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
 from pomona.formats.detections.label_sets import LABEL_SUFFIXES, LabelSet, find_label_sets, read_label_set
-from pomona.formats.detections.labelled import LabelledPhoto, classes_of
+from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, classes_of
 from pomona.formats.detections.png_masks import fruits_of_ids, read_ids
 from pomona.progress import Progress, Silent, track
 
@@ -132,16 +132,8 @@ def _of_image(image: CocoImage, annotations: list[CocoAnnotation], *, with_masks
 def truth_from_ids(photo: str, ids: IntArray) -> PhotoTruth:
     """Return the fruits of an image (h, w) that is 0 where there is no fruit, else the fruit's id (65534: ignored)."""
     fruits = fruits_of_ids(ids)
-    return PhotoTruth(
-        photo,
-        ids.shape[1],
-        ids.shape[0],
-        np.array([fruit.id for fruit in fruits], np.int64),
-        np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4),
-        tuple(fruit.mask for fruit in fruits if fruit.mask is not None),
-        np.array([fruit.ignored for fruit in fruits], bool),
-        np.array([fruit.crowd for fruit in fruits], bool),
-    )
+    numbers = np.array([fruit.id for fruit in fruits], np.int64)
+    return _truth_of(photo, (ids.shape[1], ids.shape[0]), numbers, fruits, with_masks=True)
 
 
 def _check_one_category(path: Path, content: CocoFile) -> None:
@@ -181,11 +173,17 @@ def truth_of_labelled(photos: Sequence[LabelledPhoto]) -> DetectionTruth:
 
 def _of_photo(photo: LabelledPhoto, with_masks: bool) -> PhotoTruth:
     fruits = [fruit for fruit in photo.fruits if fruit.mask is not None or not with_masks]
+    size_px = photo.width_px, photo.height_px
+    return _truth_of(photo.name, size_px, np.arange(1, len(fruits) + 1), fruits, with_masks=with_masks)
+
+
+def _truth_of(
+    photo: str, size_px: tuple[int, int], ids: IntArray, fruits: Sequence[LabelledFruit], *, with_masks: bool
+) -> PhotoTruth:
     return PhotoTruth(
-        photo.name,
-        photo.width_px,
-        photo.height_px,
-        np.arange(1, len(fruits) + 1),
+        photo,
+        *size_px,
+        ids,
         np.array([fruit.box_px for fruit in fruits], float).reshape(-1, 4),
         tuple(fruit.mask for fruit in fruits if fruit.mask is not None) if with_masks else None,
         np.array([fruit.ignored for fruit in fruits], bool),
