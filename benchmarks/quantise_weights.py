@@ -1,85 +1,81 @@
-"""A model file of the shipped kind with whole numbers of eight bits in place of floats, to compare: it is not shipped.
+"""A model file of floats as one of eight bits, as it is shipped: docs/lab/speed.md, "Eight bits".
 
-python benchmarks/quantise_weights.py MODEL.onnx OUT.onnx --tiles TILES [--rows FOLDER] [--crops 96] [--seed 0]
+python benchmarks/quantise_weights.py MODEL.onnx OUT.onnx [--tiles TILES] [--rows FOLDER ...] [--crops N] [--seed 0]
 
-Which numbers occur is seen in `--crops` crops as training draws them, of TILES and of rendered rows; all but one in ten
-thousand are covered. The first convolution and the five that give the maps stay as they are. Weights have seven bits:
-with eight, products overflow on processors that add two of them in sixteen bits. Metadata is that of MODEL.
+Which numbers occur is seen in some crops. Those of a segmenter are as training draws them, of TILES (`fruit_tiles.py`)
+and of rendered rows; those of a network that looks at crops, of the second look or of circles, are what it is given in
+rendered rows. `pomona train` does the same with what it has learnt from.
 """
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import onnx
-from onnxruntime.quantization import CalibrationDataReader, CalibrationMethod, QuantFormat, QuantType, quantize_static
-from onnxruntime.quantization.shape_inference import quant_pre_process
 
+from pomona import filter as filters
+from pomona.fruit_crops.crop_network import CropNetwork
+from pomona.fuse import object
+from pomona.measure import measure
+from pomona.onnx_file import OnnxFile
+from pomona.second_look import look_again
+from pomona.segment.center_offset import KIND
 from pomona.train.augment import AugmentOptions
 from pomona.train.center import CenterLearner
-from pomona.train.fit import Batches
+from pomona.train.eight_bits import in_eight_bits
+from pomona.train.fit import some_crops
 from pomona.train.gather import gather
+from pomona.train.options import FitOptions
+from row_cases import row_case
 
-_PERCENTILE = 99.99
-
-
-class Crops(CalibrationDataReader):
-    """One crop after the other, as the network takes it."""
-
-    def __init__(self, pixels: Iterator[np.ndarray]) -> None:
-        self._pixels = pixels
-
-    def get_next(self) -> dict[str, np.ndarray] | None:
-        found = next(self._pixels, None)
-        return None if found is None else {"image": found[None].astype(np.float32)}
+OF_EACH_BATCH = 12
 
 
-def crops(arguments: argparse.Namespace, cache: Path) -> Iterator[np.ndarray]:
-    rows = sorted(arguments.rows.glob("[sq][0-9][0-9][0-9]")) if arguments.rows else []
-    training, _ = gather([arguments.tiles, *rows], cache, 0.1)
-    augment = AugmentOptions(leafy=0.1, shaded=0.15)
-    stream = Batches(
-        training, CenterLearner(weights="none"), steps=arguments.crops, batch=1, seed=arguments.seed, augment=augment
-    )
-    for k in range(arguments.crops):
-        yield stream[k][0][0].numpy()
+def training_crops(folders: list[Path], count: int, seed: int) -> list[np.ndarray]:
+    """Crops as training draws them."""
+    options = FitOptions(seed=seed, augment=AugmentOptions(leafy=0.1, shaded=0.15))
+    with TemporaryDirectory() as cache:
+        training, _ = gather(folders, Path(cache), 0.1)
+        return some_crops(training, CenterLearner(weights="none"), options, count)
+
+
+def crops_looked_at(rows: list[Path], side_px: int, count: int, seed: int) -> list[np.ndarray]:
+    """Some of the crops of this size that the networks are given in rows, with the shipped weights."""
+    rng, found, batches = np.random.default_rng(seed), [], CropNetwork.batches
+
+    def kept(network, crops, output, shape):
+        if network.side_px == side_px and len(crops):
+            found.extend(crops[rng.choice(len(crops), min(len(crops), OF_EACH_BATCH), replace=False)])
+        return batches(network, crops, output, shape)
+
+    CropNetwork.batches = kept
+    for row in rows:
+        case = row_case(row)
+        fused = object.fuse(case.detections, case.cameras)
+        looked = look_again(fused, case.detections, case.photos, case.cameras)
+        fruits = filters.apply_to_views(looked, case.detections, case.cameras, photos=case.photos)
+        measure(fruits, case.detections, case.cameras, case.photos)
+    CropNetwork.batches = batches
+    return [found[k] for k in rng.permutation(len(found))[:count]]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--tiles", type=Path, required=True)
-    parser.add_argument("--rows", type=Path)
-    parser.add_argument("--crops", type=int, default=96)
+    parser.add_argument("--tiles", type=Path)
+    parser.add_argument("--rows", type=Path, nargs="*", default=[])
+    parser.add_argument("--crops", type=int, default=64)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    with TemporaryDirectory() as folder:
-        folded = Path(folder) / "folded.onnx"
-        quant_pre_process(str(arguments.model), str(folded), skip_symbolic_shape=True)
-        convolutions = [node.name for node in onnx.load(str(folded)).graph.node if node.op_type == "Conv"]
-        quantize_static(
-            str(folded),
-            str(arguments.out),
-            Crops(crops(arguments, Path(folder))),
-            quant_format=QuantFormat.QDQ,
-            op_types_to_quantize=["Conv", "Add", "Resize"],
-            nodes_to_exclude=[convolutions[0], *(name for name in convolutions if "/heads." in name)],
-            per_channel=True,
-            reduce_range=True,
-            weight_type=QuantType.QInt8,
-            activation_type=QuantType.QUInt8,
-            calibrate_method=CalibrationMethod.Percentile,
-            extra_options={"CalibPercentile": _PERCENTILE},
-        )
-    model = onnx.load(str(arguments.out))
-    known = {entry.key for entry in model.metadata_props}
-    model.metadata_props.extend(
-        entry for entry in onnx.load(str(arguments.model)).metadata_props if entry.key not in known
-    )
-    onnx.save(model, str(arguments.out))
+    file = OnnxFile(arguments.model)
+    if file.metadata["pomona.kind"] == KIND:
+        folders = [arguments.tiles] if arguments.tiles else []
+        crops = training_crops(folders + arguments.rows, arguments.crops, arguments.seed)
+    else:
+        (side_px,) = file.numbers("pomona.side_px", 1)
+        crops = crops_looked_at(arguments.rows, int(side_px), arguments.crops, arguments.seed)
+    in_eight_bits(arguments.model, arguments.out, crops)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import pillow_heif
 from PIL import Image, UnidentifiedImageError
 
 from pomona.arrays import Array, ByteArray, FloatArray
+from pomona.capture.decoded_copies import DecodedCopies
 from pomona.capture.exif import Exif, parse_exif
 from pomona.errors import DamagedPhotoError, FormatError, InputError, LostFileError, MissingFileError, is_away
 from pomona.photos import Photo
@@ -36,6 +37,8 @@ _NO_IMAGE = "this is no image in a format that can be read (JPEG, PNG, TIFF, HEI
 _TURNED = ("TIFF", "HEIF")
 # What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
 _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
+
+_COPIES = DecodedCopies()
 
 
 @dataclass(frozen=True)
@@ -158,7 +161,7 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
         with Image.open(photo.path, formats=_FORMATS) as image:
             if scale < 1 or mode == "L":
                 image.draft(mode, stored_size)
-            pixels = _grey(image) if mode == "L" else _rgb(image)
+            pixels = _known_or_decoded(photo, image, mode)
             turned = image.format in _TURNED
     except _READ_ERRORS as error:
         check_unchanged(photo, error)
@@ -174,7 +177,19 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
             reason = f"expected {size[0]} × {size[1]} pixels, found {found}: file changed?"
             raise DamagedPhotoError(f"Photo {photo.name}", reason)
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return np.ascontiguousarray(pixels)
+    pixels = np.ascontiguousarray(pixels)
+    return pixels if pixels.flags.writeable else pixels.copy()
+
+
+def _known_or_decoded(photo: Photo, image: Image.Image, mode: Literal["RGB", "L"]) -> ByteArray:
+    """The pixels of an open image as they are stored; they cannot be written to where they are kept in memory."""
+    key = photo.path, photo.file_state, image.size, mode
+    pixels = _COPIES.get(key)
+    if pixels is None:
+        pixels = _grey(image) if mode == "L" else _rgb(image)
+        if photo.file_state is not None:
+            _COPIES.keep(key, pixels)
+    return pixels
 
 
 def write_jpeg(path: Path, pixels: ByteArray, *, quality: int = 95) -> None:

@@ -18,7 +18,8 @@ from pomona.self_training.labels import FoundFruits, SurveyLabels, label_photos
 from pomona.self_training.options import AdaptOptions
 from pomona.train.blend import blended
 from pomona.train.center import CENTER_NETWORKS, CenterLearner
-from pomona.train.fit import fit
+from pomona.train.eight_bits import ENOUGH
+from pomona.train.fit import fit, some_crops
 from pomona.train.label_images import samples_of, typical_fruit_px
 from pomona.train.network import FruitNet
 from pomona.train.options import FitOptions
@@ -87,7 +88,8 @@ def adapt(
     learner, start = _begun(model or SHIPPED_WEIGHTS, progress)
     before = check(learner, start, held_out)
     folder = _folder_of(work, [*training, *held_out])
-    learnt = fit(learner, training, held_out, folder, options=_fit_options(options), progress=progress)
+    fit_options = _fit_options(options)
+    learnt = fit(learner, training, held_out, folder, options=fit_options, progress=progress)
     tried = [(share, blended(start, learnt, share)) for share in options.shares]
     scores = [check(learner, network, held_out) for _, network in tried]
     best = int(np.argmax([np.nan_to_num(each.f1, nan=-1.0) for each in scores]))
@@ -95,7 +97,9 @@ def adapt(
     better = np.isfinite(scores[best].f1) and not scores[best].f1 < before.f1
     if better:
         fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
-        learner.export(tried[best][1], out, threshold=scores[best].threshold, weak=False, fruit_px=fruit_px)
+        crops = some_crops(training, learner, fit_options, ENOUGH)
+        network, threshold = tried[best][1], scores[best].threshold
+        learner.export(network, out, threshold=threshold, weak=False, fruit_px=fruit_px, crops=crops)
     by_hand = None
     if held_by_hand:
         by_hand = check(learner, start, held_by_hand), check(learner, tried[best][1], held_by_hand)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
@@ -18,6 +20,7 @@ from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
 from pomona.segment.two_looks import seen_with_mirror_image
 from pomona.train.crop import TrainingCrop
+from pomona.train.eight_bits import in_eight_bits
 from pomona.train.encoder import VARIANTS
 from pomona.train.export import export_onnx
 from pomona.train.losses import LOSSES, total_loss
@@ -92,17 +95,37 @@ class CenterLearner:
         found: TileDetections = segment(network, pixels, DecodeOptions(score_threshold=_SCORE_FLOOR))
         return found
 
-    def export(self, network: FruitNet, path: Path, *, threshold: float, weak: bool, fruit_px: float) -> None:
-        """Write an ONNX file; as mosaics show smaller fruits, photos are read at a width of 40 px, not `fruit_px`."""
-        export_onnx(
-            network,
-            path,
-            fruit_px=FRUIT_PX,
-            typical_fruit_px=TYPICAL_FRUIT_PX,
-            threshold=threshold,
-            foreground_threshold=_FOREGROUND_OF_WEAK_MASKS if weak else 0.5,
-            larger=LARGER,
-        )
+    def export(
+        self,
+        network: FruitNet,
+        path: Path,
+        *,
+        threshold: float,
+        weak: bool,
+        fruit_px: float,
+        crops: Sequence[ByteArray] = (),
+    ) -> None:
+        """Write an ONNX file; as mosaics show smaller fruits, photos are read at a width of 40 px, not `fruit_px`.
+
+        Where `crops` are given it is of eight bits (`eight_bits`).
+        """
+        with TemporaryDirectory() as folder:
+            in_floats = Path(folder) / "floats.onnx"
+            export_onnx(
+                network,
+                in_floats,
+                fruit_px=FRUIT_PX,
+                typical_fruit_px=TYPICAL_FRUIT_PX,
+                threshold=threshold,
+                foreground_threshold=_FOREGROUND_OF_WEAK_MASKS if weak else 0.5,
+                larger=LARGER,
+            )
+            part = path.with_suffix(".part")
+            if crops:
+                in_eight_bits(in_floats, part, crops)
+            else:
+                shutil.copyfile(in_floats, part)
+            part.replace(path)
 
 
 def segment(network: FruitNet, pixels: ByteArray, options: DecodeOptions) -> TileDetections:

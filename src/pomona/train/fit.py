@@ -13,9 +13,10 @@ import torch
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
-from pomona.arrays import FloatArray
+from pomona.arrays import ByteArray, FloatArray
 from pomona.progress import Progress, Silent
 from pomona.train.augment import AugmentOptions, draw_crop
+from pomona.train.crop import TrainingCrop
 from pomona.train.learner import Learner
 from pomona.train.options import FitOptions
 from pomona.train.samples import Sample
@@ -121,12 +122,20 @@ class Batches(Dataset[Any]):
         return max(self._steps - self._first, 0)
 
     def __getitem__(self, idx: int) -> Any:
+        return self._learner.batch_of(self.crops(idx))
+
+    def crops(self, idx: int) -> list[TrainingCrop]:
+        """Return the crops of the batch before the learner makes it of them."""
         rng = np.random.default_rng([self._seed, self._first + idx])
         picked = rng.choice(len(self._samples), size=_POOL * self._batch, p=self._weights)
         pool = [self._samples[k] for k in picked]
-        return self._learner.batch_of(
-            [draw_crop(pool[_POOL * k : _POOL * (k + 1)], rng, self._augment) for k in range(self._batch)]
-        )
+        return [draw_crop(pool[_POOL * k : _POOL * (k + 1)], rng, self._augment) for k in range(self._batch)]
+
+
+def some_crops(training: list[Sample], learner: Learner, options: FitOptions, count: int) -> list[ByteArray]:
+    """Return the pixels (h, w, 3) of so many crops as training draws them."""
+    stream = Batches(training, learner, steps=count, batch=1, seed=options.seed, augment=options.augment)
+    return [crop.pixels for k in range(count) for crop in stream.crops(k)]
 
 
 def _evenly(samples: list[Sample]) -> FloatArray:

@@ -48,9 +48,19 @@ class Learner(Protocol):
     def segment(self, network: nn.Module, pixels: ByteArray) -> TileDetections:
         """Find fruits in a photo (h, w, 3), from a score of 0.05 up; the network is in evaluation mode."""
 
-    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool, fruit_px: float) -> None:
+    def export(
+        self,
+        network: nn.Module,
+        path: Path,
+        *,
+        threshold: float,
+        weak: bool,
+        fruit_px: float,
+        crops: Sequence[ByteArray] = (),
+    ) -> None:
         """Write the model file.
 
         `threshold` is the score that parts fruit from the rest best; `weak`: all masks were made from boxes; `fruit_px`
-        is the width of fruit in the middle of what crops of one photo showed.
+        is the width of fruit in the middle of what crops of one photo showed. Some `crops` (h, w, 3) of training show
+        which numbers occur in the network; without any, the file has floats.
         """

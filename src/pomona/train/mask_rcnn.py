@@ -112,8 +112,17 @@ class MaskRcnnLearner:
         """Find fruits as `MaskRcnnSegmenter` does with the model file."""
         return segment_tile(network, pixels)
 
-    def export(self, network: nn.Module, path: Path, *, threshold: float, weak: bool, fruit_px: float) -> None:
-        """Write the checkpoint that `MaskRcnnSegmenter` reads."""
+    def export(
+        self,
+        network: nn.Module,
+        path: Path,
+        *,
+        threshold: float,
+        weak: bool,
+        fruit_px: float,
+        crops: Sequence[ByteArray] = (),
+    ) -> None:
+        """Write the checkpoint that `MaskRcnnSegmenter` reads, in floats always."""
         known = build_mask_rcnn(self.arch, _CLASSES).state_dict().keys()
         content: dict[str, Any] = {
             "model": {key: value.cpu() for key, value in network.state_dict().items() if key in known},

@@ -1,7 +1,8 @@
 """The weights of a model file, read back into the network that it was exported from, so that training can go on.
 
 An exported file holds each convolution with the normalisation after it folded in. Reading it back sets norms that do
-no more than scale and add, and freezes them (`FruitNet.norms_frozen`), since statistics of batches are lost.
+no more than scale and add, and freezes them (`FruitNet.norms_frozen`), since statistics of batches are lost. Weights of
+eight bits (`eight_bits`) are read as the floats that they stand for.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pomona.errors import FormatError, MissingFileError
 from pomona.train.network import FruitNet
 
 _PREFIX = "network."  # what export calls the network inside the model
+_AS_FLOATS = "_DequantizeLinear_Output"  # behind the names of weights of eight bits, where they are floats again
 
 
 @torch.no_grad()
@@ -44,7 +46,11 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
         for node in graph.node
         if node.op_type == "Conv" and node.input[1] in weights
     ]
-    named = {name.removeprefix(_PREFIX): value for name, value in weights.items() if name.startswith(_PREFIX)}
+    named = {
+        name.removeprefix(_PREFIX).removesuffix(_AS_FLOATS): value
+        for name, value in weights.items()
+        if name.startswith(_PREFIX)
+    }
     # The file looks at a photo twice: what is folded comes in the order of the first look, then once more.
     folded = [(weight, bias) for weight, bias, name in convolutions if not name.startswith(_PREFIX)]
     pairs = _normalised(network)
@@ -70,7 +76,10 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
 
 
 def constants_of(graph: Any) -> Mapping[str, Array]:
-    """Return all constant arrays of an ONNX graph by their names, and by the names of their copies."""
+    """Return all constant arrays of an ONNX graph by their names, and by the names of their copies.
+
+    Of those in whole numbers it returns the floats that they stand for.
+    """
     from onnx import numpy_helper
 
     weights = {entry.name: np.array(numpy_helper.to_array(entry)) for entry in graph.initializer}
@@ -80,7 +89,14 @@ def constants_of(graph: Any) -> Mapping[str, Array]:
         elif node.op_type == "Constant":
             values = [numpy_helper.to_array(a.t) for a in node.attribute if a.name == "value"]
             weights |= dict.fromkeys(node.output, np.array(values[0])) if values else {}
-    return weights
+    for node in graph.node:
+        if node.op_type == "DequantizeLinear" and node.input[0] in weights:
+            whole, scale, zero = (weights[name] for name in node.input)
+            of_channel = (-1, *[1] * (whole.ndim - 1))
+            floats = (whole.astype(np.float32) - zero.reshape(of_channel)) * scale.reshape(of_channel)
+            weights[node.output[0]] = np.asarray(floats, np.float32)
+    parts = {name for node in graph.node if node.op_type == "DequantizeLinear" for name in node.input}
+    return {name: value for name, value in weights.items() if name not in parts}
 
 
 def _normalised(network: FruitNet) -> list[tuple[nn.Conv2d, nn.BatchNorm2d]]:

@@ -12,7 +12,8 @@ import numpy as np
 from pomona.errors import InputError
 from pomona.progress import Progress, Silent
 from pomona.train.center import CENTER_NETWORKS, CenterLearner
-from pomona.train.fit import fit
+from pomona.train.eight_bits import ENOUGH
+from pomona.train.fit import fit, some_crops
 from pomona.train.gather import gather
 from pomona.train.learner import Learner
 from pomona.train.mask_rcnn import MaskRcnnLearner
@@ -48,14 +49,16 @@ def train(
         progress=progress,
     )
     write_split(work / "split.json", training, validation)
-    network = fit(learner, training, validation, work, options=_in_steps(options, len(training)), progress=progress)
+    fit_options = _in_steps(options, len(training))
+    network = fit(learner, training, validation, work, options=fit_options, progress=progress)
     scores = check(learner, network, validation)
     threshold = scores.threshold
     if not math.isfinite(threshold):
         threshold = _UNMEASURED_THRESHOLD
         progress.warn(f"{out}: finds no fruit on the photos held out; train for longer, or look at the labels")
     weak = all(sample.weak for sample in training if len(sample.boxes_px))
-    learner.export(network, out, threshold=threshold, weak=weak, fruit_px=_fruit_px(options, training))
+    crops = some_crops(training, learner, fit_options, ENOUGH)
+    learner.export(network, out, threshold=threshold, weak=weak, fruit_px=_fruit_px(options, training), crops=crops)
     return scores
 
 

@@ -1,0 +1,46 @@
+"""Small copies of photos in memory: a run looks at each photo many times, and most of what that takes is decoding."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Hashable
+from threading import Lock
+
+from pomona.arrays import ByteArray
+
+# Copies of an 18-megapixel photo at a quarter of its size take 3.4 MB; larger ones are needed once.
+_LARGEST_BYTES, _KEPT_BYTES = 6_000_000, 400_000_000
+
+
+class DecodedCopies:
+    """Arrays by what they were decoded from, at most `kept_bytes` of them, none larger than `largest_bytes`.
+
+    Where there are more, any of them goes: stages take photos one after the other, so that a copy that was not asked
+    for the longest is the one that is asked for next. Arrays cannot be written to. Threads may share it.
+    """
+
+    def __init__(self, largest_bytes: int = _LARGEST_BYTES, kept_bytes: int = _KEPT_BYTES) -> None:
+        self._largest_bytes, self._kept_bytes = largest_bytes, kept_bytes
+        self._copies: dict[Hashable, ByteArray] = {}
+        self._bytes = 0
+        self._lock, self._rng = Lock(), random.Random(0)
+
+    def get(self, key: Hashable) -> ByteArray | None:
+        """Return the copy of a key, or None."""
+        with self._lock:
+            return self._copies.get(key)
+
+    def keep(self, key: Hashable, pixels: ByteArray) -> None:
+        """Keep a copy, unless it is too large."""
+        if pixels.nbytes > self._largest_bytes:
+            return
+        pixels.setflags(write=False)
+        with self._lock:
+            self._bytes += pixels.nbytes - self._drop(key)
+            self._copies[key] = pixels
+            while self._bytes > self._kept_bytes:
+                self._bytes -= self._drop(self._rng.choice([*self._copies]))
+
+    def _drop(self, key: Hashable) -> int:
+        dropped = self._copies.pop(key, None)
+        return 0 if dropped is None else dropped.nbytes
