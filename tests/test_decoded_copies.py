@@ -52,8 +52,7 @@ def test_no_more_is_kept_than_there_is_room_for() -> None:
         kept = [j for j in range(20) if copies.get(j) is not None]
         assert len(kept) == min(k + 1, 3)
     assert all(copies.get(j) is arrays[j] for j in kept)
-    copies.keep("large", np.zeros((11, 10, 3), np.uint8))
-    assert copies.get("large") is None
-    assert len([j for j in range(20) if copies.get(j) is not None]) == 3
+    assert copies.fits(arrays[0])
+    assert not copies.fits(np.zeros((11, 10, 3), np.uint8))
     copies.keep(kept[0], arrays[kept[0]])  # once more: no further room
     assert all(copies.get(j) is not None for j in kept)

@@ -16,7 +16,7 @@ class DecodedCopies:
     """Arrays by what they were decoded from, at most `kept_bytes` of them, none larger than `largest_bytes`.
 
     Where there are more, any of them goes: stages take photos one after the other, so that a copy that was not asked
-    for the longest is the one that is asked for next. Arrays cannot be written to. Threads may share it.
+    for the longest is the one that is asked for next. Threads may share it.
     """
 
     def __init__(self, largest_bytes: int = _LARGEST_BYTES, kept_bytes: int = _KEPT_BYTES) -> None:
@@ -30,10 +30,12 @@ class DecodedCopies:
         with self._lock:
             return self._copies.get(key)
 
+    def fits(self, pixels: ByteArray) -> bool:
+        """Say whether an array is small enough to be kept."""
+        return pixels.nbytes <= self._largest_bytes
+
     def keep(self, key: Hashable, pixels: ByteArray) -> None:
-        """Keep a copy, unless it is too large."""
-        if pixels.nbytes > self._largest_bytes:
-            return
+        """Keep an array that fits; from then on nobody can write to it."""
         pixels.setflags(write=False)
         with self._lock:
             self._bytes += pixels.nbytes - self._drop(key)

@@ -161,7 +161,7 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
         with Image.open(photo.path, formats=_FORMATS) as image:
             if scale < 1 or mode == "L":
                 image.draft(mode, stored_size)
-            pixels = _known_or_decoded(photo, image, mode)
+            stored = _known_or_decoded(photo, image, mode)
             turned = image.format in _TURNED
     except _READ_ERRORS as error:
         check_unchanged(photo, error)
@@ -170,7 +170,7 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
         reason = f"its pixels cannot be decoded ({why})"
         raise DamagedPhotoError(f"Photo {photo.name} ({photo.path})", reason) from None
     check_unchanged(photo)
-    pixels = pixels if turned else _upright(pixels, photo.orientation)
+    pixels = stored if turned else _upright(stored, photo.orientation)
     if (pixels.shape[1], pixels.shape[0]) != size:
         if scale == 1.0:
             found = f"{pixels.shape[1]} × {pixels.shape[0]}"
@@ -178,16 +178,16 @@ def _decoded(photo: Photo, max_side_px: int | None, mode: Literal["RGB", "L"]) -
             raise DamagedPhotoError(f"Photo {photo.name}", reason)
         pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
     pixels = np.ascontiguousarray(pixels)
-    return pixels if pixels.flags.writeable else pixels.copy()
+    return pixels.copy() if _COPIES.fits(stored) and np.may_share_memory(pixels, stored) else pixels
 
 
 def _known_or_decoded(photo: Photo, image: Image.Image, mode: Literal["RGB", "L"]) -> ByteArray:
-    """The pixels of an open image as they are stored; they cannot be written to where they are kept in memory."""
+    """The pixels of an open image as they are stored, which may be kept in memory."""
     key = photo.path, photo.file_state, image.size, mode
     pixels = _COPIES.get(key)
     if pixels is None:
         pixels = _grey(image) if mode == "L" else _rgb(image)
-        if photo.file_state is not None:
+        if photo.file_state is not None and _COPIES.fits(pixels):
             _COPIES.keep(key, pixels)
     return pixels
 
