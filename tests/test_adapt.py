@@ -213,6 +213,7 @@ def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits
         learn.adapt([found], tmp_path / "mine.pt", options=OPTIONS)
 
 
+@pytest.mark.slow
 def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path) -> None:
     learn = pytest.importorskip("pomona.self_training.learn")
     out = tmp_path / "mine.onnx"

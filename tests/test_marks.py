@@ -176,6 +176,7 @@ def test_marks_of_another_photo_are_refused(found: FoundFruits) -> None:
         label_photos(replace(found, marked={name: other}), options=OPTIONS)
 
 
+@pytest.mark.slow
 def test_some_photos_marked_in_full_are_measured_on(found: FoundFruits, tmp_path: Path) -> None:
     learn = pytest.importorskip("pomona.self_training.learn")
     names = sorted(found.cameras.photos)[:4]

@@ -323,6 +323,7 @@ def test_a_side_without_markers_is_set_beside_with_a_warning(monkeypatch: pytest
     assert any("counted twice" in warning for warning in progress.warnings)
 
 
+@pytest.mark.slow
 def test_markers_of_a_long_bent_piece_are_used_but_for_one_that_was_moved(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
