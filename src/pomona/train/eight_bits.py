@@ -205,7 +205,7 @@ def _seen_by(
         weights = np.asarray(constants[node.input[1]], np.float64)
         bias = constants[node.input[2]] if len(node.input) > 2 else np.zeros(len(weights))
         result[node.input[1]] = _Convolution(
-            weights, np.asarray(bias, np.float64), np.ascontiguousarray(np.concatenate(inputs[node.name], 1))
+            weights, np.asarray(bias, np.float64), np.concatenate(inputs[node.name], 1)
         )
     return result
 
