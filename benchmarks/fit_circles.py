@@ -18,6 +18,7 @@ from pomona.progress import Silent
 from pomona.train.augment import AugmentOptions, draw_crop
 from pomona.train.center import CenterLearner
 from pomona.train.gather import gather
+from pomona.train.learner import ModelSettings
 from pomona.train.losses import circle_loss
 
 BATCH, RATE, POOL = 8, 4e-3, 4
@@ -51,7 +52,7 @@ def main() -> None:
         optimiser.step()
         losses.append(float(loss.detach()))
     print(f"{len(losses)} steps, loss {np.mean(losses[:10]):.3f} to {np.mean(losses[-10:]):.3f}")
-    learner.export(network, arguments.out, threshold=0.5, weak=False, fruit_px=0.0)
+    learner.export(network, arguments.out, ModelSettings(threshold=0.5, fruit_px=0.0))
 
 
 if __name__ == "__main__":

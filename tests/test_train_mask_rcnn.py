@@ -23,6 +23,7 @@ from pomona.train import FitOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.crop import TrainingCrop  # noqa: E402
 from pomona.train.fit import Batches, fit  # noqa: E402
+from pomona.train.learner import ModelSettings  # noqa: E402
 from pomona.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
 from pomona.train.samples import IGNORED, Sample  # noqa: E402
 from pomona.train.training_state import TrainingState  # noqa: E402
@@ -154,7 +155,7 @@ def test_a_stop_leaves_no_trace(samples: list[Sample], tmp_path: Path) -> None:
         assert torch.equal(mine, theirs)
     assert log.startswith("step,objectness,proposal,classifier,box,mask,ap50,f1")
 
-    one.export(again, tmp_path / "net.pt", threshold=0.4, weak=False, fruit_px=25)
+    one.export(again, tmp_path / "net.pt", ModelSettings(threshold=0.4, fruit_px=25))
     segmenter = load_segmenter(tmp_path / "net.pt", score_floor=0.05)
     assert segmenter.name.startswith("maskrcnn-mobilenet:net-")
     assert (segmenter.traits.score_threshold, segmenter.traits.typical_fruit_px) == (0.4, 25)

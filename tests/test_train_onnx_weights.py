@@ -21,6 +21,7 @@ from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import LARGER, CenterLearner, maps_of  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
+from pomona.train.learner import ModelSettings  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.onnx_weights import fill_from_onnx  # noqa: E402
 from train_scenes import discs, samples_of_discs  # noqa: E402
@@ -88,7 +89,7 @@ def test_larger_networks_are_exported_and_read_back(variant: str, least: int, mo
     learner = CenterLearner(f"center-{variant}", weights="none")
     network = learner.build(start=True, progress=Silent()).eval()
     assert least < sum(p.numel() for p in network.parameters()) / 1e6 < most
-    learner.export(network, tmp_path / "n.onnx", threshold=0.5, weak=False, fruit_px=40)
+    learner.export(network, tmp_path / "n.onnx", ModelSettings(threshold=0.5, fruit_px=40))
     again = FruitNet(variant, imagenet=False)
     fill_from_onnx(again, tmp_path / "n.onnx")
     image = torch.rand(1, 3, 64, 96) * 255

@@ -17,12 +17,14 @@ import pytest
 
 import pomona
 from pipeline_fakes import make_photos
+from pomona.arrays import ByteArray
+from pomona.capture import read_pixels
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.intrinsics import Intrinsics
-from pomona.photos import Photos
+from pomona.photos import Photo, Photos
 from pomona.progress import Silent
 from pomona.report import ReportData, ReportOptions
 from pomona.report.page import report_html
@@ -30,7 +32,7 @@ from pomona.report.scene import SceneOptions, origin_of, survey_data
 from pomona.survey.digest import file_digest
 from pomona.view import FolderOptions, ViewServer, export_folder, read_survey, truth_data
 from pomona.view.masks import MasksByPhoto
-from pomona.view.pictures import Kept, straightened
+from pomona.view.pictures import Pictures, straightened
 from pomona.view.truth import thresholds
 from report_scenes import unpacked, values_in
 from serving import get, running
@@ -295,17 +297,23 @@ def test_damaged_detections_are_told_of(tmp_path: Path, content: str, said: str)
         len(MasksByPhoto(tmp_path / "detections.json", 0.0))
 
 
-def test_kept_values_stay_within_bounds() -> None:
-    kept: Kept[bytes] = Kept(100, len)
-    made: list[str] = []
+def test_pictures_are_made_once(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures, seen_by = Pictures(data), data.cameras.photos
+    index = next(i for i, name in enumerate(seen_by) if len((data.masks or {})[name]))
+    first, second = (int(each) for each in (data.masks or {})[seen_by[index]].ids[:2])
+    read: list[int | None] = []
 
-    def make(key: str) -> bytes:
-        made.append(key)
-        return b"x" * 40
+    def reading(photo: Photo, *, max_side_px: int | None = None) -> ByteArray:
+        read.append(max_side_px)
+        return read_pixels(photo, max_side_px=max_side_px)
 
-    for key in ("a", "b", "a", "c", "a", "b", "c", "a"):  # there is room for two, and those asked for last stay
-        assert len(kept.get(key, lambda key=key: make(key))) == 40
-    assert made == ["a", "b", "c", "b", "c", "a"]
+    monkeypatch.setattr("pomona.capture.read_pixels", reading)
+    small, large = pictures.photo(index, 256), pictures.photo(index, 1024)
+    crops = pictures.crop(index, first), pictures.crop(index, second)
+    assert len({small, large, *crops}) == 4
+    assert (pictures.photo(index, 256), pictures.photo(index, 1024)) == (small, large)
+    assert (pictures.crop(index, first), pictures.crop(index, second)) == crops
+    assert read == [256, 1024, None]
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

@@ -6,6 +6,8 @@ import random
 from collections.abc import Hashable
 from threading import Lock
 
+from cachetools import RRCache
+
 from pomona.arrays import ByteArray
 
 # Copies of an 18-megapixel photo at a quarter of its size take 3.4 MB; larger ones are needed once.
@@ -20,10 +22,11 @@ class DecodedCopies:
     """
 
     def __init__(self, largest_bytes: int = _LARGEST_BYTES, kept_bytes: int = _KEPT_BYTES) -> None:
-        self._largest_bytes, self._kept_bytes = largest_bytes, kept_bytes
-        self._copies: dict[Hashable, ByteArray] = {}
-        self._bytes = 0
-        self._lock, self._rng = Lock(), random.Random(0)
+        self._largest_bytes = largest_bytes
+        self._copies: RRCache[Hashable, ByteArray] = RRCache(
+            kept_bytes, random.Random(0).choice, getsizeof=lambda pixels: pixels.nbytes
+        )
+        self._lock = Lock()
 
     def get(self, key: Hashable) -> ByteArray | None:
         """Return the copy of a key, or None."""
@@ -38,11 +41,4 @@ class DecodedCopies:
         """Keep an array that fits; from then on nobody can write to it."""
         pixels.setflags(write=False)
         with self._lock:
-            self._bytes += pixels.nbytes - self._drop(key)
             self._copies[key] = pixels
-            while self._bytes > self._kept_bytes:
-                self._bytes -= self._drop(self._rng.choice([*self._copies]))
-
-    def _drop(self, key: Hashable) -> int:
-        dropped = self._copies.pop(key, None)
-        return 0 if dropped is None else dropped.nbytes

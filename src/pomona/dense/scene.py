@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from pomona.capture import read_pixels
 from pomona.dense.depth_maps import DepthMap, agreed_points, thin
 from pomona.dense.neighbours import choose_neighbours
 from pomona.dense.options import DenseOptions
-from pomona.dense.views import View, ViewCache, make_view
+from pomona.dense.views import View, make_view
 from pomona.detections import Detections, SurveyDetections
 from pomona.errors import DamagedPhotoError
 from pomona.fruit_traits.ranges import fruit_ranges
@@ -44,7 +45,8 @@ class StereoScene:
         self._scales = np.minimum(1.0, options.work_fruit_px / self.ranges.widths_px)
         sides = tuple(photo.side for photo in self._photos)
         self.neighbours = choose_neighbours(cameras, sides, self.ranges.typical_m, options)
-        self.view = ViewCache(self._load, capacity=2 * options.neighbours + 3)
+        # The views used last, so that memory does not grow with the survey.
+        self.view = lru_cache(2 * options.neighbours + 3)(self._load)
 
     def _load(self, i: int) -> View:
         photo = self._photos[i]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -61,20 +59,3 @@ def make_view(
         rgb = cv2.remap(rgb, *maps, interpolation=cv2.INTER_LINEAR)
         label = cv2.remap(label, *maps, interpolation=cv2.INTER_NEAREST, borderValue=0)
     return View(photo_idx, np.ascontiguousarray(rgb), label, matrix, cam_from_world)
-
-
-class ViewCache:
-    """Keeps the `capacity` views used last, so that memory does not grow with the survey."""
-
-    def __init__(self, load: Callable[[int], View], capacity: int) -> None:
-        self._load, self._capacity = load, capacity
-        self._views: OrderedDict[int, View] = OrderedDict()
-
-    def __call__(self, photo_idx: int) -> View:
-        """Return the view of a photo, read now or kept from before."""
-        if photo_idx not in self._views:
-            self._views[photo_idx] = self._load(photo_idx)
-            if len(self._views) > self._capacity:
-                self._views.popitem(last=False)
-        self._views.move_to_end(photo_idx)
-        return self._views[photo_idx]

@@ -7,6 +7,7 @@ import shutil
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from pomona.self_training.labels import FoundFruits, SurveyLabels, label_photos
 from pomona.self_training.options import AdaptOptions
 from pomona.train.blend import blended
 from pomona.train.center import CENTER_NETWORKS, CenterLearner
-from pomona.train.eight_bits import ENOUGH
 from pomona.train.fit import fit, some_crops
 from pomona.train.label_images import samples_of, typical_fruit_px
+from pomona.train.learner import ModelSettings
 from pomona.train.network import FruitNet
 from pomona.train.options import FitOptions
 from pomona.train.samples import Sample, write_split
@@ -97,9 +98,8 @@ def adapt(
     better = np.isfinite(scores[best].f1) and not scores[best].f1 < before.f1
     if better:
         fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
-        crops = some_crops(training, learner, fit_options, ENOUGH)
-        network, threshold = tried[best][1], scores[best].threshold
-        learner.export(network, out, threshold=threshold, weak=False, fruit_px=fruit_px, crops=crops)
+        settings = ModelSettings(scores[best].threshold, fruit_px)
+        learner.export(tried[best][1], out, settings, partial(some_crops, training, learner, fit_options))
     by_hand = None
     if held_by_hand:
         by_hand = check(learner, start, held_by_hand), check(learner, tried[best][1], held_by_hand)

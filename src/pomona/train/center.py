@@ -20,9 +20,10 @@ from pomona.segment.mask_rcnn import read_checkpoint
 from pomona.segment.protocol import TileDetections
 from pomona.segment.two_looks import seen_with_mirror_image
 from pomona.train.crop import TrainingCrop
-from pomona.train.eight_bits import in_eight_bits
+from pomona.train.eight_bits import ENOUGH, in_eight_bits
 from pomona.train.encoder import VARIANTS
 from pomona.train.export import export_onnx
+from pomona.train.learner import DrawCrops, ModelSettings
 from pomona.train.losses import LOSSES, total_loss
 from pomona.train.network import STRIDE, FruitNet, Outputs
 from pomona.train.onnx_weights import fill_from_onnx
@@ -96,18 +97,11 @@ class CenterLearner:
         return found
 
     def export(
-        self,
-        network: FruitNet,
-        path: Path,
-        *,
-        threshold: float,
-        weak: bool,
-        fruit_px: float,
-        crops: Sequence[ByteArray] = (),
+        self, network: FruitNet, path: Path, settings: ModelSettings, draw_crops: DrawCrops | None = None
     ) -> None:
         """Write an ONNX file; as mosaics show smaller fruits, photos are read at a width of 40 px, not `fruit_px`.
 
-        Where `crops` are given it is of eight bits (`eight_bits`).
+        Where crops can be drawn it is of eight bits (`eight_bits`), otherwise of floats.
         """
         with TemporaryDirectory() as folder:
             in_floats = Path(folder) / "floats.onnx"
@@ -116,15 +110,15 @@ class CenterLearner:
                 in_floats,
                 fruit_px=FRUIT_PX,
                 typical_fruit_px=TYPICAL_FRUIT_PX,
-                threshold=threshold,
-                foreground_threshold=_FOREGROUND_OF_WEAK_MASKS if weak else 0.5,
+                threshold=settings.threshold,
+                foreground_threshold=_FOREGROUND_OF_WEAK_MASKS if settings.weak else 0.5,
                 larger=LARGER,
             )
             part = path.with_suffix(".part")
-            if crops:
-                in_eight_bits(in_floats, part, crops)
-            else:
+            if draw_crops is None:
                 shutil.copyfile(in_floats, part)
+            else:
+                in_eight_bits(in_floats, part, draw_crops(ENOUGH))
             part.replace(path)
 
 

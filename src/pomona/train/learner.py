@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,6 +13,22 @@ from pomona.arrays import ByteArray
 from pomona.progress import Progress
 from pomona.segment.protocol import TileDetections
 from pomona.train.crop import TrainingCrop
+
+DrawCrops = Callable[[int], Sequence[ByteArray]]
+"""Draws so many crops (h, w, 3), as training shows them to the network."""
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """What a model file says beside its network's weights.
+
+    `threshold` is the score that parts fruit from the rest best; `fruit_px` the width of fruit in the middle of what
+    crops of one photo showed; `weak`: all masks were made from boxes.
+    """
+
+    threshold: float
+    fruit_px: float
+    weak: bool = False
 
 
 class Learner(Protocol):
@@ -49,18 +66,6 @@ class Learner(Protocol):
         """Find fruits in a photo (h, w, 3), from a score of 0.05 up; the network is in evaluation mode."""
 
     def export(
-        self,
-        network: nn.Module,
-        path: Path,
-        *,
-        threshold: float,
-        weak: bool,
-        fruit_px: float,
-        crops: Sequence[ByteArray] = (),
+        self, network: nn.Module, path: Path, settings: ModelSettings, draw_crops: DrawCrops | None = None
     ) -> None:
-        """Write the model file.
-
-        `threshold` is the score that parts fruit from the rest best; `weak`: all masks were made from boxes; `fruit_px`
-        is the width of fruit in the middle of what crops of one photo showed. Some `crops` (h, w, 3) of training show
-        which numbers occur in the network; without any, the file has floats.
-        """
+        """Write the model file; of eight bits where it can be and crops of training show which numbers occur."""

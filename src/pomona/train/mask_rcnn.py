@@ -29,6 +29,7 @@ from pomona.segment.mask_rcnn import (
 )
 from pomona.segment.protocol import TileDetections
 from pomona.train.crop import TrainingCrop
+from pomona.train.learner import DrawCrops, ModelSettings
 from pomona.train.samples import IGNORED
 
 Target = dict[str, Tensor]
@@ -113,22 +114,15 @@ class MaskRcnnLearner:
         return segment_tile(network, pixels)
 
     def export(
-        self,
-        network: nn.Module,
-        path: Path,
-        *,
-        threshold: float,
-        weak: bool,
-        fruit_px: float,
-        crops: Sequence[ByteArray] = (),
+        self, network: nn.Module, path: Path, settings: ModelSettings, draw_crops: DrawCrops | None = None
     ) -> None:
         """Write the checkpoint that `MaskRcnnSegmenter` reads, in floats always."""
         known = build_mask_rcnn(self.arch, _CLASSES).state_dict().keys()
         content: dict[str, Any] = {
             "model": {key: value.cpu() for key, value in network.state_dict().items() if key in known},
             "arch": self.arch,
-            "typical_fruit_px": fruit_px,
-            "score_threshold": threshold,
+            "typical_fruit_px": settings.fruit_px,
+            "score_threshold": settings.threshold,
         }
         part = path.with_suffix(".part")
         torch.save(content, part)

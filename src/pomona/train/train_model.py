@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,9 @@ import numpy as np
 from pomona.errors import InputError
 from pomona.progress import Progress, Silent
 from pomona.train.center import CENTER_NETWORKS, CenterLearner
-from pomona.train.eight_bits import ENOUGH
 from pomona.train.fit import fit, some_crops
 from pomona.train.gather import gather
-from pomona.train.learner import Learner
+from pomona.train.learner import Learner, ModelSettings
 from pomona.train.mask_rcnn import MaskRcnnLearner
 from pomona.train.options import FitOptions, TrainOptions
 from pomona.train.samples import Sample, write_split
@@ -57,8 +57,8 @@ def train(
         threshold = _UNMEASURED_THRESHOLD
         progress.warn(f"{out}: finds no fruit on the photos held out; train for longer, or look at the labels")
     weak = all(sample.weak for sample in training if len(sample.boxes_px))
-    crops = some_crops(training, learner, fit_options, ENOUGH)
-    learner.export(network, out, threshold=threshold, weak=weak, fruit_px=_fruit_px(options, training), crops=crops)
+    settings = ModelSettings(threshold, _fruit_px(options, training), weak)
+    learner.export(network, out, settings, partial(some_crops, training, learner, fit_options))
     return scores
 
 

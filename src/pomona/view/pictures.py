@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
-from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
+from cachetools import LRUCache, cachedmethod
 
 from pomona.arrays import ByteArray
 from pomona.capture.images import file_state
@@ -17,7 +16,7 @@ from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
 from pomona.photos import Photo
 from pomona.report.crops import crop_jpeg
 from pomona.report.data import ReportData
-from pomona.report.seen import Box, crop_box
+from pomona.report.seen import crop_box
 from pomona.survey.digest import digest
 
 SIDES_PX = (256, 1024, 2048, 4096, 8192)
@@ -25,34 +24,7 @@ SIDES_PX = (256, 1024, 2048, 4096, 8192)
 CROP_SIDE_PX = 256  # twice a report's, which has to carry all of its crops
 _PHOTO_QUALITY = 85
 _DECODED_BYTES = 400_000_000  # ten photos of 13 megapixels: those that a person leafs through
-_ENCODED_BYTES = 200_000_000  # some hundred photos as JPEG
-
-_Value = TypeVar("_Value")
-
-
-class Kept(Generic[_Value]):
-    """The values asked for last, of at most `room` bytes together."""
-
-    def __init__(self, room: int, size: Callable[[_Value], int]) -> None:
-        self._room, self._size = room, size
-        self._values: OrderedDict[str, _Value] = OrderedDict()
-        self._held = 0
-        self._lock = threading.Lock()
-
-    def get(self, key: str, make: Callable[[], _Value]) -> _Value:
-        """Return the value of a key, made where it is not kept (any more)."""
-        with self._lock:
-            if key in self._values:
-                self._values.move_to_end(key)
-                return self._values[key]
-        value = make()
-        with self._lock:
-            if key not in self._values:
-                self._values[key] = value
-                self._held += self._size(value)
-            while self._held > self._room and len(self._values) > 1:
-                self._held -= self._size(self._values.popitem(last=False)[1])
-        return value
+_PHOTO_BYTES, _CROP_BYTES = 150_000_000, 50_000_000  # a hundred photos as JPEG, and thousands of crops
 
 
 def straightened(pixels: ByteArray, lens: Intrinsics) -> ByteArray:
@@ -76,8 +48,11 @@ class Pictures:
         self._cameras = data.cameras
         # Not `or`: to ask whether there are any would read the file of detections.
         self._masks = {} if data.masks is None else data.masks
-        self._decoded: Kept[ByteArray] = Kept(_DECODED_BYTES, lambda pixels: pixels.nbytes)
-        self._encoded: Kept[bytes] = Kept(_ENCODED_BYTES, len)
+        # What was asked for last.
+        self._decoded: LRUCache[Any, ByteArray] = LRUCache(_DECODED_BYTES, lambda pixels: pixels.nbytes)
+        self._photo_jpegs: LRUCache[Any, bytes] = LRUCache(_PHOTO_BYTES, len)
+        self._crop_jpegs: LRUCache[Any, bytes] = LRUCache(_CROP_BYTES, len)
+        self._looking_up = threading.Lock()
         # Two crops of one photo decode it once, and memory holds a few photos, not one a thread.
         self._decoding = threading.Lock()
 
@@ -93,6 +68,7 @@ class Pictures:
         lenses = [(lens.model, lens.width_px, lens.params.tolist()) for lens in self._cameras.intrinsics]
         return digest([files, lenses, self._cameras.intrinsics_idx.tolist()])
 
+    @cachedmethod(lambda self: self._photo_jpegs, lock=lambda self: self._looking_up)
     def photo(self, index: int, side_px: int, *, straight: bool = False) -> bytes:
         """Return a photo as a JPEG with its longer side at most `side_px`; raises as `capture.read_pixels` does.
 
@@ -103,15 +79,12 @@ class Pictures:
         photo = self._photos[index]
         if photo is None:
             raise KeyError(index)
+        with self._decoding:
+            pixels = read_pixels(photo, max_side_px=side_px)
+            pixels = straightened(pixels, self._cameras.intrinsics_of(index)) if straight else pixels
+            return jpeg(pixels, quality=_PHOTO_QUALITY)
 
-        def make() -> bytes:
-            with self._decoding:
-                pixels = read_pixels(photo, max_side_px=side_px)
-                pixels = straightened(pixels, self._cameras.intrinsics_of(index)) if straight else pixels
-                return jpeg(pixels, quality=_PHOTO_QUALITY)
-
-        return self._encoded.get(f"photo {index} {side_px} {straight}", make)
-
+    @cachedmethod(lambda self: self._crop_jpegs, lock=lambda self: self._looking_up)
     def crop(self, index: int, detection_id: int) -> bytes:
         """Return the crop around a photo's detection as a JPEG; raises `KeyError` where there is no such detection."""
         found = self._masks[self._cameras.photos[index]]
@@ -119,15 +92,15 @@ class Pictures:
         if not len(place):
             raise KeyError(detection_id)
         x0, y0, x1, y1 = found.masks[place[0]].box_px
-        box = crop_box((x0, y0, x1, y1))
-        return self._encoded.get(f"crop {detection_id}", lambda: self._crop(index, box))
+        with self._decoding:
+            pixels = self._whole(index)
+        return crop_jpeg(pixels, 1.0, crop_box((x0, y0, x1, y1)), side_px=CROP_SIDE_PX)
 
-    def _crop(self, index: int, box: Box) -> bytes:
+    @cachedmethod(lambda self: self._decoded)
+    def _whole(self, index: int) -> ByteArray:
         from pomona.capture import read_pixels
 
         photo = self._photos[index]
         if photo is None:
             raise KeyError(index)
-        with self._decoding:
-            pixels = self._decoded.get(str(index), lambda: read_pixels(photo))
-        return crop_jpeg(pixels, 1.0, box, side_px=CROP_SIDE_PX)
+        return read_pixels(photo)
