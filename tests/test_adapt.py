@@ -233,7 +233,8 @@ def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path)
 
 def test_other_labels_are_another_training(found: FoundFruits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     learn = pytest.importorskip("pomona.self_training.learn")
-    # How well it finds fruits is not asked here, and takes ten times as long as a step.
+    # How well it finds fruits, and its file, are not asked for here, and take ten times as long as a step.
+    monkeypatch.setattr("pomona.train.center.CenterLearner.export", lambda *_: None)
     for module in ("self_training.learn", "train.fit"):
         monkeypatch.setattr(f"pomona.{module}.check", lambda *_: learn.ValidationScores(0.5, 0.5, 0.5, 0.5, 0.4, 12))
     photo, place, _ = most_seen(found)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from pomona.errors import FormatError, InputError, SurveyError
 from pomona.pipeline.code import code_digest, engine_versions
@@ -41,15 +42,22 @@ def _one_thread_of_libraries() -> Iterator[None]:
     Sums of several threads have other last digits with each number of them, and OpenCV's cost a third more in all.
     """
     import cv2
-    import scipy.linalg  # noqa: F401  # it brings a library of its own, which must be there to be told
 
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        with threadpool_limits(1, user_api="blas"):
+        with _linear_algebra().limit(limits=1):
             yield
     finally:
         cv2.setNumThreads(before)
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """Find the libraries of linear algebra: NumPy's, and SciPy's own, which must be there to be told."""
+    import scipy.linalg  # noqa: F401
+
+    return ThreadpoolController().select(user_api="blas")
 
 
 class Runner:
