@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import json
 import os
@@ -21,7 +22,9 @@ from pipeline_fakes import Fakes, make_photos
 from pomona import cli
 from pomona.cli.app import app
 from pomona.cli.progress import TerminalProgress
+from pomona.cli.run import run as run_command
 from pomona.cli.summary import seconds
+from pomona.cli.watch import watch as watch_command
 from pomona.errors import InputError
 from pomona.pipeline import run
 from pomona.progress import Progress
@@ -442,6 +445,14 @@ def test_demo_without_its_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     result = pomona("demo", "--out", tmp_path / "out")
     assert result.exit_code == 1
     assert "lacks east, west, markers.csv" in result.stderr
+
+
+def test_watch_has_the_options_of_run() -> None:
+    """All but those of masks, cameras and methods, which take the place of what it does while photos arrive."""
+    of_run, of_watch = (set(inspect.signature(command).parameters) for command in (run_command, watch_command))
+    others = {"detections", "classes", "cameras", "method", "variant", "engine", "adapt", "overwrite"}
+    assert of_run - of_watch == others
+    assert of_watch - of_run == {"until", "idle", "host", "port", "no_browser"}
 
 
 def test_version_and_help() -> None:

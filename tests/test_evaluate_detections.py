@@ -349,6 +349,22 @@ def test_pixels_to_be_ignored_are_crowds_each_where_it_is(tmp_path: Path, masks:
     assert scores.ap50 == 1
 
 
+@pytest.mark.parametrize(
+    ("masks", "photos"),
+    [(["a_mask", "b_mask"], ("a", "b")), (["a_ids"], ("a",)), (["a_mask", "b"], ("a_mask", "b"))],
+)
+def test_masks_may_be_named_as_photos_with_an_ending_that_all_have(
+    masks: list[str], photos: tuple[str, ...], tmp_path: Path
+) -> None:
+    for k, name in enumerate(masks):
+        ids = np.zeros((HEIGHT, WIDTH), np.uint8)
+        ids[10:30, 10 : 30 + 10 * k] = 1
+        assert cv2.imwrite(str(tmp_path / f"{name}.png"), ids)
+    truth = read_detection_truth(tmp_path)
+    assert tuple(truth.by_photo) == photos
+    assert [truth.by_photo[photo].boxes_px[0, 2] for photo in photos] == [30 + 10 * k for k in range(len(photos))]
+
+
 def test_crowds_and_ignored_ones_are_the_same_in_one_coco_file_and_in_several(tmp_path: Path) -> None:
     for name in ("a", "b"):
         write_photo(tmp_path / "images" / f"{name}.jpg")

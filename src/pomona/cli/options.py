@@ -87,5 +87,12 @@ Variant = Annotated[
         metavar="text|published-code", help="With --method paper: as the text says, or as its authors' code does it."
     ),
 ]
+Gnss = Annotated[bool, typer.Option(help="Use the photos' GNSS positions for scale and place.")]
+SecondLook = Annotated[bool, typer.Option(help="Look at every fruit again in all photos, to place it better.")]
+Scene = Annotated[bool, typer.Option(help="Make a dense cloud of the whole row for viewing.")]
+Filter = Annotated[bool, typer.Option("--filter/--no-filter", help="Remove fruits that are probably false.")]
+FilterModel = Annotated[
+    Path | None, typer.Option(metavar="JSON", help="Use your own support vector machine for --filter.")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Start again: discard earlier results in SURVEY.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

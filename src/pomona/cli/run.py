@@ -20,13 +20,6 @@ from pomona.pipeline.options import parse_names, parse_scale_bar
 _ENGINE = Annotated[
     str, typer.Option(metavar="auto|opencv|patchmatch", help="Engine for the dense cloud; patchmatch needs a GPU.")
 ]
-_GNSS = Annotated[bool, typer.Option(help="Use the photos' GNSS positions for scale and place.")]
-_SECOND_LOOK = Annotated[bool, typer.Option(help="Look at every fruit again in all photos, to place it better.")]
-_SCENE = Annotated[bool, typer.Option(help="Make a dense cloud of the whole row for viewing.")]
-_FILTER = Annotated[bool, typer.Option("--filter/--no-filter", help="Remove fruits that are probably false.")]
-_FILTER_MODEL = Annotated[
-    Path | None, typer.Option(metavar="JSON", help="Use your own support vector machine for --filter.")
-]
 _ADAPT = Annotated[bool, typer.Option("--adapt", help="Train the segmenter on this survey, then run again with it.")]
 
 
@@ -55,11 +48,11 @@ def run(
     variant: shared.Variant = None,
     sides: shared.Sides = "auto",
     engine: _ENGINE = "auto",
-    gnss: _GNSS = True,
-    second_look: _SECOND_LOOK = True,
-    scene: _SCENE = True,
-    filter: _FILTER = True,
-    filter_model: _FILTER_MODEL = None,
+    gnss: shared.Gnss = True,
+    second_look: shared.SecondLook = True,
+    scene: shared.Scene = True,
+    filter: shared.Filter = True,
+    filter_model: shared.FilterModel = None,
     adapt: _ADAPT = False,
     overwrite: shared.Overwrite = False,
     as_json: shared.Json = False,

@@ -57,9 +57,15 @@ def watch(
     trees: shared.Trees = None,
     tree_spacing: shared.TreeSpacing = None,
     hand_counts: shared.HandCounts = None,
+    packing: shared.Packing = None,
     model: shared.Model = None,
     score_threshold: shared.ScoreThreshold = None,
     sides: shared.Sides = "auto",
+    gnss: shared.Gnss = True,
+    second_look: shared.SecondLook = True,
+    scene: shared.Scene = True,
+    filter: shared.Filter = True,
+    filter_model: shared.FilterModel = None,
     as_json: shared.Json = False,
 ) -> None:
     """Count while photos arrive in a folder, and say at once what is wrong with a photo; then make the survey.
@@ -85,6 +91,12 @@ def watch(
         trees=trees,
         tree_spacing=tree_spacing,
         hand_counts=hand_counts,
+        packing=packing,
+        use_gnss=gnss,
+        second_look=second_look,
+        scene=scene,
+        filter_false_positives=filter,
+        filter_model=filter_model,
     )
     watching = WatchOptions(until=until, idle_s=None if idle is None else 60 * idle)
     try:

@@ -16,7 +16,7 @@ from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_coco
 from pomona.formats.detections.label_sets import LABEL_SUFFIXES, LabelSet, find_label_sets, read_label_set
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, classes_of
-from pomona.formats.detections.png_masks import fruits_of_ids, read_ids
+from pomona.formats.detections.png_masks import fruits_of_ids, photos_of_masks, read_ids
 from pomona.progress import Progress, Silent, track
 
 
@@ -33,7 +33,8 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
 
     - a COCO file (or a folder with one), with masks or boxes; annotations with `iscrowd` or `ignore` are not scored;
     - a rendered row's folder, its `truth` folder, or a folder of images (`formats.detections.png_masks`) that are 0
-      where there is no fruit, else the fruit's id (65534: not scored); named as the photos, which need not be there;
+      where there is no fruit, else the fruit's id (65534: not scored); named as the photos, which need not be there, or
+      all of them as the photos with `_mask` or the like behind;
     - photos with labels of another program that `formats.detections.label_sets` knows (VIA, CVAT, LabelMe, VOC, YOLO).
 
     Raises `MissingFileError`, `InputError` where there are no labels, and `FormatError` naming the file, the place and
@@ -46,10 +47,8 @@ def read_detection_truth(path: Path, *, progress: Progress | None = None) -> Det
         if images := sorted(folder.glob("*.png")):
             if folder == path and _are_labelled(images):
                 break
-            found = {
-                image.stem: truth_from_ids(image.stem, read_ids(image))
-                for image in track(images, progress, "reading true masks")
-            }
+            read = zip(photos_of_masks(images), track(images, progress, "reading true masks"), strict=True)
+            found = {photo: truth_from_ids(photo, read_ids(image)) for photo, image in read}
             return DetectionTruth(found)
     sets = find_label_sets(path)
     if len(sets) == 1 and sets[0].kind == "coco":

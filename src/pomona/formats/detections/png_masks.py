@@ -86,6 +86,16 @@ def _photo_of(mask: Path, photos: dict[str, Path], folder: Path) -> Path:
     raise MissingFileError(f"{mask}: expected a photo of the same name in {folder / 'images'}, found none")
 
 
+def photos_of_masks(masks: Sequence[Path]) -> list[str]:
+    """Return the names, without suffix, of the photos that masks are of: the masks' own, without `_mask` and the like.
+
+    Without the photos, only an ending that all have is known to be none of theirs.
+    """
+    stems = [mask.stem for mask in masks]
+    ending = next((ending for ending in _ENDINGS[1:] if all(stem.endswith(ending) for stem in stems)), "")
+    return [stem.removesuffix(ending) for stem in stems]
+
+
 def read_masks_found(files: Sequence[Path], folder: Path, sources: Sources) -> list[LabelledPhoto]:
     """Read images of ids below `folder`, each of the photo of its name, or of its name without `_mask` and the like.
 
