@@ -17,6 +17,7 @@ from pomona.formats.detections.photo_source import PhotoFinder
 from pomona.formats.detections.png_masks import read_png_masks
 from pomona.formats.detections.via import read_via_json
 from pomona.formats.detections.via_csv import read_via_csv
+from pomona.formats.detections.voc import read_voc
 from pomona.formats.detections.yolo import read_yolo
 from pomona.formats.xml_file import load_xml
 
@@ -580,6 +581,19 @@ def test_pascal_voc_with_suffixes_in_capitals(tmp_path: Path) -> None:
     (found,) = read_label_set(one, size_of)
     assert one.kind == "voc"
     assert [fruit.box_px for fruit in found.fruits] == [(30, 10, 50, 20)]
+
+
+def test_what_is_difficult_in_pascal_voc_is_ignored(tmp_path: Path) -> None:
+    photo(tmp_path / "A.JPG")
+    first, rest = voc().split("</object>")
+    second = first.partition("<object>")[2].replace("31", "11")
+    objects = (f"{first}<difficult>0</difficult>", f"<object>{second}<difficult>1</difficult>", f"{rest}")
+    (tmp_path / "A.xml").write_text("</object>".join(objects))
+    (found,) = read_voc([tmp_path / "A.xml"], photos_of)
+    assert [(fruit.box_px, fruit.ignored) for fruit in found.fruits] == [
+        ((30, 10, 50, 20), False),
+        ((10, 10, 50, 20), True),
+    ]
 
 
 def test_labelme_of_a_renamed_photo_with_its_suffix_in_capitals(tmp_path: Path) -> None:

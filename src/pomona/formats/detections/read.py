@@ -181,7 +181,7 @@ def _tell(path: Path, said: dict[str, int], total: int, progress: Progress) -> N
         progress.warn(f"{path}: {crowds} (iscrowd) left out: a detection is one fruit.")
     if said["ignored"]:
         ignored = counted(said["ignored"], "annotation")
-        progress.warn(f'{path}: {ignored} to be ignored ("ignore": 1) left out.')
+        progress.warn(f'{path}: {ignored} to be ignored ("ignore": 1, or difficult) left out.')
     if said["small"]:
         progress.warn(
             f"{path}: boxes that cover no pixel are left out: {said['small']} (pixels of the photo are expected)."

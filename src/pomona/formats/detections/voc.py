@@ -1,13 +1,15 @@
 """Annotations of Pascal VOC with outlines, as supervision and Roboflow write them: one XML file a photo.
 
 Source: supervision, dataset/formats/pascal_voc.py: an `object` has a `name`, a `bndbox`, and a `polygon` of x1, y1, x2,
-…; VOC counts pixels from 1. Outlines of whole numbers name the pixels on a mask's rim.
+…; VOC counts pixels from 1. Outlines of whole numbers name the pixels on a mask's rim. The development kit of VOC 2012:
+objects that are `difficult` are not scored.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError
@@ -49,7 +51,8 @@ def _read_one(file: Path, sources: Sources) -> LabelledPhoto | None:
         fruits = []
         for k, element in enumerate(root.findall("object")):
             place = f"object {k}"
-            fruits.append(_fruit(element, photo.width_px, photo.height_px))
+            fruit = _fruit(element, photo.width_px, photo.height_px)
+            fruits.append(replace(fruit, ignored=(element.findtext("difficult") or "").strip() == "1"))
     except InputError as error:
         raise FormatError(f"{file}: {place}: {error}") from None
     return LabelledPhoto.of(photo, fruits)
