@@ -280,6 +280,7 @@ def test_a_fruit_that_one_survey_lacks_has_no_number_there_in_pandas() -> None:
     assert table.before_id.min() > 0
 
 
+@pytest.mark.slow
 def test_rows_without_anything_in_common_are_not_matched_by_force() -> None:
     other = replace(EARLY, seed=6)
     with pytest.raises(InputError, match="nothing in common"):

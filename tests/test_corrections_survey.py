@@ -370,6 +370,7 @@ def test_only_results_and_report_are_done_again_for_them(scene: Scene) -> None:
     assert not list(scene.survey.glob("*.edited*"))
 
 
+@pytest.mark.slow
 def test_a_run_with_other_masks_has_them_and_tells_of_what_no_longer_matches(scene: Scene, tmp_path: Path) -> None:
     desk = Desk.of(scene)
     desk.correct_all()

@@ -44,6 +44,7 @@ def value(table: ComparedTable, name: str, column: str) -> float:
     return next(figure.ours[column] for figure in table.figures if figure.name == name)
 
 
+@pytest.mark.slow
 def test_given_cameras_masks_and_clouds_make_table_3_and_figure_8(spheres: Path, tmp_path: Path) -> None:
     result = run(spheres, tmp_path / "out")
     assert set(result.missing) == {"Table 2"}
@@ -102,6 +103,7 @@ class Steps(Silent):
         self.begun.append(label)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("halved", [False, True])
 def test_with_photos_of_the_masks_size_fruits_are_looked_at_again(halved: bool, copy: Path, tmp_path: Path) -> None:
     shutil.rmtree(copy / "data" / "pt_clouds")

@@ -204,6 +204,7 @@ def real_apples(folder: Path, every: int) -> tuple[FruitCloud, IntArray]:
     return cloud_of(*parts), np.repeat(np.arange(len(parts)), [len(part) for part in parts])
 
 
+@pytest.mark.slow
 def test_real_apples_are_single_fruits(shared_data: Path) -> None:
     cloud, owner = real_apples(shared_data, 24)
     fused = fruits_of_cloud(cloud)

@@ -130,6 +130,7 @@ def test_cherries_and_melons_are_found_by_cameras_without_points_whatever_was_as
     np.testing.assert_allclose(np.median(fused.fruits.diameters_m), diameter_m, rtol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distortion", [0.0, -0.08])
 def test_a_wide_lens_sees_each_fruit_once_and_as_much_of_it_in_its_corners(distortion: float) -> None:
     # 16 mm of a full frame: fruits in the corners are seen 50 degrees beside the middle.

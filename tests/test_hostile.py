@@ -99,6 +99,7 @@ def test_a_list_of_frames_removes_nothing_outside(tmp_path: Path) -> None:
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_arrays_are_never_unpickled_and_no_more_than_they_are(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", a=np.array([Harm(tmp_path / "harmed")], object))
     with pytest.raises(FormatError, match="Python objects"):

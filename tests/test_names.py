@@ -80,6 +80,7 @@ def test_names_that_are_not_utf8_are_said_to_be(fakes: Fakes, tmp_path: Path) ->
         run([tmp_path / latin], tmp_path / "third")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no locales of ASCII alone")
 def test_a_locale_without_utf8_changes_nothing(tmp_path: Path) -> None:
     photos, out = make_photos(tmp_path / "süd 🍎"), tmp_path / "aus ü"

@@ -218,6 +218,7 @@ def test_files_that_options_mean_and_do_not_name_make_a_survey_again(tmp_path: P
     assert len(set(known)) == 4
 
 
+@pytest.mark.slow
 def test_a_survey_made_in_parts_is_the_same(scene: Path, tmp_path: Path) -> None:
     planned = read_orchard(scene).surveys[2]
     pomona.run(planned.photos, tmp_path / "whole", **planned.options)
@@ -247,6 +248,7 @@ def test_why_a_survey_failed(scene: Path, tmp_path: Path, monkeypatch: pytest.Mo
     assert JobOutcome.from_json(json.loads(json.dumps(outcome.to_json()))) == outcome
 
 
+@pytest.mark.slow
 def test_surveys_of_the_command_name_its_options_whatever_worker_makes_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

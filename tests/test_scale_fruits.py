@@ -101,6 +101,7 @@ def test_the_order_of_fruits_does_not_matter_and_lengths_have_no_unit() -> None:
     np.testing.assert_allclose(large.target_from_source.translation, 10 * plain.target_from_source.translation)
 
 
+@pytest.mark.slow
 def test_sides_of_a_long_row_are_registered_from_end_to_end() -> None:
     # So long that its height is a hundredth of it: a small error of heading brings its ends onto other fruits.
     row = fruits_on_a_row(700, 70.0, 1)

@@ -82,6 +82,7 @@ def test_fruits_of_nearly_one_width_give_the_same_scale(tmp_path: Path) -> None:
     assert scales[0] == pytest.approx(40 / 51, rel=0.13)
 
 
+@pytest.mark.slow
 def test_photos_that_were_read_to_find_their_scale_are_not_read_again(tmp_path: Path) -> None:
     """Large photos, whose small copies do not do: what is found is what is found at that scale alone."""
     fruits = [(300.0 + 240 * i, 300.0 + 240 * j, 20.0) for i in range(6) for j in range(4)]

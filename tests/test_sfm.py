@@ -95,6 +95,7 @@ def test_points_have_the_colours_of_the_photos(row, done) -> None:
     assert np.median(difference) < 25
 
 
+@pytest.mark.slow
 def test_large_photos_are_worked_on_small_and_come_back_large(tmp_path: Path, row) -> None:
     _, poses, _ = row
     scene = boards(float(centres(poses)[:, 0].max()))
@@ -130,6 +131,7 @@ def test_a_reconstruction_is_stored_and_read(row, done, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_photos_that_have_no_place_are_named_with_a_reason(row, tmp_path: Path) -> None:
     photos, _, _ = row
     stranger = save(tmp_path, "stranger.png", texture(99)[:HEIGHT, :WIDTH])
@@ -158,6 +160,7 @@ def test_photos_that_have_no_place_are_named_with_a_reason(row, tmp_path: Path) 
     assert all(any(name in warning for warning in progress.warnings) for name in reasons)
 
 
+@pytest.mark.slow
 def test_a_broken_row_gives_all_its_pieces(row, tmp_path: Path) -> None:
     photos, _, _ = row
     elsewhere = [
@@ -187,6 +190,7 @@ def test_sides_are_placed_apart_and_a_side_too_small_is_named(row, tmp_path: Pat
     assert "fewer than 3" in result.unregistered[0].reason
 
 
+@pytest.mark.slow
 def test_two_cameras_get_intrinsics_of_their_own_and_a_warning(row, tmp_path: Path) -> None:
     photos, poses, _ = row
     scene = boards(float(centres(poses)[:, 0].max()))
@@ -210,6 +214,7 @@ def test_too_few_photos_are_refused(row, tmp_path: Path) -> None:
         reconstruct(Photos((row[0][0],)), options=QUICK, work_dir=tmp_path)
 
 
+@pytest.mark.slow
 def test_photos_without_overlap_are_an_error_that_says_so(tmp_path: Path) -> None:
     photos = [save(tmp_path, f"{i}.png", texture(40 + i)[:HEIGHT, :WIDTH]) for i in range(4)]
     with pytest.raises(ReconstructionError, match=r"None of the 4 photos could be placed.*no overlap"):

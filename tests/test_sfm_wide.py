@@ -62,6 +62,7 @@ def test_views_are_those_of_the_source() -> None:
         assert 0 <= turn < 180
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [20.0, 75.0])
 def test_a_board_seen_from_the_side_is_found_by_tilted_views_not_by_plain_features(
     tmp_path: Path, turn_deg: float
@@ -78,6 +79,7 @@ def test_a_board_seen_from_the_side_is_found_by_tilted_views_not_by_plain_featur
     assert wrong < 0.1 * many
 
 
+@pytest.mark.slow
 def test_features_are_the_same_each_time_and_the_photo_as_it_is_comes_first(tmp_path: Path) -> None:
     photo = looked_at(tmp_path, "a", compressed(0, 1.0))
     plain, (first, again) = extract(photo, SfmOptions()), (tilted_features(photo, SfmOptions()) for _ in range(2))
@@ -147,6 +149,7 @@ def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Photo], 
     return folder / "work", photos, matched(folder / "work", photos, SfmOptions())
 
 
+@pytest.mark.slow
 def test_photos_far_apart_overlap(apart: tuple[Path, list[Photo], dict[tuple[int, int], np.ndarray]]) -> None:
     folder, photos, found = apart
     assert len(found[0, 1]) >= 40
@@ -159,6 +162,7 @@ def test_photos_far_apart_overlap(apart: tuple[Path, list[Photo], dict[tuple[int
     assert len(photos) == 2
 
 
+@pytest.mark.slow
 def test_what_was_found_is_not_looked_for_again_and_stopping_in_between_loses_nothing(
     apart: tuple[Path, list[Photo], dict[tuple[int, int], np.ndarray]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,6 +40,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return floats, whole
 
 
+@pytest.mark.slow
 def test_both_say_the_same_of_fruits(files: tuple[Path, Path]) -> None:
     floats, whole = (CenterOffsetSegmenter(path) for path in files)
     pixels, _ = discs(9, size=224)

@@ -117,6 +117,7 @@ def test_doubtful_fruits_are_neither_wanted_nor_punished() -> None:
     assert (overlap < 0.5).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 def test_the_loss_of_a_batch_seen_again_and_again_falls(samples: list[Sample], tmp_path: Path) -> None:
     one = learner()
@@ -134,6 +135,7 @@ def test_the_loss_of_a_batch_seen_again_and_again_falls(samples: list[Sample], t
     assert 0 < loss() < 0.7 * before
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 def test_a_stop_leaves_no_trace(samples: list[Sample], tmp_path: Path) -> None:
     one, halves = learner("maskrcnn-mobilenet"), (samples[:4], samples[4:])

@@ -168,6 +168,7 @@ def test_a_row_grows_photo_by_photo(row: tuple[list[Photo], np.ndarray], tmp_pat
     assert 1e-6 < float(np.sqrt((errors**2).sum(1).mean())) < 0.03
 
 
+@pytest.mark.slow
 def test_after_a_gap_another_piece_begins(row: tuple[list[Photo], np.ndarray], tmp_path: Path) -> None:
     elsewhere = boards(3.0, seed=5)
     others = [save(tmp_path / "more", f"q {i}.png", render(elsewhere, pose)) for i, pose in enumerate(row_poses(5))]
@@ -268,6 +269,7 @@ def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
     assert again.detections == summary.detections
 
 
+@pytest.mark.slow
 def test_a_photo_may_be_deleted_while_it_is_worked_on(
     row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
 ) -> None:
@@ -287,6 +289,7 @@ def test_a_photo_may_be_deleted_while_it_is_worked_on(
     assert watch.finish(Silent()).photos == 7
 
 
+@pytest.mark.slow
 def test_a_photo_that_was_deleted_does_not_count_any_more(
     row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
 ) -> None:

@@ -292,6 +292,7 @@ def test_where_every_candidate_was_kept_the_filter_lost_none() -> None:
     assert (shares[2:] > 0.5).all()
 
 
+@pytest.mark.slow
 def test_fruits_that_the_association_loses_are_counted_too() -> None:
     """Of fruits that two and three photos saw, a half and a fifth are lost, and all others are found."""
     ratios = []
