@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
-from pomona.cameras import WorldFrame
+from pomona.cameras import WorldFrame, local_crs
 from pomona.errors import FormatError, InputError, LostFileError, MissingFileError
 from pomona.formats.las import read_las, write_las
 from pomona.fruits import FruitCloud
@@ -53,6 +53,29 @@ def test_the_crs_of_the_frame_is_kept(tmp_path: Path, cloud: FruitCloud, crs: st
     found = crs_of(tmp_path / "cloud.laz")
     assert found is not None
     assert found.is_projected
+    assert found == CRS.from_user_input(crs)
+
+
+def test_the_header_is_what_las_1_4_asks_for(tmp_path: Path, cloud: FruitCloud) -> None:
+    """Readers of LAS know no WKT of the second version, and take no point whose return is the zeroth."""
+    frame = WorldFrame("gnss", False, True, local_crs(41.6, 0.6), (41.6, 0.6, 100.0))
+    for name, given in (("local.las", None), ("on_earth.laz", frame)):
+        write_las(tmp_path / name, cloud, frame=given)
+        las = laspy.read(tmp_path / name)
+        assert las.header.global_encoding.wkt  # which points of formats 6 and later need
+        for returns in (las.return_number, las.number_of_returns):
+            assert np.unique(np.asarray(returns)).tolist() == [1]
+        assert list(las.header.number_of_points_by_return[:2]) == [200, 0]
+    (record,) = las.header.vlrs.get("WktCoordinateSystemVlr")
+    assert record.string.startswith('PROJCS["')
+    for word in ("PROJCRS", "BASEGEOGCRS", "CONVERSION", "LENGTHUNIT"):
+        assert word not in record.string
+    assert '"central_meridian",0.6]' in record.string
+
+
+def test_a_crs_that_the_first_version_of_wkt_has_no_words_for_is_kept(tmp_path: Path, cloud: FruitCloud) -> None:
+    write_las(tmp_path / "cloud.las", cloud, frame=WorldFrame("given", False, True, "EPSG:4979"))
+    assert crs_of(tmp_path / "cloud.las") == CRS.from_epsg(4979)
 
 
 def test_an_empty_cloud_is_a_valid_file(tmp_path: Path) -> None:

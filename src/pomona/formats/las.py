@@ -1,7 +1,8 @@
 """Clouds of fruit as LAS or LAZ: colours, the fruit of each point as extra dimension `fruit_id`, and a CRS.
 
 Coordinates are stored in steps of 0.1 mm around an offset. With GNSS the survey's frame is local metres around an
-origin, and the file's CRS is that frame's own, as WKT, so that a GIS puts the cloud in its place on Earth.
+origin, and the file's CRS is that frame's own, so that a GIS puts the cloud in its place on Earth. It is well-known
+text of the first version (OGC 01-009), the one that LAS 1.4 has and that all its readers know.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import BinaryIO
 import laspy
 import lazrs
 import numpy as np
+from laspy.vlrs.known import WktCoordinateSystemVlr
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
@@ -52,6 +54,8 @@ def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None)
     # LAS has colours of 16 bits: 257 = 65535 / 255 keeps white white.
     las.red, las.green, las.blue = (cloud.rgb.astype(np.uint16) * 257).T
     las[FRUIT_ID] = cloud.fruit_id.astype(np.uint32)
+    # Each is the first and only return: 0 is none, and what works on first or last returns takes no such point.
+    las.return_number, las.number_of_returns = (np.ones(len(cloud), np.uint8) for _ in range(2))
     # By way of memory: what compresses does not say why a disk took no more.
     content = io.BytesIO()
     las.write(content, do_compress=path.suffix.lower() == ".laz")
@@ -177,9 +181,19 @@ def _header(path: Path, points: FloatArray, frame: WorldFrame | None) -> laspy.L
         raise InputError(
             f"{path}: expected points within {_REACH_M / 1000:.0f} km of each other, found some further apart"
         )
+    header.global_encoding.wkt = True  # as points of this format need it, with a CRS or without
     if frame is not None and frame.crs is not None:
         try:
-            header.add_crs(CRS.from_user_input(frame.crs))
+            crs = CRS.from_user_input(frame.crs)
         except CRSError as error:
             raise InputError(f"{path}: the frame's CRS is not one that PROJ knows: {frame.crs}") from error
+        header.vlrs.append(WktCoordinateSystemVlr(_well_known_text(crs)))
     return header
+
+
+def _well_known_text(crs: CRS) -> str:
+    """The text of a CRS in the first version; a later one where that has no words for it."""
+    try:
+        return crs.to_wkt("WKT1_GDAL")
+    except CRSError:
+        return crs.to_wkt()
