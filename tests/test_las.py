@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import errno
+import math
+import sqlite3
+import struct
+from contextlib import closing
 from pathlib import Path
 
 import laspy
 import numpy as np
 import pytest
-from pyproj import CRS
+from pyproj import CRS, Transformer
 
 from pomona.cameras import WorldFrame, local_crs
 from pomona.errors import FormatError, InputError, LostFileError, MissingFileError
+from pomona.formats.gpkg import write_gpkg
 from pomona.formats.las import read_las, write_las
-from pomona.fruits import FruitCloud
+from pomona.fruits import FruitCloud, Fruits
 
 
 @pytest.fixture
@@ -71,6 +76,40 @@ def test_the_header_is_what_las_1_4_asks_for(tmp_path: Path, cloud: FruitCloud) 
     for word in ("PROJCRS", "BASEGEOGCRS", "CONVERSION", "LENGTHUNIT"):
         assert word not in record.string
     assert '"central_meridian",0.6]' in record.string
+
+
+@pytest.mark.parametrize("name", ["cloud.laz", "cloud.las"])
+def test_on_earth_z_is_the_altitude_as_in_the_geopackage(tmp_path: Path, name: str) -> None:
+    centers = np.array([[1.0, 2.0, 1.5], [-3.0, 0.5, -0.25]])
+    cloud = FruitCloud(centers, np.full((2, 3), 90), np.array([1, 2]))
+    fruits = Fruits(np.array([1, 2]), centers, np.full(2, 0.07), np.ones(2), np.array([3, 3]))
+    frame = WorldFrame("gnss", False, True, local_crs(41.6, 0.6), (41.6, 0.6, 212.4))
+    write_las(tmp_path / name, cloud, frame=frame)
+    las = laspy.read(tmp_path / name)
+    np.testing.assert_allclose(las.z, [213.9, 212.15], atol=0.00006)
+    write_gpkg(tmp_path / "fruits.gpkg", fruits, frame)
+    with closing(sqlite3.connect(tmp_path / "fruits.gpkg")) as database:
+        on_map = [struct.unpack("<3d", blob[-24:]) for (blob,) in database.execute("SELECT geom FROM fruits")]
+    degrees = Transformer.from_crs(crs_of(tmp_path / name), "EPSG:4326", always_xy=True).transform(las.x, las.y)
+    np.testing.assert_allclose(np.column_stack([*degrees, las.z]), on_map, atol=0.00006)
+    np.testing.assert_allclose(read_las(tmp_path / name).points_in_world, centers, atol=0.000051)  # the survey's own
+
+
+@pytest.mark.parametrize("frame", [None, WorldFrame("markers", False, True), WorldFrame("given", False, True,
+                                   "EPSG:25831")])  # fmt: skip
+def test_without_an_origin_on_earth_z_is_the_survey_s(tmp_path: Path, cloud: FruitCloud, frame: WorldFrame) -> None:
+    write_las(tmp_path / "cloud.laz", cloud, frame=frame)
+    np.testing.assert_allclose(laspy.read(tmp_path / "cloud.laz").z, cloud.points_in_world[:, 2], atol=0.000051)
+
+
+@pytest.mark.parametrize("record", [b"", struct.pack("<d", math.nan), struct.pack("<d", math.inf) + b"\0"])
+def test_a_damaged_altitude_is_said(tmp_path: Path, cloud: FruitCloud, record: bytes) -> None:
+    write_las(tmp_path / "cloud.las", cloud)
+    las = laspy.read(tmp_path / "cloud.las")
+    las.header.vlrs.append(laspy.VLR("pomona", 1, "", record))
+    las.write(tmp_path / "cloud.las")
+    with pytest.raises(FormatError, match=r"cloud.las: expected an altitude in its record of Pomona"):
+        read_las(tmp_path / "cloud.las")
 
 
 def test_a_crs_that_the_first_version_of_wkt_has_no_words_for_is_kept(tmp_path: Path, cloud: FruitCloud) -> None:

@@ -2,12 +2,15 @@
 
 Coordinates are stored in steps of 0.1 mm around an offset. With GNSS the survey's frame is local metres around an
 origin, and the file's CRS is that frame's own, so that a GIS puts the cloud in its place on Earth. It is well-known
-text of the first version (OGC 01-009), the one that LAS 1.4 has and that all its readers know.
+text of the first version (OGC 01-009), the one that LAS 1.4 has and that all its readers know. A CRS says nothing of
+where heights begin: z is the altitude then, as it is on maps, and a record of ours says what was added to the frame's.
 """
 
 from __future__ import annotations
 
 import io
+import math
+import struct
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,10 +24,13 @@ from pyproj.exceptions import CRSError
 from pomona.arrays import FloatArray
 from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError, is_away
+from pomona.formats.coordinate_systems import zero_altitude_m
 from pomona.formats.files import lost, write_whole
 from pomona.fruits import FruitCloud
 
 FRUIT_ID = "fruit_id"
+_ALTITUDE_RECORD = ("pomona", 1)
+_ALTITUDE = struct.Struct("<d")
 _PANIC = "PanicException"  # of Rust: it can be imported from nowhere, and is no `Exception`
 _STEP_M = 1e-4  # a tenth of a millimetre: finer than any cloud is, and room for 200 km
 # LAS keeps coordinates as 32-bit integers of steps: what is further from the offset than this cannot be written.
@@ -41,14 +47,18 @@ _VLR_BYTES, _EVLR_BYTES, _LEAST_CHUNK_BYTES = 54, 60, 1
 def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None) -> None:
     """Write a cloud to `path`, compressed where its name ends in `.laz`; written under a temporary name first.
 
-    Raises `InputError` where a point is not finite, lies too far away to be written, or where the CRS is not known.
+    With a place on Earth in `frame`, z is the altitude in the file. Raises `InputError` where a point is not finite,
+    lies too far away to be written, or where the CRS is not known.
     """
-    points = cloud.points_in_world
+    zero_m = 0.0 if frame is None else zero_altitude_m(frame)
+    points = cloud.points_in_world + np.array([0.0, 0.0, zero_m])
     if not np.isfinite(points).all():
         raise InputError(
             f"{path}: expected finite points, found {int((~np.isfinite(points)).any(1).sum())} that are not"
         )
     header = _header(path, points, frame)
+    if zero_m:
+        header.vlrs.append(laspy.VLR(*_ALTITUDE_RECORD, "altitude of the survey's z = 0", _ALTITUDE.pack(zero_m)))
     las = laspy.LasData(header)
     las.x, las.y, las.z = points.T
     # LAS has colours of 16 bits: 257 = 65535 / 255 keeps white white.
@@ -65,7 +75,8 @@ def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None)
 
 
 def read_las(path: Path) -> FruitCloud:
-    """Read a cloud; without colours it is grey, without `fruit_id` no point is of a fruit.
+    """Read a cloud, in the frame that it was written from; without colours it is grey, without `fruit_id` no point is
+    of a fruit.
 
     Raises `MissingFileError`, `LostFileError` where its disk does not answer, and `FormatError` where the file is not
     LAS or LAZ or is cut short.
@@ -87,7 +98,7 @@ def read_las(path: Path) -> FruitCloud:
             raise lost(path, error) from None
         raise FormatError(f"{path}: expected a LAS or LAZ file, could not read it: {error}") from error
     names = set(las.point_format.dimension_names)
-    points = np.asarray(las.xyz, float).reshape(-1, 3)
+    points = np.asarray(las.xyz, float).reshape(-1, 3) - np.array([0.0, 0.0, _zero_altitude_m(path, las.header)])
     if {"red", "green", "blue"} <= names:
         colours = np.stack([np.asarray(las[name]) for name in ("red", "green", "blue")], axis=1)
         # Some programs write 8-bit colours into the 16-bit fields.
@@ -96,6 +107,17 @@ def read_las(path: Path) -> FruitCloud:
         rgb = np.full((len(points), 3), 128, np.uint8)
     fruit_id = np.asarray(las[FRUIT_ID], np.int64) if FRUIT_ID in names else np.zeros(len(points), np.int64)
     return FruitCloud(points, rgb, fruit_id)
+
+
+def _zero_altitude_m(path: Path, header: laspy.LasHeader) -> float:
+    """Return what was added to z; nothing in files of other programs, nor in those of surveys of earlier versions."""
+    found = [each.record_data for each in header.vlrs if (each.user_id, each.record_id) == _ALTITUDE_RECORD]
+    if not found:
+        return 0.0
+    value = float(_ALTITUDE.unpack(found[0])[0]) if len(found[0]) == _ALTITUDE.size else math.nan
+    if not math.isfinite(value):
+        raise FormatError(f"{path}: expected an altitude in its record of Pomona, found something else: it is damaged")
+    return value
 
 
 def _check_header(path: Path) -> None:
