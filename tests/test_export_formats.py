@@ -6,6 +6,7 @@ import json
 import sqlite3
 import struct
 import sys
+from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -262,7 +263,14 @@ def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: 
     styles = pyogrio.read_dataframe(path, layer="layer_styles")
     assert styles["f_table_name"].tolist() == ["fruits", "trees", "segments"]
     assert styles["useAsDefault"].astype(bool).all()
-    for style, column in zip(styles["styleQML"], ("diameter_m", "fruits", "all_fruits"), strict=True):
+    # QGIS draws no feature whose cell is empty: fruits without a diameter have a number and a class of their own.
+    of_fruits = ElementTree.fromstring(styles["styleQML"][0]).find("renderer-v2")
+    assert of_fruits is not None
+    assert of_fruits.get("attr") == 'coalesce("diameter_m", -999999)'
+    classes = [(float(r.get("lower", "")), float(r.get("upper", ""))) for r in of_fruits.findall("ranges/range")]
+    assert classes == [(0.07, 0.07)] * 5 + [(-999999, -999999)]
+    assert len(of_fruits.findall("symbols/symbol")) == 6
+    for style, column in zip(styles["styleQML"][1:], ("fruits", "all_fruits"), strict=True):
         renderer = ElementTree.fromstring(style).find("renderer-v2")
         assert renderer is not None
         assert renderer.get("attr") == column
@@ -271,6 +279,34 @@ def test_geopackage_with_trees_and_row_in_another_reader(tmp_path: Path, frame: 
         assert all(one[1] == other[0] for one, other in pairwise(ranges))
     first, last = ranges[0][0], ranges[-1][1]
     assert (first, last) == (30.0, 40.5)
+
+
+def test_every_fruit_with_a_place_is_in_a_class_of_the_style(tmp_path: Path) -> None:
+    """By QGIS's own rule (`QgsGraduatedSymbolRenderer`): the first range that holds the value; of none, nothing."""
+    rng = np.random.default_rng(0)
+    diameters = np.where(rng.random(60) < 0.3, np.nan, rng.normal(0.07, 0.01, 60).round(4))
+    centers = rng.normal(0, 2, (60, 3))
+    fruits = Fruits(np.arange(1, 61), centers, diameters, np.ones(60), np.full(60, 3))
+    drawn = {}
+    for name, some in (("some", fruits), ("none", replace(fruits, diameters_m=np.full(60, np.nan)))):
+        write_gpkg(tmp_path / f"{name}.gpkg", some, METRES)
+        with closing(sqlite3.connect(tmp_path / f"{name}.gpkg")) as database:
+            (style,) = database.execute("SELECT styleQML FROM layer_styles").fetchone()
+            renderer = ElementTree.fromstring(style).find("renderer-v2")
+            assert renderer is not None
+            values = [value for (value,) in database.execute(f"SELECT {renderer.get('attr')} FROM fruits ORDER BY fid")]
+        ranges = renderer.findall("ranges/range")
+        drawn[name] = [
+            next(
+                (r.get("label") for r in ranges if float(r.get("lower", "")) <= value <= float(r.get("upper", ""))),
+                None,
+            )
+            for value in values
+            if value is not None
+        ]
+    assert [label == "not known" for label in drawn["some"]] == np.isnan(diameters).tolist()
+    assert None not in drawn["some"]
+    assert drawn["none"] == ["not known"] * 60
 
 
 @pytest.mark.parametrize("kind", ["geojson", "kml", "parquet"])

@@ -134,7 +134,12 @@ class GeoPackage:
                 (*extent.tolist(), layer.name),
             )
         values = self._shares(layer.name, layer.coloured_by)
-        style = graduated_style(layer.coloured_by, values, "line" if layer.is_line else "marker")
+        (unknown,) = self._database.execute(
+            f'SELECT count(*) FROM {layer.name} WHERE geom IS NOT NULL AND "{layer.coloured_by}" IS NULL'
+        ).fetchone()
+        style = graduated_style(
+            layer.coloured_by, values, "line" if layer.is_line else "marker", some_unknown=unknown > 0
+        )
         self._database.execute(
             "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, styleName, "
             "styleQML, useAsDefault, description) VALUES ('', '', ?, 'geom', ?, ?, 1, ?)",

@@ -1,4 +1,4 @@
-"""Styles of QGIS: a layer coloured by a column, in five classes of as many features each.
+"""Styles of QGIS: a layer coloured by a column, in five classes of as many features each, and one of what is not known.
 
 Source: files that QGIS 3 writes (*Layer properties > Style > Save*), reduced to what it needs to draw.
 """
@@ -14,22 +14,32 @@ import numpy as np
 from pomona.arrays import FloatArray
 
 _COLOURS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))  # viridis: little to much
+_GREY = (150, 150, 150)
+_NOT_KNOWN = -999999.0  # stands for an empty cell, of which QGIS draws nothing: no size, count or growth is that
 _SIZES_MM = {"marker": "2.4", "line": "1.6"}
 
 
-def graduated_style(column: str, values: FloatArray, shape: Literal["marker", "line"]) -> str:
-    """Return the QML that colours features by the numbers (n,) of a column; NaN, where one is not known, stays bare."""
+def graduated_style(
+    column: str, values: FloatArray, shape: Literal["marker", "line"], *, some_unknown: bool = False
+) -> str:
+    """Return the QML that colours features by the numbers (n,) of a column; grey where `some_unknown` have none."""
     known = values[np.isfinite(values)]
     ends = np.percentile(known, np.linspace(0, 100, len(_COLOURS) + 1)) if len(known) else np.zeros(len(_COLOURS) + 1)
+    classes = [
+        (float(ends[k]), float(ends[k + 1]), f"{ends[k]:.4g} - {ends[k + 1]:.4g}", colour)
+        for k, colour in enumerate(_COLOURS)
+    ]
+    attribute = column
+    if some_unknown:
+        attribute = f'coalesce("{column}", {_NOT_KNOWN:.0f})'
+        # Where nothing is known at all, there are no other classes.
+        classes = [*(classes if len(known) else []), (_NOT_KNOWN, _NOT_KNOWN, "not known", _GREY)]
     root = Element("qgis", version="3.22", styleCategories="Symbology")
-    how = {"type": "graduatedSymbol", "attr": column, "graduatedMethod": "GraduatedColor", "symbollevels": "0"}
+    how = {"type": "graduatedSymbol", "attr": attribute, "graduatedMethod": "GraduatedColor", "symbollevels": "0"}
     renderer = SubElement(root, "renderer-v2", how)
     ranges, symbols = SubElement(renderer, "ranges"), SubElement(renderer, "symbols")
-    for k, colour in enumerate(_COLOURS):
-        low, high = ends[k], ends[k + 1]
-        label = f"{low:.4g} - {high:.4g}"
-        SubElement(ranges, "range", symbol=str(k), lower=repr(float(low)), upper=repr(float(high)), label=label,
-                   render="true")  # fmt: skip
+    for k, (low, high, label, colour) in enumerate(classes):
+        SubElement(ranges, "range", symbol=str(k), lower=repr(low), upper=repr(high), label=label, render="true")
         _symbol(symbols, str(k), ",".join(map(str, (*colour, 255))), shape)
     return ElementTree.tostring(root, encoding="unicode")
 
