@@ -14,6 +14,7 @@ from pomona.fruits import FruitCloud, Fruits, Observations
 from pomona.fuse import Fused
 from pomona.measure.allometry import STORY_APPLES, weigh
 from pomona.pipeline.fuse import FUSE_BY_OBJECT
+from pomona.pipeline.options import RunOptions
 from pomona.pipeline.planting import planting_stage
 from pomona.planting import PlantingOptions, find_trunks, on_trees, read_trunks
 from pomona.planting.summary import trees_of
@@ -332,6 +333,28 @@ def test_trunks_may_be_in_the_coordinate_system_of_the_markers(tmp_path: Path) -
     path.write_text("id,x,y\n7,401234,4612345\n8,401244,4612345\n")
     with pytest.raises(FormatError, match="expected trunks in the survey's frame or in EPSG:25831, near its fruits"):
         find_trunks(fruits, options, crs=there.crs)
+
+
+@pytest.mark.parametrize("by", ["crs", "gcp"])
+def test_trunks_may_be_in_degrees_where_the_markers_are(tmp_path: Path, by: str) -> None:
+    """Taken for metres they stand at one place, which a fruit happens to be near."""
+    posts = np.array([[0.6 + 1.2e-5 * k, 41.6, 212.0] for k in range(8)])
+    local, there = in_local_metres(posts, "EPSG:4326", "here")
+    fruits = Fruits(np.arange(1, 10), np.vstack([local, [0.6, 41.6, 0.0]]), np.full(9, 0.08), np.ones(9), np.full(9, 5))
+    path, points = tmp_path / "trees.csv", tmp_path / "gcp_list.txt"
+    path.write_text("id,x,y\n" + "".join(f"{k},{x:.9f},{y:.9f}\n" for k, (x, y, _) in enumerate(posts, start=1)))
+    points.write_text("EPSG:4326\n0.6 41.6 212 100 100 a.jpg post\n")
+    given = {"trees_crs": "EPSG:4326"} if by == "crs" else {"trees_gcp": points}
+    trunks = find_trunks(fruits, PlantingOptions(trees=path, **given), crs=there.crs)
+    np.testing.assert_allclose(trunks.xy_in_world, local[:, :2], atol=1e-3)
+    assert trunks.spacing_m == pytest.approx(1.0, abs=0.01)
+    markers = tmp_path / "markers.csv"
+    markers.write_text("id,x,y,z\n" + "".join(f"{k},{x:.9f},{y:.9f},212\n" for k, (x, y, _) in enumerate(posts)))
+    of_run = {"markers": markers, "markers_crs": "EPSG:4326"} if by == "crs" else {"gcp": points}
+    RunOptions(trees=path, **of_run).check_files()  # type: ignore[arg-type]
+    for options in (PlantingOptions(trees=path), PlantingOptions(trees=path, trees_crs="EPSG:32650")):
+        with pytest.raises(FormatError, match="trees 1 and 2 stand at the same place: expected metres, not degrees"):
+            find_trunks(fruits, options, crs=there.crs)
 
 
 def test_a_missing_table_and_a_distance_that_cannot_be_are_named(tmp_path: Path) -> None:

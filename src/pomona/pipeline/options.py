@@ -324,7 +324,7 @@ class RunOptions:
         if self.trees is not None:
             from pomona.planting import read_trunks
 
-            read_trunks(self.trees)
+            read_trunks(self.trees, in_metres=self.markers_crs is None and self.gcp is None)
         if self.hand_counts is not None:
             from pomona.yields import read_hand_counts
 

@@ -9,6 +9,7 @@ independently, and those of a bunch do not: n is made smaller by the design effe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy import sparse
@@ -22,7 +23,7 @@ from pomona.formats.coordinate_systems import given_xy_between
 from pomona.formats.gcp_list import read_gcp_list
 from pomona.fruits import Fruits
 from pomona.planting.options import PlantingOptions
-from pomona.planting.trunk_table import read_trunks
+from pomona.planting.trunk_table import are_apart, check_apart, read_trunks
 from pomona.progress import Progress, Silent
 from pomona.row_line import RowLine, row_line
 from pomona.trees import Trunks
@@ -50,7 +51,7 @@ def find_trunks(
     """
     options, progress = options or PlantingOptions(), progress or Silent()
     if options.trees is not None:
-        return _given(read_trunks(options.trees), fruits, options, crs)
+        return _given(options.trees, fruits, options, crs)
     if len(fruits) < 2:
         return Trunks.unknown()
     row = _Row.of(fruits)
@@ -63,24 +64,28 @@ def find_trunks(
     return Trunks.unknown() if best is None else row.trunks(best, "fruits")
 
 
-def _given(trunks: Trunks, fruits: Fruits, options: PlantingOptions, crs: str | None) -> Trunks:
+def _given(path: Path, fruits: Fruits, options: PlantingOptions, crs: str | None) -> Trunks:
     """The trunks of the table in the fruits' frame, as they are or from their CRS: where they stand near the fruits."""
+    in_metres = options.trees_crs is None and options.trees_gcp is None
+    trunks = read_trunks(path, in_metres=in_metres)
     if not len(fruits):
         return trunks
     away_m = _nearest_m(trunks, fruits)
-    if away_m <= options.longest_m:
+    if away_m <= options.longest_m and are_apart(trunks):  # degrees taken for metres are all at one place
         return trunks
     trees_crs = options.trees_crs
     if trees_crs is None and options.trees_gcp is not None:
         trees_crs = read_gcp_list(options.trees_gcp).crs
     if trees_crs is not None and crs is not None:
-        xy = given_xy_between(trunks.xy_in_world, trees_crs, crs, str(options.trees))
+        xy = given_xy_between(trunks.xy_in_world, trees_crs, crs, str(path))
         local = replace(trunks, xy_in_world=xy)
         if _nearest_m(local, fruits) <= options.longest_m:
+            check_apart(local, path)
             return local
+    check_apart(trunks, path)
     either = "" if trees_crs is None else f" or in {trees_crs}"
     raise FormatError(
-        f"{options.trees}: expected trunks in the survey's frame{either}, near its fruits; found the nearest "
+        f"{path}: expected trunks in the survey's frame{either}, near its fruits; found the nearest "
         f"{away_m:.0f} m from any fruit"
     )
 
