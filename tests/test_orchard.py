@@ -25,7 +25,7 @@ from pomona.cli import wording
 from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.gpkg import read_layer
-from pomona.formats.tables import write_trees
+from pomona.formats.tables import read_fruits, write_fruits, write_trees
 from pomona.fuse import Fused
 from pomona.fuse.object import fuse
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
@@ -416,6 +416,42 @@ def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path
     assert "10 fruits found on each" in page
     assert "180 g each, without 41 in rows that have no weight" in page
     assert "intervals, added, of 1 of the rows" in page
+
+
+def test_each_tree_of_a_table_of_the_whole_orchard_counts_once(tmp_path: Path) -> None:
+    """Each of three rows is given all 12 trees; its photos look at four, on one of which nothing hangs."""
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    orchard = planned_rows(tmp_path, 3)
+    write_finished(orchard)
+    folder = OrchardFolder(Place(orchard.out))
+    places = np.column_stack([np.tile(np.arange(4) * 10.0 + 5, 3), np.repeat([0.0, 4.0, 8.0], 4)])
+    for k, planned in enumerate(orchard.surveys):
+        survey = folder.survey(planned.name).path
+        fruits = read_fruits(survey / "fruits.csv")
+        # One of the fruits hangs on no tree, those of the last tree on the one before it.
+        of_row = np.minimum(fruits.tree_ids, 3)
+        of_row = np.where(np.arange(len(fruits)) == 0, 0, of_row + 4 * k * (of_row > 0))
+        write_fruits(survey / "fruits.csv", replace(fruits, tree_ids=of_row))
+        on_each = np.bincount(of_row, minlength=13)[1:]
+        here, nothing = np.repeat(np.arange(3), 4) == k, np.full(12, np.nan)
+        every = np.where(here, 1.25 * on_each, np.nan)
+        trees = Trees(np.arange(1, 13), places, on_each, on_each, on_each, nothing, nothing, nothing, nothing,
+                      every, every, every)  # fmt: skip
+        write_trees(survey / "trees.csv", trees)
+    into = tmp_path / "tables"
+    into.mkdir()
+    write_tables(orchard, folder, into, Silent())
+    found = [(tree["row"], tree["id"]) for tree in read_layer(into / "orchard.gpkg", "trees")]
+    assert found == [(f"{k:04}", 4 * k + tree) for k in range(3) for tree in (1, 2, 3, 4)]
+    rows = list(read_layer(into / "orchard.gpkg", "rows"))
+    assert [(row["trees"], row["fruits"], row["fruits_on_trees"]) for row in rows] == [
+        (4, 30, 29),
+        (4, 31, 30),
+        (4, 32, 31),
+    ]
+    totals = write_page(orchard, into / "orchard.gpkg", tmp_path / "report.html", Silent())
+    assert (totals.trees, totals.fruits, totals.fruits_on_trees) == (12, 93, 90)
+    assert "7.5 fruits found on each" in (tmp_path / "report.html").read_text()
 
 
 def test_names_on_the_map_are_in_it_and_not_over_each_other(tmp_path: Path) -> None:

@@ -47,8 +47,8 @@ class Totals:
     """Figures of all rows, each by its newest finished survey; `surveys` and those that `failed` or are `missing`.
 
     `all_fruits` are hidden ones too, of the `rows_estimated` where that could be estimated; the ends are the sums of
-    those of rows, as errors of one orchard's surveys are alike. Of the `fruits` found, `fruits_on_trees` are in rows
-    whose trees are known, and `fruits_weighed` in those that have a weight.
+    those of rows, as errors of one orchard's surveys are alike. Of the `fruits` found, `fruits_on_trees` are on trees
+    that are known, and `fruits_weighed` in rows that have a weight.
     """
 
     rows: int
@@ -108,7 +108,7 @@ def _totals(package: Path) -> Totals:
         if row["newest"]:
             sums = {name: value + (row[name] or 0) for name, value in sums.items()}
             known["rows_estimated"] += row["all_fruits"] is not None
-            known["fruits_on_trees"] += row["fruits"] if row["trees"] else 0
+            known["fruits_on_trees"] += row["fruits_on_trees"] or 0
             known["fruits_weighed"] += row["fruits"] if row["weight_kg"] is not None else 0
     return Totals(
         **counts,

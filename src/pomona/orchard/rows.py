@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,14 @@ from pomona.orchard.jobs import JobOutcome
 from pomona.orchard.plan import PlannedSurvey
 from pomona.survey import SurveyFolder
 from pomona.survey.facts import frame_from
+from pomona.trees import Trees
 
 _WHICH: dict[str, Kind] = {"row": "text", "date": "text"}
 ROW_COLUMNS: Mapping[str, Kind] = {
     **_WHICH, "survey": "text", "state": "text", "reason": "text", "newest": "whole", "photos": "whole",
     "photos_used": "whole", "fruits": "whole", "all_fruits": "real", "all_low": "real", "all_high": "real",
-    "trees": "whole", "length_m": "real", "all_per_metre": "real", "weight_kg": "real", "diameter_mm": "real",
-    "scale": "text", "crs": "text", "warnings": "whole",
+    "trees": "whole", "fruits_on_trees": "whole", "length_m": "real", "all_per_metre": "real", "weight_kg": "real",
+    "diameter_mm": "real", "scale": "text", "crs": "text", "warnings": "whole",
 }  # fmt: skip
 TREES: Mapping[str, Kind] = {**_WHICH, **kinds_of(TREE_COLUMNS)}
 FRUITS: Mapping[str, Kind] = {**_WHICH, **kinds_of(FRUIT_COLUMNS)}
@@ -62,7 +63,8 @@ def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> 
     `FormatError` for tables that are not there or damaged.
     """
     survey.need(survey.fruits, survey.trees, survey.segments)
-    fruits, trees, segments = read_fruits(survey.fruits), read_trees(survey.trees), read_segments(survey.segments)
+    fruits, segments = read_fruits(survey.fruits), read_segments(survey.segments)
+    trees = _of_this_row(read_trees(survey.trees))
     records = survey.records
     frame = frame_from(records["scale"].info["frame"])
     results = records["results"].info
@@ -81,6 +83,7 @@ def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> 
         "all_low": round(crop.fruits.low, 1) if crop else None,
         "all_high": round(crop.fruits.high, 1) if crop else None,
         "trees": len(trees),
+        "fruits_on_trees": int(np.isin(fruits.tree_ids, trees.ids).sum()),
         "length_m": round(length, 2) if length else None,
         "all_per_metre": round(crop.per_metre.value, 2) if crop and crop.per_metre else None,
         "weight_kg": round(weight.kg, 3) if weight else None,
@@ -134,6 +137,15 @@ def _day(planned: PlannedSurvey) -> str:
 
 def _of_row(layer: Layer, columns: Mapping[str, Kind], which: Mapping[str, str]) -> Layer:
     return replace(layer, columns=columns, rows=[{**which, **row} for row in layer.rows])
+
+
+def _of_this_row(trees: Trees) -> Trees:
+    """The trees that the survey's photos look at: of a table of the whole orchard, each survey has all trees."""
+    estimated = np.isfinite(trees.all_fruits)
+    if not estimated.any():  # too little was found to say which they are
+        return trees
+    here = estimated | (trees.fruits > 0)
+    return Trees(**{each.name: getattr(trees, each.name)[here] for each in fields(Trees)})
 
 
 def _on_map(layer: Layer, frame: WorldFrame) -> Layer:
