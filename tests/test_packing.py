@@ -37,6 +37,12 @@ def test_others_are_refused_before_any_work(text: str) -> None:
         RunOptions(packing=text)
 
 
+@pytest.mark.parametrize("text", ["62,5", "62,5,67,5", "62,5;67,5"])
+def test_decimal_commas_are_refused_with_what_is_expected(text: str) -> None:
+    with pytest.raises(InputError, match=rf"commas part edges, decimals have a point\); found '{text}'$"):
+        packing_classes(text)
+
+
 @pytest.mark.parametrize("text", ["6.5,7,7.5", "9", "6,12"])
 def test_centimetres_are_refused_with_the_millimetres_that_are_meant(text: str) -> None:
     """Before any work is done; a survey that was made with them can still be read."""

@@ -50,7 +50,7 @@ def packing_classes(text: str) -> PackingClasses:
     if not edges or not all(math.isfinite(edge) and edge > 0 for edge in edges) or edges != sorted(set(edges)):
         raise InputError(
             f"`packing`: expected one of {', '.join(PACKING_PRESETS)}, or edges in mm, smallest first, such as "
-            f"60,65,70; found '{text}'"
+            f"60,65,70 or 62.5,67.5 (commas part edges, decimals have a point); found '{text}'"
         )
     return PackingClasses("own", tuple(edges))
 
