@@ -25,7 +25,7 @@ from pomona.yields import Estimate, HandCounts, YieldOptions, estimate_crop, rea
 from pomona.yields.detectability import Detectability
 from pomona.yields.encounters import encounters_of, kept_shares
 from pomona.yields.estimate import _Draws
-from pomona.yields.hand_counts import Calibration, OnTrees, calibration
+from pomona.yields.hand_counts import Calibration, OnTrees, calibration, known_counts
 
 METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 TRUNKS = Trunks(np.arange(1, 5), np.column_stack([np.arange(4) * 1.0, np.zeros(4)]))
@@ -454,6 +454,17 @@ def test_trees_add_up_to_the_row_with_two_hand_counts_too(tmp_path: Path) -> Non
     assert found.trees.all_fruits.sum() == pytest.approx(found.crop.fruits.value, rel=0.02)
     assert (found.trees.all_low <= found.trees.all_fruits).all()
     assert (found.trees.all_fruits <= found.trees.all_high).all()
+
+
+def test_counts_of_a_whole_orchard_are_named_in_few_words() -> None:
+    listening = Listening()
+    every = HandCounts(np.arange(1, 1001), np.full(1000, 20.0))
+    known = known_counts(every, np.arange(301, 321), listening)
+    assert known.tree_ids.tolist() == list(range(301, 321))
+    assert listening.warnings == [
+        "Hand counts of trees that the survey does not have were left out: 1, 2, 3, 4, 5 and 975 more; its photos show "
+        "trees 301 to 320"
+    ]
 
 
 def test_hand_counts_may_call_trees_as_the_tables_of_fruits_do(tmp_path: Path) -> None:

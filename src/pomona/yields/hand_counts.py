@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.errors import FormatError
+from pomona.errors import FormatError, few
 from pomona.formats.small_table import read_small_table
 from pomona.intervals import CropInterval
 from pomona.progress import Progress
@@ -56,9 +56,9 @@ def known_counts(counts: HandCounts, tree_ids: IntArray, progress: Progress) -> 
     if len(tree_ids) == 0:
         progress.warn("Hand counts are of no use where trees are not known: give `trees` or `tree_spacing`")
     elif not known.all():
-        strange = ", ".join(str(i) for i in counts.tree_ids[~known])
+        strange = [str(i) for i in counts.tree_ids[~known]]
         progress.warn(
-            f"Hand counts of trees that the survey does not have were left out: {strange}; its photos show trees "
+            f"Hand counts of trees that the survey does not have were left out: {few(strange)}; its photos show trees "
             f"{tree_ids.min()} to {tree_ids.max()}"
         )
     return HandCounts(counts.tree_ids[known], counts.counts[known])
