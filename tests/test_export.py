@@ -6,6 +6,7 @@ import errno
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 
@@ -115,10 +116,19 @@ def test_every_format_is_written_from_values(kind: str, values: Values, tmp_path
     assert [path.name for path in target.parent.iterdir()] == [target.name]  # and nothing half written
 
 
-@pytest.mark.parametrize(("kind", "part"), [("csv", "fruits"), ("laz", "cloud")])
-def test_what_the_survey_has_is_copied(kind: str, part: str, values: Values, tmp_path: Path) -> None:
-    write_export(kind, values, tmp_path / "copy")
-    assert (tmp_path / "copy").read_text() == f"the survey's {part}"
+def test_the_table_that_the_survey_has_is_copied(values: Values, tmp_path: Path) -> None:
+    write_export("csv", values, tmp_path / "copy")
+    assert (tmp_path / "copy").read_text() == "the survey's fruits"
+
+
+@pytest.mark.parametrize(("kind", "compressed"), [("las", False), ("laz", True)])
+def test_clouds_are_compressed_where_that_was_asked_for(
+    kind: str, compressed: bool, values: Values, tmp_path: Path
+) -> None:
+    path = tmp_path / export_format(kind).file_name
+    write_export(kind, values, path)
+    with laspy.open(path) as cloud:
+        assert cloud.header.are_points_compressed == compressed
 
 
 @pytest.mark.parametrize("kind", ["csv", "geojson", "gpkg"])

@@ -84,7 +84,7 @@ def test_on_earth_z_is_the_altitude_as_in_the_geopackage(tmp_path: Path, name: s
     cloud = FruitCloud(centers, np.full((2, 3), 90), np.array([1, 2]))
     fruits = Fruits(np.array([1, 2]), centers, np.full(2, 0.07), np.ones(2), np.array([3, 3]))
     frame = WorldFrame("gnss", False, True, local_crs(41.6, 0.6), (41.6, 0.6, 212.4))
-    write_las(tmp_path / name, cloud, frame=frame)
+    write_las(tmp_path / name, cloud, frame=frame, with_altitudes=True)
     las = laspy.read(tmp_path / name)
     np.testing.assert_allclose(las.z, [213.9, 212.15], atol=0.00006)
     write_gpkg(tmp_path / "fruits.gpkg", fruits, frame)
@@ -98,6 +98,12 @@ def test_on_earth_z_is_the_altitude_as_in_the_geopackage(tmp_path: Path, name: s
 @pytest.mark.parametrize("frame", [None, WorldFrame("markers", False, True), WorldFrame("given", False, True,
                                    "EPSG:25831")])  # fmt: skip
 def test_without_an_origin_on_earth_z_is_the_survey_s(tmp_path: Path, cloud: FruitCloud, frame: WorldFrame) -> None:
+    write_las(tmp_path / "cloud.laz", cloud, frame=frame, with_altitudes=True)
+    np.testing.assert_allclose(laspy.read(tmp_path / "cloud.laz").z, cloud.points_in_world[:, 2], atol=0.000051)
+
+
+def test_a_survey_s_own_cloud_lies_on_its_fruits(tmp_path: Path, cloud: FruitCloud) -> None:
+    frame = WorldFrame("gnss", False, True, local_crs(41.6, 0.6), (41.6, 0.6, 212.4))
     write_las(tmp_path / "cloud.laz", cloud, frame=frame)
     np.testing.assert_allclose(laspy.read(tmp_path / "cloud.laz").z, cloud.points_in_world[:, 2], atol=0.000051)
 

@@ -103,7 +103,7 @@ def _coco(source: ExportSource, path: Path) -> None:
 def _las(source: ExportSource, path: Path) -> None:
     from pomona.formats.las import write_las
 
-    write_las(path, source.cloud, frame=source.frame)
+    write_las(path, source.cloud, frame=source.frame, with_altitudes=True)
 
 
 def _ply(source: ExportSource, path: Path) -> None:
@@ -185,7 +185,7 @@ _FORMATS = (
     ExportFormat("geoparquet", "GeoParquet", "fruits.parquet", "fruits", "fruits", _geoparquet),
     ExportFormat("kml", "KML", "fruits.kml", "fruits", "fruits", _kml),
     ExportFormat("las", "LAS", "cloud.las", "cloud", "cloud", _las),
-    ExportFormat("laz", "LAZ, compressed LAS", "cloud.laz", "cloud", "cloud", _copy_of("cloud")),
+    ExportFormat("laz", "LAZ, compressed LAS", "cloud.laz", "cloud", "cloud", _las),
     ExportFormat("ply", "PLY", "cloud.ply", "cloud", "cloud", _ply),
     ExportFormat("coco", "COCO", "detections.json", "masks", "fruits", _coco),
     ExportFormat("colmap", "COLMAP's models, text and binary", "colmap", "cameras", "cameras", _colmap),

@@ -3,7 +3,7 @@
 Coordinates are stored in steps of 0.1 mm around an offset. With GNSS the survey's frame is local metres around an
 origin, and the file's CRS is that frame's own, so that a GIS puts the cloud in its place on Earth. It is well-known
 text of the first version (OGC 01-009), the one that LAS 1.4 has and that all its readers know. A CRS says nothing of
-where heights begin: z is the altitude then, as it is on maps, and a record of ours says what was added to the frame's.
+where heights begin: for maps z can be the altitude, and a record of ours then says what was added to the frame's z.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ _LAYERED, _LAYERS = 3, {10: 9, 11: 1, 12: 2, 13: 1}
 _VLR_BYTES, _EVLR_BYTES, _LEAST_CHUNK_BYTES = 54, 60, 1
 
 
-def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None) -> None:
+def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None, with_altitudes: bool = False) -> None:
     """Write a cloud to `path`, compressed where its name ends in `.laz`; written under a temporary name first.
 
-    With a place on Earth in `frame`, z is the altitude in the file. Raises `InputError` where a point is not finite,
-    lies too far away to be written, or where the CRS is not known.
+    `with_altitudes`: where `frame` has a place on Earth, z is the altitude in the file, not the frame's z. Raises
+    `InputError` where a point is not finite, lies too far away to be written, or where the CRS is not known.
     """
-    zero_m = 0.0 if frame is None else zero_altitude_m(frame)
+    zero_m = zero_altitude_m(frame) if with_altitudes and frame is not None else 0.0
     points = cloud.points_in_world + np.array([0.0, 0.0, zero_m])
     if not np.isfinite(points).all():
         raise InputError(
