@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,17 @@ def test_the_likelier_of_two_in_one_place_stays_with_the_detections_of_both() ->
     assert one.observations.fruit_id.tolist() == [2, 2, 2, 2, 2, 3]
     assert sorted(one.observations.detection_id.tolist()) == [50, 51, 52, 53, 54, 55]
     assert without_doubles(one, nearest_radii=1.0) is one
+    assert without_doubles(two, nearest_radii=0.0) is two
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "both"),
+    [("east", "west", "both"), ("east", "east", "east"), ("both", "east", "both"), ("", "", ""), ("", "west", "west")],
+)
+def test_it_was_seen_from_the_sides_of_both(one: str, other: str, both: str) -> None:
+    pair = fused([0, 20, 300], [0.9, 0.8, 0.7], [70, 70, 70], "a b c")
+    pair = replace(pair, fruits=replace(pair.fruits, sides=(one, other, "west")))
+    assert without_doubles(pair, nearest_radii=1.0).fruits.sides == (both, "west")
 
 
 @pytest.mark.parametrize(("apart_mm", "left"), [(36, 1), (39, 2), (75, 2)])

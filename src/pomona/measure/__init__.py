@@ -5,6 +5,7 @@ from __future__ import annotations
 from pomona.measure.allometry import Allometry, allometry_of_kind, fit_allometry, total_weight, weigh
 from pomona.measure.circle_network import CirclesNetwork
 from pomona.measure.circle_options import CircleOptions
+from pomona.measure.doubles import without_doubles
 from pomona.measure.measurement import measure, sides_of
 from pomona.measure.options import MeasureOptions
 
@@ -19,4 +20,5 @@ __all__ = [
     "sides_of",
     "total_weight",
     "weigh",
+    "without_doubles",
 ]

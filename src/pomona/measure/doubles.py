@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pomona.arrays import FloatArray, IntArray
-from pomona.fruits import Fruits
+from pomona.fruits import BOTH_SIDES, Fruits
 from pomona.fuse.fused import Fused
 
 
@@ -31,7 +31,11 @@ def without_doubles(measured: Fused, *, nearest_radii: float) -> Fused:
         if i in photos:
             photos[i].add(photo)
     views = np.maximum(kept.views, [len(photos[i]) for i in kept.ids.tolist()])
-    return replace(measured, fruits=replace(kept, views=views), observations=seen)
+    sides: dict[int, set[str]] = {i: set() for i in kept.ids.tolist()}
+    for k, side in zip(fruits.ids[same].tolist(), fruits.sides, strict=True):
+        sides[k] |= {side} - {""}
+    both = tuple(BOTH_SIDES if len(found) > 1 else "".join(found) for found in sides.values())
+    return replace(measured, fruits=replace(kept, views=views, sides=both), observations=seen)
 
 
 def _which_are_one(fruits: Fruits, nearest_radii: float) -> IntArray:

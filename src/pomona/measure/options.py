@@ -36,7 +36,8 @@ class MeasureOptions:
     a share; None: 0.05 where photos show circles, else 0.08. `relative_sd` is what a spheroid leaves unsaid of a fruit,
     as a share. What a fruit itself tells of its width is taken to be as exact as it says up to `trusted_sd`, a share;
     a standard deviation k times as large is k ** `doubt` times too small. `circles` says how circles that photos show
-    count, None that none do. `allometry` gives weights.
+    count, None that none do. Fruits nearer than `nearest_radii` mean radii to each other are one; 0: none are.
+    `allometry` gives weights.
     """
 
     rays_per_photo: int = 24
@@ -62,6 +63,7 @@ class MeasureOptions:
     trusted_sd: float = 0.018
     doubt: float = 1.0
     circles: CircleOptions | None = field(default_factory=CircleOptions)
+    nearest_radii: float = 1.0
     allometry: Allometry = STORY_APPLES
 
     def __post_init__(self) -> None:
@@ -77,8 +79,9 @@ class MeasureOptions:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise InputError(f"`{name}`: expected a positive number, found {value}")
-        if not self.doubt >= 0:
-            raise InputError(f"`doubt`: expected 0 or more, found {self.doubt}")
+        for name in ("doubt", "nearest_radii"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"`{name}`: expected 0 or more, found {getattr(self, name)}")
         for name in ("relative_sd", "photos_together", "clear_share", "hull_slack"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"`{name}`: expected a share from 0 to 1, found {getattr(self, name)}")

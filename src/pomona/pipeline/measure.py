@@ -1,4 +1,4 @@
-"""Stage `measure`: each fruit's diameter, visibility and sides."""
+"""Stage `measure`: each fruit's diameter, visibility and sides; what turns out to be one fruit is."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ def _measure(
 ) -> Fused:
     if len(fused.fruits) == 0:
         return fused
-    from pomona.measure import measure
+    from pomona.measure import measure, without_doubles
 
     fruits = measure(fused, segmented.detections, placed.cameras, photos, options=options, progress=progress)
-    return Fused(fruits, fused.observations, fused.cloud)
+    measured = Fused(fruits, fused.observations, fused.cloud)
+    return without_doubles(measured, nearest_radii=options.nearest_radii)
 
 
 def measure_stage(filtered: Stage[Fused]) -> Stage[Fused]:

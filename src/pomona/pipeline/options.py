@@ -245,7 +245,7 @@ class RunOptions:
     def _measure(self, usual: MeasureOptions) -> MeasureOptions:
         options = self.measure or usual
         if self.method == "paper":  # also where a person's corrections are measured, without the points
-            options = options.known_by(points=True, circles=False)
+            options = replace(options.known_by(points=True, circles=False), nearest_radii=0.0)
         if self.fruit is not None:
             options = replace(options, kind=self.kind)
         return options if self.fruit is None and self.weights is None else replace(options, allometry=self.allometry)
