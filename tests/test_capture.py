@@ -607,11 +607,88 @@ def test_focal_lengths_are_as_exact_as_they_were_written(exif: Exif, share: floa
         ("SONY", "DSC-RX100", 13.2),
         ("SONY", "DSC-RX100M3", 13.2),
         ("SONY", "DSC-RX10M4", 13.2),
+        ("Canon", "Canon EOS R6m2", 36.0),
+        ("Canon", "Canon EOS R10", 22.3),
+        ("Canon", "Canon EOS M50m2", 22.3),
+        ("NIKON CORPORATION", "NIKON Z 6_2", 35.9),
+        ("NIKON CORPORATION", "NIKON Z6_3", 35.9),
+        ("NIKON CORPORATION", "NIKON Z f", 35.9),
+        ("NIKON CORPORATION", "NIKON Z fc", 23.5),
+        ("NIKON CORPORATION", "NIKON Z 50", 23.5),
+        ("NIKON CORPORATION", "NIKON D90", 23.5),
+        ("NIKON CORPORATION", "NIKON D300S", 23.5),
+        ("NIKON CORPORATION", "NIKON D4S", 35.9),
+        ("NIKON CORPORATION", "NIKON D600", 35.9),
+        ("SONY", "SLT-A99V", 35.8),
+        ("SONY", "SLT-A77V", 23.5),
+        ("SONY", "ZV-E1", 35.8),
+        ("SONY", "ZV-E10", 23.5),
+        ("FUJIFILM", "X-S1", 8.8),
+        ("FUJIFILM", "X-S10", 23.5),
+        ("FUJIFILM", "X100V", 23.5),
+        ("OLYMPUS CORPORATION", "E-M10MarkII", 17.3),
+        ("OLYMPUS IMAGING CORP.", "FE-100,X-710", None),
+        ("DJI", "ZenmuseP1", 35.9),
+        ("DJI", "M3E", 17.3),
+        ("DJI", "M3T", None),
         ("", "", None),
     ],
 )
 def test_sensor_table(make: str, model: str, width_mm: float | None) -> None:
     assert sensor_width_mm(make, model) == width_mm
+
+
+@pytest.mark.parametrize(
+    ("make", "model", "focal_mm", "focal_35mm", "size"),
+    [
+        ("DJI", "FC220", 4.73, 26, (4000, 3000)),
+        ("DJI", "FC330", 3.61, 20, (4000, 3000)),
+        ("DJI", "FC3170", 4.5, 24, (4000, 3000)),
+        ("DJI", "FC3411", 8.38, 22, (5472, 3648)),
+        ("DJI", "FC3582", 6.72, 24, (4032, 3024)),
+        ("DJI", "FC6310", 8.8, 24, (5472, 3648)),
+        ("DJI", "FC6360", 5.74, 40, (1600, 1300)),
+        ("DJI", "FC7303", 4.49, 24, (4000, 3000)),
+        ("DJI", "FC8482", 6.72, 24, (4032, 3024)),
+        ("Hasselblad", "L1D-20c", 10.26, 28, (5472, 3648)),
+        ("Hasselblad", "L2D-20c", 12.29, 24, (5280, 3956)),
+        ("Apple", "iPhone 5", 4.12, 33, (3264, 2448)),
+        ("Apple", "iPhone 7", 3.99, 28, (4032, 3024)),
+        ("Apple", "iPhone SE (2nd generation)", 3.99, 28, (4032, 3024)),
+        ("Apple", "iPhone X", 4.0, 28, (4032, 3024)),
+        ("Apple", "iPhone XS Max", 4.25, 26, (4032, 3024)),
+        ("Apple", "iPhone 11 Pro", 4.25, 26, (4032, 3024)),
+        ("Apple", "iPhone 12 Pro", 4.2, 26, (4032, 3024)),
+        ("Apple", "iPhone 12 Pro Max", 5.1, 26, (4032, 3024)),
+        ("Apple", "iPhone 13", 5.1, 26, (4032, 3024)),
+        ("Apple", "iPhone 13 Pro", 5.7, 26, (4032, 3024)),
+        ("Apple", "iPhone 14", 5.7, 26, (4032, 3024)),
+        ("Apple", "iPhone 14 Pro", 6.86, 24, (4032, 3024)),
+        ("Apple", "iPhone 15", 5.96, 26, (5712, 4284)),
+        ("Apple", "iPhone 16 Pro Max", 6.765, 24, (5712, 4284)),
+        ("Google", "Pixel 2", 4.442, 27, (4032, 3024)),
+        ("Google", "Pixel 6a", 4.38, 27, (4032, 3024)),
+        ("Google", "Pixel 7 Pro", 6.81, 24, (4080, 3072)),
+        ("Google", "Pixel 8", 6.9, 25, (4080, 3072)),
+        ("samsung", "SM-G920F", 4.3, 28, (5312, 2988)),
+        ("samsung", "SM-G973F", 4.3, 26, (4032, 3024)),
+        ("samsung", "SM-G981B", 5.4, 26, (4032, 3024)),
+        ("samsung", "SM-G991B", 5.4, 26, (4032, 3024)),
+        ("samsung", "SM-G998B", 6.7, 24, (4000, 3000)),
+        ("samsung", "SM-S901B", 5.4, 23, (4000, 3000)),
+        ("samsung", "SM-S918B", 6.3, 23, (4000, 3000)),
+        ("samsung", "Galaxy S24 Ultra", 6.3, 23, (4000, 3000)),
+    ],
+)
+def test_sensors_agree_with_what_cameras_write_themselves(
+    make: str, model: str, focal_mm: float, focal_35mm: float, size: tuple[int, int]
+) -> None:
+    # Equivalents are rounded to whole millimetres (2 % of 24) and follow a diagonal that makers round, too.
+    by_table = focal_px(Exif(make=make, model=model, focal_mm=focal_mm), *size)
+    by_equivalent = focal_px(Exif(focal_35mm=focal_35mm), *size)
+    assert by_table is not None
+    assert by_equivalent is not None
+    assert by_table[0] == pytest.approx(by_equivalent[0], rel=0.06)
 
 
 def test_exif_nonsense_is_ignored() -> None:
