@@ -221,6 +221,20 @@ def test_one_photo_is_found_without_the_others(tmp_path: Path, sides: list[str])
             photo_of(survey, photo.name)
 
 
+@pytest.mark.parametrize(
+    "folders", [["card"], ["a", "b", "c"], ["one/a", "one/b", "two/a"], ["two/one/a", "one/a", "a"]]
+)
+def test_one_of_photos_that_were_named_themselves_is_found(tmp_path: Path, folders: list[str]) -> None:
+    for k, folder in enumerate(folders):
+        make_photos(tmp_path / folder, 1, seed=k)
+    files = [path for folder in folders for path in (tmp_path / folder).iterdir()]
+    survey = SurveyFolder.create(tmp_path / "row")
+    survey.note(sources=files)
+    photos = load_photos(files, min_photos=1)
+    assert len(photos) == len(folders)
+    assert [photo_of(survey, photo.name).path for photo in photos] == [photo.path for photo in photos]
+
+
 def test_the_copy_of_results_takes_its_place_with_the_model_that_was_learnt(tmp_path: Path) -> None:
     survey = SurveyFolder.create(tmp_path / "survey")
     model = tmp_path / "learnt.onnx"

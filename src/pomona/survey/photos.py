@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -60,6 +62,10 @@ def _places(survey: SurveyFolder, name: str) -> Iterator[Path]:
     sources = [Path(source) for source in survey.get("sources") or ()]
     side, _, inside = name.partition("/")
     numbers = [str(number) for number in range(1, len(sources) + 1)]
+    with suppress(ValueError):  # a damaged survey may have no place that is above all
+        above = Path(os.path.commonpath([source.parent for source in sources]))
+        if above / name in sources:  # one of photos that were named themselves, in many folders
+            yield above / name
     if len(sources) == 1:
         yield sources[0] / name
     for source, number in zip(sources, numbers, strict=True) if len(sources) > 1 else ():
