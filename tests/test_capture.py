@@ -177,12 +177,22 @@ def test_two_folders_of_one_name_are_told_apart_by_those_above(tmp_path: Path) -
     assert load_photos([tmp_path / "up" / "photos", tmp_path / "down" / "photos"]).sides == ("up", "down")
 
 
-def test_camera_folders_are_no_sides(tmp_path: Path) -> None:
-    for folder in ("100CANON", "101CANON"):
+@pytest.mark.parametrize(
+    "folders",
+    [("100CANON", "101CANON"), ("DJI_001", "DJI_002"), ("DJI_202405011010_001", "DJI_202405011032_002")],
+)
+def test_camera_folders_are_no_sides(tmp_path: Path, folders: tuple[str, str]) -> None:
+    for folder in folders:
         write_photo(tmp_path / folder / "IMG_0001.jpg")
     photos = load_photos([tmp_path])
     assert photos.sides == ("row",)
     assert len(photos) == 2
+
+
+def test_folders_of_a_drone_that_a_person_named_are_sides(tmp_path: Path) -> None:
+    for folder in ("DJI_202405011010_001_east", "DJI_202405011032_002_west"):
+        write_photo(tmp_path / folder / "DJI_0001.jpg")
+    assert load_photos([tmp_path]).sides == ("DJI_202405011010_001_east", "DJI_202405011032_002_west")
 
 
 @pytest.mark.parametrize(

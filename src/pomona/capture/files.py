@@ -15,8 +15,9 @@ from pomona.photos import PHOTO_SUFFIXES
 RAW_SUFFIXES = frozenset({".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef"})
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".mpg", ".mpeg", ".3gp"})
 
-# Folders that a camera makes by itself (DCF: 100CANON, 101_PANA): a change of folder there is no change of side.
-_CAMERA_FOLDER = re.compile(r"^\d{3}[A-Z0-9_]{5}$", re.IGNORECASE)
+# Folders that a camera makes by itself (DCF: 100CANON, 101_PANA; drones: DJI_001, DJI_202405011010_001): a change of
+# folder there is no change of side.
+_CAMERA_FOLDER = re.compile(r"^(\d{3}[A-Z0-9_]{5}|DJI_(\d{12}_)?\d{3})$", re.IGNORECASE)
 
 # What archives of macOS and disks of Synology have beside photos: small pictures of these, and the like.
 _OF_SYSTEMS = frozenset({"__MACOSX", "@eaDir"})
