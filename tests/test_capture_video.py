@@ -191,6 +191,28 @@ def test_a_survey_finds_the_frames_that_its_run_chose(tmp_path: Path) -> None:
     assert [photo.path.stat().st_mtime_ns for photo in found] == made
 
 
+@pytest.mark.parametrize("names", [("row.mp4",), ("east.mp4", "west.mp4")])
+@pytest.mark.parametrize("then", ["moved", "another one"])
+def test_a_survey_keeps_its_frames_whatever_becomes_of_the_video(
+    tmp_path: Path, names: tuple[str, ...], then: str
+) -> None:
+    videos = [write_video(tmp_path / name, list(np.arange(0, 60, 1.5))) for name in names]
+    survey = SurveyFolder.create(tmp_path / "out")
+    survey.note(sources=videos, options=RunOptions().to_json())
+    photos, _ = load_photos_of_run(survey, videos, RunOptions(), Silent(), min_photos=2)
+    made = {photo.name: photo.path.read_bytes() for photo in photos}
+    for video in videos:
+        video.unlink()
+        if then == "another one":
+            write_video(video, list(np.arange(300, 0, -3.0)))
+    found = photos_of(SurveyFolder.open(tmp_path / "out"), photos.names)
+    assert found.from_video
+    assert {photo.name: photo.path.read_bytes() for photo in found} == made
+    some = photos_of(SurveyFolder.open(tmp_path / "out"), photos.names[2:4])
+    assert {photo.name: photo.path.read_bytes() for photo in some} == {name: made[name] for name in photos.names[2:4]}
+    assert len(list(survey.work("frames").rglob("*.jpg"))) == len(made)
+
+
 @pytest.mark.parametrize(
     ("fields", "said"),
     [

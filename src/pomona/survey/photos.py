@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from pomona.cameras import Cameras
-from pomona.errors import MissingFileError, SurveyError
+from pomona.errors import InputError, MissingFileError, SurveyError
 from pomona.photo_names import photos_named
 from pomona.photos import Photo, Photos
 from pomona.survey.folder import SurveyFolder
@@ -22,6 +22,8 @@ RUN_AGAIN = "The same `pomona run` again, given the place where they are now, no
 def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = None) -> Photos:
     """Return the photos of `names` that can be found, under these names: in `folder`, or where the survey says.
 
+    Key frames of a video are those that the survey has of it; they are chosen again where it lacks some.
+
     Raises `MissingFileError` where a folder is no longer there, `InputError` where it has no photo, or where names
     fit several, and `SurveyError` where the survey is damaged.
     """
@@ -33,6 +35,8 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
     if not isinstance(chosen, dict):
         raise SurveyError(f"{survey.folder}: its options say of `key_frames` {chosen!r:.80}: it is damaged")
     survey.check_there()
+    if not folder and (frames := _key_frames(survey, places, names)):
+        return frames
     photos = load_photos(
         places,
         sides="none" if folder else options.get("sides", "auto"),
@@ -41,6 +45,23 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
         key_frames=KeyFrameOptions(**{f.name: chosen[f.name] for f in fields(KeyFrameOptions) if f.name in chosen}),
     )
     return photos_named(photos, names)
+
+
+def _key_frames(survey: SurveyFolder, places: Sequence[Path], names: Sequence[str]) -> Photos | None:
+    """The key frames that a survey has, whatever became of the video; None where it is of photos, or lacks some."""
+    from pomona.capture import load_photos
+
+    frames = survey.work_folder.resolve() / "frames"
+    by_path = {frames / name: name for name in names}
+    if not by_path or any(place.is_dir() for place in places) or not all(path.is_file() for path in by_path):
+        return None
+    try:
+        photos = load_photos(list(by_path), sides="none", min_photos=1)
+    except InputError:  # all are damaged
+        return None
+    by_name = {by_path.get(photo.path): photo for photo in photos}
+    found = tuple(replace(by_name[name], name=name) for name in names if name in by_name)
+    return Photos(found, from_video=True) if len(found) == len(names) else None
 
 
 def photo_of(survey: SurveyFolder, name: str) -> Photo:
