@@ -241,6 +241,24 @@ def test_other_photos_of_the_same_names_are_told_of(survey: Path, tmp_path: Path
     assert said.startswith(f"{other} has photos that are called as those of the survey and are not the same")
 
 
+def test_other_photos_where_the_survey_had_its_own_are_told_of(survey: Path, tmp_path: Path) -> None:
+    own, card = tmp_path / "survey", tmp_path / "card"
+    shutil.copytree(survey, own)
+    manifest = json.loads((own / "survey.json").read_text())
+    shutil.copytree(manifest["sources"][0], card)
+    manifest["sources"] = [str(card)]
+    for entry in manifest["photos"]:
+        entry["digest"] = file_digest(card / entry["name"])
+    (own / "survey.json").write_text(json.dumps(manifest))
+    read_survey(own, progress=(progress := Silent()))
+    assert not progress.warnings
+    for path in card.rglob("*.JPG"):  # the card is used for another row, and the camera counts from 1 again
+        path.write_bytes(path.read_bytes() + b"\0")
+    read_survey(own, progress=progress)
+    (said,) = progress.warnings
+    assert said.startswith(f"{card / 'east'} has photos that are called as those of the survey and are not the same")
+
+
 def test_photos_may_have_been_moved(survey: Path, tmp_path: Path) -> None:
     source = Path(json.loads((survey / "survey.json").read_text())["sources"][0])
     moved = tmp_path / "moved"

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pomona.survey.record import StageRecord
 
 _Fact = TypeVar("_Fact")
-_LOOKED_AT = 4  # photos of a folder that is said to be the survey's: another row's differ in all
+_LOOKED_AT = 4  # photos, to tell whether they are the survey's: another row's differ in all
 
 
 class SurveyReader:
@@ -175,20 +175,20 @@ class SurveyReader:
             return Photos(())
         if names and len(found) == 0:  # other photos are there
             self._warn_of_missing(list(names), len(names))
-        if self._photos_folder is not None:
-            self._warn_of_others(found)
+        self._warn_of_others(found)
         return found
 
     def _warn_of_others(self, found: Photos) -> None:
-        """Cameras count from the same name on: a few photos of the folder given are held against their digests."""
+        """Cameras count from the same name on, and cards are used again: a few are held against their digests."""
         known = {entry["name"]: entry.get("digest") for entry in self.files.get("photos", ())}
         those = [photo for photo in found if known.get(photo.name) and photo.path.is_file()]
         looked_at = those[:: max(1, len(those) // _LOOKED_AT)]
-        others = [photo.name for photo in looked_at if file_digest(photo.path) != known[photo.name]]
+        others = [photo for photo in looked_at if file_digest(photo.path) != known[photo.name]]
         if others:
             self._progress.warn(
-                f"{self._photos_folder} has photos that are called as those of the survey and are not the same: "
-                f"{few(others)} of {len(looked_at)} that were compared. Say with `photos` where the survey's own are"
+                f"{self._photos_folder or others[0].path.parent} has photos that are called as those of the survey and "
+                f"are not the same: {few([photo.name for photo in others])} of {len(looked_at)} that were compared. "
+                "Say with `photos` where the survey's own are"
             )
 
     def _warn_of_missing(self, missing: list[str], count: int) -> None:
