@@ -225,6 +225,17 @@ def test_nothing_wrong(scene: Scene, tmp_path: Path) -> None:
     assert "Nothing is wrong: all 1 true fruits were found" in page.read_text()
 
 
+def test_a_fruit_that_was_joined_with_another_when_both_were_measured_is_said_to_be(scene: Scene) -> None:
+    unfiltered = scene.survey.unfiltered
+    assert unfiltered is not None
+    seen = unfiltered[1]
+    owners = np.where(seen.fruit_id == 108, 105, seen.fruit_id)
+    one = scene.with_(observations=replace(seen, fruit_id=owners))
+    missed = by_name(mistakes_of(one))["true fruit 6"]
+    assert missed.stage == "taken"
+    assert missed.reason.endswith("10 mm off its place, and then joined with fruit 105 when both were measured.")
+
+
 # The photos that tell
 
 

@@ -63,7 +63,7 @@ class MeasureOptions:
     trusted_sd: float = 0.018
     doubt: float = 1.0
     circles: CircleOptions | None = field(default_factory=CircleOptions)
-    nearest_radii: float = 1.0
+    nearest_radii: float = 1.2
     allometry: Allometry = STORY_APPLES
 
     def __post_init__(self) -> None:

@@ -225,7 +225,22 @@ class Associations:
 
     def loss_of(self, fruit_id: int) -> str:
         """Return why a found fruit is not in the result, in words."""
-        return "removed by a correction" if fruit_id in self.removed else "dropped by the filter"
+        if fruit_id in self.removed:
+            return "removed by a correction"
+        if fruit_id in self.joined:
+            return f"joined with fruit {self.joined[fruit_id]} when both were measured"
+        return "dropped by the filter"
+
+    @cached_property
+    def joined(self) -> dict[int, int]:
+        """Found fruits that are not in the result, as their detections are now those of another fruit, and which."""
+        seen = self.survey.observations
+        owner_of = dict(zip(seen.detection_id.tolist(), seen.fruit_id.tolist(), strict=True))
+        return {
+            fruit_id: owner_of[detection_id]
+            for fruit_id, _, detection_id in self.survey.sightings
+            if fruit_id not in self.kept and fruit_id not in self.removed and detection_id in owner_of
+        }
 
 
 def _grouped(keys: list[int]) -> dict[int, list[int]]:
