@@ -14,23 +14,28 @@ import numpy as np
 import pytest
 
 import pomona
+from fuse_scenes import HEIGHT, WIDTH, cameras_in_a_row, detections_of
 from pipeline_fakes import Fakes
-from pomona.cameras import Cameras
+from pomona.cameras import Cameras, WorldFrame
 from pomona.capture.quality import quality_of
 from pomona.errors import InputError, MissingFileError
+from pomona.filter import shipped
 from pomona.geometry import estimate_similarity
 from pomona.live import Watch, WatchOptions, WatchServer
 from pomona.live.arrivals import Arrivals
 from pomona.live.checks import Checks, Hint
 from pomona.live.coverage import coverage_of
+from pomona.live.provisional import provisional
 from pomona.photos import Photo, Photos
 from pomona.pipeline import RunOptions, run
+from pomona.pipeline.segment import Segmented
 from pomona.progress import Silent
 from pomona.report import ReportData
 from pomona.report.contract import WatchState
 from pomona.sfm import SfmOptions, reconstruct
 from pomona.sfm.features import extract
 from pomona.sfm.growing import GrowingSide, largest
+from pomona.sfm.pieces import Piece
 from pomona.sfm.reconstruction import kept_features
 from report_scenes import row_cameras, row_fruits
 from serving import get, running
@@ -187,6 +192,23 @@ def test_the_largest_features_are_kept_in_order(row: tuple[list[Photo], np.ndarr
     few = largest(features, 50)
     assert len(few.keypoints) == len(few.descriptors) == len(few.rgb) == 50
     assert few.keypoints[:, 2].min() >= np.sort(features.keypoints[:, 2])[-50]
+
+
+# The count so far
+
+
+@pytest.mark.parametrize("options", [{}, {"filter_model": "object"}, {"filter_model": "second-look"}])
+def test_the_count_so_far_is_filtered_whatever_machine_the_run_will_have(options: dict[str, str]) -> None:
+    cameras = replace(cameras_in_a_row(8), frame=WorldFrame())
+    centers = np.array([[-0.2, 0.0, 0.1], [0.0, 0.0, -0.1], [0.2, 0.0, 0.05]])
+    masks = detections_of(cameras, centers, np.full(3, 0.075))
+    models = {"object": shipped("object"), "second-look": shipped("object", "second-look")}
+    chosen = RunOptions(**{name: models[value] for name, value in options.items()})
+    chosen.check_files()
+    photos = Photos(tuple(Photo(name, Path(name), WIDTH, HEIGHT) for name in cameras.photos))
+    answer = provisional([Piece("", cameras, 0.5)], Segmented(masks, 0.5), photos, chosen.of_stages)
+    assert len(answer.fruits) == 3
+    assert answer.coverage.length_m == pytest.approx(7 * 0.15, rel=0.1)
 
 
 # The survey at the end

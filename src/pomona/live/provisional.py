@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from pomona import __version__
 from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
+from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm
 from pomona.fruit_traits.kinds import many_of, packing_of
 from pomona.fruits import Fruits, Observations
 from pomona.live.coverage import Coverage, coverage_of
 from pomona.photos import Photos
-from pomona.pipeline.filter import filter_stage
+from pomona.pipeline.filter import FilterChoice, filter_stage
 from pomona.pipeline.fuse import FUSE_BY_OBJECT
 from pomona.pipeline.options import RunOptions, StageOptions
 from pomona.pipeline.results import scene_cloud
@@ -87,9 +88,16 @@ def provisional(pieces: Sequence[Piece], segmented: Segmented, photos: Photos, o
             selected=selected,
             placed=placed,
             photos=None,
-            options=_FILTER.options(options),
+            options=_without_second_look(_FILTER.options(options)),
             progress=progress,
         )
         fruits, observations = fused.fruits, fused.observations
     coverage = coverage_of(placed.cameras, fruits)
     return Provisional(placed.cameras, fruits, observations, selected.trusted, coverage)
+
+
+def _without_second_look(choice: FilterChoice) -> FilterChoice:
+    """The choice with the shipped machine in place of one that judges by the second look, which has not been taken."""
+    if choice.model is None or LinearSvm.load(choice.model).names == VIEW_FEATURE_NAMES:
+        return choice
+    return replace(choice, model=None)
