@@ -291,6 +291,56 @@ def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
     assert again.detections == summary.detections
 
 
+def _arrived(row: list[Photo], folder: Path, names: dict[str, int]) -> Path:
+    folder.mkdir(exist_ok=True)
+    for name, k in names.items():
+        shutil.copy(row[k].path, folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("option", ["sides", "positions", "gcp"])
+def test_options_may_speak_of_photos_that_have_yet_to_come(
+    row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path, option: str
+) -> None:
+    folder = _arrived(row[0], tmp_path / "in", {f"east_{k}.png": k for k in range(3)})
+    (folder / "broken.png").write_bytes(b"no photo")
+    (tmp_path / "positions.csv").write_text("photo,latitude,longitude\nwest_9.png,47.1,8.1\n")
+    (tmp_path / "gcp.txt").write_text("EPSG:32632\n" + "500000 5200000 400 100 100 west_9.png a\n" * 3)
+    given = {"sides": "east_*,west_*", "positions": tmp_path / "positions.csv", "gcp": tmp_path / "gcp.txt"}
+    hints: list[Hint] = []
+    options = RunOptions(sfm=QUICK, **{option: given[option]})  # type: ignore[arg-type]
+    watch = Watch(folder, tmp_path / "out", options, replace(AT_ONCE, until=4, idle_s=20.0), on_hint=hints.append)
+    watch.follow()
+    assert [photo.name for photo in watch.photos] == [f"east_{k}.png" for k in range(3)]
+    assert {photo.side for photo in watch.photos} == {"east" if option == "sides" else "row"}
+    assert [hint.photo for hint in hints] == ["broken.png"]
+
+
+def test_photos_that_do_not_go_with_the_options_are_told_of_until_they_do(
+    row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
+) -> None:
+    folder = _arrived(row[0], tmp_path / "in", {"east_0.png": 0, "IMG_1.png": 1})
+    hints: list[Hint] = []
+    states: list[WatchState] = []
+
+    def told(state: WatchState) -> None:
+        states.append(state)
+        if hints and (folder / "IMG_1.png").exists():
+            assert state.photos == 0
+            _arrived(row[0], folder, {"east_2.png": 2, "west_3.png": 3})
+            (folder / "IMG_1.png").unlink()
+
+    options = RunOptions(sfm=QUICK, sides="east_*,west_*")
+    watch = Watch(folder, tmp_path / "out", options, replace(AT_ONCE, until=3), on_state=told, on_hint=hints.append)
+    watch.follow()
+    (hint,) = (hint for hint in hints if hint.matter == "unreadable")
+    assert hint.photo == "in"
+    assert "IMG_1.png matches neither pattern" in hint.text
+    assert {photo.name: photo.side for photo in watch.photos} == {
+        "east_0.png": "east", "east_2.png": "east", "west_3.png": "west",
+    }  # fmt: skip
+
+
 @pytest.mark.slow
 def test_a_photo_may_be_deleted_while_it_is_worked_on(
     row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path

@@ -39,6 +39,7 @@ def load_photos(
     min_photos: int = 2,
     key_frames: KeyFrameOptions | None = None,
     leave_out_copies: bool = False,
+    are_all: bool = True,
     progress: Progress | None = None,
 ) -> Photos:
     """Return the photos of a folder, of two folders (the sides of a row), or the key frames of a video.
@@ -47,7 +48,8 @@ def load_photos(
     "row"), `none` (one side), or two patterns `GLOB,GLOB`. Key frames of a video are written into `frames_dir`.
     Photo files may be named one by one, too: those of two folders are of two sides. Files that cannot be used are
     warned of and kept in `Photos.skipped`; with `leave_out_copies`, so are copies of photos, byte for byte or of the
-    same name in another format, which are no further sightings of their fruits.
+    same name in another format, which are no further sightings of their fruits. Where these are not all, as others
+    still arrive (`are_all`), a pattern of `sides` may have no photo yet.
 
     Raises `MissingFileError` when a source is not there, `LostFileError` when a photo that was there is gone, and
     `InputError` when there is no photo, fewer than `min_photos`, a video that cannot be decoded, or a value of `sides`
@@ -74,7 +76,7 @@ def load_photos(
     photos = [photo for photo in photos if photo.name not in copies]
     if len(photos) < min_photos:
         raise InputError(too_few(paths, photos, skipped, min_photos))
-    photos = _with_sides(photos, sides, progress, were_told=len(paths) == 2)
+    photos = _with_sides(photos, sides, progress, were_told=len(paths) == 2, are_all=are_all)
     warn_of(photos, skipped, progress, cropped=cropped, from_video=from_video)
     return Photos(_ordered(photos), tuple(skipped), from_video=from_video)
 
@@ -221,13 +223,13 @@ def _camera(exif: Exif) -> str:
     return " ".join(part for part in parts if part)
 
 
-def _with_sides(photos: list[Photo], option: str, progress: Progress, *, were_told: bool) -> list[Photo]:
+def _with_sides(photos: list[Photo], option: str, progress: Progress, *, were_told: bool, are_all: bool) -> list[Photo]:
     """Say of each photo of which side it is; `were_told`: a person gave the two folders."""
     names = [photo.name for photo in photos]
     groups = [photo.side for photo in photos]
     chosen: Sequence[str] = [ONE_SIDE] * len(photos)
     if option not in ("auto", "none"):
-        chosen = sides_by_globs(names, option)
+        chosen = sides_by_globs(names, option, are_all=are_all)
     elif option == "auto" and len(set(groups)) == 2:
         chosen = groups
         one, other = dict.fromkeys(groups)

@@ -38,14 +38,15 @@ def read_positions(path: Path) -> dict[str, Gnss]:
     return result
 
 
-def with_positions(photos: Photos, path: Path, progress: Progress) -> Photos:
+def with_positions(photos: Photos, path: Path, progress: Progress, *, are_all: bool = True) -> Photos:
     """Return the photos at the places that a table has, in place of those of EXIF; others have none.
 
-    Raises what `read_positions` raises, and `InputError` where no photo is in the table, or a name may mean several.
+    Raises what `read_positions` raises, and `InputError` where a name may mean several photos, or no photo is in the
+    table, though these `are_all`.
     """
     positions = read_positions(path)
     pairs = pair_names(list(positions), photos.names)
-    if not pairs:
+    if not pairs and are_all:
         raise InputError(f"{path}: expected places of some of the {len(photos)} photos, found {few(list(positions))}")
     places = {photo: positions[name] for name, photo in pairs.items()}
     without = [photo.name for photo in photos if photo.name not in places]

@@ -74,12 +74,13 @@ def _globs(option: str) -> list[str]:
     return [part.strip() for part in option.split(",")]
 
 
-def sides_by_globs(names: Sequence[str], option: str) -> tuple[str, ...]:
+def sides_by_globs(names: Sequence[str], option: str, *, are_all: bool = True) -> tuple[str, ...]:
     """Return the side of each photo (n,) by two patterns `GLOB,GLOB`, each named after its literal part.
 
     A pattern is held against the photo's whole name and against its file name, without regard to case.
 
-    Raises `InputError` when `option` is not two patterns, or when a photo matches neither or both.
+    Raises `InputError` when `option` is not two patterns, when a photo matches neither or both, or when no photo
+    matches one of them, where these `are_all`.
     """
     check_option(option)
     globs = _globs(option)
@@ -97,7 +98,7 @@ def sides_by_globs(names: Sequence[str], option: str) -> tuple[str, ...]:
             f"{examples}"
         )
     missing = [glob for glob, label in zip(globs, labels, strict=True) if label not in sides]
-    if missing:
+    if missing and are_all:
         raise InputError(f"`sides` {option}: no photo matches {missing[0]}; photos are named like {names[0]}")
     return tuple(sides)
 

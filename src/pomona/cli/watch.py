@@ -14,6 +14,7 @@ from pomona.cli.action import with_progress
 from pomona.cli.failures import say
 from pomona.cli.page import NoBrowser, Port, open_page
 from pomona.cli.summary import show
+from pomona.cli.wording import with_options
 from pomona.errors import InputError
 from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline.options import parse_scale_bar
@@ -126,4 +127,4 @@ def _watched(session: Watch, out: Path) -> Summary:
 
 
 def _say(hint: Hint) -> None:
-    say("Look", "bold yellow", f"{hint.photo} {hint.text}.")
+    say("Look", "bold yellow", f"{hint.photo} {with_options(hint.text)}.")

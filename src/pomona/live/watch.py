@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pomona.capture.quality import quality_of
-from pomona.errors import InputError, PomonaError
+from pomona.errors import FormatError, InputError, PomonaError
 from pomona.formats.files import resolved
 from pomona.live.arrivals import Arrivals, Stamp
 from pomona.live.checks import Checks, Hint
@@ -83,6 +83,7 @@ class Watch:
         self._photos = Photos(())
         self._taken: dict[str, str] = {}  # the side of each
         self._unusable: dict[str, Stamp] = {}  # as they were then: a copy may go on
+        self._refused = False  # what is there now, as it does not go with the options
         self._waiting: list[Photo] = []  # for their fruits to be found
         self._digests: dict[str, str] = {}
         self._sides: dict[str, _Side] = {}
@@ -162,9 +163,15 @@ class Watch:
         if self._arrivals.look():
             stamps = self._arrivals.whole
             try:
-                loaded, self._digests = load_photos(self._survey, [self._folder], self._options, Silent(), min_photos=0)
+                loaded, self._digests = load_photos(
+                    self._survey, [self._folder], self._options, Silent(), min_photos=0, are_all=False
+                )
+            except (InputError, FormatError) as error:
+                self._refuse(error)
+                return []
             except PomonaError:  # taken away again
                 return []
+            self._refused = False
             before = self._photos.names
             for file in loaded.skipped:
                 self._leave_out(self._folder / file.name, file.name, file.reason)
@@ -177,6 +184,12 @@ class Watch:
             if any(self._taken.get(photo.name, photo.side) != photo.side for photo in self._photos):
                 self._begin_anew()
         return [photo for photo in self._photos if photo.name not in self._taken]
+
+    def _refuse(self, error: PomonaError) -> None:
+        """Say that photos and options do not go together, once until they do; nothing at all where no photo is left."""
+        if not self._refused and self._arrivals.whole:
+            self._hint([Hint(self._folder.name, "unreadable", f"cannot be taken in as it is: {error}")])
+            self._refused = True
 
     def _leave_out(self, path: Path, name: str, reason: str) -> None:
         """Say once that a file that is whole cannot be used, and again if it changed."""

@@ -24,10 +24,17 @@ _OF_FILE = ("path", "file_state")
 
 
 def load_photos(
-    survey: SurveyFolder, paths: Sequence[Path], options: RunOptions, progress: Progress, *, min_photos: int
+    survey: SurveyFolder,
+    paths: Sequence[Path],
+    options: RunOptions,
+    progress: Progress,
+    *,
+    min_photos: int,
+    are_all: bool = True,
 ) -> tuple[Photos, dict[str, str]]:
     """Return the photos and the digests of their contents; a photo is read for its digest only when it is new.
 
+    Where these are not all (`are_all`), as others still arrive, options may speak of photos that are not there.
     Raises as `capture.load_photos` does, and `FormatError` or `InputError` for points clicked where no photo is.
     """
     from pomona import capture
@@ -44,13 +51,14 @@ def load_photos(
         min_photos=min_photos,
         key_frames=options.key_frames,
         leave_out_copies=True,
+        are_all=are_all,
         progress=progress,
     )
     if options.positions is not None:
         from pomona.capture.positions import with_positions
 
-        photos = with_positions(photos, options.positions, progress)
-    if options.gcp is not None:
+        photos = with_positions(photos, options.positions, progress, are_all=are_all)
+    if options.gcp is not None and are_all:
         from pomona.scale.control_points import read_control_points
 
         read_control_points(options.gcp, photos)  # a mistake in it is said before hours of work
