@@ -20,6 +20,7 @@ from PIL import Image
 from pomona.capture import load_photos, read_grey, read_pixels
 from pomona.capture.exif import Exif, focal_px, parse_exif
 from pomona.capture.files import natural_key
+from pomona.capture.images import Header, read_header
 from pomona.capture.sensors import sensor_width_mm
 from pomona.capture.sides import sides_by_globs, sides_by_names
 from pomona.errors import InputError, LostFileError, MissingFileError
@@ -61,6 +62,28 @@ def write_photo(
         details[0xA002], details[0xA003] = taken_px
     image.save(path, exif=exif)
     return path
+
+
+def test_headers_are_read_again_only_of_files_that_are_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+
+    def reading(path: Path) -> Header:
+        read.append(path.name)
+        return read_header(path)
+
+    monkeypatch.setattr("pomona.capture.load.read_header", reading)
+    for k in range(3):
+        write_photo(tmp_path / f"IMG_{k}.jpg")
+    (tmp_path / "IMG_8.jpg").write_bytes(b"no photo")
+    first = load_photos([tmp_path])
+    assert sorted(read) == ["IMG_0.jpg", "IMG_1.jpg", "IMG_2.jpg", "IMG_8.jpg"]
+    read.clear()
+    write_photo(tmp_path / "IMG_3.jpg")
+    write_photo(tmp_path / "IMG_1.jpg", size=(200, 100))
+    second = load_photos([tmp_path])
+    assert {"IMG_1.jpg", "IMG_3.jpg"} <= set(read) <= {"IMG_1.jpg", "IMG_3.jpg", "IMG_8.jpg"}
+    assert [photo.width_px for photo in second][1] == 200 != [photo.width_px for photo in first][1]
+    assert [list(second)[k] for k in (0, 2)] == [list(first)[k] for k in (0, 2)]
 
 
 def test_orders_photos_naturally_and_ignores_other_files(tmp_path: Path) -> None:

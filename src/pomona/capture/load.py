@@ -6,12 +6,13 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 
 from pomona.capture.checks import copies_of, too_few, warn_of
 from pomona.capture.exif import Exif, focal_px, was_cropped
 from pomona.capture.files import VIDEO_SUFFIXES, are_camera_folders, list_photos, may_be_sides, natural_key
-from pomona.capture.images import Header, read_header
+from pomona.capture.images import Header, file_state, read_header
 from pomona.capture.keyframes import KeyFrameOptions
 from pomona.capture.sides import are_known_pair, check_option, sides_by_globs, sides_by_names
 from pomona.capture.video import extract_key_frames, is_video
@@ -19,6 +20,8 @@ from pomona.errors import InputError, MissingFileError, as_text, few
 from pomona.formats.files import from_home, is_there
 from pomona.photos import ONE_SIDE, PHOTO_SUFFIXES, Photo, Photos, Skipped
 from pomona.progress import Progress, Silent, track
+
+_KEPT_HEADERS = 20_000  # of photos: more than a row has, as those of a row are asked for in turn
 
 
 @dataclass(frozen=True)
@@ -187,7 +190,18 @@ def _of_source(
 def _header(file: _Found) -> Header:
     if as_text(file.name) != file.name:
         raise InputError("its name is not UTF-8: rename the file")
-    return read_header(file.path)
+    try:
+        state = file_state(file.path)
+    except OSError:  # which `read_header` says in words
+        return read_header(file.path)
+    return _header_of(file.path, state)
+
+
+@lru_cache(maxsize=_KEPT_HEADERS)
+def _header_of(path: Path, state: tuple[int, int]) -> Header:
+    """The header of a file, read once for each size and time: a folder that photos arrive in is looked through again
+    with every one of them."""
+    return read_header(path)
 
 
 def _photo(file: _Found, header: Header) -> Photo:
