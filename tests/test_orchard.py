@@ -20,6 +20,7 @@ import typer
 from typer.testing import CliRunner
 
 import pomona
+from chromium import chromium
 from orchard_scenes import digests, write_finished, write_rows
 from pomona.cli import wording
 from pomona.cli.app import app
@@ -40,6 +41,7 @@ from pomona.orchard.tables import write_tables
 from pomona.orchard.work import _made_from, do_job
 from pomona.pipeline import STAGES
 from pomona.progress import Progress, Silent
+from pomona.report.html import NUMBERS_SCRIPT, script_digest
 from pomona.survey import SurveyFolder
 from pomona.trees import Trees
 
@@ -393,7 +395,28 @@ def test_tables_and_report_of_all_rows(tmp_path: Path) -> None:
     assert "No camera &amp; no &lt;place&gt;" in page
     assert page.count("<line stroke=") == 1
     assert 'href="surveys/0000/report.html"' in page
-    assert "<script" not in page
+    assert re.findall("<script[^>]*>", page) == ["<script>"]  # that of numbers, and no other is allowed
+    assert f"script-src '{script_digest(NUMBERS_SCRIPT)}'" in page
+
+
+def test_numbers_of_the_report_are_in_the_language_of_its_reader(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    orchard = planned_rows(tmp_path, 2)
+    write_finished(orchard, fruits=1300)
+    (tmp_path / "tables").mkdir()
+    write_tables(orchard, OrchardFolder(Place(orchard.out)), tmp_path / "tables", Silent())
+    page = tmp_path / "report.html"
+    write_page(orchard, tmp_path / "tables" / "orchard.gpkg", page, Silent())
+    texts = {}
+    with chromium() as browser:
+        for locale in ("en-GB", "de-DE"):
+            opened = browser.new_context(locale=locale).new_page()
+            opened.goto(page.as_uri())
+            texts[locale] = opened.locator("main").inner_text()
+    english, german = texts.values()
+    assert {"2,601", "1,300", "468.2", "234.0"} <= set(re.findall(r"[\d.,]*\d", english))
+    assert {"2.601", "1.300", "468,2", "234,0"} <= set(re.findall(r"[\d.,]*\d", german))
+    assert re.findall(r"\d+,\d{3}\b|\b\d+\.\d{1,2}\b", german) == []
 
 
 def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path) -> None:
@@ -470,10 +493,10 @@ def test_names_on_the_map_are_in_it_and_not_over_each_other(tmp_path: Path) -> N
     assert min(np.diff(feet)) >= 14
     assert all(float(x) - 7 * len(name) > 0 for x, _, name in found)
     assert re.search(r"<title>Block 17 West 00: 1 fruit found, ", page)
-    assert "6.5 fruits found on each" in page  # 1 + 2 + … + 51 fruits on 204 trees
+    assert ">6.5</data> fruits found on each" in page  # 1 + 2 + … + 51 fruits on 204 trees
     edges = re.search(r"hidden ones too:</li>(.*?)</ul>", page)
     assert edges
-    assert {len(edge.partition(".")[2]) for edge in re.findall(r"[\d.]+(?= to |</li>)", edges[1])} == {2}
+    assert {len(edge.partition(".")[2]) for edge in re.findall(r">([\d.]+)</data>", edges[1])} == {2}
 
 
 def test_the_geopackage_opens_in_another_reader(tmp_path: Path) -> None:

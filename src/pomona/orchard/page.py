@@ -19,11 +19,12 @@ from urllib.parse import quote
 import numpy as np
 
 from pomona import __version__
-from pomona.arrays import FloatArray, counted
+from pomona.arrays import FloatArray
 from pomona.cameras import METRES_FROM
 from pomona.formats.gpkg import read_layer
 from pomona.orchard.plan import Orchard
 from pomona.progress import Progress
+from pomona.report.html import NUMBERS_SCRIPT, Html, amount, as_html, script_digest
 from pomona.report.svg import nice_step, number
 from pomona.report.totals import card
 
@@ -89,9 +90,14 @@ def write_page(orchard: Orchard, package: Path, page: Path, progress: Progress) 
 
 def _template(orchard: Orchard, totals: Totals) -> str:
     done = totals.surveys - totals.failed - totals.missing
-    subtitle = f"{done:,} of {totals.surveys:,} surveys done" + (f", {totals.failed:,} failed" if totals.failed else "")
+    failed = f", {_said(totals.failed)} failed" if totals.failed else ""
     return Template(_PAGE.read_text(encoding="utf-8")).substitute(
-        title=escape(orchard.title), version=escape(__version__), subtitle=subtitle, totals=_cards(totals)
+        title=escape(orchard.title),
+        version=escape(__version__),
+        subtitle=f"{_said(done)} of {_said(totals.surveys)} surveys done{failed}",
+        totals=_cards(totals),
+        script=NUMBERS_SCRIPT,
+        digest=script_digest(NUMBERS_SCRIPT),
     )
 
 
@@ -126,23 +132,25 @@ def _totals(package: Path) -> Totals:
 
 def _cards(totals: Totals) -> str:
     cards = [
-        card("Rows", f"{totals.rows:,}", f"{totals.length_m:,.0f} m" if totals.length_m else "of unknown length"),
-        card("Fruits found", f"{totals.fruits:,}", "by the newest survey of each row", "main"),
+        card("Rows", _said(totals.rows), f"{_said(totals.length_m)} m" if totals.length_m else "of unknown length"),
+        card("Fruits found", _said(totals.fruits), "by the newest survey of each row", "main"),
     ]
     if totals.all_fruits:
-        span = f"{totals.all_low:,.0f} to {totals.all_high:,.0f}: the rows' 95 % intervals, added{totals.of_rows}"
-        cards.append(card("All fruits, hidden ones too", f"{totals.all_fruits:,.0f}", span))
+        of_rows = f", of {_said(totals.rows_estimated)} of the rows" if totals.of_rows else ""
+        span = f"{_said(totals.all_low)} to {_said(totals.all_high)}: the rows' 95 % intervals, added{of_rows}"
+        cards.append(card("All fruits, hidden ones too", _said(totals.all_fruits), span))
     if totals.weight_kg:
         kilograms, each_g = totals.weight_kg, 1000 * totals.weight_kg / max(totals.fruits_weighed, 1)
         in_tonnes = kilograms > 2000
-        figure = f"{kilograms / 1000:,.2f} <small>t</small>" if in_tonnes else f"{kilograms:,.1f} <small>kg</small>"
+        weight = _said(kilograms / 1000, 2) if in_tonnes else _said(kilograms, 1)
         unweighed = totals.fruits - totals.fruits_weighed
-        without = f", without {unweighed:,} in rows that have no weight" if unweighed else ""
-        cards.append(card("Weight of those found", figure, f"{each_g:.0f} g each{without}"))
+        without = f", without {_said(unweighed)} in rows that have no weight" if unweighed else ""
+        figure = f"{weight} <small>{'t' if in_tonnes else 'kg'}</small>"
+        cards.append(card("Weight of those found", figure, f"{_said(each_g)} g each{without}"))
     if totals.trees:
         on_each = totals.fruits_on_trees / totals.trees
-        cards.append(card("Trees", f"{totals.trees:,}", f"{on_each:.{int(on_each < 10)}f} fruits found on each"))
-    cards.append(card("Photos", f"{totals.photos:,}", ""))
+        cards.append(card("Trees", _said(totals.trees), f"{_said(on_each, int(on_each < 10))} fruits found on each"))
+    cards.append(card("Photos", _said(totals.photos), ""))
     return "".join(cards)
 
 
@@ -190,13 +198,14 @@ def _write_map(file: TextIO, package: Path) -> None:
     file.write(_scale_bar(shown) + "</svg></div>")
     if len(classes) and classes[0] < classes[-1]:
         digits = max(0, 2 - math.floor(math.log10(classes[-1])))
+        ends = [_said(end, digits) for end in classes]
         entries = (
-            f'<li><i style="background:{colour}"></i>{classes[k]:.{digits}f} to {classes[k + 1]:.{digits}f}</li>'
+            f'<li><i style="background:{colour}"></i>{ends[k]} to {ends[k + 1]}</li>'
             for k, colour in enumerate(_COLOURS)
         )
         file.write(f'<ul class="legend"><li>Fruits a metre of row, hidden ones too:</li>{"".join(entries)}</ul>')
     if nowhere:
-        file.write(f'<p class="note">{nowhere:,} row{"s have" if nowhere > 1 else " has"} no place on Earth.</p>')
+        file.write(f'<p class="note">{_said(nowhere)} row{"s have" if nowhere > 1 else " has"} no place on Earth.</p>')
     file.write("</section>\n")
 
 
@@ -242,7 +251,8 @@ def _line(row: Row, shown: _Map, classes: FloatArray) -> str:
     if value is not None and len(classes):
         k = min(int(np.searchsorted(classes[1:-1], value, side="right")), len(_COLOURS) - 1)
         colour = f' stroke="{_COLOURS[k]}"'
-    said = f"{row['row']} {row['date']}".strip() + f": {counted(row['fruits'], 'fruit')} found"
+    fruits = f"{row['fruits']} fruit{'s' * (row['fruits'] != 1)}"  # no mark between thousands: no script writes it
+    said = f"{row['row']} {row['date']}".strip() + f": {fruits} found"
     said += f", {value:.3g} a metre with hidden ones" if value is not None else ""
     return (
         f'<line{colour} stroke-width="4" x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}">'
@@ -272,7 +282,7 @@ def _scale_bar(shown: _Map) -> str:
     x, y = end - length_m * shown.unit_m, shown.height - 10
     return (
         f'<line class="scale" stroke-width="2" x1="{x:.1f}" x2="{end:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
-        f'<text x="{(x + end) / 2:.1f}" y="{y - 6:.1f}" text-anchor="middle">{number(length_m)} m</text>'
+        f'<text x="{(x + end) / 2:.1f}" y="{y - 6:.1f}" text-anchor="middle">{_in_drawing(length_m)} m</text>'
     )
 
 
@@ -287,8 +297,8 @@ def _write_surveys(file: TextIO, package: Path) -> None:
         name = escape(row["row"])
         if row["state"] == "done":
             name = f'<a href="surveys/{quote(row["survey"])}/report.html">{name}</a>'
-        used = "" if row["photos"] is None else f"{row['photos_used']:,} of {row['photos']:,}"
-        span = "" if row["all_low"] is None else f"{row['all_low']:,.0f} to {row['all_high']:,.0f}"
+        used = "" if row["photos"] is None else Html(f"{_said(row['photos_used'])} of {_said(row['photos'])}")
+        span = "" if row["all_low"] is None else Html(f"{_said(row['all_low'])} to {_said(row['all_high'])}")
         cells = [
             row["date"], row["state"], used, _said(row["fruits"]), _said(row["all_fruits"]), span, _said(row["trees"]),
             _said(row["length_m"], 1), _said(row["weight_kg"], 1), _said(row["diameter_mm"], 1),
@@ -311,7 +321,8 @@ def _write_changes(file: TextIO, package: Path) -> None:
         if row["state"] == "done":
             folder = f"{row['row']}_{row['before']}_to_{row['after']}"
             name = f'<a href="comparisons/{quote(folder)}/comparison.html">{name}</a>'
-        span = "" if row["growth_low_mm"] is None else f"{row['growth_low_mm']:.1f} to {row['growth_high_mm']:.1f}"
+        ends = row["growth_low_mm"], row["growth_high_mm"]
+        span = "" if ends[0] is None else Html(f"{_said(ends[0], 1)} to {_said(ends[1], 1)}")
         cells = [
             row["before"], row["after"], _said(row["same"]), _said(row["gone"]), _said(row["really_gone"]),
             _said(row["new"]), _said(row["growth_mm"], 1), span, _said(row["growth_mm_per_day"], 2),
@@ -327,7 +338,7 @@ def _begin_table(file: TextIO, title: str, heads: tuple[str, ...]) -> None:
 
 
 def _write_row(file: TextIO, state: str, name: str, cells: list[str], reason: str) -> None:
-    texts = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+    texts = "".join(f"<td>{as_html(cell)}</td>" for cell in cells)
     file.write(f'<tr class="{escape(state)}"><td>{name}</td>{texts}<td class="text">{escape(reason)}</td></tr>\n')
 
 
@@ -339,5 +350,14 @@ def _kind(k: int, count: int) -> str:
     return ' class="text"' if k == count - 1 else ""
 
 
-def _said(value: float | None, digits: int = 0) -> str:
-    return "" if value is None else f"{value:,.{digits}f}"
+def _said(value: float | None, digits: int = 0) -> Html:
+    """A number as HTML, which the page's script writes as the reader's language does, where languages differ."""
+    if value is None:
+        return Html("")
+    return Html(f"{value:.0f}") if digits == 0 and abs(value) < 999.5 else amount(value, digits)
+
+
+def _in_drawing(value: float) -> str:
+    text = number(value)
+    _, _, fraction = text.partition(".")
+    return f'<tspan data-digits="{len(fraction)}" value="{text}">{text}</tspan>' if fraction else text

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -20,7 +18,7 @@ from pomona.report.columns import as_base64
 from pomona.report.contract import Source, SurveyData
 from pomona.report.crops import embedded_crops
 from pomona.report.data import ReportData
-from pomona.report.html import about, amount, amount_of
+from pomona.report.html import about, amount, amount_of, script_digest
 from pomona.report.options import ReportOptions
 from pomona.report.plots import plots
 from pomona.report.quality import quality
@@ -145,7 +143,7 @@ def policy(source: Source) -> str:
 def script_source() -> str:
     """Return what the content security policy of a server's page has to allow, so that the page's script runs."""
     script = _static("viewer.js").replace("</script", "<\\/script")
-    return f"'{_digest(script)}'"
+    return f"'{script_digest(script)}'"
 
 
 def note_of(source: Source) -> str:
@@ -155,11 +153,6 @@ def note_of(source: Source) -> str:
 
 def _static(name: str) -> str:
     return _ROOM.joinpath("static", name).read_text(encoding="utf-8").strip()
-
-
-def _digest(script: str) -> str:
-    """What the content security policy knows the script by."""
-    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
 
 
 def _subtitle(data: ReportData) -> str:
