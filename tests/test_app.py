@@ -254,6 +254,8 @@ def test_each_answer_is_an_option(changes: dict[str, Any], arguments: list[str])
         ({"metres": "markers", "markers": "/etc/passwd"}, "outside"),
         ({"metres": "scale-bar", "scale_bar": [0.0, 0.0, 0.85]}, "scale bar"),
         ({"metres": "scale-bar", "scale_bar": [0.0, 1.0, 0.0]}, "scale bar"),
+        ({"metres": "scale-bar", "scale_bar": [0.5, 1.0, 0.85]}, "scale bar"),
+        ({"metres": "scale-bar", "scale_bar": [1.0, 0.85]}, "scale bar"),
         ({"diameter_mm": 0.075}, "expected 2 to 500 mm"),
         ({"tree_spacing_m": 900.0}, "expected 0.1 to 50 m"),
         ({"fruit": "potato"}, "expected one of apple"),

@@ -164,6 +164,23 @@ def test_from_an_empty_list_to_a_corrected_survey(page: Any, server: AppServer, 
     page.wait_for_selector("text=Pomona has ended")
 
 
+def test_what_is_typed_is_asked_for_or_told_of(page: Any, row: Path) -> None:
+    page.click("a:text-is('New survey') >> nth=0")
+    _choose(page, "text=Choose a folder", row / "east")
+    page.fill("input[maxlength]", "Row 1")
+    page.fill("label:has-text('Usual diameter') input", "7 cm")
+    assert "'7 cm' is no number" in page.inner_text(".problem")
+    assert page.is_disabled("button:text-is('Start')")
+    page.fill("label:has-text('Usual diameter') input", "70 mm")
+    page.fill("label:has-text('Distance of the trees') input", "2,5")
+    page.wait_for_selector(".problem", state="detached")
+    page.click("summary:text-is('The same without this page')")
+    command = page.inner_text("pre >> nth=0")
+    assert "--fruit-diameter 0.07 " in command
+    assert "--tree-spacing 2.5" in command
+    assert page.is_enabled("button:text-is('Start')")
+
+
 def test_dropped_photos_are_copied_and_checked(page: Any, server: AppServer, tmp_path: Path) -> None:
     page.click("a:text-is('New survey') >> nth=0")
     photos = sorted((SAMPLE / "east").glob("*.jpg"))[:4]

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { isFit, withoutCommon, type Dropped } from "../src/app/dropping";
+import { numberIn } from "../src/app/numbers";
 import { LANGUAGES } from "../src/app/texts";
 import { fileName } from "../src/app/server";
 
@@ -15,6 +16,15 @@ describe("dropped files", () => {
     expect(kept("row/a.jpg", "row/b.jpg")).toEqual(["a.jpg", "b.jpg"]);
     expect(kept("row/east/a.jpg", "row/west/a.jpg")).toEqual(["east/a.jpg", "west/a.jpg"]);
     expect(kept("a.jpg", "row/b.jpg")).toEqual(["a.jpg", "row/b.jpg"]);
+  });
+});
+
+describe("numbers in fields", () => {
+  it("may have the field's unit behind them, and are no others than were typed", () => {
+    expect(["75", " 75 mm", "75mm", "7,5", "7.5 MM", ".5"].map((text) => numberIn(text, "mm"))).toEqual([75, 75, 75, 7.5, 7.5, 0.5]);
+    expect(["", "  "].map((text) => numberIn(text, "mm"))).toEqual([null, null]);
+    expect(["seventy", "7 cm", "1.000,5", "-3", "mm", "0x10", "1e3", "7 5"].map((text) => numberIn(text, "mm"))).toEqual(Array(8).fill(NaN));
+    expect([numberIn("2.5 m", "m"), numberIn("2.5 mm", "m"), numberIn("3", "")]).toEqual([2.5, NaN, 3]);
   });
 });
 

@@ -39,7 +39,8 @@ def options_of(asked: NewSurvey, folders: Folders) -> tuple[list[Path], RunOptio
     if asked.metres == "markers" and not asked.markers:
         raise InputError("Choose the table that says where the markers are: a CSV with the columns id, x, y, z")
     bar = asked.scale_bar
-    if asked.metres == "scale-bar" and (len(bar) != 3 or not bar[2] > 0 or bar[0] == bar[1]):
+    fits = len(bar) == 3 and bar[2] > 0 and bar[0] != bar[1] and all(end.is_integer() for end in map(float, bar[:2]))
+    if asked.metres == "scale-bar" and not fits:
         raise InputError("The scale bar needs the numbers of its two markers, and the metres between their centres")
     if asked.diameter_mm is not None and not 2 <= asked.diameter_mm <= 500:
         raise InputError(f"The usual diameter of a fruit is {asked.diameter_mm:g} mm: expected 2 to 500 mm")

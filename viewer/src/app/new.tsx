@@ -6,15 +6,11 @@ import type { Equal, Facts, Metres, NewSurvey, PhotoCheck } from "./contract";
 import { copy, isFit, ofDrop, ofInput, withoutCommon, type Dropped } from "./dropping";
 import { day, number, texts } from "./language";
 import { go } from "./list";
+import { numberIn } from "./numbers";
 import { Copyable, Problem, Said } from "./parts";
 import { tell } from "./server";
 
 const METRES: Metres[] = ["gnss", "markers", "scale-bar", "nothing"];
-
-function numberIn(text: string): number | null {
-  const value = Number(text.trim().replace(",", "."));
-  return text.trim() && Number.isFinite(value) ? value : null;
-}
 
 function lastOf(path: string): string {
   return path.split(/[/\\]/).filter(Boolean).pop() ?? path;
@@ -108,16 +104,22 @@ export function New({ facts }: { facts: Facts }) {
   const [refused, setRefused] = useState("");
   const picker = useRef<HTMLInputElement>(null);
 
+  // What is typed into a field that is shown; what is no number would be asked for as if nothing had been typed.
+  const size = numberIn(diameter, "mm");
+  const apart = numberIn(spacing, "m");
+  const ends = metres === "scale-bar" ? bar.map((text, i) => numberIn(text, i === 2 ? "m" : "")) : [];
+  const unclear = [diameter, spacing, ...bar].filter((_, i) => Number.isNaN([size, apart, ...ends][i]));
+
   const asked: NewSurvey = {
     name: name.trim(),
     photos,
     oneSide,
     fruit,
-    diameterMm: numberIn(diameter),
+    diameterMm: size,
     metres,
     markers: metres === "markers" ? markers : "",
-    scaleBar: metres === "scale-bar" ? bar.map((text) => numberIn(text) ?? 0) : [],
-    treeSpacingM: numberIn(spacing),
+    scaleBar: ends.filter((end) => end !== null),
+    treeSpacingM: apart,
     learn,
   };
 
@@ -143,12 +145,12 @@ export function New({ facts }: { facts: Facts }) {
   useEffect(() => {
     setEqual(null);
     setRefused("");
-    if (!photos.length || !asked.name) return;
+    if (!photos.length || !asked.name || unclear.length) return;
     const soon = setTimeout(() => {
       tell<Equal>("equal", asked).then(setEqual, (error: Error) => setRefused(error.message));
     }, 300);
     return () => clearTimeout(soon);
-  }, [JSON.stringify(asked)]);
+  }, [JSON.stringify(asked), unclear.join("\n")]);
 
   const take = (path: string) => {
     setChoosing("");
@@ -330,9 +332,12 @@ export function New({ facts }: { facts: Facts }) {
             <span class="soft path">{t.nameText(`${facts.surveysFolder}/${name.trim()}`)}</span>
           </label>
         </div>
+        {unclear.map((text) => (
+          <Problem key={text} text={t.noNumber(text)} />
+        ))}
         {refused && <Problem text={refused} />}
         <p class="line">
-          <button type="button" class="main" disabled={!photos.length || !name.trim() || copying !== null} onClick={start}>
+          <button type="button" class="main" disabled={!photos.length || !name.trim() || copying !== null || unclear.length > 0} onClick={start}>
             {t.start}
           </button>
           <a class="button" href="#/">

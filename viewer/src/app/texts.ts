@@ -208,6 +208,7 @@ const en = {
   fruitText: "Says how heavy fruits are for their size, and how large they usually are.",
   size: "Usual diameter",
   sizeText: (mm: string) => `In millimetres; ${mm} if you say nothing. It sets the scale only where nothing better does.`,
+  noNumber: (text: string) => `'${text}' is no number: write one such as 75 or 2.5`,
   metres: "What gives the scale?",
   metresKinds: {
     gnss: "Nothing special",
@@ -477,6 +478,7 @@ const de: Texts = {
   fruitText: "Sagt, wie schwer Früchte für ihre Größe sind, und wie groß meistens.",
   size: "Üblicher Durchmesser",
   sizeText: (mm) => `In Millimetern; ${mm}, wenn nichts angegeben ist. Bestimmt den Maßstab nur, wo nichts Besseres da ist.`,
+  noNumber: (text) => `„${text}“ ist keine Zahl: zum Beispiel 75 oder 2,5 schreiben`,
   metres: "Was gibt den Maßstab?",
   metresKinds: {
     gnss: "Nichts Besonderes",

@@ -633,6 +633,7 @@ var xe = {
 		fruitText: "Says how heavy fruits are for their size, and how large they usually are.",
 		size: "Usual diameter",
 		sizeText: (e) => `In millimetres; ${e} if you say nothing. It sets the scale only where nothing better does.`,
+		noNumber: (e) => `'${e}' is no number: write one such as 75 or 2.5`,
 		metres: "What gives the scale?",
 		metresKinds: {
 			gnss: "Nothing special",
@@ -924,6 +925,7 @@ var xe = {
 		fruitText: "Sagt, wie schwer Früchte für ihre Größe sind, und wie groß meistens.",
 		size: "Üblicher Durchmesser",
 		sizeText: (e) => `In Millimetern; ${e}, wenn nichts angegeben ist. Bestimmt den Maßstab nur, wo nichts Besseres da ist.`,
+		noNumber: (e) => `„${e}“ ist keine Zahl: zum Beispiel 75 oder 2,5 schreiben`,
 		metres: "Was gibt den Maßstab?",
 		metresKinds: {
 			gnss: "Nichts Besonderes",
@@ -1379,17 +1381,18 @@ async function Qe(e, t) {
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
+// src/app/numbers.ts
+function $e(e, t) {
+	let n = e.trim().replace(RegExp(`\\s*${t}$`, "i"), "");
+	return e.trim() ? /^\d+([.,]\d*)?$|^[.,]\d+$/.test(n) ? Number(n.replace(",", ".")) : NaN : null;
+}
 // src/app/new.tsx
-var $e = [
+var et = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function et(e) {
-	let t = Number(e.trim().replace(",", "."));
-	return e.trim() && Number.isFinite(t) ? t : null;
-}
 function tt(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
@@ -1520,16 +1523,24 @@ function it({ facts: e }) {
 		"0",
 		"1",
 		""
-	]), [A, j] = U(""), [M, N] = U(!1), [P, F] = U(""), [ee, I] = U(null), [L, R] = U(""), te = G(null), z = {
+	]), [A, j] = U(""), [M, N] = U(!1), [P, F] = U(""), [ee, I] = U(null), [L, R] = U(""), te = G(null), z = $e(S, "mm"), B = $e(A, "m"), ne = w === "scale-bar" ? O.map((e, t) => $e(e, t === 2 ? "m" : "")) : [], re = [
+		S,
+		A,
+		...O
+	].filter((e, t) => Number.isNaN([
+		z,
+		B,
+		...ne
+	][t])), V = {
 		name: P.trim(),
 		photos: n,
 		oneSide: v,
 		fruit: b,
-		diameterMm: et(S),
+		diameterMm: z,
 		metres: w,
 		markers: w === "markers" ? E : "",
-		scaleBar: w === "scale-bar" ? O.map((e) => et(e) ?? 0) : [],
-		treeSpacingM: et(A),
+		scaleBar: ne.filter((e) => e !== null),
+		treeSpacingM: B,
 		learn: M
 	};
 	W(() => {
@@ -1545,15 +1556,15 @@ function it({ facts: e }) {
 			e && (p(null), _(t.message));
 		}).finally(() => e && h(!1)), () => void (e = !1);
 	}, [n.join("\n"), v]), W(() => {
-		if (I(null), R(""), !n.length || !z.name) return;
+		if (I(null), R(""), !n.length || !V.name || re.length) return;
 		let e = setTimeout(() => {
-			$("equal", z).then(I, (e) => R(e.message));
+			$("equal", V).then(I, (e) => R(e.message));
 		}, 300);
 		return () => clearTimeout(e);
-	}, [JSON.stringify(z)]);
-	let B = (e) => {
+	}, [JSON.stringify(V), re.join("\n")]);
+	let ie = (e) => {
 		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(tt(e).replace(/\.[^.]+$/, "")));
-	}, ne = async (e) => {
+	}, H = async (e) => {
 		let t = Ze(e.filter((e) => qe(e.name)));
 		if (l(e.length - t.length), t.length) {
 			_(""), r([]);
@@ -1569,14 +1580,14 @@ function it({ facts: e }) {
 			}
 			s(null);
 		}
-	}, re = async () => {
+	}, ae = async () => {
 		R("");
 		try {
-			Ve(`/survey/${await $("surveys", z)}`);
+			Ve(`/survey/${await $("surveys", V)}`);
 		} catch (e) {
 			R(e.message);
 		}
-	}, V = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	}, oe = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
 	return /* @__PURE__ */ J("main", { children: [
 		/* @__PURE__ */ J("div", {
 			class: "head",
@@ -1597,7 +1608,7 @@ function it({ facts: e }) {
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Ye(e.dataTransfer).then(ne);
+						e.preventDefault(), d(!1), e.dataTransfer && Ye(e.dataTransfer).then(H);
 					},
 					children: [/* @__PURE__ */ J("p", {
 						class: "line",
@@ -1632,7 +1643,7 @@ function it({ facts: e }) {
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: (e) => e.currentTarget.files && void ne(Xe(e.currentTarget.files))
+								onChange: (e) => e.currentTarget.files && void H(Xe(e.currentTarget.files))
 							})
 						]
 					})]
@@ -1712,12 +1723,12 @@ function it({ facts: e }) {
 							/* @__PURE__ */ J("input", {
 								inputMode: "decimal",
 								value: S,
-								placeholder: q(V),
+								placeholder: q(oe),
 								onInput: (e) => C(e.currentTarget.value)
 							}),
 							/* @__PURE__ */ J("span", {
 								class: "soft",
-								children: t.sizeText(q(V))
+								children: t.sizeText(q(oe))
 							})
 						] }),
 						/* @__PURE__ */ J("label", { children: [t.sides, /* @__PURE__ */ J("select", {
@@ -1749,7 +1760,7 @@ function it({ facts: e }) {
 					/* @__PURE__ */ J("legend", { children: t.metres }),
 					/* @__PURE__ */ J("div", {
 						class: "kinds",
-						children: $e.map((e) => /* @__PURE__ */ J("label", {
+						children: et.map((e) => /* @__PURE__ */ J("label", {
 							class: `kind ${w === e ? "on" : ""}`,
 							children: [
 								/* @__PURE__ */ J("span", {
@@ -1834,14 +1845,15 @@ function it({ facts: e }) {
 						})
 					] })
 				}),
+				re.map((e) => /* @__PURE__ */ J(Y, { text: t.noNumber(e) }, e)),
 				L && /* @__PURE__ */ J(Y, { text: L }),
 				/* @__PURE__ */ J("p", {
 					class: "line",
 					children: [/* @__PURE__ */ J("button", {
 						type: "button",
 						class: "main",
-						disabled: !n.length || !P.trim() || o !== null,
-						onClick: re,
+						disabled: !n.length || !P.trim() || o !== null || re.length > 0,
+						onClick: ae,
 						children: t.start
 					}), /* @__PURE__ */ J("a", {
 						class: "button",
@@ -1864,7 +1876,7 @@ function it({ facts: e }) {
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
 			roots: e.roots,
 			onClose: () => a(""),
-			onChoose: B
+			onChoose: ie
 		})
 	] });
 }
