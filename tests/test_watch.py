@@ -24,7 +24,7 @@ from pomona.geometry import estimate_similarity
 from pomona.live import Watch, WatchOptions, WatchServer
 from pomona.live.arrivals import Arrivals
 from pomona.live.checks import Checks, Hint
-from pomona.live.coverage import coverage_of
+from pomona.live.coverage import Walk, coverage_of
 from pomona.live.provisional import provisional
 from pomona.photos import Photo, Photos
 from pomona.pipeline import RunOptions, run
@@ -140,6 +140,36 @@ def test_the_step_of_a_row_walked_there_and_back_is_that_of_one_walk() -> None:
     once, twice = coverage_of(there, fruits), coverage_of(both, fruits)
     assert twice.length_m == pytest.approx(once.length_m)
     assert twice.step_m == pytest.approx(once.step_m, rel=0.1)
+
+
+def _walks(*offs: np.ndarray, about: np.ndarray) -> Cameras:
+    """Walks of 8 photos, 1.4 m long and with steps of 0.2 m, each elsewhere; all but the first look back."""
+    first = cameras_in_a_row(8, step_m=0.2)
+    poses = [first.cam_from_world]
+    for off in offs:
+        turned = first.cam_from_world[:, :, :3] @ about
+        poses.append(np.concatenate([turned, (first.cam_from_world[:, :, 3] - turned @ off)[:, :, None]], axis=2))
+    names = tuple(f"{k}-{name}" for k in range(len(poses)) for name in first.photos)
+    return Cameras(names, first.intrinsics, np.zeros(len(names), np.int64), np.concatenate(poses), frame=first.frame)
+
+
+@pytest.mark.parametrize("moved_m", [0.0, 0.01])
+def test_two_sides_far_apart_are_as_long_as_one_and_its_steps_as_wide(moved_m: float) -> None:
+    both = _walks(np.array([moved_m, 3.0, 0.0]), about=np.diag([-1.0, -1.0, 1.0]))
+    assert np.ptp(both.centers_in_world[:, 1]) == pytest.approx(6.0)
+    walks = [Walk("east", both.photos[:8]), Walk("west", both.photos[8:])]
+    covered = coverage_of(both, row_fruits(12), walks)
+    assert covered.length_m == pytest.approx(1.4 + moved_m, abs=1e-6)
+    assert covered.step_m == pytest.approx(0.2)
+
+
+def test_sides_that_lie_anywhere_are_one_row_and_parts_of_a_side_are_added() -> None:
+    cameras = _walks(np.array([5.0, 0.0, 0.0]), np.array([10.0, 0.0, 0.0]), about=np.eye(3))
+    names = cameras.photos
+    walks = [Walk("east", names[:8]), Walk("east", names[8:16]), Walk("west", names[16:])]
+    covered = coverage_of(cameras, row_fruits(12), walks, in_one_frame=False)
+    assert (covered.length_m, covered.step_m) == (pytest.approx(2.8), pytest.approx(0.2))
+    assert coverage_of(cameras, row_fruits(12), walks).length_m == pytest.approx(11.4)
 
 
 def test_coverage_of_a_bent_row_goes_along_it() -> None:

@@ -16,7 +16,7 @@ from pomona.detections import SurveyDetections
 from pomona.filter import VIEW_FEATURE_NAMES, LinearSvm
 from pomona.fruit_traits.kinds import many_of, packing_of
 from pomona.fruits import Fruits, Observations
-from pomona.live.coverage import Coverage, coverage_of
+from pomona.live.coverage import Coverage, Walk, coverage_of
 from pomona.photos import Photos
 from pomona.pipeline.filter import FilterChoice, filter_stage
 from pomona.pipeline.fuse import FUSE_BY_OBJECT
@@ -92,7 +92,8 @@ def provisional(pieces: Sequence[Piece], segmented: Segmented, photos: Photos, o
             progress=progress,
         )
         fruits, observations = fused.fruits, fused.observations
-    coverage = coverage_of(placed.cameras, fruits)
+    walks = [Walk(piece.side, piece.cameras.photos) for piece in pieces]
+    coverage = coverage_of(placed.cameras, fruits, walks, in_one_frame=placed.report.sides_are_tied)
     return Provisional(placed.cameras, fruits, observations, selected.trusted, coverage)
 
 
