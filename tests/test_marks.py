@@ -26,6 +26,7 @@ from pomona.self_training.marked import detections_of_marks, labels_of_marks
 from pomona.self_training.options import AdaptOptions
 from pomona.self_training.rerun import found_fruits
 from pomona.survey import SurveyFolder
+from pomona.survey.digest import file_digest
 from view_scenes import write_view_survey
 
 OPTIONS = AdaptOptions(least_score=0.5, least_views=2)
@@ -98,7 +99,7 @@ def test_labels_of_other_programs_are_marks_of_all_fruits(tmp_path: Path) -> Non
 
 def test_marks_of_labelling_programs_are_of_the_photos_that_they_mean(tmp_path: Path) -> None:
     survey = pomona.open(write_view_survey(tmp_path))
-    survey.files.note(photos=[{"name": name, "digest": "1"} for name in survey.photos.names])
+    survey.files.note(photos=[{"name": photo.name, "digest": file_digest(photo.path)} for photo in survey.photos])
     photo, other = survey.photos.items[:2]
     box = LabelledFruit((5.0, 5.0, 25.0, 25.0), None)
     size = photo.width_px, photo.height_px

@@ -53,7 +53,11 @@ def _key_frames(survey: SurveyFolder, places: Sequence[Path], names: Sequence[st
 
     frames = survey.work_folder.resolve() / "frames"
     by_path = {frames / name: name for name in names}
-    if not by_path or any(place.is_dir() for place in places) or not all(path.is_file() for path in by_path):
+    try:
+        is_video = bool(by_path) and not any(place.is_dir() for place in places)
+        if not is_video or not all(path.is_file() for path in by_path):
+            return None
+    except OSError:  # a damaged survey's paths may be none
         return None
     try:
         photos = load_photos(list(by_path), sides="none", min_photos=1)
