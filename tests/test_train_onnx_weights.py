@@ -3,6 +3,7 @@
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from pomona.train.center import LARGER, CenterLearner, maps_of  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
 from pomona.train.learner import ModelSettings  # noqa: E402
-from pomona.train.network import FruitNet  # noqa: E402
+from pomona.train.network import FruitNet, Outputs  # noqa: E402
 from pomona.train.onnx_weights import fill_from_onnx  # noqa: E402
 from train_scenes import discs, samples_of_discs  # noqa: E402
 
@@ -50,6 +51,34 @@ def test_what_is_read_back_says_what_the_file_says(tmp_path: Path) -> None:
     np.testing.assert_allclose(mine.foreground, maps.foreground, atol=1e-4)
     np.testing.assert_allclose(mine.box, maps.box, rtol=1e-3, atol=1e-2)
     np.testing.assert_allclose(mine.offset, maps.offset, rtol=1e-3, atol=1e-2)
+
+
+class OnGpu(FruitNet):
+    """A network that, as one on a GPU, takes nothing that lies in memory, until it is moved there itself."""
+
+    in_memory = False
+
+    def _apply(self, *args: Any, **options: Any) -> FruitNet:
+        self.in_memory = True
+        return super()._apply(*args, **options)
+
+    def forward(self, image: torch.Tensor) -> Outputs:
+        if not self.in_memory:
+            raise RuntimeError("Input type (torch.FloatTensor) and weight type (torch.cuda.FloatTensor)")
+        return super().forward(image)
+
+
+def test_a_network_that_learnt_on_a_gpu_is_exported_and_stays_there(tmp_path: Path) -> None:
+    network = OnGpu(imagenet=False).train()
+    CenterLearner(weights="none").export(network, tmp_path / "n.onnx", ModelSettings(threshold=0.5, fruit_px=40))
+    assert not network.in_memory
+    assert network.training
+    again = FruitNet(imagenet=False)
+    fill_from_onnx(again, tmp_path / "n.onnx")
+    image = torch.rand(1, 3, 64, 96) * 255
+    with torch.no_grad():
+        for one, other in zip(network.cpu().eval()(image), again.eval()(image), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-3)
 
 
 def test_norms_stay_frozen_in_training_and_over_a_checkpoint(tmp_path: Path) -> None:

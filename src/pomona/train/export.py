@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import warnings
 from pathlib import Path
@@ -65,9 +66,8 @@ def export_onnx(
     """
     import onnx
 
-    model = _Probabilities(
-        network, threshold, foreground_threshold
-    ).eval()  # a wrapper in training mode would leave the network in it
+    # A copy: the network stays where it is, maybe on a GPU, and in its mode.
+    model = _Probabilities(copy.deepcopy(network), threshold, foreground_threshold).cpu().eval()
     names = ["heatmap", "box", "foreground", "offset", "circle"]
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Constant folding")  # no mistake of anyone
