@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import cv2
@@ -23,6 +24,7 @@ from pomona.formats.detections.photo_source import PhotoFinder  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
+from pomona.segment.load import SHIPPED_WEIGHTS  # noqa: E402
 from pomona.segment.protocol import TileDetections  # noqa: E402
 from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
@@ -205,6 +207,37 @@ def test_training_ends_early_when_nothing_gets_better(samples: list[Sample], tmp
     assert told.warnings == [f"Training ended at step {steps}: nothing better in 2 checks."]
     fit(CenterLearner(), samples[:4], samples[4:], tmp_path, options=options)
     assert len((tmp_path / "log.csv").read_text().splitlines()) - 1 == steps
+
+
+def test_a_training_that_diverges_says_so_at_once(samples: list[Sample], tmp_path: Path) -> None:
+    options = FitOptions(
+        steps=8, batch=1, learning_rate=1e30, warm_up=0, checked_photos=1, workers=0, threads=1, augment=SMALL
+    )
+    with pytest.raises(InputError, match=r"new: training diverged at step [1-3]: .* `learning_rate` than 1e\+30"):
+        fit(CenterLearner(weights="none"), samples[:4], samples[4:], tmp_path / "new", options=options)
+
+
+def test_what_was_good_before_a_training_diverged_is_taken(samples: list[Sample], tmp_path: Path) -> None:
+    class Diverges(CenterLearner):
+        steps = 0
+
+        def loss(self, *args: Any) -> tuple[torch.Tensor, dict[str, float]]:
+            self.steps += 1
+            loss, each = super().loss(*args)
+            return (loss * math.nan, each) if self.steps > 2 else (loss, each)
+
+    options = FitOptions(
+        steps=6, batch=1, learning_rate=1e-9, warm_up=0, check_every=2, checked_photos=1, workers=0, augment=SMALL
+    )
+    told = Silent()
+    learner = Diverges(weights=str(SHIPPED_WEIGHTS))
+    network = fit(learner, samples[:4], samples[4:], tmp_path, options=options, progress=told)
+    assert learner.steps == 3
+    assert len(told.warnings) == 1
+    assert "diverged at step 2: " in told.warnings[0]
+    assert told.warnings[0].endswith("the best network before that is taken")
+    assert all(bool(torch.isfinite(value).all()) for value in network.state_dict().values())
+    assert (tmp_path / "log.csv").read_text().splitlines()[-1].startswith("2,")
 
 
 def test_a_network_begins_where_an_earlier_one_ended(samples: list[Sample], tmp_path: Path) -> None:

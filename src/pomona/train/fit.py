@@ -14,6 +14,7 @@ from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
 from pomona.arrays import ByteArray, FloatArray
+from pomona.errors import InputError
 from pomona.progress import Progress, Silent
 from pomona.train.augment import AugmentOptions, draw_crop
 from pomona.train.crop import TrainingCrop
@@ -39,7 +40,10 @@ def fit(
 
     `folder` holds `last.pt`, from which the same call goes on after a stop, `best.pt`, `log.csv` and `curves.svg`.
 
-    Raises `InputError` when the folder's training was begun otherwise, and `FormatError` for a broken checkpoint.
+    A training that diverges ends there, with a warning.
+
+    Raises `InputError` when the folder's training was begun otherwise, or diverges before it finds any fruit, and
+    `FormatError` for a broken checkpoint.
     """
     options, progress = options or FitOptions(), progress or Silent()
     folder.mkdir(parents=True, exist_ok=True)
@@ -57,7 +61,9 @@ def fit(
         progress.start("training", options.steps)
         progress.advance(state.step)
         for batch in () if state.stalled else DataLoader(stream, batch_size=None, num_workers=options.workers):
-            state.learn(batch)
+            if not state.learn(batch):
+                progress.warn(_end_of_a_diverged(state, folder, options))
+                break
             progress.advance()
             if state.step % options.check_every == 0 or state.step == options.steps:
                 state.conclude(check(learner, state.average, _spread(validation, options.checked_photos)))
@@ -68,6 +74,15 @@ def fit(
         if not state.was_checked:  # stopped before its first check, and asked for no more steps now
             state.conclude(check(learner, state.average, _spread(validation, options.checked_photos)))
         return state.best_network()
+
+
+def _end_of_a_diverged(state: TrainingState, folder: Path, options: FitOptions) -> str:
+    """Return what to say where what was found before is kept; raises `InputError` where nothing was."""
+    what = f"training diverged at step {state.step}: its loss is no number any more. A lower `learning_rate` than "
+    what += f"{options.learning_rate:g} avoids that"
+    if not state.finds_fruit:
+        raise InputError(f"{folder}: {what}; begin anew with one and another `out`, or delete this folder before")
+    return f"{folder}: {what}; the best network before that is taken"
 
 
 @contextmanager

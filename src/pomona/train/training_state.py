@@ -55,14 +55,24 @@ class TrainingState:
         """Whether the last `patience` checks brought nothing better."""
         return self._options.patience is not None and self._checks_since_best >= self._options.patience
 
-    def learn(self, batch: Any) -> None:
-        """Take one step on a batch of the learner's; what chance does in it hangs on the seed and the step alone."""
+    @property
+    def finds_fruit(self) -> bool:
+        """Whether the best network so far found any of the fruits that it was measured on."""
+        return self._best > 0
+
+    def learn(self, batch: Any) -> bool:
+        """Take one step on a batch of the learner's; what chance does in it hangs on the seed and the step alone.
+
+        Returns whether there is a loss to learn from: a network that diverged has none, and never finds back.
+        """
         torch.manual_seed(int(np.random.SeedSequence([self._options.seed, self.step]).generate_state(1)[0]))
         rate = self._options.learning_rate * _rate(self.step, self._options)
         for group in self._optimiser.param_groups:
             group["lr"] = rate * group["share"]
         self._network.train()
         loss, each = self._learner.loss(self._network, batch)
+        if not bool(torch.isfinite(loss)):
+            return False
         self._optimiser.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self._network.parameters(), _LONGEST_GRADIENT)
@@ -71,6 +81,7 @@ class TrainingState:
         for name, value in each.items():
             self._losses[name].append(value)
         self.step += 1
+        return True
 
     def conclude(self, scores: ValidationScores) -> None:
         """Log the losses since the last check with the scores, keep the best network, and save."""
