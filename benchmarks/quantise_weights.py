@@ -2,9 +2,9 @@
 
 python benchmarks/quantise_weights.py MODEL.onnx OUT.onnx [--tiles TILES] [--rows FOLDER ...] [--crops N] [--seed 0]
 
-Which numbers occur is seen in some crops. Those of a segmenter are as training draws them, of TILES (`fruit_tiles.py`)
-and of rendered rows; those of a network that looks at crops, of the second look or of circles, are what it is given in
-rendered rows. `pomona train` does the same with what it has learnt from.
+Which numbers occur is seen in some crops. Those of a segmenter are as training draws them, each fourth with wider
+fruits, of TILES (`fruit_tiles.py`) and of rendered rows; those of a network that looks at crops, of the second look or
+of circles, are what it is given in rendered rows. `pomona train` does the same with what it has learnt from.
 """
 
 import argparse
@@ -32,7 +32,7 @@ OF_EACH_BATCH = 12
 
 
 def training_crops(folders: list[Path], count: int, seed: int) -> list[np.ndarray]:
-    """Crops as training draws them."""
+    """Crops as training draws them, each fourth with wider fruits."""
     options = FitOptions(seed=seed, augment=AugmentOptions(leafy=0.1, shaded=0.15))
     with TemporaryDirectory() as cache:
         training, _ = gather(folders, Path(cache), 0.1)

@@ -3,6 +3,7 @@
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,12 +15,15 @@ from pomona.onnx_file import OnnxFile  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
+from pomona.train import FitOptions  # noqa: E402
+from pomona.train.augment import AugmentOptions  # noqa: E402
 from pomona.train.center import CenterLearner  # noqa: E402
-from pomona.train.eight_bits import in_eight_bits  # noqa: E402
+from pomona.train.eight_bits import ENOUGH, in_eight_bits  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
+from pomona.train.fit import some_crops  # noqa: E402
 from pomona.train.network import FruitNet  # noqa: E402
 from pomona.train.rounding import rounded  # noqa: E402
-from train_scenes import discs  # noqa: E402
+from train_scenes import discs, samples_of_discs  # noqa: E402
 
 PACKAGE = Path(__file__).parents[1] / "src" / "pomona"
 
@@ -52,6 +56,36 @@ def test_both_say_the_same_of_fruits(files: tuple[Path, Path]) -> None:
     assert np.abs(one.box - other.box)[:, fruit].mean() < 0.5  # of 40 px
     assert np.abs(one.foreground - other.foreground).mean() < 0.005
     assert np.abs(one.offset - other.offset)[:, one.foreground > 0.5].mean() < 1.0
+
+
+@pytest.mark.slow
+def test_fruits_wider_than_training_shows_are_as_wide_as_with_floats(files: tuple[Path, Path], tmp_path: Path) -> None:
+    samples = samples_of_discs(tmp_path, larger=3)
+    crops = some_crops(samples, CenterLearner(weights="none"), FitOptions(), ENOUGH)
+    in_eight_bits(files[0], tmp_path / "whole.onnx", crops)
+    floats, whole = (CenterOffsetSegmenter(path) for path in (files[0], tmp_path / "whole.onnx"))
+    pixels = np.repeat(np.repeat(discs(9)[0], 4, 0), 4, 1)
+    one, other = floats.maps(pixels), whole.maps(pixels)
+    fruit = one.heatmap > 0.3
+    widths_px = one.box[[0, 2]].sum(0)[fruit], other.box[[0, 2]].sum(0)[fruit]
+    assert fruit.sum() > 50
+    assert 120 < widths_px[0].mean() < 150
+    assert 0.97 < widths_px[1].mean() / widths_px[0].mean() < 1.02
+
+
+def test_each_fourth_crop_shows_wider_fruits_than_training(tmp_path: Path) -> None:
+    plain = AugmentOptions(crop_px=96, fruit_px=(8.0, 16.0), stretch=0.0, mosaics=0.0, at_a_fruit=1.0, recolours=False)
+    crops = some_crops(samples_of_discs(tmp_path), CenterLearner(weights="none"), FitOptions(augment=plain), 16)
+    widest = []
+    for crop in crops:
+        red = (crop[:, :, 0] > 150).astype(np.uint8)
+        _, _, stats, _ = cv2.connectedComponentsWithStats(red)
+        widest.append(stats[1:, cv2.CC_STAT_WIDTH].max(initial=0))
+    median_px, wide = 16.0, np.array(widest)[3::4]  # fruits of a photo differ by a third from their median
+    assert len(wide) == 4
+    assert (wide > 1.1 * median_px).all()
+    assert (wide < 2.2 * median_px).all()
+    assert (np.delete(widest, np.s_[3::4]) < 1.4 * median_px).all()
 
 
 def test_it_is_a_third_as_large_and_its_metadata_is_the_same(files: tuple[Path, Path]) -> None:

@@ -27,11 +27,11 @@ def discs(seed: int, size: int = 200, count: int = 6) -> tuple[np.ndarray, np.nd
     return pixels, ids
 
 
-def samples_of_discs(folder: Path, count: int = 6) -> list[Sample]:
-    """Samples of photos of discs, each a photo of its own."""
+def samples_of_discs(folder: Path, count: int = 6, larger: int = 1) -> list[Sample]:
+    """Samples of photos of discs, each a photo of its own, so many times as large."""
     made = []
     for k in range(count):
-        pixels, ids = discs(k)
+        pixels, ids = (np.repeat(np.repeat(image, larger, 0), larger, 1) for image in discs(k))
         labels = ids.astype(np.int16)
         boxes = boxes_of(labels, ids.max())
         cv2.imwrite(str(folder / f"{k}.png"), pixels[:, :, ::-1])

@@ -42,8 +42,8 @@ _SCALING: Mapping[str, Callable[[FloatArray, float], FloatArray]] = {
 def in_eight_bits(source: Path, out: Path, crops: Sequence[ByteArray]) -> None:
     """Write the model file `source` of floats, as `export_onnx` makes it, as one of eight bits.
 
-    Which numbers occur in it is seen in `crops` (h, w, c), as training draws them; `ENOUGH` of them tell it as well as
-    more. Metadata is that of `source`.
+    Which numbers occur in it is seen in `crops` (h, w, c), as `fit.some_crops` draws them; `ENOUGH` of them tell it as
+    well as more. Larger numbers are cut off. Metadata is that of `source`.
 
     Raises `FormatError` where `source` does not begin with a convolution of an image that is brought to about 0.
     """

@@ -15,7 +15,7 @@ from pomona.segment.protocol import TileDetections
 from pomona.train.crop import TrainingCrop
 
 DrawCrops = Callable[[int], Sequence[ByteArray]]
-"""Draws so many crops (h, w, 3), as training shows them to the network."""
+"""Draws so many crops (h, w, 3), which show what the network is to see."""
 
 
 @dataclass(frozen=True)
