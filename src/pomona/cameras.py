@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -120,7 +121,11 @@ class Cameras(OneLine):
 
     def index_of(self, photo: str) -> int | None:
         """Return the index of a photo by name, or None where it did not register."""
-        return self.photos.index(photo) if photo in self.photos else None
+        return self._places.get(photo)
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {photo: i for i, photo in reversed([*enumerate(self.photos)])}
 
     @property
     def centers_in_world(self) -> FloatArray:

@@ -119,7 +119,7 @@ def _is_photo(path: Path) -> bool:
 
 def _without_strays(paths: list[Path], progress: Progress) -> list[Path]:
     """Leave out files that are neither photos nor videos, which `photos/*` names as well, where others are there."""
-    strays = [path for path in paths if path.is_file() and not _is_photo(path) and not _may_be_video(path)]
+    strays = {path: None for path in paths if path.is_file() and not _is_photo(path) and not _may_be_video(path)}
     used = [path for path in paths if path not in strays]
     if not strays or not used:
         return paths

@@ -103,5 +103,7 @@ def _places(survey: SurveyFolder, name: str) -> Iterator[Path]:
 
 def placeholder(name: str, cameras: Cameras, side: str = "") -> Photo:
     """Return a photo with a camera whose file is not found: under its name no file exists."""
-    lens = cameras.intrinsics_of(cameras.photos.index(name))
+    place = cameras.index_of(name)
+    assert place is not None
+    lens = cameras.intrinsics_of(place)
     return Photo(name, Path(name), lens.width_px, lens.height_px, side=side)

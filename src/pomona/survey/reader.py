@@ -141,19 +141,19 @@ class SurveyReader:
 
         Those that cannot be found keep their place where a camera of them is known: their files do not exist.
         """
-        names = list(self.sides)
+        sides = self.sides
         poses = self.poses if self.files.cameras.is_dir() else Cameras.empty()
-        placed = poses.photos
-        names += [name for name in placed if name not in self.sides]
+        placed = dict.fromkeys(poses.photos)
+        names = [*sides, *(name for name in placed if name not in sides)]
         found = self._found_photos(names)
         by_name = found.by_name()
         missing = [name for name in placed if name not in by_name]
         if found and missing:
             self._warn_of_missing(missing, len(placed))
         items = [
-            replace(by_name[name], side=self.sides.get(name, ""))
+            replace(by_name[name], side=sides.get(name, ""))
             if name in by_name
-            else placeholder(name, poses, self.sides.get(name, ""))
+            else placeholder(name, poses, sides.get(name, ""))
             for name in names
             if name in by_name or name in placed
         ]
