@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,11 @@ from pomona.errors import InputError
 BOTH_SIDES = "both"
 """The side of a fruit that photos of more than one side saw."""
 _TREES = ("tree_id", "other_tree_id")
+
+
+def side_of(sides: Set[str]) -> str:
+    """Return the side of a fruit that photos of these sides saw: "" for none."""
+    return BOTH_SIDES if len(sides) > 1 else "".join(sides)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,7 +13,7 @@ from pomona.corrections.corrected import Found, How, MadeMask
 from pomona.corrections.log import Mark, Place
 from pomona.corrections.masks import drawn_mask, free_detection
 from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits, Observations
+from pomona.fruits import FruitCloud, Fruits, Observations, side_of
 from pomona.fuse import Fused
 from pomona.measure import MeasureOptions, measure
 
@@ -146,8 +146,7 @@ class EditedSurvey:
         """Return a fruit (1 row) with the number and the sides of the photos that saw it."""
         names = set(photos)
         sides = {self.found.side_of.get(name, "") for name in names} - {""}
-        side = BOTH_SIDES if len(sides) > 1 else "".join(sides)
-        return replace(fruit, views=np.array([len(names)]), sides=(side,))
+        return replace(fruit, views=np.array([len(names)]), sides=(side_of(sides),))
 
     def measured(self, fruit: Fruits, seen: Observations) -> Fruits:
         """Return a fruit (1 row) measured anew; as it is where that fails or contradicts what the person said."""

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.fruits import BOTH_SIDES, Fruits
+from pomona.arrays import IntArray
+from pomona.fruit_geometry.spheres import Spheres
+from pomona.fruits import Fruits, side_of
 from pomona.fuse.fused import Fused
 
 
@@ -34,15 +35,19 @@ def without_doubles(measured: Fused, *, nearest_radii: float) -> Fused:
     sides: dict[int, set[str]] = {i: set() for i in kept.ids.tolist()}
     for k, side in zip(fruits.ids[same].tolist(), fruits.sides, strict=True):
         sides[k] |= {side} - {""}
-    both = tuple(BOTH_SIDES if len(found) > 1 else "".join(found) for found in sides.values())
-    return replace(measured, fruits=replace(kept, views=views, sides=both), observations=seen)
+    of_both = tuple(side_of(found) for found in sides.values())
+    return replace(measured, fruits=replace(kept, views=views, sides=of_both), observations=seen)
 
 
 def _which_are_one(fruits: Fruits, nearest_radii: float) -> IntArray:
     """Return the place (n,) of the fruit that each is: its own, or that of a likelier one in which it lies."""
-    same, radii_m = np.arange(len(fruits)), _radii_m(fruits)
-    if not np.isfinite(radii_m).any():
+    same = np.arange(len(fruits))
+    likely_m = np.where(np.isfinite(fruits.diameters_m), fruits.diameters_m, fruits.rough_diameters_m)
+    known = np.isfinite(likely_m)
+    if not known.any():
         return same
+    usual_m = float(np.median(likely_m[known]))
+    radii_m = Spheres.of_fruits(fruits.centers_in_world, likely_m, usual_m / 2).radii_m
     near = cKDTree(fruits.centers_in_world).query_pairs(nearest_radii * radii_m.max(), output_type="ndarray")
     apart_m = np.linalg.norm(fruits.centers_in_world[near[:, 0]] - fruits.centers_in_world[near[:, 1]], axis=1)
     near = near[apart_m < nearest_radii * radii_m[near].mean(axis=1)]
@@ -56,12 +61,3 @@ def _which_are_one(fruits: Fruits, nearest_radii: float) -> IntArray:
             others = [other for other in neighbours[k] if not is_taken[other]]
             same[others], is_taken[[k, *others]] = k, True
     return same
-
-
-def _radii_m(fruits: Fruits) -> FloatArray:
-    """Return radii (n,): those measured, else likely ones, else the median; NaN where no size is known."""
-    widths_m = np.where(np.isfinite(fruits.diameters_m), fruits.diameters_m, fruits.rough_diameters_m)
-    known = np.isfinite(widths_m)
-    if not known.any():
-        return widths_m / 2
-    return np.where(known, widths_m, np.median(widths_m[known])) / 2

@@ -12,7 +12,7 @@ from pomona.cameras import Cameras
 from pomona.detections import SurveyDetections
 from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
 from pomona.fruit_traits.size import FruitSize, size_of_fruits
-from pomona.fruits import BOTH_SIDES, FruitCloud, Fruits
+from pomona.fruits import FruitCloud, Fruits, side_of
 from pomona.fuse import Fused
 from pomona.geometry import frame_along
 from pomona.measure.allometry import weigh
@@ -404,4 +404,4 @@ def sides_of(fused: Fused, photos: Photos) -> tuple[str, ...]:
     for fruit_id, name in zip(fused.observations.fruit_id.tolist(), fused.observations.photo, strict=True):
         if fruit_id in sides and name in side_of_photo:
             sides[fruit_id].add(side_of_photo[name])
-    return tuple(BOTH_SIDES if len(seen) > 1 else "".join(seen) for seen in sides.values())
+    return tuple(side_of(seen) for seen in sides.values())

@@ -89,7 +89,12 @@ class _Reader:
 
     def get_next(self) -> dict[str, np.ndarray[Any, Any]] | None:
         crop = next(self._crops, None)
-        return None if crop is None else {self._image: np.asarray(crop.transpose(2, 0, 1)[None], np.float32)}
+        return None if crop is None else {self._image: _as_input(crop)}
+
+
+def _as_input(crop: ByteArray) -> FloatArray:
+    """Return a crop (h, w, c) as the network takes it (1, c, h, w)."""
+    return np.asarray(crop.transpose(2, 0, 1)[None], np.float32)
 
 
 @contextlib.contextmanager
@@ -195,7 +200,7 @@ def _seen_by(
     rng = np.random.default_rng(0)
     inputs: dict[str, list[FloatArray]] = {node.name: [] for node in nodes}
     for crop in crops:
-        found = session.run(wanted, {image: np.asarray(crop.transpose(2, 0, 1)[None], np.float32)})
+        found = session.run(wanted, {image: _as_input(crop)})
         values = dict(zip(wanted, found, strict=True))
         for node in nodes:
             weights = constants[node.input[1]]

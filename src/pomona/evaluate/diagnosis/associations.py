@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pomona.arrays import BoolArray, FloatArray, IntArray
-from pomona.evaluate.diagnosis.mistakes import SurveyResult
+from pomona.evaluate.diagnosis.mistakes import Stage, SurveyResult
 from pomona.evaluate.diagnosis.overlaps import Overlaps, by_discs, by_ids
 from pomona.evaluate.fruits.matching import EvaluateOptions
 from pomona.evaluate.fruits.truth import Truth
@@ -221,18 +221,18 @@ class Associations:
         """Return what to call a found fruit that may not be in the result any more."""
         if fruit_id in self.kept:
             return f"fruit {fruit_id}"
-        return f"fruit {fruit_id} ({self.loss_of(fruit_id)})"
+        return f"fruit {fruit_id} ({self.loss_of(fruit_id)[1]})"
 
-    def loss_of(self, fruit_id: int) -> str:
-        """Return why a found fruit is not in the result, in words."""
+    def loss_of(self, fruit_id: int) -> tuple[Stage, str]:
+        """Return at which stage a found fruit went that is not in the result, and why, in words."""
         if fruit_id in self.removed:
-            return "removed by a correction"
-        if fruit_id in self.joined:
-            return f"joined with fruit {self.joined[fruit_id]} when both were measured"
-        return "dropped by the filter"
+            return "removed", "removed by a correction"
+        if fruit_id in self._joined:
+            return "taken", f"joined with fruit {self._joined[fruit_id]} when both were measured"
+        return "dropped", "dropped by the filter"
 
     @cached_property
-    def joined(self) -> dict[int, int]:
+    def _joined(self) -> dict[int, int]:
         """Found fruits that are not in the result, as their detections are now those of another fruit, and which."""
         seen = self.survey.observations
         owner_of = dict(zip(seen.detection_id.tolist(), seen.fruit_id.tolist(), strict=True))

@@ -99,8 +99,8 @@ def _why_not_found(seen: _Sightings, links: Associations, dropped: int | None) -
     if dropped is not None:
         mm, views = links.distance_mm(dropped, seen.true_idx), links.unfiltered.views[links.place_of[dropped]]
         found = f"found as fruit {dropped} from {views} photos, {mm:.0f} mm off its place"
-        stage: Stage = "removed" if dropped in links.removed else "taken" if dropped in links.joined else "dropped"
-        return stage, f"{of}; {found}, and then {links.loss_of(dropped)}.", (dropped,)
+        stage, loss = links.loss_of(dropped)
+        return stage, f"{of}; {found}, and then {loss}.", (dropped,)
     if k == 0:
         return _undetected(seen, links)
     if k == 1:
