@@ -17,7 +17,7 @@ import torch
 
 from pomona.progress import Silent
 from pomona.train.blend import blended
-from pomona.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner
+from pomona.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner, arch_of
 from pomona.train.export import export_onnx
 
 
@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
-    learner = CenterLearner(weights=str(arguments.began))
+    learner = CenterLearner(arch_of(arguments.began), weights=str(arguments.began))
     began = learner.build(start=True, progress=Silent()).eval()
     learnt = copy.deepcopy(began)
     learnt.load_state_dict(mean_of(arguments.checkpoints))

@@ -15,9 +15,9 @@ from pathlib import Path
 import torch
 
 from pomona.progress import Silent
-from pomona.train import FitOptions, TrainOptions, train
+from pomona.train import FitOptions, options_for, train
 from pomona.train.augment import AugmentOptions
-from pomona.train.center import CENTER_LITE0, CENTER_NETWORKS
+from pomona.train.center import CENTER_NETWORKS
 
 
 class Lines(Silent):
@@ -38,7 +38,7 @@ class Lines(Silent):
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
-    parser.add_argument("--arch", default=CENTER_LITE0, choices=CENTER_NETWORKS)
+    parser.add_argument("--arch", choices=CENTER_NETWORKS)
     parser.add_argument("--batch", type=int, default=FitOptions().batch)
     parser.add_argument("--workers", type=int, default=FitOptions().workers)
     parser.add_argument("--tiles", type=Path, required=True)
@@ -72,7 +72,7 @@ def main() -> None:
         workers=arguments.workers,
         augment=augment,
     )
-    options = TrainOptions(arch=arguments.arch, weights=arguments.weights, fit=fit)
+    options = replace(options_for(arguments.arch, weights=arguments.weights), fit=fit)
     print(train([arguments.tiles, *rows], arguments.out, options=options, progress=Lines()))
 
 

@@ -28,7 +28,7 @@ from pomona.segment.load import SHIPPED_WEIGHTS  # noqa: E402
 from pomona.segment.protocol import TileDetections  # noqa: E402
 from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import LARGER, CenterLearner, segment  # noqa: E402
+from pomona.train.center import LARGER, CenterLearner, arch_of, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import _spread, fit  # noqa: E402
 from pomona.train.gather import gather  # noqa: E402
@@ -230,7 +230,7 @@ def test_what_was_good_before_a_training_diverged_is_taken(samples: list[Sample]
         steps=6, batch=1, learning_rate=1e-9, warm_up=0, check_every=2, checked_photos=1, workers=0, augment=SMALL
     )
     told = Silent()
-    learner = Diverges(weights=str(SHIPPED_WEIGHTS))
+    learner = Diverges(arch_of(SHIPPED_WEIGHTS), weights=str(SHIPPED_WEIGHTS))
     network = fit(learner, samples[:4], samples[4:], tmp_path, options=options, progress=told)
     assert learner.steps == 3
     assert len(told.warnings) == 1

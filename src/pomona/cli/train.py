@@ -33,7 +33,8 @@ def train(
         Path, typer.Option("--out", "-o", metavar="FILE", help="Model file to write: .onnx, or .pt for Mask R-CNN.")
     ],
     arch: Annotated[
-        str | None, typer.Option(metavar=_ARCHS, help="Network. Default: center-lite0, or that of --preset.")
+        str | None,
+        typer.Option(metavar=_ARCHS, help="Network. Default: that of --weights or --preset, or lite0."),
     ] = None,
     weights: Annotated[
         str | None,
@@ -84,10 +85,9 @@ def train(
         raise MissingExtraError(f"{error}: install it with pip install 'pomona[train]'") from None
     fit = {"steps": steps, "batch": batch, "learning_rate": learning_rate, "check_every": check_every}
     fit |= {"patience": patience, "workers": workers, "seed": seed}
-    options = _changed(
-        options_for(arch, preset), epochs, fit=_given(fit), augment=_given({"crop_px": crop, "copy_paste": copy_paste})
-    )
-    options = replace(options, weights=weights, held_out=held_out, split_by=split_by, classes=parse_names(classes))
+    augment = _given({"crop_px": crop, "copy_paste": copy_paste})
+    options = _changed(options_for(arch, preset, weights), epochs, fit=_given(fit), augment=augment)
+    options = replace(options, held_out=held_out, split_by=split_by, classes=parse_names(classes))
     try:
         with TerminalProgress() as progress:
             scores = train_segmenter(data, out, options=options, progress=progress)

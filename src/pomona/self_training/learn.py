@@ -12,18 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.errors import FormatError, InputError
+from pomona.errors import InputError
 from pomona.progress import Progress, Silent
 from pomona.segment.load import SHIPPED_WEIGHTS
 from pomona.self_training.labels import FoundFruits, SurveyLabels, label_photos
 from pomona.self_training.options import AdaptOptions
 from pomona.train.blend import blended
-from pomona.train.center import CENTER_NETWORKS, CenterLearner
+from pomona.train.center import CenterLearner, arch_of
 from pomona.train.fit import fit, some_crops
 from pomona.train.label_images import samples_of, typical_fruit_px
 from pomona.train.learner import ModelSettings
 from pomona.train.network import FruitNet
-from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.options import FitOptions
 from pomona.train.samples import Sample, write_split
 from pomona.train.validate import ValidationScores, check
@@ -194,14 +193,5 @@ def _fit_options(options: AdaptOptions) -> FitOptions:
 
 def _begun(model: Path, progress: Progress) -> tuple[CenterLearner, FruitNet]:
     """Return the learner of the architecture that the model file is of, and the network with the file's weights."""
-    problems = []
-    for arch in CENTER_NETWORKS:
-        learner = CenterLearner(arch, weights=str(model))
-        try:
-            # Whether the file fits is known without ImageNet's weights, whose package may be missing.
-            fill_from_onnx(FruitNet(arch.removeprefix("center-"), imagenet=False), model)
-        except FormatError as error:
-            problems.append(error)
-            continue
-        return learner, learner.build(start=True, progress=progress)
-    raise FormatError(f"{model}: expected a model file of {', '.join(CENTER_NETWORKS)} to learn on: {problems[0]}")
+    learner = CenterLearner(arch_of(model), weights=str(model))
+    return learner, learner.build(start=True, progress=progress)

@@ -29,7 +29,7 @@ from pomona.train.network import STRIDE, FruitNet, Outputs
 from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.targets import Targets, targets_of
 
-CENTER_LITE0 = "center-lite0"
+CENTER_LITE0, CENTER_LITE1 = "center-lite0", "center-lite1"
 CENTER_NETWORKS = tuple(f"center-{variant}" for variant in VARIANTS)
 FRUIT_PX = (12.0, 120.0)
 TYPICAL_FRUIT_PX = 40.0
@@ -50,8 +50,8 @@ class CenterLearner:
     """A `Learner` of `FruitNet`.
 
     `weights`: `imagenet` (they come as a Python package, nothing is downloaded), `none`, a checkpoint of an earlier
-    training (`best.pt`, or the running mean of `last.pt`) or its model file (`.onnx`). Raises `InputError` for other
-    names.
+    training (`best.pt`, or the running mean of `last.pt`) or its model file (`.onnx`); `center-lite1` takes those of
+    `center-lite0`, too, and begins by computing the same. Raises `InputError` for other names.
     """
 
     losses = LOSSES
@@ -67,7 +67,7 @@ class CenterLearner:
 
     def build(self, *, start: bool, progress: Progress) -> FruitNet:
         """Return the network; one that starts from ImageNet keeps its first layers as they are."""
-        network = FruitNet(self.arch.removeprefix("center-"), imagenet=self.weights != "none")
+        network = FruitNet(_variant(self.arch), imagenet=self.weights != "none")
         if start and self.weights not in ("imagenet", "none"):
             _fill(network, Path(self.weights), self.arch)
         return network
@@ -139,6 +139,23 @@ def maps_of(network: FruitNet, tile: ByteArray) -> Maps:
     return Maps(heatmap.numpy(), box.numpy(), foreground.numpy(), offset.numpy(), STRIDE, circle.numpy())
 
 
+def arch_of(model: Path) -> str:
+    """Return which of `CENTER_NETWORKS` a model file (.onnx) is of.
+
+    Raises `MissingFileError` where there is no file, and `FormatError` where it is of none of them.
+    """
+    problems = []
+    with torch.random.fork_rng(devices=[]):  # to ask changes nothing that a seed has fixed
+        for arch in CENTER_NETWORKS:
+            try:
+                fill_from_onnx(FruitNet(_variant(arch), imagenet=False), model)
+            except FormatError as error:
+                problems.append(error)
+                continue
+            return arch
+    raise FormatError(f"{model}: expected a model file of {', '.join(CENTER_NETWORKS)} to learn on: {problems[0]}")
+
+
 def is_quick_in_bfloat16(device: torch.device) -> bool:
     """Say whether a device computes in bfloat16 itself.
 
@@ -151,9 +168,21 @@ def is_quick_in_bfloat16(device: torch.device) -> bool:
     return bool(known.get("avx512_bf16") or known.get("amx_bf16"))
 
 
+def _variant(arch: str) -> str:
+    return arch.removeprefix("center-")
+
+
 def _fill(network: FruitNet, path: Path, arch: str) -> None:
     if path.suffix.lower() == ".onnx":
-        fill_from_onnx(network, path)
+        found = arch_of(path)
+        if found == arch:
+            fill_from_onnx(network, path)
+        elif (found, arch) == (CENTER_LITE0, CENTER_LITE1):
+            shallower = FruitNet(_variant(found))
+            fill_from_onnx(shallower, path)
+            network.fill_from(shallower)
+        else:
+            raise FormatError(f"{path}: expected a model file of {arch}, found one of {found}; give `arch` {found}")
         return
     expected = f"a checkpoint of {arch} (best.pt or last.pt of an earlier training)"
     checkpoint = read_checkpoint(path, expected)

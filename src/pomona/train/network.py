@@ -68,6 +68,12 @@ class FruitNet(nn.Module):
         nn.init.constant_(self.heads[0].bias, _RARE)
         self.register_buffer("norms_frozen", torch.tensor(False))
 
+    def fill_from(self, shallower: FruitNet) -> None:
+        """Take the weights of a network with a shallower encoder; it then computes the same (`encoder.fill_from`)."""
+        self.encoder.fill_from(shallower.encoder)
+        own = {name: value for name, value in shallower.state_dict().items() if not name.startswith("encoder.")}
+        self.load_state_dict({**self.state_dict(), **own})
+
     def train(self, mode: bool = True) -> FruitNet:
         """Go into training mode, norms only where they are not frozen."""
         super().train(mode)

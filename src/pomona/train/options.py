@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from pomona.errors import InputError
 from pomona.segment.mask_rcnn import ARCHITECTURES as MASK_RCNNS
 from pomona.train.augment import AugmentOptions
-from pomona.train.center import CENTER_LITE0, CENTER_NETWORKS
+from pomona.train.center import CENTER_LITE0, CENTER_NETWORKS, arch_of
 
 ARCHITECTURES = (*CENTER_NETWORKS, *MASK_RCNNS)
 OPTIMISERS, SCHEDULES = ("adamw", "sgd"), ("cosine", "constant")
@@ -118,17 +119,19 @@ a GPU, a constant rate, and anchors of 32 to 512 px in the proportions ½, 1 and
 PAPERS_EPOCHS = 18  # section 3.1
 
 
-def options_for(arch: str | None = None, preset: str | None = None) -> TrainOptions:
-    """Return the options of an architecture (None: the shipped one) or of a preset.
+def options_for(arch: str | None = None, preset: str | None = None, weights: str | None = None) -> TrainOptions:
+    """Return the options of an architecture (None: that of the model file `weights`, or the smallest) or of a preset.
 
-    Raises `InputError` for names that are not known or do not go together.
+    Raises `InputError` for names that are not known or do not go together, and what `arch_of` raises.
     """
     if preset is None:
-        options = TrainOptions(arch=arch or CENTER_LITE0)
+        if arch is None and weights is not None and weights.lower().endswith(".onnx"):
+            arch = arch_of(Path(weights))
+        options = TrainOptions(arch=arch or CENTER_LITE0, weights=weights)
         return options if options.arch in CENTER_NETWORKS else replace(options, fit=MASK_RCNN)
     if preset not in PRESETS:
         raise InputError(f"`preset`: expected {' or '.join(PRESETS)}, found '{preset}'")
-    options = TrainOptions(arch=arch or _PAPERS_ARCH, fit=PAPER, epochs=PAPERS_EPOCHS)
+    options = TrainOptions(arch=arch or _PAPERS_ARCH, weights=weights, fit=PAPER, epochs=PAPERS_EPOCHS)
     if options.arch in CENTER_NETWORKS:
         raise InputError(f"`preset` {preset} is of Mask R-CNN: expected `arch` maskrcnn-…, found {arch}")
     return options
