@@ -17,12 +17,12 @@ import torch
 
 from pomona.progress import Silent
 from pomona.train.blend import blended
-from pomona.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner, arch_of
+from pomona.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner
 from pomona.train.export import export_onnx
 
 
-def mean_of(checkpoints: list[Path]) -> dict[str, torch.Tensor]:
-    states = [torch.load(path, map_location="cpu", weights_only=True)["average"] for path in checkpoints]
+def mean_of(checkpoints: list[dict]) -> dict[str, torch.Tensor]:
+    states = [checkpoint["average"] for checkpoint in checkpoints]
     return {
         name: torch.stack([state[name] for state in states]).mean(0) if value.is_floating_point() else value
         for name, value in states[0].items()
@@ -40,10 +40,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
-    learner = CenterLearner(arch_of(arguments.began), weights=str(arguments.began))
+    checkpoints = [torch.load(path, map_location="cpu", weights_only=True) for path in arguments.checkpoints]
+    learner = CenterLearner(checkpoints[0]["arch"], weights=str(arguments.began))
     began = learner.build(start=True, progress=Silent()).eval()
     learnt = copy.deepcopy(began)
-    learnt.load_state_dict(mean_of(arguments.checkpoints))
+    learnt.load_state_dict(mean_of(checkpoints))
     network = blended(began, learnt, arguments.share)
     # The head of circles was not in the file that it began from; its first weights mean nothing.
     network.heads[4].load_state_dict(learnt.heads[4].state_dict())
