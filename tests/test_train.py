@@ -24,7 +24,7 @@ from pomona.formats.detections.photo_source import PhotoFinder  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
 from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
-from pomona.segment.load import SHIPPED_WEIGHTS  # noqa: E402
+from pomona.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
 from pomona.segment.protocol import TileDetections  # noqa: E402
 from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
@@ -308,6 +308,14 @@ def test_options_that_make_no_sense_are_refused() -> None:
         options_for("center-lite0", "paper")
     with pytest.raises(InputError, match="expected paper, found 'mine'"):
         options_for(None, "mine")
+
+
+def test_the_network_is_that_of_the_model_file_that_training_goes_on_from() -> None:
+    for weights in (SHIPPED_WEIGHTS, shipped_weights("citrus")):
+        options = options_for(weights=str(weights))
+        assert (options.arch, options.weights) == (arch_of(weights), str(weights))
+    assert options_for().arch == options_for(weights="none").arch == "center-lite0"
+    assert options_for("center-lite2", weights=str(SHIPPED_WEIGHTS)).arch == "center-lite2"
 
 
 def test_the_paper_s_hyperparameters_are_a_preset() -> None:
