@@ -16,7 +16,7 @@ import torch
 
 from pomona.progress import Silent
 from pomona.train.augment import AugmentOptions, draw_crop
-from pomona.train.center import CenterLearner, arch_of
+from pomona.train.center import CenterLearner
 from pomona.train.gather import gather
 from pomona.train.learner import ModelSettings
 from pomona.train.losses import circle_loss
@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=5.0)
     arguments = parser.parse_args()
     samples, _ = gather(sorted(arguments.rows.glob("q[0-9][0-9][0-9]")), arguments.labels, 0.02)
-    learner = CenterLearner(arch_of(arguments.network), weights=str(arguments.network))
+    learner = CenterLearner.going_on_from(arguments.network)
     network = learner.build(start=True, progress=Silent()).eval()
     head = network.heads[4]
     optimiser = torch.optim.Adam(head.parameters(), lr=RATE)

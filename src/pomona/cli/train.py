@@ -34,7 +34,7 @@ def train(
     ],
     arch: Annotated[
         str | None,
-        typer.Option(metavar=_ARCHS, help="Network. Default: that of --weights or --preset, or lite0."),
+        typer.Option(metavar=_ARCHS, help="Network. Default: that of --weights or --preset, or center-lite0."),
     ] = None,
     weights: Annotated[
         str | None,

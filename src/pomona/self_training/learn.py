@@ -18,7 +18,7 @@ from pomona.segment.load import SHIPPED_WEIGHTS
 from pomona.self_training.labels import FoundFruits, SurveyLabels, label_photos
 from pomona.self_training.options import AdaptOptions
 from pomona.train.blend import blended
-from pomona.train.center import CenterLearner, arch_of
+from pomona.train.center import CenterLearner
 from pomona.train.fit import fit, some_crops
 from pomona.train.label_images import samples_of, typical_fruit_px
 from pomona.train.learner import ModelSettings
@@ -193,5 +193,5 @@ def _fit_options(options: AdaptOptions) -> FitOptions:
 
 def _begun(model: Path, progress: Progress) -> tuple[CenterLearner, FruitNet]:
     """Return the learner of the architecture that the model file is of, and the network with the file's weights."""
-    learner = CenterLearner(arch_of(model), weights=str(model))
+    learner = CenterLearner.going_on_from(model)
     return learner, learner.build(start=True, progress=progress)

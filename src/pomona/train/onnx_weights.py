@@ -30,7 +30,7 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
     """Give the network the weights of the model file `path`; scores are then as the file's, 0.5 parting fruit.
 
     Heads that the file does not have keep what they begin with. Raises `MissingFileError` where there is no file, and
-    `FormatError` where it is no export of such a network.
+    `FormatError` where it is no export of such a network, which is then as it was.
     """
     import onnx
 
@@ -59,16 +59,18 @@ def fill_from_onnx(network: FruitNet, path: Path) -> None:
             f"{path}: expected an export of `pomona train` with a network like this one, of {len(pairs)} normalised "
             f"convolutions, found {len(folded)}"
         )
-    for (convolution, norm), (weight, bias) in zip(pairs, folded, strict=False):
+    for (convolution, _), (weight, bias) in zip(pairs, folded, strict=False):
         if bias is None or weight.shape != tuple(convolution.weight.shape):
             raise FormatError(
                 f"{path}: expected a convolution {tuple(convolution.weight.shape)} with a bias, found {weight.shape}"
             )
-        _unfold(convolution, norm, torch.tensor(weight), torch.tensor(bias))
     own = dict(network.named_parameters())
     for name, value in named.items():
         if name not in own or value.shape != tuple(own[name].shape):
             raise FormatError(f"{path}: expected weights of such a network, found {name} of shape {value.shape}")
+    for (convolution, norm), (weight, bias) in zip(pairs, folded, strict=False):
+        _unfold(convolution, norm, torch.tensor(weight), torch.tensor(bias))
+    for name, value in named.items():
         own[name].copy_(torch.tensor(value))
     for head, moved in zip((0, 2), _thresholds(graph, weights), strict=True):
         network.heads[head].bias -= moved

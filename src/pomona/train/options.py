@@ -125,7 +125,7 @@ def options_for(arch: str | None = None, preset: str | None = None, weights: str
     Raises `InputError` for names that are not known or do not go together, and what `arch_of` raises.
     """
     if preset is None:
-        if arch is None and weights is not None and weights.lower().endswith(".onnx"):
+        if arch is None and weights is not None and Path(weights).suffix.lower() == ".onnx":
             arch = arch_of(Path(weights))
         options = TrainOptions(arch=arch or CENTER_LITE0, weights=weights)
         return options if options.arch in CENTER_NETWORKS else replace(options, fit=MASK_RCNN)
