@@ -23,20 +23,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona import filter as filters
-from pomona.cameras import Cameras
-from pomona.capture import load_photos
-from pomona.dense import fruit_cloud
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import read_coco
-from pomona.fuse import object, paper
-from pomona.measure import measure
+from pomona.learning.synth.truth import write_masks_as_coco
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
-from pomona.segment import load_segmenter, segment_photos
-from pomona.synth.truth import write_masks_as_coco
+from pomona.stages import filter as filters
+from pomona.stages.capture import load_photos
+from pomona.stages.dense import fruit_cloud
+from pomona.stages.fuse import object, paper
+from pomona.stages.measure import measure
+from pomona.stages.segment import load_segmenter, segment_photos
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
 
 METHODS = ("object", "paper, as in the text", "paper, as in the authors' code")
 SEGMENTER, TRUE = "shipped segmenter", "true masks"

@@ -16,10 +16,10 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fuse.object import fuse
-from pomona.intrinsics import Intrinsics
+from pomona.stages.fuse.object import fuse
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.intrinsics import Intrinsics
 
 STEP_M, DISTANCE_M, DIAMETER_M = 0.2, 2.5, 0.075
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 800, 1200, 1200.0

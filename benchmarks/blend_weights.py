@@ -15,10 +15,10 @@ from pathlib import Path
 
 import torch
 
+from pomona.learning.train.blend import blended
+from pomona.learning.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner
+from pomona.learning.train.export import export_onnx
 from pomona.progress import Silent
-from pomona.train.blend import blended
-from pomona.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner
-from pomona.train.export import export_onnx
 
 
 def mean_of(checkpoints: list[dict]) -> dict[str, torch.Tensor]:

@@ -13,12 +13,12 @@ import argparse
 import cv2
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.intrinsics import Intrinsics
-from pomona.measure import measure
+from pomona.stages.fuse import Fused
+from pomona.stages.measure import measure
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 1400, 1400, 1350.0
 

@@ -25,14 +25,14 @@ from pathlib import Path
 import numpy as np
 from benchmarks.camera_cases import CASES, SCENES, write_case
 
+from pomona.basics.geometry import estimate_similarity
 from pomona.errors import PomonaError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
-from pomona.geometry import estimate_similarity
+from pomona.learning.synth import render_row
+from pomona.learning.synth.truth import RowFolder, read_cameras
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
-from pomona.synth import render_row
-from pomona.synth.truth import RowFolder, read_cameras
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 OFF_MM, SCALE_OFF = 30.0, 0.01

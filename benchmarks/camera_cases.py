@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pomona.arrays import Array, ByteArray
-from pomona.synth import RowOptions
-from pomona.synth.cameras import RowCamera
-from pomona.synth.truth import (
+from pomona.basics.arrays import Array, ByteArray
+from pomona.learning.synth import RowOptions
+from pomona.learning.synth.cameras import RowCamera
+from pomona.learning.synth.truth import (
     Ids,
     RowFolder,
     read_cameras,

@@ -14,9 +14,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.capture import load_photos, read_pixels
-from pomona.segment import load_segmenter
-from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.stages.capture import load_photos, read_pixels
+from pomona.stages.segment import load_segmenter
 
 SURE = 0.5
 LEAST_OVERLAP = 0.5  # of a detection's mask with the fruit

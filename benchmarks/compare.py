@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pomona.basics.geometry import Similarity
 from pomona.change.matching import Overlay, lay_over
 from pomona.evaluate.fruits import read_truth
 from pomona.evaluate.fruits.scores import match
-from pomona.geometry import Similarity
+from pomona.learning.synth.layout import lay_out_row
+from pomona.learning.synth.options import RowOptions
 from pomona.survey import SurveyFolder
 from pomona.survey.reader import SurveyReader
-from pomona.synth.layout import lay_out_row
-from pomona.synth.options import RowOptions
 
 FRAMES = ("as it is", "turned", "scaled")
 

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona import filter as filters
 from pomona.evaluate.fruits import read_truth
-from pomona.fuse import object
-from pomona.measure import measure
-from pomona.measure.allometry import STORY_APPLES
 from pomona.pipeline import RunOptions
-from pomona.second_look import look_again
-from pomona.trees import Trees
-from pomona.yields import estimate_crop
+from pomona.stages import filter as filters
+from pomona.stages.fuse import object
+from pomona.stages.measure import measure
+from pomona.stages.measure.allometry import STORY_APPLES
+from pomona.stages.second_look import look_again
+from pomona.stages.yields import estimate_crop
+from pomona.values.trees import Trees
 from row_cases import row_case
 from sizes import METRES
 

@@ -15,16 +15,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pomona.capture import load_photos, read_pixels
-from pomona.capture.images import size_of
 from pomona.formats.detections.label_sets import find_label_sets, read_label_set
-from pomona.fruit_crops.crop_network import CHANNELS
-from pomona.fruit_crops.likeness import with_likeness
-from pomona.fruit_traits.colours import ColourCounts
-from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
-from pomona.train.center import is_quick_in_bfloat16
-from pomona.train.onnx_weights import constants_of
-from pomona.train.weak_masks import label_image_from_boxes
+from pomona.fruit.crops.crop_network import CHANNELS
+from pomona.fruit.crops.likeness import with_likeness
+from pomona.fruit.traits.colours import ColourCounts
+from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.learning.train.center import is_quick_in_bfloat16
+from pomona.learning.train.onnx_weights import constants_of
+from pomona.learning.train.weak_masks import label_image_from_boxes
+from pomona.stages.capture import load_photos, read_pixels
+from pomona.stages.capture.images import size_of
 
 BATCH = 64
 PATCH_SIDES = 2  # crops are cut out of patches so many times larger, turned and moved
@@ -349,7 +349,7 @@ def _follow(mean: nn.Module, net: nn.Module, share: float) -> None:
 
 
 def export(net: nn.Module, how: Crops, out: Path, kind: str, output: str, **metadata: str) -> None:
-    """Write a network of crops in the form that `pomona.fruit_crops.crop_network` reads."""
+    """Write a network of crops in the form that `pomona.fruit.crops.crop_network` reads."""
     example = (torch.zeros(2, CHANNELS, how.side_px, how.side_px, device="cpu"),)
     names = {"input_names": ["crops"], "output_names": [output]}
     axes = {"crops": {0: "n"}, output: {0: "n"}}

@@ -19,8 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from fruit_tiles import labels_of, sides, tile_sets
-from pomona.capture import load_photos
-from pomona.detections import Detections
 from pomona.evaluate.detections import (
     DetectionScores,
     DetectionTruth,
@@ -29,9 +27,11 @@ from pomona.evaluate.detections import (
     read_detection_truth,
     score,
 )
-from pomona.photos import Photos
 from pomona.progress import Silent
-from pomona.segment import Segmenter, SegmentOptions, load_segmenter, scales_of, segment_photos
+from pomona.stages.capture import load_photos
+from pomona.stages.segment import Segmenter, SegmentOptions, load_segmenter, scales_of, segment_photos
+from pomona.values.detections import Detections
+from pomona.values.photos import Photos
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 LEAST_SCORE = 0.05

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 import pomona
-from pomona import filter as filters
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.fruits import FruitCloud
-from pomona.fuse import Fused, object
-from pomona.measure import measure, without_doubles
 from pomona.pipeline import RunOptions
-from pomona.second_look import look_again
+from pomona.stages import filter as filters
+from pomona.stages.fuse import Fused, object
+from pomona.stages.measure import measure, without_doubles
+from pomona.stages.second_look import look_again
+from pomona.values.fruits import FruitCloud
 from row_cases import row_case
 
 RADII = (0.0, 0.9, 1.0, 1.1, 1.2, 1.35, 1.45, 1.55, 1.65, 1.75)

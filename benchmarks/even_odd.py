@@ -21,17 +21,17 @@ import cv2
 import numpy as np
 
 import pomona
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
-from pomona.fuse import Fused
-from pomona.photos import Photos
+from pomona.learning.self_training.halves import found_by, same_places
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.self_training.halves import found_by, same_places
+from pomona.stages.fuse import Fused
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photos
 
 LEVELS = (0.4, 0.8)
 SPLITS = {"even, odd": (0, 1, 0, 1), "pairs": (0, 0, 1, 1), "first and fourth": (0, 1, 1, 0)}  # of every four photos

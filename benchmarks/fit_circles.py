@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from pomona.learning.train.augment import AugmentOptions, draw_crop
+from pomona.learning.train.center import CenterLearner
+from pomona.learning.train.gather import gather
+from pomona.learning.train.learner import ModelSettings
+from pomona.learning.train.losses import circle_loss
 from pomona.progress import Silent
-from pomona.train.augment import AugmentOptions, draw_crop
-from pomona.train.center import CenterLearner
-from pomona.train.gather import gather
-from pomona.train.learner import ModelSettings
-from pomona.train.losses import circle_loss
 
 BATCH, RATE, POOL = 8, 4e-3, 4
 

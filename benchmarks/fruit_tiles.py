@@ -21,11 +21,11 @@ import numpy as np
 from pycocotools import mask as coco_mask
 from scipy.optimize import linear_sum_assignment
 
-from pomona.capture import load_photos
-from pomona.detections import Detections, SurveyDetections
-from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.box_overlap import overlapping_pairs, pair_iou
-from pomona.train.samples import group_of
+from pomona.learning.train.samples import group_of
+from pomona.stages.capture import load_photos
+from pomona.stages.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.stages.segment.box_overlap import overlapping_pairs, pair_iou
+from pomona.values.detections import Detections, SurveyDetections
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 HELD_OUT = 0.15

@@ -20,12 +20,12 @@ from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import covariance
 from pomona.adjustment.normal_equations import moved, normal_equations
 from pomona.adjustment.weights import Weights, weighted
-from pomona.cameras import Cameras, concatenate, split
-from pomona.detections import SurveyDetections
-from pomona.filter.view_features import view_features
-from pomona.fruit_geometry.discs import fruit_discs
-from pomona.fuse import object as association
-from pomona.geometry import Similarity, row_axis
+from pomona.basics.geometry import Similarity, row_axis
+from pomona.fruit.geometry.discs import fruit_discs
+from pomona.stages.filter.view_features import view_features
+from pomona.stages.fuse import object as association
+from pomona.values.cameras import Cameras, concatenate, split
+from pomona.values.detections import SurveyDetections
 
 T = TypeVar("T")
 

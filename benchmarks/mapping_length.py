@@ -16,18 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.capture import load_photos
-from pomona.geometry import estimate_similarity
-from pomona.photos import Photos
+from pomona.basics.geometry import estimate_similarity
+from pomona.learning.synth.truth import RowFolder, read_cameras
 from pomona.progress import Silent
-from pomona.sfm import SfmOptions, engine
-from pomona.sfm.features import Features
-from pomona.sfm.one_lens import with_one_lens
-from pomona.sfm.pieces import Piece
-from pomona.sfm.reconstruction import _map
-from pomona.sfm.selection import mean_error_px
-from pomona.sfm.workspace import Workspace
-from pomona.synth.truth import RowFolder, read_cameras
+from pomona.stages.capture import load_photos
+from pomona.stages.sfm import SfmOptions, engine
+from pomona.stages.sfm.features import Features
+from pomona.stages.sfm.one_lens import with_one_lens
+from pomona.stages.sfm.pieces import Piece
+from pomona.stages.sfm.reconstruction import _map
+from pomona.stages.sfm.selection import mean_error_px
+from pomona.stages.sfm.workspace import Workspace
+from pomona.values.photos import Photos
 
 
 def to_and_fro(count: int, photos: int) -> list[int]:

@@ -16,14 +16,14 @@ import numpy as np
 
 import pomona
 from pomona.formats.detections.labelled import LabelledFruit
-from pomona.marks import MarkedPhoto, write_marks
+from pomona.learning.marks import MarkedPhoto, write_marks
+from pomona.learning.self_training.learnt import read_learnt
+from pomona.learning.self_training.options import AdaptOptions
+from pomona.learning.self_training.rerun import run_adapted
+from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.self_training.learnt import read_learnt
-from pomona.self_training.options import AdaptOptions
-from pomona.self_training.rerun import run_adapted
 from pomona.survey import SurveyFolder
-from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 
 LEAST_SHARE, LEAST_RADIUS_PX, HAND_PX = 0.2, 5.0, 1.0
 

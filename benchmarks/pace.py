@@ -106,11 +106,11 @@ def floor(folder: str) -> dict[str, float]:
 
     The photo is decoded as large as the network or the features need it.
     """
-    from pomona.capture import load_photos, read_pixels
     from pomona.progress import Silent
-    from pomona.segment import SegmentOptions, load_segmenter, scales_of, segment_photo
-    from pomona.sfm.features import features_of
-    from pomona.sfm.options import SfmOptions
+    from pomona.stages.capture import load_photos, read_pixels
+    from pomona.stages.segment import SegmentOptions, load_segmenter, scales_of, segment_photo
+    from pomona.stages.sfm.features import features_of
+    from pomona.stages.sfm.options import SfmOptions
 
     photos, segmenter, sfm, options = load_photos([Path(folder)]), load_segmenter(None), SfmOptions(), SegmentOptions()
     scales = scales_of(photos, segmenter, options, Silent()).by_name

@@ -30,11 +30,11 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.fruits import FruitCloud
-from pomona.fuse.cloud import CloudOptions, fruits_of_cloud
-from pomona.fuse.paper import PaperOptions
-from pomona.fuse.paper.clustering import connected_groups, split_in_two
+from pomona.basics.arrays import FloatArray, IntArray
+from pomona.stages.fuse.cloud import CloudOptions, fruits_of_cloud
+from pomona.stages.fuse.paper import PaperOptions
+from pomona.stages.fuse.paper.clustering import connected_groups, split_in_two
+from pomona.values.fruits import FruitCloud
 
 FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "pfuji-apples"
 BEST_EPS_M = (0.003, 0.005, 0.006, 0.007, 0.008, 0.01, 0.012, 0.015, 0.02)

@@ -13,19 +13,19 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from pomona import filter as filters
-from pomona.fruit_crops.crop_network import CropNetwork
-from pomona.fuse import object
-from pomona.measure import measure
-from pomona.onnx_file import OnnxFile
-from pomona.second_look import look_again
-from pomona.segment.center_offset import KIND
-from pomona.train.augment import AugmentOptions
-from pomona.train.center import CenterLearner
-from pomona.train.eight_bits import in_eight_bits
-from pomona.train.fit import some_crops
-from pomona.train.gather import gather
-from pomona.train.options import FitOptions
+from pomona.basics.onnx_file import OnnxFile
+from pomona.fruit.crops.crop_network import CropNetwork
+from pomona.learning.train.augment import AugmentOptions
+from pomona.learning.train.center import CenterLearner
+from pomona.learning.train.eight_bits import in_eight_bits
+from pomona.learning.train.fit import some_crops
+from pomona.learning.train.gather import gather
+from pomona.learning.train.options import FitOptions
+from pomona.stages import filter as filters
+from pomona.stages.fuse import object
+from pomona.stages.measure import measure
+from pomona.stages.second_look import look_again
+from pomona.stages.segment.center_offset import KIND
 from row_cases import row_case
 
 OF_EACH_BATCH = 12

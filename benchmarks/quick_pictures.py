@@ -11,8 +11,8 @@ on, blurred beyond recognition, are seen far behind the trees.
 import argparse
 from pathlib import Path
 
+from pomona.learning.synth.quick import QuickPictureOptions, render_pictures
 from pomona.progress import Silent
-from pomona.synth.quick import QuickPictureOptions, render_pictures
 
 SHARES = {"apple": 0.45, "pear": 0.1, "citrus": 0.14, "peach": 0.07, "plum": 0.05, "cherry": 0.06, "mango": 0.03,
           "kiwi": 0.03, "tomato": 0.07}  # fmt: skip

@@ -17,13 +17,13 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from pomona import filter as filters
 from pomona.evaluate.fruits import EvaluateOptions
 from pomona.evaluate.fruits.matching import assign, candidates_by_center
-from pomona.fuse import object
-from pomona.measure import measure
 from pomona.pipeline import RunOptions
-from pomona.second_look import look_again
+from pomona.stages import filter as filters
+from pomona.stages.fuse import object
+from pomona.stages.measure import measure
+from pomona.stages.second_look import look_again
 from row_cases import row_case
 
 EDGES = np.linspace(0, 1, 11)

@@ -15,8 +15,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from pomona.synth import RowOptions, render_row
-from pomona.synth.presets import (
+from pomona.learning.synth import RowOptions, render_row
+from pomona.learning.synth.presets import (
     DEMO,
     HELD_OUT,
     ROWS,

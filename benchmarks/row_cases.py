@@ -3,15 +3,15 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pomona.cameras import Cameras
-from pomona.capture import load_photos
-from pomona.detections import SurveyDetections
 from pomona.evaluate.fruits import Truth, read_truth
 from pomona.formats.cameras.colmap import read_colmap
-from pomona.photos import Photos
+from pomona.learning.synth.truth import RowFolder
 from pomona.pipeline import RunOptions
-from pomona.segment import load_segmenter, segment_photos
-from pomona.synth.truth import RowFolder
+from pomona.stages.capture import load_photos
+from pomona.stages.segment import load_segmenter, segment_photos
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photos
 from train_filter import cameras_of, true_detections
 
 

@@ -21,14 +21,14 @@ from benchmarks.long_row import repeated
 from benchmarks.pace import used_by
 
 import pomona
-from pomona.arrays import FloatArray
-from pomona.capture import load_photos
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import estimate_similarity
 from pomona.evaluate.fruits import read_truth
 from pomona.formats.cameras.colmap import write_colmap
-from pomona.geometry import estimate_similarity
-from pomona.scale.control_points import read_control_points
-from pomona.synth import RowOptions, render_row
-from pomona.synth.truth import RowFolder, read_cameras
+from pomona.learning.synth import RowOptions, render_row
+from pomona.learning.synth.truth import RowFolder, read_cameras
+from pomona.stages.capture import load_photos
+from pomona.stages.scale.control_points import read_control_points
 
 ROW = RowOptions(
     seed=7, trees=51, fruits_per_tree=30, sides=("east",), photos_per_side=200, step_m=0.25, masks=False, rough=True

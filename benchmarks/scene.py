@@ -17,23 +17,23 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-import pomona.scene
-from pomona.arrays import FloatArray
-from pomona.dense.atlas import pack
-from pomona.dense.correlation import MatchOptions, best_inverse_depth, sweep
-from pomona.dense.views import View
+import pomona.stages.scene
+from pomona.basics.arrays import FloatArray
 from pomona.evaluate.fruits import read_truth
-from pomona.fruit_geometry.cloud_points import fruit_of_points
-from pomona.scene import DenseSceneOptions, dense_scene
-from pomona.scene.maps import SceneMap
+from pomona.fruit.geometry.cloud_points import fruit_of_points
+from pomona.learning.synth.cameras import row_cameras
+from pomona.learning.synth.layout import lay_out_row
+from pomona.learning.synth.options import RowOptions
+from pomona.learning.synth.presets import DEMO, ROWS
+from pomona.learning.synth.quick.row import row_scene
+from pomona.learning.synth.render import marker_cells
+from pomona.stages.dense.atlas import pack
+from pomona.stages.dense.correlation import MatchOptions, best_inverse_depth, sweep
+from pomona.stages.dense.views import View
+from pomona.stages.scene import DenseSceneOptions, dense_scene
+from pomona.stages.scene.maps import SceneMap
 from pomona.survey import SurveyFolder
 from pomona.survey.reader import SurveyReader
-from pomona.synth.cameras import row_cameras
-from pomona.synth.layout import lay_out_row
-from pomona.synth.options import RowOptions
-from pomona.synth.presets import DEMO, ROWS
-from pomona.synth.quick.row import row_scene
-from pomona.synth.render import marker_cells
 
 _SAMPLE = 20_000
 
@@ -94,7 +94,7 @@ def main() -> None:
     survey = SurveyReader(SurveyFolder.open(arguments.survey))
     photos, cameras, detections = survey.photos, survey.cameras, survey.detections.at_least(survey.score_threshold)
     if arguments.plane_sweep:
-        pomona.scene.scene_map = by_plane_sweep
+        pomona.stages.scene.scene_map = by_plane_sweep
     began = time.process_time()
     cloud = dense_scene(photos, detections, cameras, options=DenseSceneOptions(**arguments.options))
     seconds = (time.process_time() - began) / len(cameras)

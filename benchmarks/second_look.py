@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona import filter as filters
+from pomona.basics.geometry import Similarity
 from pomona.evaluate.fruits import Truth, evaluate_fruits
-from pomona.fuse import object
-from pomona.geometry import Similarity
-from pomona.measure import measure
 from pomona.pipeline import RunOptions
-from pomona.second_look import CentersNetwork, look_again
-from pomona.second_look.network import SHIPPED
+from pomona.stages import filter as filters
+from pomona.stages.fuse import object
+from pomona.stages.measure import measure
+from pomona.stages.second_look import CentersNetwork, look_again
+from pomona.stages.second_look.network import SHIPPED
 from row_cases import row_case
 
 

@@ -37,7 +37,7 @@ def write_photo(path: Path) -> None:
 def write_random_mask_rcnn(path: Path) -> None:
     import torch
 
-    from pomona.segment.mask_rcnn import build_mask_rcnn
+    from pomona.stages.segment.mask_rcnn import build_mask_rcnn
 
     torch.manual_seed(1)
     state = build_mask_rcnn("maskrcnn-r101", 2).state_dict()
@@ -46,9 +46,9 @@ def write_random_mask_rcnn(path: Path) -> None:
 
 
 def measure(folder: Path, model: str | None, repeats: int) -> None:
-    from pomona.capture import load_photos
     from pomona.progress import Silent
-    from pomona.segment import SegmentOptions, load_segmenter, scales_of, segment_photos
+    from pomona.stages.capture import load_photos
+    from pomona.stages.segment import SegmentOptions, load_segmenter, scales_of, segment_photos
 
     photos = load_photos([folder], min_photos=1)
     segmenter = load_segmenter(model)

@@ -14,21 +14,21 @@ from pathlib import Path
 import numpy as np
 from benchmarks.association import SEGMENTER, TRUE, place, variants
 
-from pomona import filter as filters
-from pomona.cameras import Cameras, WorldFrame
-from pomona.capture import load_photos
-from pomona.detections import SurveyDetections
+from pomona.basics.geometry import Similarity, estimate_similarity
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.fruit_geometry.discs import FruitDiscs, fruit_discs
-from pomona.fuse import object
-from pomona.geometry import Similarity, estimate_similarity
-from pomona.measure import measure
+from pomona.fruit.geometry.discs import FruitDiscs, fruit_discs
 from pomona.pipeline import RunOptions
 from pomona.pipeline.select import SelectOptions
-from pomona.scale import Placed, ScaleOptions, place_in_world
-from pomona.scale.side_alignment import FindFruits
-from pomona.segment import load_segmenter
-from pomona.sfm.store import read_reconstruction
+from pomona.stages import filter as filters
+from pomona.stages.capture import load_photos
+from pomona.stages.fuse import object
+from pomona.stages.measure import measure
+from pomona.stages.scale import Placed, ScaleOptions, place_in_world
+from pomona.stages.scale.side_alignment import FindFruits
+from pomona.stages.segment import load_segmenter
+from pomona.stages.sfm.store import read_reconstruction
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import SurveyDetections
 
 
 def true_cameras(row: Path, cameras: Cameras) -> list[dict[str, object]]:

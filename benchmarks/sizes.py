@@ -15,19 +15,19 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.capture import load_photos
-from pomona.detections import SurveyDetections
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.tables import read_fruits as read_table
 from pomona.formats.tables import read_observations
-from pomona.fruits import FruitCloud
-from pomona.fuse import Fused, object
-from pomona.measure import MeasureOptions, measure
-from pomona.photos import Photos
-from pomona.synth.truth import RowFolder, read_fruits
+from pomona.learning.synth.truth import RowFolder, read_fruits
+from pomona.stages.capture import load_photos
+from pomona.stages.fuse import Fused, object
+from pomona.stages.measure import MeasureOptions, measure
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import FruitCloud
+from pomona.values.photos import Photos
 from train_filter import cameras_of, true_detections
 
 METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
-from pomona.capture import load_photos, read_pixels
-from pomona.segment.center_offset import CenterOffsetSegmenter
-from pomona.segment.load import SHIPPED_WEIGHTS
-from pomona.segment.resize import resized_pixels
+from pomona.basics.arrays import ByteArray, FloatArray
+from pomona.stages.capture import load_photos, read_pixels
+from pomona.stages.segment.center_offset import CenterOffsetSegmenter
+from pomona.stages.segment.load import SHIPPED_WEIGHTS
+from pomona.stages.segment.resize import resized_pixels
 
 NEAR_CELLS = 2
 

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pomona
-from pomona.synth.truth import write_masks_as_coco
+from pomona.learning.synth.truth import write_masks_as_coco
 
 DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 

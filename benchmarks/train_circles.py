@@ -1,12 +1,13 @@
-"""Train the network that measures circles of whole fruits in crops about them (`pomona.measure.circle_network`).
+"""Train the network that measures circles of whole fruits in crops about them (`pomona.stages.measure.circle_network`).
 
 python benchmarks/train_circles.py OUT.onnx FOLDER [FOLDER ...] [--steps N] [--seed N] [--batch N]
     [--weights CHECKPOINT.pt | MODEL.onnx]
 
 A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its truth; each is drawn from by the root
-of how many fruits it shows. About every fruit of which enough is seen a crop is cut as `pomona.measure.circles` does,
-off the fruit's centre and size by chance. The loss is the negative log likelihood of a Gaussian (of a Laplacian beyond
-three standard deviations), with the standard deviations that the network says. OUT.pt is a checkpoint, every 200 steps:
+of how many fruits it shows. About every fruit of which enough is seen a crop is cut as `pomona.stages.measure.circles`
+does, off the fruit's centre and size by chance. The loss is the negative log likelihood of a Gaussian (of a Laplacian
+beyond three standard deviations), with the standard deviations that the network says. OUT.pt is a checkpoint, every 200
+steps:
 a run that was stopped goes on from it; --weights begins with those of another, or of a model file. The network written
 is the running mean of the weights; some of the fruits are measured on, not trained on.
 """
@@ -35,9 +36,9 @@ from crop_training import (
     less_like,
     liked_pictures,
 )
-from pomona.fruit_crops.crop_network import CHANNELS
-from pomona.fruit_crops.crops import CropPlaces, cut
-from pomona.measure.circle_network import KIND
+from pomona.fruit.crops.crop_network import CHANNELS
+from pomona.fruit.crops.crops import CropPlaces, cut
+from pomona.stages.measure.circle_network import KIND
 
 HOW = Crops(radius_px=18.0, side_px=72)
 LEAST_SEEN, LEAST_RADIUS_PX = 0.12, 8.0

@@ -22,31 +22,31 @@ import cv2
 import numpy as np
 
 from association import dropped, with_false
-from pomona.cameras import Cameras, WorldFrame
-from pomona.capture import load_photos
-from pomona.dense import fruit_cloud
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.evaluate.fruits.matching import EvaluateOptions, candidates_by_center
-from pomona.filter import (
+from pomona.formats.detections.read import read_detections
+from pomona.learning.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
+from pomona.pipeline import RunOptions
+from pomona.stages.capture import load_photos
+from pomona.stages.dense import fruit_cloud
+from pomona.stages.filter import (
     LOOKED_FEATURE_NAMES,
     VIEW_FEATURE_NAMES,
     LinearSvm,
     resized,
     view_features,
 )
-from pomona.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
-from pomona.filter.training import training_table
-from pomona.formats.detections.read import read_detections
-from pomona.fruits import Fruits
-from pomona.fuse import Fused, object, paper
-from pomona.intrinsics import Intrinsics
-from pomona.measure import measure
-from pomona.photos import Photos
-from pomona.pipeline import RunOptions
-from pomona.second_look import look_again
-from pomona.segment import load_segmenter, segment_photos
-from pomona.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
+from pomona.stages.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
+from pomona.stages.filter.training import training_table
+from pomona.stages.fuse import Fused, object, paper
+from pomona.stages.measure import measure
+from pomona.stages.second_look import look_again
+from pomona.stages.segment import load_segmenter, segment_photos
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photos
 
 REFERENCE_M = 0.075
 # Masks smaller than this share of a fruit's disc are not looked for by a segmenter.

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import torch
 
+from pomona.learning.train import FitOptions, options_for, train
+from pomona.learning.train.augment import AugmentOptions
+from pomona.learning.train.center import CENTER_NETWORKS
 from pomona.progress import Silent
-from pomona.train import FitOptions, options_for, train
-from pomona.train.augment import AugmentOptions
-from pomona.train.center import CENTER_NETWORKS
 
 
 class Lines(Silent):

@@ -8,7 +8,7 @@ A FOLDER is what `benchmarks/quick_pictures.py` drew, or a rendered row with its
 twice. TILES is what `benchmarks/fruit_tiles.py --unlabelled` wrote: of its apples that are trained on, those with boxes
 about as wide as high are whole fruits; where others are, or what has no label, nobody knows, and it counts neither way.
 
-Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.second_look` does, off the
+Around every fruit of which something is seen, and elsewhere, crops are cut as `pomona.stages.second_look` does, off the
 fruit's centre and size by chance. Targets are Gaussians about the centres of all fruits of about that size in a crop.
 Beside the colours, crops have a channel that says how like these are to those of some of the picture's fruits, as if a
 segmenter had found them. OUT.pt is a checkpoint, every 100 steps: a run that was stopped goes on from it; --weights
@@ -42,9 +42,9 @@ from crop_training import (
     liked_pictures,
     liked_tiles,
 )
-from pomona.fruit_crops.crop_network import CHANNELS
-from pomona.fruit_crops.crops import CropPlaces, cut
-from pomona.second_look.network import KIND
+from pomona.fruit.crops.crop_network import CHANNELS
+from pomona.fruit.crops.crops import CropPlaces, cut
+from pomona.stages.second_look.network import KIND
 
 STRIDE = 2
 LEAST_SEEN, LEAST_THERE = 0.04, 0.01  # shares of a disc: from which it is to be found, below which it is not there

@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from pomona.fruits import Fruits
-from pomona.planting import PlantingOptions, find_trunks, on_trees
-from pomona.synth.layout import lay_out_row
-from pomona.synth.options import RowOptions
-from pomona.trees import Trunks
+from pomona.learning.synth.layout import lay_out_row
+from pomona.learning.synth.options import RowOptions
+from pomona.stages.planting import PlantingOptions, find_trunks, on_trees
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trunks
 
 
 def grown(seed: int) -> tuple[Fruits, np.ndarray, float, int]:

@@ -25,17 +25,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.browser.view import read_survey
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.las import write_las
 from pomona.formats.tables import write_fruits, write_observations
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
-from pomona.report import write_report
-from pomona.view import read_survey
+from pomona.stages.report import write_report
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 
 SIDES = ("east", "west")
 DISTANCE_M, LENGTH_A_PHOTO_M, DIAMETER_M, TREE_M = 2.5, 0.2, 0.075, 2.5

@@ -11,7 +11,7 @@ import numpy as np
 
 import pomona
 from pomona.evaluate.fruits import read_truth
-from pomona.synth.truth import RowFolder, read_mask
+from pomona.learning.synth.truth import RowFolder, read_mask
 
 NEAR_M = 0.025
 BINS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.2)

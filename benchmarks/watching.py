@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.live import Watch, WatchOptions
+from pomona.browser.live import Watch, WatchOptions
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.report.contract import WatchState
+from pomona.stages.report.contract import WatchState
 
 
 def main() -> None:

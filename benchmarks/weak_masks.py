@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.capture.images import size_of
-from pomona.detections import Mask
 from pomona.formats.detections.label_sets import find_label_sets, read_label_set
 from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledPhoto
 from pomona.formats.detections.shapes import ellipse_mask
-from pomona.train.samples import Sample
-from pomona.train.weak_masks import label_image_from_boxes
+from pomona.learning.train.samples import Sample
+from pomona.learning.train.weak_masks import label_image_from_boxes
+from pomona.stages.capture.images import size_of
+from pomona.values.detections import Mask
 
 WIDTHS_PX = (0, 15, 30, 60, 10_000)
 

@@ -2,7 +2,7 @@
 
 python benchmarks/weights.py [PAIRS.csv] [--plot OUT.svg]
 
-Prints the figures that `pomona.measure.allometry.STORY_APPLES` has. PAIRS.csv: `../shared/data/fruit-measures`.
+Prints the figures that `pomona.stages.measure.allometry.STORY_APPLES` has. PAIRS.csv: `../shared/data/fruit-measures`.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.measure import fit_allometry
+from pomona.stages.measure import fit_allometry
 
 TABLE = Path(__file__).resolve().parents[2] / "shared/data/fruit-measures/story-apples-caliper-weight.csv"
 WIDTH, HEIGHT, MARGIN = 360, 260, 44

@@ -24,25 +24,25 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import Cameras
-from pomona.capture import load_photos
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.filter import apply_to_views
-from pomona.fruits import Fruits, Observations
-from pomona.fuse import object
-from pomona.intrinsics import Intrinsics
-from pomona.measure import measure
-from pomona.measure.allometry import STORY_APPLES
-from pomona.second_look import look_again
-from pomona.synth import RowOptions, truth
-from pomona.synth.cameras import row_cameras
-from pomona.synth.layout import lay_out_row
-from pomona.synth.options import VARIETIES
-from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
-from pomona.trees import Trees
-from pomona.yields import YieldOptions, estimate_crop
-from pomona.yields.detectability import fit_detectability
-from pomona.yields.encounters import encounters_of
+from pomona.learning.synth import RowOptions, truth
+from pomona.learning.synth.cameras import row_cameras
+from pomona.learning.synth.layout import lay_out_row
+from pomona.learning.synth.options import VARIETIES
+from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.stages.capture import load_photos
+from pomona.stages.filter import apply_to_views
+from pomona.stages.fuse import object
+from pomona.stages.measure import measure
+from pomona.stages.measure.allometry import STORY_APPLES
+from pomona.stages.second_look import look_again
+from pomona.stages.yields import YieldOptions, estimate_crop
+from pomona.stages.yields.detectability import fit_detectability
+from pomona.stages.yields.encounters import encounters_of
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.trees import Trees
 from sizes import METRES
 
 KINDS = ("two", "half", "dropped", "uneven", "one", "one-dropped")
@@ -66,9 +66,9 @@ def make(number: int, out: Path) -> None:
     """Draw the masks alone: what is seen in each pixel, without light."""
     import moderngl
 
-    from pomona.synth.quick.gl import Painter, _column_major
-    from pomona.synth.quick.row import row_scene
-    from pomona.synth.quick.stage import _view
+    from pomona.learning.synth.quick.gl import Painter, _column_major
+    from pomona.learning.synth.quick.row import row_scene
+    from pomona.learning.synth.quick.stage import _view
 
     options, folder, painter = row_options(number), RowFolder(out), Painter()
     folder.make()

@@ -21,19 +21,20 @@ ROOT = Path(__file__).resolve().parents[1]
 # What an extra brings must do, besides being importable.
 TRIES = {
     "none": "import pomona, pomona.cli.app; assert (pomona.sample_folder() / 'markers.csv').is_file()",
-    "train": "import torch, torchvision, onnx, pomona.train",
-    "synth": "import pomona.synth, moderngl",
-    "open-vocabulary": "import transformers, torch, pomona.segment",
+    "train": "import torch, torchvision, onnx, pomona.learning.train",
+    "synth": "import pomona.learning.synth, moderngl",
+    "open-vocabulary": "import transformers, torch, pomona.stages.segment",
     "cluster": (
         "import fsspec, pyarrow; from pomona.orchard import WorkerOptions; from pomona.orchard.cluster import "
         "local_workers\nif __name__ == '__main__':\n    with local_workers(WorkerOptions(processes=1)) as workers:\n"
         "        assert workers.dashboard.startswith('http://127.0.0.1:')"
     ),
     "rerun": "import rerun, pomona.formats.rerun",
-    "pandas": "from pomona.fruits import Fruits; assert len(Fruits.empty().to_pandas()) == 0",
-    "geopandas": "from pomona.fruits import Fruits; assert len(Fruits.empty().to_geopandas()) == 0",
+    "pandas": "from pomona.values.fruits import Fruits; assert len(Fruits.empty().to_pandas()) == 0",
+    "geopandas": "from pomona.values.fruits import Fruits; assert len(Fruits.empty().to_geopandas()) == 0",
     "geoparquet": (
-        "from pathlib import Path; from pomona.cameras import WorldFrame; from pomona.fruits import Fruits; "
+        "from pathlib import Path; from pomona.values.cameras import WorldFrame; "
+        "from pomona.values.fruits import Fruits; "
         "from pomona.formats.geoparquet import write_geoparquet; "
         "write_geoparquet(Path('f.parquet'), Fruits.empty(), WorldFrame('markers'))"
     ),

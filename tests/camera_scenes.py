@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import WorldFrame
-from pomona.photos import Photo, Photos
+from pomona.values.cameras import WorldFrame
+from pomona.values.photos import Photo, Photos
 
 WIDTH, HEIGHT = 1600, 1200
 

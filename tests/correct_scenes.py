@@ -9,14 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import Array, FloatArray
-from pomona.cameras import Cameras, WorldFrame
+from pomona.basics.arrays import Array, FloatArray
 from pomona.corrections import Found
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
-from pomona.fruits import Fruits, Observations
 from pomona.pipeline import RunOptions, run
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits, Observations
 from report_scenes import LENS, looking, row_photos
 
 DIAMETER_M = 0.08

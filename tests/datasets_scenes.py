@@ -12,8 +12,8 @@ from scipy import ndimage
 
 from fuji_miniature import TIE_POINTS, Camera, write_boxes, write_side
 from fuse_scenes import sphere_points
-from pomona.detections import Mask
-from pomona.segment import SegmenterTraits, TileDetections
+from pomona.stages.segment import SegmenterTraits, TileDetections
+from pomona.values.detections import Mask
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 400.0
 RED, GREEN = (200, 30, 30), (40, 120, 40)

@@ -21,8 +21,8 @@ import scipy.io
 from PIL import Image
 from pycocotools import mask as coco_mask
 
-from pomona.detections import Mask
-from pomona.photos import Photo, Photos
+from pomona.values.detections import Mask
+from pomona.values.photos import Photo, Photos
 
 WIDTH, HEIGHT = 400, 300
 Pixels = np.ndarray[Any, Any]

@@ -10,19 +10,19 @@ import cv2
 import numpy as np
 
 from fuse_scenes import seen_pixels
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.evaluate.diagnosis import SurveyResult
 from pomona.evaluate.fruits import Truth, read_truth
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import write_fruits, write_observations
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
+from pomona.stages.fuse import Fused
 from pomona.survey import SurveyFolder
 from pomona.survey.fused import write_fused
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 
 WIDTH, HEIGHT, FOCAL = 400, 240, 420.0
 SIDE_PHOTOS, DISTANCE_M, DIAMETER_M = 3, 1.6, 0.08

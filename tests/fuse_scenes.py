@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruits import FruitCloud
-from pomona.intrinsics import Intrinsics
+from pomona.basics.arrays import BoolArray, FloatArray
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud
+from pomona.values.intrinsics import Intrinsics
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 400.0
 

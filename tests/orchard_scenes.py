@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from pomona.cameras import local_crs
-from pomona.crop import RowSegments
 from pomona.formats.tables import write_fruits, write_segments, write_trees
-from pomona.fruits import Fruits
 from pomona.orchard.folder import OrchardFolder
 from pomona.orchard.jobs import Attempt, JobOutcome
 from pomona.orchard.places import Place
 from pomona.orchard.plan import Orchard
-from pomona.trees import Trees
+from pomona.values.cameras import local_crs
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trees
 from view_scenes import write_view_survey
 
 # What a run makes of the same photos, whoever runs it; `survey.json` and `report.html` have times in them.

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pomona.cameras import Cameras, WorldFrame, concatenate
-from pomona.detections import Mask
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.intrinsics import Intrinsics
-from pomona.scale.report import Placed, ScaleReport
-from pomona.segment import SegmenterTraits, TileDetections
-from pomona.sfm.pieces import Piece, Reconstruction
+from pomona.stages.fuse import Fused
+from pomona.stages.scale.report import Placed, ScaleReport
+from pomona.stages.segment import SegmenterTraits, TileDetections
+from pomona.stages.sfm.pieces import Piece, Reconstruction
+from pomona.values.cameras import Cameras, WorldFrame, concatenate
+from pomona.values.detections import Mask
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
 
 WIDTH, HEIGHT = 96, 72
 
@@ -77,21 +77,21 @@ class Fakes:
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> Fakes:
         monkeypatch.setattr(
-            "pomona.segment.load_segmenter", lambda model=None, score_floor=None: RedSegmenter(self, score_floor)
+            "pomona.stages.segment.load_segmenter", lambda model=None, score_floor=None: RedSegmenter(self, score_floor)
         )
-        monkeypatch.setattr("pomona.sfm.reconstruct", self._reconstruct)
-        monkeypatch.setattr("pomona.scale.place_in_world", self._place)
-        monkeypatch.setattr("pomona.dense.fruit_cloud", self._cloud)
-        monkeypatch.setattr("pomona.dense.sphere_cloud", self._sphere_cloud)
-        monkeypatch.setattr("pomona.scene.dense_scene", self._scene)
-        monkeypatch.setattr("pomona.fuse.object.fuse", self._fuse)
-        monkeypatch.setattr("pomona.fuse.paper.fuse", self._fuse)
-        monkeypatch.setattr("pomona.second_look.look_again", self._look_again)
-        monkeypatch.setattr("pomona.filter.apply", self._filter)
-        monkeypatch.setattr("pomona.filter.apply_to_views", self._filter)
-        monkeypatch.setattr("pomona.measure.measure", self._measure)
-        monkeypatch.setattr("pomona.report.write_report", self._report)
-        monkeypatch.setattr("pomona.report.write_contact_sheet", self._sheet)
+        monkeypatch.setattr("pomona.stages.sfm.reconstruct", self._reconstruct)
+        monkeypatch.setattr("pomona.stages.scale.place_in_world", self._place)
+        monkeypatch.setattr("pomona.stages.dense.fruit_cloud", self._cloud)
+        monkeypatch.setattr("pomona.stages.dense.sphere_cloud", self._sphere_cloud)
+        monkeypatch.setattr("pomona.stages.scene.dense_scene", self._scene)
+        monkeypatch.setattr("pomona.stages.fuse.object.fuse", self._fuse)
+        monkeypatch.setattr("pomona.stages.fuse.paper.fuse", self._fuse)
+        monkeypatch.setattr("pomona.stages.second_look.look_again", self._look_again)
+        monkeypatch.setattr("pomona.stages.filter.apply", self._filter)
+        monkeypatch.setattr("pomona.stages.filter.apply_to_views", self._filter)
+        monkeypatch.setattr("pomona.stages.measure.measure", self._measure)
+        monkeypatch.setattr("pomona.stages.report.write_report", self._report)
+        monkeypatch.setattr("pomona.stages.report.write_contact_sheet", self._sheet)
         return self
 
     def _reconstruct(self, photos, *, options, work_dir, code_key, progress):

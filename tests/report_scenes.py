@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.intrinsics import Intrinsics
-from pomona.measure.allometry import STORY_APPLES, total_weight, weigh
-from pomona.photos import Photo, Photos, Skipped
-from pomona.planting.summary import trees_of
-from pomona.report import ReportData, StageTime
-from pomona.sfm.pieces import Unregistered
-from pomona.trees import Trees, Trunks
+from pomona.basics.arrays import FloatArray
+from pomona.stages.measure.allometry import STORY_APPLES, total_weight, weigh
+from pomona.stages.planting.summary import trees_of
+from pomona.stages.report import ReportData, StageTime
+from pomona.stages.sfm.pieces import Unregistered
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos, Skipped
+from pomona.values.trees import Trees, Trunks
 
 
 def unpacked(content: bytes) -> Any:

@@ -12,14 +12,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import point_errors_px
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
-from pomona.geometry import Similarity
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
-from pomona.scale.aruco import PlateSighting
-from pomona.scale.upright import leveling_rotation
-from pomona.sfm.pieces import Piece
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity
+from pomona.stages.scale.aruco import PlateSighting
+from pomona.stages.scale.upright import leveling_rotation
+from pomona.stages.sfm.pieces import Piece
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 
 WIDTH, HEIGHT, FOCAL = 864, 1296, 1394.8
 LENS = Intrinsics("SIMPLE_RADIAL", WIDTH, HEIGHT, np.array([FOCAL, WIDTH / 2, HEIGHT / 2, 0.02]))
@@ -118,7 +118,7 @@ def show_markers(monkeypatch: pytest.MonkeyPatch, sightings: Sequence[PlateSight
         names, ids = {photo.name for photo in photos}, set(wanted)
         return [s for s in sightings if s.photo in names and s.marker_id in ids]
 
-    monkeypatch.setattr("pomona.scale.markers.find_markers", find)
+    monkeypatch.setattr("pomona.stages.scale.markers.find_markers", find)
 
 
 def photos_of(*cameras: Cameras) -> Photos:

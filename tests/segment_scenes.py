@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.detections import Mask
-from pomona.photos import Photo, Photos
-from pomona.segment import SegmenterTraits, TileDetections
-from pomona.segment.decode import Maps
+from pomona.stages.segment import SegmenterTraits, TileDetections
+from pomona.stages.segment.decode import Maps
+from pomona.values.detections import Mask
+from pomona.values.photos import Photo, Photos
 
 DISC_PX = 20
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from pomona.server import PageServer
+from pomona.browser.server import PageServer
 
 _Server = TypeVar("_Server", bound=PageServer)
 

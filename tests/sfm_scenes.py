@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
-from pomona.photos import Gnss, Photo, Photos
+from pomona.basics.arrays import ByteArray, FloatArray
+from pomona.values.photos import Gnss, Photo, Photos
 
 WIDTH, HEIGHT, FOCAL = 360, 270, 330.0
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pomona.errors import MissingExtraError
-from pomona.synth import RowOptions, render_row
+from pomona.learning.synth import RowOptions, render_row
 
 
 def rough_row(out: Path, **options: Any) -> Path:

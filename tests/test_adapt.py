@@ -14,17 +14,17 @@ import pytest
 
 import pomona
 from pipeline_fakes import Fakes, make_photos
-from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, SurveyError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
-from pomona.fruit_traits.colours import FruitColours
+from pomona.fruit.traits.colours import FruitColours
+from pomona.learning.self_training.halves import agreement_of_halves
+from pomona.learning.self_training.labels import FoundFruits, label_photos
+from pomona.learning.self_training.options import AdaptOptions
+from pomona.learning.self_training.rerun import found_fruits, model_of
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.self_training.halves import agreement_of_halves
-from pomona.self_training.labels import FoundFruits, label_photos
-from pomona.self_training.options import AdaptOptions
-from pomona.self_training.rerun import found_fruits, model_of
 from pomona.survey import SurveyFolder
+from pomona.values.detections import Detections, SurveyDetections
 from view_scenes import write_view_survey
 
 OPTIONS = AdaptOptions(least_score=0.5, least_views=2)
@@ -100,7 +100,7 @@ def test_a_fruit_that_one_photo_missed_is_a_label_there(found: FoundFruits) -> N
     assert made[0].mask.area_px < 1.25 * true.area_px
 
 
-def whole(mask: pomona.detections.Mask, width: int, height: int) -> np.ndarray:
+def whole(mask: pomona.values.detections.Mask, width: int, height: int) -> np.ndarray:
     pixels = np.zeros((height, width), bool)
     x0, y0, x1, y1 = mask.box_px
     pixels[y0:y1, x0:x1] = mask.pixels
@@ -207,7 +207,7 @@ def test_halves_agree_where_both_find_the_same_fruits(tmp_path: Path) -> None:
 
 
 def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits, tmp_path: Path) -> None:
-    learn = pytest.importorskip("pomona.self_training.learn")
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
     with pytest.raises(InputError, match=r"survey: 0 fruits are confirmed .* expected 10 .* correct some"):
         learn.adapt([found], tmp_path / "mine.onnx", options=replace(OPTIONS, least_score=0.9999))
     with pytest.raises(InputError, match=r"mine.pt: expected a file name ending in .onnx"):
@@ -217,7 +217,7 @@ def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits
 def test_a_larger_network_s_package_of_weights_is_asked_for_where_it_is_missing(
     found: FoundFruits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    learn = pytest.importorskip("pomona.self_training.learn")
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
     learner = learn.CenterLearner("center-lite1", weights="none")
     network = learner.build(start=True, progress=Silent())
     learner.export(network, tmp_path / "larger.onnx", learn.ModelSettings(threshold=0.5, fruit_px=40))
@@ -231,7 +231,7 @@ def test_a_larger_network_s_package_of_weights_is_asked_for_where_it_is_missing(
 
 @pytest.mark.slow
 def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path) -> None:
-    learn = pytest.importorskip("pomona.self_training.learn")
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
     out = tmp_path / "mine.onnx"
     out.write_bytes(b"of an earlier training")
 
@@ -248,9 +248,9 @@ def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path)
 
 
 def test_other_labels_are_another_training(found: FoundFruits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    learn = pytest.importorskip("pomona.self_training.learn")
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
     # How well it finds fruits, and its file, are not asked for here, and take ten times as long as a step.
-    monkeypatch.setattr("pomona.train.center.CenterLearner.export", lambda *_: None)
+    monkeypatch.setattr("pomona.learning.train.center.CenterLearner.export", lambda *_: None)
     for module in ("self_training.learn", "train.fit"):
         monkeypatch.setattr(f"pomona.{module}.check", lambda *_: learn.ValidationScores(0.5, 0.5, 0.5, 0.5, 0.4, 12))
     photo, place, _ = most_seen(found)
@@ -289,7 +289,7 @@ def test_options_say_what_they_expect(name: str, value: object) -> None:
 
 def test_no_other_run_works_on_a_survey_that_is_learnt_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("torch")
-    from pomona.self_training.rerun import run_adapted
+    from pomona.learning.self_training.rerun import run_adapted
 
     Fakes().install(monkeypatch)
     photos, folder = [make_photos(tmp_path / "photos")], tmp_path / "survey"
@@ -299,7 +299,7 @@ def test_no_other_run_works_on_a_survey_that_is_learnt_from(tmp_path: Path, monk
             pomona.run(photos, folder)
         raise InputError("learnt nothing")
 
-    monkeypatch.setattr("pomona.self_training.learn.adapt", learn)
+    monkeypatch.setattr("pomona.learning.self_training.learn.adapt", learn)
     with pytest.raises(InputError, match="learnt nothing"):
         run_adapted(photos, folder, RunOptions(), Silent())
     assert pomona.run(photos, folder).detections.total == 4
@@ -316,9 +316,9 @@ def test_what_is_learnt_where_nothing_was_found_is_kept(
     halves: tuple[float, float], kept: bool, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("torch")
-    from pomona.self_training.learn import Adapted
-    from pomona.self_training.rerun import run_adapted
-    from pomona.train.validate import ValidationScores
+    from pomona.learning.self_training.learn import Adapted
+    from pomona.learning.self_training.rerun import run_adapted
+    from pomona.learning.train.validate import ValidationScores
 
     def learn(_: object, out: Path, **__: object) -> Adapted:
         out.write_bytes(b"learnt")
@@ -327,8 +327,8 @@ def test_what_is_learnt_where_nothing_was_found_is_kept(
 
     Fakes().install(monkeypatch)
     answers = iter(halves)
-    monkeypatch.setattr("pomona.self_training.learn.adapt", learn)
-    monkeypatch.setattr("pomona.self_training.rerun.agreement_of_halves", lambda *given, **more: next(answers))
+    monkeypatch.setattr("pomona.learning.self_training.learn.adapt", learn)
+    monkeypatch.setattr("pomona.learning.self_training.rerun.agreement_of_halves", lambda *given, **more: next(answers))
     folder = tmp_path / "survey"
     made = run_adapted([make_photos(tmp_path / "photos")], folder, RunOptions(), Silent())
     assert said in made.changed
@@ -341,7 +341,7 @@ def adapted(tmp_path_factory: pytest.TempPathFactory, sample_survey: Path) -> Su
     folder = tmp_path_factory.mktemp("adapted") / "survey"
     shutil.copytree(sample_survey, folder)
     sample = pomona.sample_folder()
-    from pomona.self_training.rerun import run_adapted
+    from pomona.learning.self_training.rerun import run_adapted
 
     options = RunOptions(markers=sample / "markers.csv")
     few = AdaptOptions(steps=8, threads=1)

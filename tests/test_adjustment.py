@@ -14,16 +14,16 @@ from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px
 from pomona.adjustment.lenses import frames_of, known_focals, lens_votes, lenses_apart, share_lenses
 from pomona.adjustment.normal_equations import derivatives
 from pomona.adjustment.steadiness import middles, wandering_middles
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame, concatenate
-from pomona.geometry import estimate_similarity
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import estimate_similarity
 from pomona.progress import Silent
-from pomona.sfm.models import Model
-from pomona.sfm.one_lens import with_one_lens
-from pomona.sfm.pieces import Piece
-from pomona.sfm.selection import take, well_held
+from pomona.stages.sfm.models import Model
+from pomona.stages.sfm.one_lens import with_one_lens
+from pomona.stages.sfm.pieces import Piece
+from pomona.stages.sfm.selection import take, well_held
+from pomona.values.cameras import Cameras, WorldFrame, concatenate
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 from scale_scenes import FOCAL, HEIGHT, LENS, WIDTH, photographed, photos_of, seeing, some_frame
 
 NOISE_PX = 0.2

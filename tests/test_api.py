@@ -13,9 +13,9 @@ import pytest
 import pomona
 from pipeline_fakes import Fakes, make_photos
 from pomona.errors import InputError, MissingExtraError, MissingFileError, SurveyError
-from pomona.fruits import Fruits
-from pomona.fuse.object.options import ObjectOptions
+from pomona.stages.fuse.object.options import ObjectOptions
 from pomona.survey import SurveyFolder
+from pomona.values.fruits import Fruits
 from serving import running
 
 
@@ -50,9 +50,9 @@ def test_what_was_written_is_opened_and_gone_on_with(survey: pomona.Survey, tmp_
 
 
 def test_options_of_stages_are_kept_for_later_stages(survey: pomona.Survey, tmp_path: Path) -> None:
-    from pomona.capture import KeyFrameOptions
     from pomona.pipeline import RunOptions
-    from pomona.report import ContactSheetOptions, ReportOptions
+    from pomona.stages.capture import KeyFrameOptions
+    from pomona.stages.report import ContactSheetOptions, ReportOptions
 
     options = RunOptions(
         object=ObjectOptions(rounds=2, baselines=(0.1, 0.4)),

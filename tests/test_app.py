@@ -18,18 +18,18 @@ from PIL import Image, ImageFilter
 
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
-from pomona.app import dropped
-from pomona.app.catalogue import Catalogue
-from pomona.app.checks import check_photos
-from pomona.app.contract import NewSurvey, RunView, SurveyView
-from pomona.app.first_results import FirstResults
-from pomona.app.folders import Folders
-from pomona.app.jobs import WORKING, Jobs, QueuedRun
-from pomona.app.progress_view import run_view
-from pomona.app.request import begun_with, equal_of_survey, equal_to, options_of, run_arguments
-from pomona.app.service import Homes, Service
-from pomona.app.typescript import typescript
-from pomona.app.wire import as_json, from_json
+from pomona.browser.app import dropped
+from pomona.browser.app.catalogue import Catalogue
+from pomona.browser.app.checks import check_photos
+from pomona.browser.app.contract import NewSurvey, RunView, SurveyView
+from pomona.browser.app.first_results import FirstResults
+from pomona.browser.app.folders import Folders
+from pomona.browser.app.jobs import WORKING, Jobs, QueuedRun
+from pomona.browser.app.progress_view import run_view
+from pomona.browser.app.request import begun_with, equal_of_survey, equal_to, options_of, run_arguments
+from pomona.browser.app.service import Homes, Service
+from pomona.browser.app.typescript import typescript
+from pomona.browser.app.wire import as_json, from_json
 from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder
@@ -291,7 +291,7 @@ def test_typescript_types_are_those_of_python() -> None:
     path = Path(__file__).parents[1] / "viewer" / "src" / "app" / "contract.ts"
     if not path.is_file():
         pytest.skip("viewer/ is not here")
-    hint = "write it again: python -m pomona.app.typescript > viewer/src/app/contract.ts, then `make viewer`"
+    hint = "write it again: python -m pomona.browser.app.typescript > viewer/src/app/contract.ts, then `make viewer`"
     assert path.read_text(encoding="utf-8") == typescript(), hint
 
 

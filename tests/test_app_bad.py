@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from pipeline_fakes import Fakes, make_photos
-from pomona.app import dropped
-from pomona.app.checks import check_photos
-from pomona.app.contract import GivenMarks, MarkView, NewSurvey
-from pomona.app.first_results import FirstResults
-from pomona.app.folders import Folders
-from pomona.app.service import Homes, Service
-from pomona.app.teaching import keep_marks, marked_view
+from pomona.browser.app import dropped
+from pomona.browser.app.checks import check_photos
+from pomona.browser.app.contract import GivenMarks, MarkView, NewSurvey
+from pomona.browser.app.first_results import FirstResults
+from pomona.browser.app.folders import Folders
+from pomona.browser.app.service import Homes, Service
+from pomona.browser.app.teaching import keep_marks, marked_view
 from pomona.errors import MissingFileError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder

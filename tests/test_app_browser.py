@@ -18,14 +18,14 @@ import pomona
 from chromium import PATIENCE_MS, page_until
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
-from pomona.app.folders import Folders
-from pomona.app.pages import AppServer
-from pomona.app.service import Homes
+from pomona.browser.app.folders import Folders
+from pomona.browser.app.pages import AppServer
+from pomona.browser.app.service import Homes
 from pomona.corrections import read_corrections
 from pomona.evaluate.detections import EvaluateDetectionsOptions
-from pomona.marks import read_marks
+from pomona.learning.marks import read_marks
+from pomona.learning.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.pipeline import RunOptions, run
-from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.survey import SurveyFolder
 from serving import running
 from waiting import until
@@ -299,7 +299,7 @@ def test_a_browser_without_webgl_shows_the_row_and_the_table(
 
 # Runs as the app starts them, but learning takes a tenth of its steps: minutes less, and the same on the way.
 SHORT_LEARNING = (
-    "import runpy; from pomona.self_training.options import AdaptOptions; "
+    "import runpy; from pomona.learning.self_training.options import AdaptOptions; "
     "AdaptOptions.__init__.__kwdefaults__['steps'] = 12; "
     "runpy.run_module('pomona.cli.leash', run_name='__main__', alter_sys=True)"
 )

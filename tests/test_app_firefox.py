@@ -10,10 +10,10 @@ import pytest
 from firefox import Firefox
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
-from pomona.app.folders import Folders
-from pomona.app.pages import AppServer
-from pomona.app.service import Homes
-from pomona.marks import read_marks
+from pomona.browser.app.folders import Folders
+from pomona.browser.app.pages import AppServer
+from pomona.browser.app.service import Homes
+from pomona.learning.marks import read_marks
 from pomona.pipeline import RunOptions, run
 from serving import running
 

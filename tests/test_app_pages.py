@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline_fakes import Fakes, make_photos
-from pomona.app.folders import Folders
-from pomona.app.pages import AppServer
-from pomona.app.service import Homes
+from pomona.browser.app.folders import Folders
+from pomona.browser.app.pages import AppServer
+from pomona.browser.app.service import Homes
 from pomona.cli.app import app
 from pomona.pipeline import RunOptions, run
 from serving import get, running

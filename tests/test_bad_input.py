@@ -80,7 +80,7 @@ def test_photos_without_overlap(fakes: Fakes, tmp_path: Path, monkeypatch: pytes
     with monkeypatch.context() as patch:
         fakes.install(patch)
         patch.undo()
-        patch.setattr("pomona.segment.load_segmenter", lambda model=None, score_floor=None: _red(fakes))
+        patch.setattr("pomona.stages.segment.load_segmenter", lambda model=None, score_floor=None: _red(fakes))
         with pytest.raises(ReconstructionError, match="None of the 3 photos could be placed"):
             run([photos], tmp_path / "out")
     record = SurveyFolder.open(tmp_path / "out").record_of("segment")
@@ -152,9 +152,9 @@ def test_fruit_but_no_cameras_is_an_error(fakes: Fakes, tmp_path: Path) -> None:
 
 
 def test_markers_that_are_never_seen(fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pomona.scale.world_frame import place_in_world
+    from pomona.stages.scale.world_frame import place_in_world
 
-    monkeypatch.setattr("pomona.scale.place_in_world", place_in_world)
+    monkeypatch.setattr("pomona.stages.scale.place_in_world", place_in_world)
     (tmp_path / "markers.csv").write_text("id,x,y,z\n0,0,0,0\n1,1,0,0\n2,0,0,1\n")
     photos = make_photos(tmp_path / "photos")
     summary = run([photos], tmp_path / "out", RunOptions(markers=tmp_path / "markers.csv"))
@@ -310,13 +310,13 @@ def test_unknown_option_values(options: dict[str, object], message: str) -> None
 def test_unknown_option_values_that_stages_know(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, str], message: str
 ) -> None:
-    from pomona.scale.world_frame import place_in_world
-    from pomona.segment.load import load_segmenter
+    from pomona.stages.scale.world_frame import place_in_world
+    from pomona.stages.segment.load import load_segmenter
 
     Fakes().install(monkeypatch)
-    monkeypatch.setattr("pomona.scale.place_in_world", place_in_world)
+    monkeypatch.setattr("pomona.stages.scale.place_in_world", place_in_world)
     if "model" in options:
-        monkeypatch.setattr("pomona.segment.load_segmenter", load_segmenter)
+        monkeypatch.setattr("pomona.stages.segment.load_segmenter", load_segmenter)
     (tmp_path / "markers.csv").write_text("id,x,y,z\n0,0,0,0\n1,1,0,0\n2,0,0,1\n")
     with pytest.raises(InputError, match=message):
         run(

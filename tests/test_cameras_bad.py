@@ -14,7 +14,7 @@ from camera_scenes import WRITERS, make_scene, photos_of, write_bundler
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.cameras.bundler import parse_bundle
 from pomona.formats.cameras.read import read_cameras
-from pomona.photos import Photo, Photos
+from pomona.values.photos import Photo, Photos
 from work import counted
 
 SCENE = make_scene(11, cameras=3, points=6)

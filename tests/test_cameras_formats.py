@@ -30,7 +30,7 @@ from pomona.errors import FormatError
 from pomona.formats.cameras.lenses import Lens, fit_lens
 from pomona.formats.cameras.nerfstudio_export import write_nerfstudio
 from pomona.formats.cameras.read import read_cameras
-from pomona.photos import Photos
+from pomona.values.photos import Photos
 
 
 @pytest.mark.parametrize("name", WRITERS)

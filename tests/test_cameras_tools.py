@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from pomona.formats.cameras.read import read_cameras
-from pomona.photos import Photo, Photos
+from pomona.values.photos import Photo, Photos
 
 # Written by COLMAP 3.8's `model_converter --output_type Bundler`, beside the binary model that it was given.
 BUNDLER = Path(__file__).parent / "data" / "colmap-bundler"

@@ -17,14 +17,14 @@ import pillow_heif
 import pytest
 from PIL import Image
 
-from pomona.capture import load_photos, read_grey, read_pixels
-from pomona.capture.exif import Exif, focal_px, parse_exif
-from pomona.capture.files import natural_key
-from pomona.capture.images import Header, read_header
-from pomona.capture.sensors import sensor_width_mm
-from pomona.capture.sides import sides_by_globs, sides_by_names
 from pomona.errors import InputError, LostFileError, MissingFileError
 from pomona.progress import Silent
+from pomona.stages.capture import load_photos, read_grey, read_pixels
+from pomona.stages.capture.exif import Exif, focal_px, parse_exif
+from pomona.stages.capture.files import natural_key
+from pomona.stages.capture.images import Header, read_header
+from pomona.stages.capture.sensors import sensor_width_mm
+from pomona.stages.capture.sides import sides_by_globs, sides_by_names
 
 _DETAILS, _GPS = 0x8769, 0x8825
 
@@ -71,7 +71,7 @@ def test_headers_are_read_again_only_of_files_that_are_others(tmp_path: Path, mo
         read.append(path.name)
         return read_header(path)
 
-    monkeypatch.setattr("pomona.capture.load.read_header", reading)
+    monkeypatch.setattr("pomona.stages.capture.load.read_header", reading)
     for k in range(3):
         write_photo(tmp_path / f"IMG_{k}.jpg")
     (tmp_path / "IMG_8.jpg").write_bytes(b"no photo")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from pomona.capture.positions import read_positions, with_positions
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.photos import Gnss, Photo, Photos
 from pomona.progress import Silent
+from pomona.stages.capture.positions import read_positions, with_positions
+from pomona.values.photos import Gnss, Photo, Photos
 
 EXIF = Gnss(41.0, 0.8, 100.0)
 PHOTOS = Photos(tuple(Photo(f"east/IMG_{k:04}.JPG", Path(f"IMG_{k:04}.JPG"), 400, 300, gnss=EXIF) for k in range(3)))

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.capture.quality import look_at, problems_of, quality_of, shares_of_usual, sharpness
-from pomona.photos import Photo, Photos
+from pomona.stages.capture.quality import look_at, problems_of, quality_of, shares_of_usual, sharpness
+from pomona.values.photos import Photo, Photos
 
 
 @pytest.fixture

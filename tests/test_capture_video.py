@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.capture import KeyFrameOptions, load_photos, read_pixels
-from pomona.capture.keyframes import Frame, choose, corners, picture_move, sharpness
 from pomona.errors import InputError
 from pomona.pipeline import RunOptions
 from pomona.pipeline.sources import load_photos as load_photos_of_run
 from pomona.progress import Silent
+from pomona.stages.capture import KeyFrameOptions, load_photos, read_pixels
+from pomona.stages.capture.keyframes import Frame, choose, corners, picture_move, sharpness
 from pomona.survey import SurveyFolder
 from pomona.survey.photos import photos_of
 
@@ -256,7 +256,9 @@ def test_a_video_that_cannot_be_decoded_is_named(tmp_path: Path, content: bytes)
 
 def test_the_decoders_own_words_are_kept_from_the_terminal(tmp_path: Path) -> None:
     (tmp_path / "walk.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(5000))
-    run = "import sys, pathlib; from pomona.capture import load_photos; load_photos([pathlib.Path(sys.argv[1])], "
+    run = (
+        "import sys, pathlib; from pomona.stages.capture import load_photos; load_photos([pathlib.Path(sys.argv[1])], "
+    )
     run += "frames_dir=pathlib.Path(sys.argv[2]))"
     # FFmpeg reads how much it may say once in a process.
     command = [sys.executable, "-c", run, str(tmp_path / "walk.mp4"), str(tmp_path / "frames")]

@@ -12,24 +12,24 @@ import onnx
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.arrays import ByteArray, Float32Array, FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import ByteArray, Float32Array, FloatArray
+from pomona.basics.geometry import offsets_from_rays
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruit_crops.likeness import with_likeness
-from pomona.fruit_geometry.mask_rays import mask_rays
-from pomona.fruit_traits.colours import ColourCounts
-from pomona.fruit_traits.kinds import FRUIT_KINDS
-from pomona.fruits import Observations
-from pomona.fuse.object import fuse
-from pomona.geometry import offsets_from_rays
-from pomona.intrinsics import Intrinsics
-from pomona.measure import MeasureOptions, measure
-from pomona.measure.circle_network import SHIPPED, CirclesNetwork
-from pomona.measure.circle_options import CircleOptions
-from pomona.measure.circles import CircleTerms, SeenCircles, circle_terms, see_circles
-from pomona.measure.spheroids import Spheroids
+from pomona.fruit.crops.likeness import with_likeness
+from pomona.fruit.geometry.mask_rays import mask_rays
+from pomona.fruit.traits.colours import ColourCounts
+from pomona.fruit.traits.kinds import FRUIT_KINDS
 from pomona.progress import Silent
-from pomona.second_look.network import SHIPPED as SECOND_LOOK
+from pomona.stages.fuse.object import fuse
+from pomona.stages.measure import MeasureOptions, measure
+from pomona.stages.measure.circle_network import SHIPPED, CirclesNetwork
+from pomona.stages.measure.circle_options import CircleOptions
+from pomona.stages.measure.circles import CircleTerms, SeenCircles, circle_terms, see_circles
+from pomona.stages.measure.spheroids import Spheroids
+from pomona.stages.second_look.network import SHIPPED as SECOND_LOOK
+from pomona.values.cameras import Cameras
+from pomona.values.fruits import Observations
+from pomona.values.intrinsics import Intrinsics
 from test_second_look import half_hidden, photos_of
 
 CAMERAS = cameras_in_a_row(6, step_m=0.1)

@@ -28,9 +28,9 @@ from pomona.cli.watch import watch as watch_command
 from pomona.errors import InputError
 from pomona.pipeline import run
 from pomona.progress import Progress
-from pomona.report import ReportData
-from pomona.scale.report import Placed
-from pomona.sfm.pieces import Unregistered
+from pomona.stages.report import ReportData
+from pomona.stages.scale.report import Placed
+from pomona.stages.sfm.pieces import Unregistered
 from pomona.survey import SurveyFolder
 
 TRUTH = "id,x,y,z,diameter\n1,0,0,2,0.07\n2,1,0,2,0.07\n"
@@ -69,9 +69,9 @@ def test_survey_and_report_of_a_command_name_its_options(
         return replace(fakes._place(reconstruction, photos, progress=progress, **given), lost=lost)
 
     shown: list[ReportData] = []
-    monkeypatch.setattr("pomona.scale.place_in_world", place)
+    monkeypatch.setattr("pomona.stages.scale.place_in_world", place)
     monkeypatch.setattr(
-        "pomona.report.write_report", lambda data, path, **options: (shown.append(data), path.write_text(""))
+        "pomona.stages.report.write_report", lambda data, path, **options: (shown.append(data), path.write_text(""))
     )
     for seed, name in enumerate(("anna", "bert")):  # which are warned of as sides, outside of all stages
         make_photos(tmp_path / "row" / name, 3, seed=seed)
@@ -156,7 +156,7 @@ def test_ctrl_c_says_how_to_go_on(fakes: Fakes, photos: Path, tmp_path: Path) ->
 def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
     code = (
         "import multiprocessing, os, signal, time, pomona.cli as cli; cli._stop_when_told(); "
-        "import pomona.sfm.engine\n"
+        "import pomona.stages.sfm.engine\n"
         "other = multiprocessing.get_context('fork').Process(target=time.sleep, args=(10,)); other.start(); "
         "other.terminate(); other.join(); print(other.exitcode, flush=True)\n"
         "try: os.kill(os.getpid(), signal.SIGTERM); time.sleep(10)\n"
@@ -403,7 +403,7 @@ def test_view_serves_the_survey(fakes: Fakes, photos: Path, tmp_path: Path, monk
     def stop(server: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pomona.view.ViewServer.serve_forever", stop)
+    monkeypatch.setattr("pomona.browser.view.ViewServer.serve_forever", stop)
     pomona("segment", photos, "--out", tmp_path / "out")
     assert "`pomona reconstruct" in pomona("view", tmp_path / "out").stderr
     pomona("report", tmp_path / "out")
@@ -537,7 +537,7 @@ def _fail_in_a_stage(progress: TerminalProgress) -> None:
 def test_the_report_is_written_with_the_truth_beside_it_and_on_paper(
     fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pomona.report import pdf
+    from pomona.stages.report import pdf
 
     pomona("run", photos, "--out", tmp_path / "out")
     (tmp_path / "truth.csv").write_text(TRUTH)
@@ -556,7 +556,7 @@ def test_the_report_is_written_with_the_truth_beside_it_and_on_paper(
 def test_a_report_that_cannot_be_printed_on_paper_is_written_all_the_same(
     fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pomona.report import pdf
+    from pomona.stages.report import pdf
 
     def fail(report: Path, path: Path) -> None:
         raise InputError("no browser")

@@ -18,12 +18,12 @@ from pomona.cli.wording import all_with_options, with_options
 from pomona.datasets.values import BenchmarkOptions
 from pomona.evaluate.detections import EvaluateDetectionsOptions
 from pomona.evaluate.fruits import EvaluateOptions
+from pomona.learning.synth.options import RowOptions
+from pomona.learning.train.augment import AugmentOptions
+from pomona.learning.train.options import FitOptions, TrainOptions
 from pomona.pipeline import RunOptions
-from pomona.scale.options import ScaleOptions
-from pomona.segment.photo_detections import SegmentOptions
-from pomona.synth.options import RowOptions
-from pomona.train.augment import AugmentOptions
-from pomona.train.options import FitOptions, TrainOptions
+from pomona.stages.scale.options import ScaleOptions
+from pomona.stages.segment.photo_detections import SegmentOptions
 
 SOURCE = Path(wording.__file__).parents[1]
 # Fields of `RunOptions` that no command sets, though an option has the name: --filter sets another one.

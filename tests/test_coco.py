@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pycocotools import mask as coco_mask
 
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.coco import read_coco, write_coco
 from pomona.formats.detections.coco_masks import ellipse_mask, mask_of
 from pomona.formats.detections.read import read_detections
 from pomona.formats.detections.rle import counts_of, decode_counts, encode, mask_from_counts
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.photos import Photo, Photos
 
 WIDTH, HEIGHT = 60, 40
 BOX = [10, 8, 12, 6]

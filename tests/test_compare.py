@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import pomona
-from pomona.cameras import WorldFrame
+from pomona.basics.geometry import Similarity
 from pomona.change import Comparison, compare_surveys, constellation
 from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
@@ -26,13 +26,13 @@ from pomona.cli.app import app
 from pomona.cli.compare import _show
 from pomona.errors import InputError, SurveyError
 from pomona.formats.tables import read_fruits, write_fruits
-from pomona.fruits import Fruits, Observations
-from pomona.geometry import Similarity
-from pomona.photos import Photos
+from pomona.learning.synth import RowOptions
+from pomona.learning.synth.layout import lay_out_row
 from pomona.progress import Silent
-from pomona.synth import RowOptions
-from pomona.synth.layout import lay_out_row
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.photos import Photos
+from pomona.values.trees import Trees
 from report_scenes import LENS, observe, row_cameras, row_photos
 from view_scenes import write_view_survey
 

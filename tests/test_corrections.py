@@ -15,10 +15,10 @@ from pomona.corrections import Applier, Corrected, Corrections, Found, apply, re
 from pomona.corrections.clicks import diameter_from_edges, lines_in_photos, place_at_depth, place_from_marks
 from pomona.corrections.log import Added, Correction, Deleted, Mark, Merged, Moved, Split, in_words, place_of
 from pomona.corrections.training import LabelledMasks, write_training
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import parse_coco
-from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 
 @pytest.fixture(scope="module")

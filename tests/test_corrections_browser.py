@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 
 from chromium import Opened, open_page, page_until
 from correct_scenes import FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
+from pomona.browser.view import Corrector, ViewServer, export_folder, read_survey
 from pomona.cli.app import app
 from pomona.corrections import read_corrections
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits
 from pomona.survey import SurveyFolder
-from pomona.view import Corrector, ViewServer, export_folder, read_survey
 from report_scenes import row_photos
 from serving import running
 

@@ -20,19 +20,19 @@ from typer.testing import CliRunner
 
 import pomona
 from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
+from pomona.browser.view import Corrector, ViewServer, read_survey
+from pomona.browser.view.corrected import ESTIMATED_LATER, with_corrections
 from pomona.cli.app import app
 from pomona.corrections import apply, read_corrections
 from pomona.errors import FormatError, SurveyError
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.tables import read_fruits, read_observations
-from pomona.fruits import FruitCloud, Observations
 from pomona.pipeline import RunOptions, go_on, run
 from pomona.pipeline.reopen import bring_up_to_date, last_found
 from pomona.pipeline.results import scene_cloud
-from pomona.report.contract import CorrectionRequest, CorrectionState, PhotoMark
+from pomona.stages.report.contract import CorrectionRequest, CorrectionState, PhotoMark
 from pomona.survey import SurveyFolder
-from pomona.view import Corrector, ViewServer, read_survey
-from pomona.view.corrected import ESTIMATED_LATER, with_corrections
+from pomona.values.fruits import FruitCloud, Observations
 from report_scenes import LENS, looking, row_fruits, row_photos
 from serving import running
 

@@ -11,8 +11,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the train extra")
 
-from pomona.measure.circle_network import CirclesNetwork  # noqa: E402
-from pomona.second_look import CentersNetwork  # noqa: E402
+from pomona.stages.measure.circle_network import CirclesNetwork  # noqa: E402
+from pomona.stages.second_look import CentersNetwork  # noqa: E402
 from synth_scenes import rough_row  # noqa: E402
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"

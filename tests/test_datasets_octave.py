@@ -17,7 +17,7 @@ from datasets_scenes import write_fuji_spheres
 from fuse_scenes import cameras_in_a_row, cloud_of, detections_of, sphere_points
 from pomona.formats.cameras.bundler import cameras_of, parse_bundle
 from pomona.formats.xyz import read_xyz, write_xyz
-from pomona.fuse.paper import PaperOptions, fuse
+from pomona.stages.fuse.paper import PaperOptions, fuse
 
 OCTAVE = Path(__file__).resolve().parent.parent / "benchmarks" / "octave"
 

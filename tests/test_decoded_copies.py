@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pomona.capture import load_photos, read_pixels
-from pomona.capture.decoded_copies import DecodedCopies
 from pomona.errors import LostFileError
-from pomona.photos import Photo
+from pomona.stages.capture import load_photos, read_pixels
+from pomona.stages.capture.decoded_copies import DecodedCopies
+from pomona.values.photos import Photo
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def photo(tmp_path: Path) -> Photo:
 def test_what_is_read_again_is_the_same_and_is_decoded_once(photo: Photo, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, small, smaller = (read_pixels(photo, max_side_px=side) for side in (None, 80, 60))
     decoded = []
-    monkeypatch.setattr("pomona.capture.images._rgb", decoded.append)
+    monkeypatch.setattr("pomona.stages.capture.images._rgb", decoded.append)
     for side, before in ((None, whole), (80, small), (60, smaller)):
         np.testing.assert_array_equal(read_pixels(photo, max_side_px=side), before)
     assert not decoded

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.cameras import Cameras
-from pomona.dense import DenseOptions, fruit_cloud
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.stages.dense import DenseOptions, fruit_cloud
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photo, Photos
 
 CENTERS = np.array([[-0.06, 0.0, 0.02], [0.08, 0.06, -0.04]])
 DIAMETERS = np.array([0.09, 0.08])

@@ -10,19 +10,19 @@ import pycolmap
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.cameras import Cameras
-from pomona.dense import DenseOptions, SphereCloudOptions, fruit_cloud, patchmatch
-from pomona.dense.atlas import pack
-from pomona.dense.depth_maps import DepthMap, agreed_points, thin
-from pomona.dense.neighbours import choose_neighbours
-from pomona.dense.scene import StereoScene
-from pomona.dense.views import make_view
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.gpu import what_colmap_lacks
 from pomona.errors import FormatError, InputError
-from pomona.gpu import what_colmap_lacks
-from pomona.label_image import paint_labels
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.stages.dense import DenseOptions, SphereCloudOptions, fruit_cloud, patchmatch
+from pomona.stages.dense.atlas import pack
+from pomona.stages.dense.depth_maps import DepthMap, agreed_points, thin
+from pomona.stages.dense.neighbours import choose_neighbours
+from pomona.stages.dense.scene import StereoScene
+from pomona.stages.dense.views import make_view
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.label_image import paint_labels
+from pomona.values.photos import Photo, Photos
 
 
 def two_masks() -> Detections:

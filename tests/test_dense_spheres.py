@@ -8,11 +8,11 @@ import numpy as np
 from PIL import Image
 
 from fuse_scenes import HEIGHT, WIDTH, cameras_in_a_row, detections_of, seen_pixels
-from pomona.capture import load_photos
-from pomona.dense import sphere_cloud
-from pomona.fruits import Fruits, Observations
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.stages.capture import load_photos
+from pomona.stages.dense import sphere_cloud
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.photos import Photo, Photos
 
 CENTERS = np.array([[-0.15, 0.0, 0.05], [0.12, 0.05, -0.05], [0.0, 0.1, 0.15]])
 DIAMETERS = np.full(3, 0.08)

@@ -12,13 +12,13 @@ import pytest
 
 import detection_scenes as scenes
 from detection_scenes import FRUITS, SCENE, WRITERS, scene_photos, whole, written
-from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.detections.coco_file import parse_coco
 from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.detections.read import read_detections
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photo, Photos
 from work import counted
 
 UNLISTED = "COCO results by name"  # they have no place for a photo without fruit

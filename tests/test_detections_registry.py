@@ -10,7 +10,6 @@ from PIL import Image
 
 import detection_scenes as scenes
 from detection_scenes import written
-from pomona.capture.images import size_of
 from pomona.errors import FormatError
 from pomona.evaluate.detections import read_detection_truth
 from pomona.formats.detections.content import FileContent
@@ -21,6 +20,7 @@ from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.read import read_detections
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
 from pomona.formats.detections.shapes import ellipse_mask
+from pomona.stages.capture.images import size_of
 
 DOCS = Path(__file__).parent.parent / "docs" / "reference"
 

@@ -12,7 +12,6 @@ import pytest
 
 import detection_scenes as scenes
 from detection_scenes import FRUITS, HEIGHT, SCENE, WIDTH, whole
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
 from pomona.formats.detections.coco import read_coco
 from pomona.pipeline import RunOptions, run
@@ -21,6 +20,7 @@ from pomona.pipeline.segment import Segmented
 from pomona.pipeline.select import SELECT, SelectOptions
 from pomona.progress import Silent
 from pomona.survey import SurveyFolder
+from pomona.values.detections import Detections, Mask, SurveyDetections
 
 SIDES = "east/*,west/*"
 

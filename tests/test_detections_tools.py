@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from detection_scenes import FRUITS, HEIGHT, SCENE, WIDTH, scene_photos, whole
-from pomona.detections import SurveyDetections
 from pomona.errors import FormatError
 from pomona.formats.detections.read import read_detections
 from pomona.progress import Silent
+from pomona.values.detections import SurveyDetections
 
 
 def check(found: SurveyDetections, *, scored: bool) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pomona import drawing
-from pomona.detections import Mask
-from pomona.drawing import PictureFromPhoto, Square
+from pomona.values import drawing
+from pomona.values.detections import Mask
+from pomona.values.drawing import PictureFromPhoto, Square
 
 GREY = 90
 

@@ -17,7 +17,6 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from pomona.cli.app import app
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.evaluate.detections import (
     DetectionScores,
@@ -38,9 +37,10 @@ from pomona.evaluate.tables import detections_table
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.rle import encode
-from pomona.photo_names import PhotoNames, pair_names
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.photo_names import PhotoNames, pair_names
+from pomona.values.photos import Photo, Photos
 
 WIDTH, HEIGHT = 160, 120
 ALL = EvaluateDetectionsOptions(min_size_px=0)

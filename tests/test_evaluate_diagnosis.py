@@ -16,9 +16,7 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from diagnosis_scenes import CENTERS, HEIGHT, KINDS_AND_STAGES, WIDTH, Scene, make_scene, write_survey
-from pomona import drawing
 from pomona.cli.app import app
-from pomona.detections import Mask, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.evaluate.diagnosis import (
     Mistake,
@@ -36,6 +34,8 @@ from pomona.evaluate.diagnosis.spheres import DrawnSpheres
 from pomona.evaluate.fruits import Truth, evaluate_fruits
 from pomona.evaluate.tables import mistakes_table
 from pomona.progress import Silent
+from pomona.values import drawing
+from pomona.values.detections import Mask, SurveyDetections
 
 
 @pytest.fixture(scope="module")
@@ -363,7 +363,7 @@ def test_only_dark_crops_are_brightened() -> None:
 
 
 def test_each_photo_is_read_once(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pomona.capture import read_pixels
+    from pomona.stages.capture import read_pixels
 
     read: Counter[str] = Counter()
 

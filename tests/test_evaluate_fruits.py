@@ -14,7 +14,7 @@ from pomona.errors import InputError
 from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits, frame_doubt, match
 from pomona.evaluate.fruits.matching import Candidates, assign
 from pomona.evaluate.tables import fruits_table
-from pomona.fruits import Fruits
+from pomona.values.fruits import Fruits
 from work import counted
 
 

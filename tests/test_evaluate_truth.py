@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.fruits import Fruits
-from pomona.scale.gnss import in_local_metres
+from pomona.stages.scale.gnss import in_local_metres
+from pomona.values.cameras import WorldFrame
+from pomona.values.fruits import Fruits
 
 
 def test_a_rows_truth_is_read_with_what_can_be_seen(tmp_path: Path) -> None:

@@ -12,18 +12,18 @@ import pytest
 
 from camera_scenes import make_scene
 from faulty_disk import FaultyDisk, Operation
-from pomona.cameras import Cameras, WorldFrame, local_crs
 from pomona.cli.export import export as export_command
 from pomona.corrections.training import LabelledMasks
-from pomona.crop import RowSegments
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError, SurveyError
 from pomona.export import EXPORT_FORMATS, Part, export_format, write_export
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
-from pomona.trees import Trees
+from pomona.values.cameras import Cameras, WorldFrame, local_crs
+from pomona.values.crop import RowSegments
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
+from pomona.values.trees import Trees
 
 DOCS = Path(__file__).parent.parent / "docs"
 LLEIDA = (41.6215, 0.5954, 187.3)

@@ -17,8 +17,6 @@ import pytest
 from pyproj.exceptions import ProjError
 
 from camera_scenes import enu_axes, geocentric, make_scene
-from pomona.cameras import Cameras, WorldFrame, local_crs
-from pomona.crop import RowSegments
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.cameras.lenses import Lens, fit_lens
@@ -31,11 +29,13 @@ from pomona.formats.geoparquet import write_geoparquet
 from pomona.formats.gpkg import write_gpkg
 from pomona.formats.kml import write_kml
 from pomona.formats.tables import FRUIT_COLUMNS, fruit_rows
-from pomona.fruits import FruitCloud, Fruits
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
-from pomona.trees import Trees
+from pomona.values.cameras import Cameras, WorldFrame, local_crs
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import FruitCloud, Fruits
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
+from pomona.values.trees import Trees
 
 METRES = WorldFrame("markers", approximate=False, up_is_known=True)
 LLEIDA = (41.6215, 0.5954, 187.3)

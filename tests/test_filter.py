@@ -11,11 +11,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.cameras import Cameras
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.fruits import Truth
-from pomona.filter import (
+from pomona.pipeline import RunOptions
+from pomona.stages.filter import (
     FEATURE_NAMES,
     LOOKED_FEATURE_NAMES,
     VIEW_FEATURE_NAMES,
@@ -29,13 +28,14 @@ from pomona.filter import (
     view_features,
     view_probability,
 )
-from pomona.filter.point_features import hull_volume_m3, psi
-from pomona.filter.training import training_table
-from pomona.filter.view_features import ViewFeatures
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused, Shown
-from pomona.fuse.object import fuse
-from pomona.pipeline import RunOptions
+from pomona.stages.filter.point_features import hull_volume_m3, psi
+from pomona.stages.filter.training import training_table
+from pomona.stages.filter.view_features import ViewFeatures
+from pomona.stages.fuse import Fused, Shown
+from pomona.stages.fuse.object import fuse
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 from test_second_look import half_hidden
 
 RADIUS_M = 0.04

@@ -11,18 +11,18 @@ from scipy import sparse
 from scipy.special import expit, logit
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
+from pomona.basics.arrays import FloatArray
 from pomona.errors import InputError
-from pomona.filter import FilterOptions, LinearSvm, apply_to_views, shipped
-from pomona.filter.colours import ColoursOfFruits, count_colours, judged_by_colours
-from pomona.fruit_traits.colours import COLOURS
-from pomona.fuse import Fused
-from pomona.fuse.object import fuse
-from pomona.label_image import paint_labels
-from pomona.photos import Photo, Photos
+from pomona.fruit.traits.colours import COLOURS
 from pomona.progress import Recorder, Silent
+from pomona.stages.filter import FilterOptions, LinearSvm, apply_to_views, shipped
+from pomona.stages.filter.colours import ColoursOfFruits, count_colours, judged_by_colours
+from pomona.stages.fuse import Fused
+from pomona.stages.fuse.object import fuse
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.label_image import paint_labels
+from pomona.values.photos import Photo, Photos
 
 ORANGE, LEAF, WALL = (230, 130, 20), (60, 110, 50), (150, 150, 160)
 CENTERS = np.array([[-0.3, 0.0, 0.0], [-0.1, 0.05, 0.1], [0.1, 0.0, 0.0], [0.3, 0.0, 0.05]])

@@ -3,9 +3,9 @@
 import pytest
 
 from pomona.errors import InputError
-from pomona.fruit_traits.kinds import FRUIT_KINDS, fruit_kind
+from pomona.fruit.traits.kinds import FRUIT_KINDS, fruit_kind
 from pomona.pipeline import RunOptions
-from pomona.segment.load import shipped_weights
+from pomona.stages.segment.load import shipped_weights
 
 
 @pytest.mark.parametrize("name", ["orange", "Oranges", " ORANGE "])

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame, concatenate
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruit_geometry.discs import FruitDiscs, fruit_discs
-from pomona.fruit_geometry.sphere_outlines import sphere_outlines_px
-from pomona.fruits import Fruits, Observations
-from pomona.geometry import Similarity, estimate_similarity
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity, estimate_similarity
+from pomona.fruit.geometry.discs import FruitDiscs, fruit_discs
+from pomona.fruit.geometry.sphere_outlines import sphere_outlines_px
 from pomona.progress import Silent
-from pomona.scale.fruit_landmarks import adjust_on_fruits, frame_kept, landmarks
-from pomona.scale.placement import Placement
+from pomona.stages.scale.fruit_landmarks import adjust_on_fruits, frame_kept, landmarks
+from pomona.stages.scale.placement import Placement
+from pomona.values.cameras import Cameras, WorldFrame, concatenate
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits, Observations
 from scale_scenes import HEIGHT, WIDTH, as_piece, photographed, photos_of
 
 DIAMETER_M = 0.07

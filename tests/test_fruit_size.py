@@ -9,12 +9,12 @@ import pytest
 
 from correct_scenes import masks_of, taken_by
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_traits.pairs import diameter_by_pairs
-from pomona.fruit_traits.ranges import fruit_ranges, fruit_widths_px
-from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
-from pomona.intrinsics import Intrinsics
+from pomona.fruit.traits.pairs import diameter_by_pairs
+from pomona.fruit.traits.ranges import fruit_ranges, fruit_widths_px
+from pomona.fruit.traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
+from pomona.values.detections import SurveyDetections
+from pomona.values.intrinsics import Intrinsics
 
 
 def test_nothing_measured_leaves_what_was_assumed() -> None:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fuse_scenes import cloud_of, sphere_points
-from pomona.arrays import FloatArray, IntArray
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.errors import InputError
-from pomona.fruits import FruitCloud
-from pomona.fuse import Fused
-from pomona.fuse.cloud import CloudOptions, fruits_of_cloud
 from pomona.progress import Silent
+from pomona.stages.fuse import Fused
+from pomona.stages.fuse.cloud import CloudOptions, fruits_of_cloud
+from pomona.values.fruits import FruitCloud
 
 DIAMETER = 0.08
 

@@ -11,20 +11,20 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity
 from pomona.errors import InputError
-from pomona.fruit_geometry.mask_rays import USUAL_RAGGEDNESS, mask_rays
-from pomona.fruit_geometry.spheres import Spheres
-from pomona.fruits import Fruits
-from pomona.fuse.object import ObjectOptions, fuse
-from pomona.fuse.object.gating import Gate, _within
-from pomona.fuse.object.matches import Matches, with_raggedness
-from pomona.fuse.object.refinement import fit_spheres
-from pomona.geometry import Similarity
-from pomona.intrinsics import Intrinsics
-from pomona.measure import measure
+from pomona.fruit.geometry.mask_rays import USUAL_RAGGEDNESS, mask_rays
+from pomona.fruit.geometry.spheres import Spheres
+from pomona.stages.fuse.object import ObjectOptions, fuse
+from pomona.stages.fuse.object.gating import Gate, _within
+from pomona.stages.fuse.object.matches import Matches, with_raggedness
+from pomona.stages.fuse.object.refinement import fit_spheres
+from pomona.stages.measure import measure
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits
+from pomona.values.intrinsics import Intrinsics
 
 DIAMETER_M = 0.075
 

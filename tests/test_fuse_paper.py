@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, cloud_of, detections_of, sphere_points
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.filter import CODE_FEATURE_NAMES, features
-from pomona.fuse.paper import PaperOptions, fuse
+from pomona.stages.filter import CODE_FEATURE_NAMES, features
+from pomona.stages.fuse.paper import PaperOptions, fuse
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
 
 TWO = np.array([[-0.1, 0.0, 0.02], [0.08, 0.05, -0.03]])
 DIAMETERS = np.array([0.08, 0.07])

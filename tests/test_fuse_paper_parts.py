@@ -7,12 +7,12 @@ import pytest
 from sklearn.cluster import DBSCAN
 
 from fuse_scenes import cameras_in_a_row, sphere_points
-from pomona.cameras import Cameras
-from pomona.fruit_traits.size import FruitSize
-from pomona.fuse.paper.clustering import connected_groups, nearest_group, nearest_reach
-from pomona.fuse.paper.projection import CellGrid, dlt_camera
-from pomona.fuse.paper.sphere_fit import first_estimates
-from pomona.fuse.paper.unify import Sighting, Unifier
+from pomona.fruit.traits.size import FruitSize
+from pomona.stages.fuse.paper.clustering import connected_groups, nearest_group, nearest_reach
+from pomona.stages.fuse.paper.projection import CellGrid, dlt_camera
+from pomona.stages.fuse.paper.sphere_fit import first_estimates
+from pomona.stages.fuse.paper.unify import Sighting, Unifier
+from pomona.values.cameras import Cameras
 
 
 @pytest.mark.parametrize(("shared", "fruits"), [(49, 2), (50, 2), (51, 1)])

@@ -13,20 +13,20 @@ import pytest
 from PIL import Image
 
 import pomona
-from pomona.capture import KeyFrameOptions
-from pomona.capture.images import read_header
-from pomona.capture.video import extract_key_frames
+from pomona.basics.onnx_file import OnnxFile
 from pomona.datasets.fruitnerf_scene import find_scenes
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError
 from pomona.formats.detections.photo_source import PhotoFinder
 from pomona.formats.npz import read_npz
 from pomona.formats.tables import read_observations, write_observations, write_table
 from pomona.formats.xml_file import load_xml
-from pomona.fruits import Observations
-from pomona.onnx_file import OnnxFile
 from pomona.progress import Silent
-from pomona.segment import load_segmenter
+from pomona.stages.capture import KeyFrameOptions
+from pomona.stages.capture.images import read_header
+from pomona.stages.capture.video import extract_key_frames
+from pomona.stages.segment import load_segmenter
 from pomona.survey import SurveyFolder
+from pomona.values.fruits import Observations
 
 TRICKS = (
     "../../secret.jpg", "/etc/secret.jpg", "..\\..\\secret.jpg", "C:\\secret.jpg",
@@ -183,7 +183,7 @@ def test_all_tables_are_written_by_what_keeps_formulas_out() -> None:
     # The truth of a rendered row has nothing but numbers.
     assert [path.relative_to(Path(pomona.__file__).parent).as_posix() for path in sorted(writers)] == [
         "formats/tables.py",
-        "synth/truth.py",
+        "learning/synth/truth.py",
     ]
 
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from pyproj import CRS, Transformer
 
-from pomona.cameras import WorldFrame, local_crs
 from pomona.errors import FormatError, InputError, LostFileError, MissingFileError
 from pomona.formats.gpkg import write_gpkg
 from pomona.formats.las import read_las, write_las
-from pomona.fruits import FruitCloud, Fruits
+from pomona.values.cameras import WorldFrame, local_crs
+from pomona.values.fruits import FruitCloud, Fruits
 
 
 @pytest.fixture

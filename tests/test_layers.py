@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "src" / "pomona"
+from package_rooms import PACKAGE, groups, modules, room_named, room_of, rooms, section
 
 # Import names of the engines in the table's last column. What is not here (numpy, scipy, Pillow, rich) is a library
 # that any room may use.
@@ -28,8 +27,7 @@ ENGINES = {
 @cache
 def rows() -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
     """The rooms of each line of the table, bottom to top, and the names of its outside engines."""
-    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Rooms")[2].partition("\n## ")[0]
-    cells = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| `")]
+    cells = [line.strip("|").split("|") for line in section().splitlines() if line.startswith("| `")]
     return [(tuple(re.findall(r"`([\w/]+)`", first)), engine_names(engines)) for first, _, engines in cells]
 
 
@@ -41,16 +39,11 @@ def engine_names(cell: str) -> tuple[str, ...]:
 
 def line_of(room: str) -> int:
     """The first line of the table that names a room; its rooms below (`formats/cameras/`) count as the room itself."""
-    return next(k for k, (names, _) in enumerate(rows()) if room in [name.strip("/") for name in names])
+    return next(k for k, (names, _) in enumerate(rows()) if room in [room_in_table(name) for name in names])
 
 
-def modules() -> list[Path]:
-    return sorted(PACKAGE.rglob("*.py"))
-
-
-def room_of(path: Path) -> str:
-    parts = path.relative_to(PACKAGE).parts
-    return parts[0].removesuffix(".py")
+def room_in_table(name: str) -> str:
+    return room_named(*name.strip("/").split("/"))
 
 
 @cache
@@ -72,17 +65,25 @@ def imports(path: Path) -> tuple[str, ...]:
 
 
 def imported_rooms(path: Path) -> set[str]:
-    parts = [name.split(".") for name in imports(path) if name.startswith("pomona.")]
-    return {part[1] for part in parts} - {"__version__", room_of(path)}
+    parts = [tuple(name.split(".")[1:]) for name in imports(path) if name.startswith("pomona.")]
+    found = {room_named(*part) for part in parts if part[0] not in groups() or len(part) > 1}
+    return found - {"__version__", room_of(path)}
 
 
 def test_every_room_is_in_the_table() -> None:
-    present = {room_of(path) for path in modules()} - {"__init__", "__main__"}
-    named = {name.split("/")[0] for names, _ in rows() for name in names}
-    assert present == named
+    named = {room_in_table(name) for names, _ in rows() for name in names}
+    assert rooms() == named
 
 
-@pytest.mark.parametrize("room", sorted({room_of(path) for path in modules()} - {"__init__", "__main__"}))
+def test_groups_of_rooms_hold_nothing_but_rooms() -> None:
+    assert groups()
+    for group in groups():
+        tree = ast.parse((PACKAGE / group / "__init__.py").read_bytes())
+        assert len(tree.body) == 1
+        assert ast.get_docstring(tree)
+
+
+@pytest.mark.parametrize("room", sorted(rooms()))
 def test_rooms_import_from_above_their_line(room: str) -> None:
     wrong = [
         f"{path.relative_to(PACKAGE)} imports {other}"
@@ -129,9 +130,7 @@ def _loaded(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("engine", sorted(ENGINES))
 def test_an_outside_engine_is_imported_in_its_rooms_only(engine: str) -> None:
-    allowed = {
-        name.strip("/").split("/")[0] for names, engines in rows() if ENGINES[engine] in engines for name in names
-    }
+    allowed = {room_in_table(name) for names, engines in rows() if ENGINES[engine] in engines for name in names}
     importing = {room_of(path) for path in modules() if any(n.split(".")[0] == engine for n in imports(path))}
     assert importing, f"{engine} is imported nowhere"
     assert importing <= allowed

@@ -17,34 +17,34 @@ from pomona.adjustment.covariance import covariance, focal_sds
 from pomona.adjustment.normal_equations import normal_equations
 from pomona.adjustment.selected_inverse import SelectedInverse
 from pomona.adjustment.weights import Landmark, Weights, weighted
-from pomona.arrays import BoolArray, Float32Array, FloatArray, IntArray, among, groups
-from pomona.cameras import Cameras
-from pomona.dense.neighbours import choose_neighbours
-from pomona.dense.options import DenseOptions
+from pomona.basics.arrays import BoolArray, Float32Array, FloatArray, IntArray, among, groups
+from pomona.basics.geometry import estimate_similarity
 from pomona.errors import FormatError
-from pomona.filter.options import FilterOptions
-from pomona.filter.view_features import seen_shares
-from pomona.fruit_crops.sights import images_px
-from pomona.fruit_geometry.spheres import Spheres
-from pomona.fruits import Fruits, Observations
-from pomona.geometry import estimate_similarity
-from pomona.intrinsics import Intrinsics
-from pomona.measure.allometry import STORY_APPLES
-from pomona.measure.neighbours import edges_of_others
-from pomona.measure.spheroid_fit import SpheroidEvidence, SpheroidPrior, fit_spheroids
-from pomona.measure.spheroids import Spheroids
-from pomona.planting.summary import trees_of
-from pomona.planting.trunk_table import read_trunks
-from pomona.second_look import SecondLookOptions
-from pomona.second_look.evidence import Evidence, find_sights
-from pomona.second_look.explained import unexplained
-from pomona.second_look.peaks import Peaks
-from pomona.sfm.models import Model
-from pomona.sfm.seams import worst_seam
-from pomona.sfm.selection import FULL_WEIGHT, take
-from pomona.trees import Trunks
-from pomona.yields.encounters import encounters_of
-from pomona.yields.options import YieldOptions
+from pomona.fruit.crops.sights import images_px
+from pomona.fruit.geometry.spheres import Spheres
+from pomona.stages.dense.neighbours import choose_neighbours
+from pomona.stages.dense.options import DenseOptions
+from pomona.stages.filter.options import FilterOptions
+from pomona.stages.filter.view_features import seen_shares
+from pomona.stages.measure.allometry import STORY_APPLES
+from pomona.stages.measure.neighbours import edges_of_others
+from pomona.stages.measure.spheroid_fit import SpheroidEvidence, SpheroidPrior, fit_spheroids
+from pomona.stages.measure.spheroids import Spheroids
+from pomona.stages.planting.summary import trees_of
+from pomona.stages.planting.trunk_table import read_trunks
+from pomona.stages.second_look import SecondLookOptions
+from pomona.stages.second_look.evidence import Evidence, find_sights
+from pomona.stages.second_look.explained import unexplained
+from pomona.stages.second_look.peaks import Peaks
+from pomona.stages.sfm.models import Model
+from pomona.stages.sfm.seams import worst_seam
+from pomona.stages.sfm.selection import FULL_WEIGHT, take
+from pomona.stages.yields.encounters import encounters_of
+from pomona.stages.yields.options import YieldOptions
+from pomona.values.cameras import Cameras
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.trees import Trunks
 from scale_scenes import bent, photographed
 
 ROW = cameras_in_a_row(60)  # 9 m
@@ -396,7 +396,7 @@ def test_what_fruits_explain_is_found_among_those_near_a_photos_sights(
     cameras = replace(lenses, intrinsics=(bent_lens, lenses.intrinsics[1]), **some)
     centers = np.column_stack([random.uniform(-20, 20, 250), random.uniform(-0.2, 2, 250), random.normal(0, 0.2, 250)])
     spheres, seen = Spheres(centers, random.uniform(0.03, 0.04, 250)), random.uniform(0, 0.6, 250)
-    monkeypatch.setattr("pomona.second_look.explained._BLOCK", 8)
+    monkeypatch.setattr("pomona.stages.second_look.explained._BLOCK", 8)
     evidence = some_evidence(spheres, cameras)
     wanted = maps_by_all_fruits(evidence, spheres, seen, cameras, options, own)
     asked, project = [], Cameras.project
@@ -457,8 +457,8 @@ def test_fruits_are_fitted_in_parts_as_all_at_once(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(Spheroids, "distances", watched)
     for together in (1000, 5):
-        monkeypatch.setattr("pomona.measure.spheroid_fit._TOGETHER", together)
-        monkeypatch.setattr("pomona.measure.neighbours._TOGETHER", together)
+        monkeypatch.setattr("pomona.stages.measure.spheroid_fit._TOGETHER", together)
+        monkeypatch.setattr("pomona.stages.measure.neighbours._TOGETHER", together)
         sizes.append(0)
         edges.append(edges_of_others(bodies, evidence))
         found.append(fit_spheroids(bodies, replace(evidence, others=edges[-1]), prior))

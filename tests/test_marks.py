@@ -11,22 +11,22 @@ import pytest
 from PIL import Image
 
 import pomona
-from pomona.app.contract import GivenMarks, MarkView
-from pomona.app.teaching import keep_marks, marked_view, teaching
-from pomona.detections import Detections, Mask
+from pomona.browser.app.contract import GivenMarks, MarkView
+from pomona.browser.app.teaching import keep_marks, marked_view, teaching
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
-from pomona.fruit_traits.colours import FruitColours
-from pomona.marks import MarkedPhoto, read_marks, write_marks
-from pomona.photos import Photo
+from pomona.fruit.traits.colours import FruitColours
+from pomona.learning.marks import MarkedPhoto, read_marks, write_marks
+from pomona.learning.self_training.labels import FoundFruits, label_photos
+from pomona.learning.self_training.learnt import Learnt, read_learnt, taught, write_learnt
+from pomona.learning.self_training.marked import detections_of_marks, labels_of_marks
+from pomona.learning.self_training.options import AdaptOptions
+from pomona.learning.self_training.rerun import found_fruits
 from pomona.progress import Silent
-from pomona.self_training.labels import FoundFruits, label_photos
-from pomona.self_training.learnt import Learnt, read_learnt, taught, write_learnt
-from pomona.self_training.marked import detections_of_marks, labels_of_marks
-from pomona.self_training.options import AdaptOptions
-from pomona.self_training.rerun import found_fruits
 from pomona.survey import SurveyFolder
 from pomona.survey.digest import file_digest
+from pomona.values.detections import Detections, Mask
+from pomona.values.photos import Photo
 from view_scenes import write_view_survey
 
 OPTIONS = AdaptOptions(least_score=0.5, least_views=2)
@@ -179,7 +179,7 @@ def test_marks_of_another_photo_are_refused(found: FoundFruits) -> None:
 
 @pytest.mark.slow
 def test_some_photos_marked_in_full_are_measured_on(found: FoundFruits, tmp_path: Path) -> None:
-    learn = pytest.importorskip("pomona.self_training.learn")
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
     names = sorted(found.cameras.photos)[:4]
     by_hand = {name: marked(found, name, complete=name != names[3]) for name in names}
     quick = replace(OPTIONS, steps=1, batch=1, held_out=0.5, shares=(1.0,), threads=1)
@@ -196,7 +196,7 @@ def test_some_photos_marked_in_full_are_measured_on(found: FoundFruits, tmp_path
 
 
 def test_too_few_marks_are_refused_with_what_to_do(found: FoundFruits, tmp_path: Path) -> None:
-    learn = pytest.importorskip("pomona.self_training.learn")
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
     name = fullest(found)
     few = replace(found, marked={name: marked(found, name, count=2, complete=True)})
     with pytest.raises(InputError, match=r"0 fruits are confirmed .* and 3 marked in photos, expected 10 .*mark some"):
@@ -302,6 +302,6 @@ def test_a_marked_fruit_of_few_pixels_is_learnt_all_the_same(tmp_path: Path) -> 
     (label,) = labels_of_marks(found, photo, marks, colours, AdaptOptions())
 
     assert (label.mask, label.box_px) == (None, (40, 20, 45, 25))
-    samples_of = pytest.importorskip("pomona.train.label_images").samples_of
+    samples_of = pytest.importorskip("pomona.learning.train.label_images").samples_of
     (sample,) = samples_of(LabelledPhoto(photo.path, "a.png", 80, 60, (label,)), tmp_path / "cache", source="marked")
     assert sample.boxes_px.tolist() == [[40, 20, 45, 25]]

@@ -8,21 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import Detections, Mask, SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_geometry.mask_outlines import depths_in_hull, outline_px
-from pomona.fruit_geometry.mask_rays import mask_rays
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.intrinsics import Intrinsics
-from pomona.measure import MeasureOptions, measure
-from pomona.measure.measurement import doubted_sds
-from pomona.measure.neighbours import edges_of_others
-from pomona.measure.spheroid_fit import SpheroidEvidence, SpheroidPrior, fit_spheroids
-from pomona.measure.spheroids import Spheroids
-from pomona.photos import Photo, Photos
+from pomona.fruit.geometry.mask_outlines import depths_in_hull, outline_px
+from pomona.fruit.geometry.mask_rays import mask_rays
 from pomona.progress import Silent
+from pomona.stages.fuse import Fused
+from pomona.stages.measure import MeasureOptions, measure
+from pomona.stages.measure.measurement import doubted_sds
+from pomona.stages.measure.neighbours import edges_of_others
+from pomona.stages.measure.spheroid_fit import SpheroidEvidence, SpheroidPrior, fit_spheroids
+from pomona.stages.measure.spheroids import Spheroids
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 
 SIZE_PX = 600
 NAMES = ("east/1.jpg", "east/2.jpg", "east/3.jpg", "west/1.jpg")

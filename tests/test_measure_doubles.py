@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.measure.doubles import without_doubles
+from pomona.stages.fuse import Fused
+from pomona.stages.measure.doubles import without_doubles
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 
 def fused(x_mm: list[float], scores: list[float], diameters_mm: list[float], photos: str) -> Fused:

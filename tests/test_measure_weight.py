@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruit_traits.kinds import FRUIT_KINDS
-from pomona.fruits import Fruits
-from pomona.measure.allometry import (
+from pomona.fruit.traits.kinds import FRUIT_KINDS
+from pomona.stages.measure.allometry import (
     STORY_APPLES,
     Allometry,
     allometry_of_kind,
@@ -20,7 +18,9 @@ from pomona.measure.allometry import (
     total_weight,
     weigh,
 )
-from pomona.measure.weight_table import read_allometry
+from pomona.stages.measure.weight_table import read_allometry
+from pomona.values.cameras import WorldFrame
+from pomona.values.fruits import Fruits
 
 METRES = WorldFrame("markers")
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data" / "fruit-measures"

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import pomona
+from pomona.basics.option_values import expect_kind
 from pomona.errors import InputError
-from pomona.filter.options import FilterOptions
-from pomona.fuse.object.options import ObjectOptions
-from pomona.option_values import expect_kind
 from pomona.pipeline.options import RunOptions, named_options
-from pomona.second_look.options import SecondLookOptions
-from pomona.yields.options import YieldOptions
+from pomona.stages.filter.options import FilterOptions
+from pomona.stages.fuse.object.options import ObjectOptions
+from pomona.stages.second_look.options import SecondLookOptions
+from pomona.stages.yields.options import YieldOptions
 
 
 @pytest.mark.parametrize(

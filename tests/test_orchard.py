@@ -27,8 +27,6 @@ from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.gpkg import read_layer
 from pomona.formats.tables import read_fruits, write_fruits, write_trees
-from pomona.fuse import Fused
-from pomona.fuse.object import fuse
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
 from pomona.orchard.folder import LAYERS, OrchardFolder
 from pomona.orchard.jobs import ComparisonJob, JobOutcome, Part, SurveyJob
@@ -41,9 +39,11 @@ from pomona.orchard.tables import write_tables
 from pomona.orchard.work import _made_from, do_job
 from pomona.pipeline import STAGES
 from pomona.progress import Progress, Silent
-from pomona.report.html import NUMBERS_SCRIPT, script_digest
+from pomona.stages.fuse import Fused
+from pomona.stages.fuse.object import fuse
+from pomona.stages.report.html import NUMBERS_SCRIPT, script_digest
 from pomona.survey import SurveyFolder
-from pomona.trees import Trees
+from pomona.values.trees import Trees
 
 runner = CliRunner()
 
@@ -266,7 +266,7 @@ def test_surveys_of_the_command_name_its_options_whatever_worker_makes_them(
         progress.warn("give `fruit_diameter_m`")
         return fuse(*given, progress=progress, **more)
 
-    monkeypatch.setattr("pomona.fuse.object.fuse", warning)
+    monkeypatch.setattr("pomona.stages.fuse.object.fuse", warning)
     monkeypatch.setattr("pomona.orchard.run.local_workers", lambda options: nullcontext(Here()))
     path = write_rows(tmp_path, [{"row": "1"}, {"row": "2"}])
     path.write_text(path.read_text() + 'classes = ["potato"]\n')

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import pomona
-from pomona.arrays import FloatArray
-from pomona.capture import load_photos
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import estimate_similarity
 from pomona.evaluate.fruits.scores import Tally
-from pomona.geometry import estimate_similarity
+from pomona.learning.synth.truth import write_masks_as_coco
 from pomona.pipeline import RunOptions, run
-from pomona.sfm.store import read_reconstruction
-from pomona.synth.truth import write_masks_as_coco
+from pomona.stages.capture import load_photos
+from pomona.stages.sfm.store import read_reconstruction
 
 pytestmark = pytest.mark.slow
 

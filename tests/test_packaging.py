@@ -76,10 +76,11 @@ def test_a_wheel_of_the_sdist_works_without_the_repository(tmp_path: Path) -> No
     assert {"LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "tests/test_packaging.py"} <= inside
     names = set(zipfile.ZipFile(wheel).namelist())
     needed = (
-        "segment/weights/fruit.onnx", "segment/weights/citrus.onnx",
-        "second_look/weights/second_look.onnx", "measure/weights/circles.onnx", "filter/weights/object_svm.json",
-        "report/static/viewer.js", "report/static/viewer.css", "report/template.html", "orchard/page.html",
-        "demo/markers.csv", "demo/truth/fruits.csv", "py.typed",
+        "stages/segment/weights/fruit.onnx", "stages/segment/weights/citrus.onnx",
+        "stages/second_look/weights/second_look.onnx", "stages/measure/weights/circles.onnx",
+        "stages/filter/weights/object_svm.json",
+        "stages/report/static/viewer.js", "stages/report/static/viewer.css", "stages/report/template.html",
+        "orchard/page.html", "demo/markers.csv", "demo/truth/fruits.csv", "py.typed",
     )  # fmt: skip
     assert {f"pomona/{name}" for name in needed} <= names
     assert sum(name.startswith("pomona/demo/east/") for name in names) >= 10

@@ -6,8 +6,8 @@ import pytest
 
 from conftest import REPOSITORY
 from pomona.errors import InputError
-from pomona.fruit_traits.kinds import FRUIT_KINDS, packing_of
-from pomona.fruit_traits.packing import PACKING_PRESETS, packing_classes
+from pomona.fruit.traits.kinds import FRUIT_KINDS, packing_of
+from pomona.fruit.traits.packing import PACKING_PRESETS, packing_classes
 from pomona.pipeline import RunOptions
 
 

@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline_fakes import Fakes, make_photos
-from pomona import filter as filters
 from pomona.cli.app import app
 from pomona.errors import InputError
-from pomona.fuse.paper import PaperOptions
 from pomona.pipeline import RunOptions
+from pomona.stages import filter as filters
+from pomona.stages.fuse.paper import PaperOptions
 from pomona.survey import SurveyFolder
 
 

@@ -14,20 +14,20 @@ import numpy as np
 import pytest
 
 from pipeline_fakes import Fakes, make_photos
-from pomona.app.request import begun_with
+from pomona.browser.app.request import begun_with
+from pomona.browser.view import read_survey
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.formats.tables import read_fruits, read_observations, read_trees
-from pomona.fuse.paper.options import PaperOptions
-from pomona.photos import Photo
 from pomona.pipeline import STAGES, RunOptions, go_on, run
 from pomona.pipeline.times import stage_times
 from pomona.progress import Silent
-from pomona.report import write_contact_sheet
-from pomona.scale.report import PieceScale, ScaleReport
-from pomona.segment.load import SHIPPED_WEIGHTS
+from pomona.stages.fuse.paper.options import PaperOptions
+from pomona.stages.report import write_contact_sheet
+from pomona.stages.scale.report import PieceScale, ScaleReport
+from pomona.stages.segment.load import SHIPPED_WEIGHTS
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.events import run_status
-from pomona.view import read_survey
+from pomona.values.photos import Photo
 
 ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
 
@@ -52,8 +52,8 @@ def test_photos_that_the_contact_sheet_lacks_are_warned_of(
     def gone(photo: Photo, **given: Any) -> None:
         raise MissingFileError(f"{photo.path} does not exist")
 
-    monkeypatch.setattr("pomona.report.write_contact_sheet", write_contact_sheet)
-    monkeypatch.setattr("pomona.report.contact_sheet.read_pixels", gone)
+    monkeypatch.setattr("pomona.stages.report.write_contact_sheet", write_contact_sheet)
+    monkeypatch.setattr("pomona.stages.report.contact_sheet.read_pixels", gone)
     summary = run([photos], tmp_path / "out")
     assert sum(warning.startswith("The contact sheet lacks a photo: ") for warning in summary.warnings) > 0
     assert (tmp_path / "out" / "contact_sheet.jpg").is_file()
@@ -327,7 +327,7 @@ def test_sides_that_are_not_joined_are_in_the_summary(
         pieces = tuple(PieceScale(side, 4, "fruit-diameter", 1.0) for side in sides)
         report = ScaleReport("fruit-diameter", pieces, tied_pieces=tied)
         monkeypatch.setattr(
-            "pomona.scale.place_in_world",
+            "pomona.stages.scale.place_in_world",
             lambda *given, **options: replace(fakes._place(*given, **options), report=report),
         )
 

@@ -13,36 +13,35 @@ from typing import Any, BinaryIO
 import pytest
 
 import pomona
+from package_rooms import PACKAGE, rooms
 from pipeline_fakes import Fakes, make_photos
-from pomona.capture import KeyFrameOptions
-from pomona.dense.options import DenseOptions
+from pomona.browser.view import read_survey
 from pomona.errors import MissingFileError
-from pomona.filter.options import FilterOptions
-from pomona.filter.svm import shipped
-from pomona.fuse.object.options import ObjectOptions
-from pomona.fuse.paper.options import PaperOptions
-from pomona.measure import MeasureOptions
 from pomona.pipeline import STAGES, RunOptions, code, go_on, run, segment_only
 from pomona.pipeline.code import engine_versions
 from pomona.pipeline.select import SelectOptions
 from pomona.pipeline.stage import Stage
 from pomona.pipeline.stages import stages_of
-from pomona.planting import PlantingOptions
 from pomona.progress import Recorder, Silent
-from pomona.report import ContactSheetOptions, ReportOptions
-from pomona.scale.options import ScaleOptions
-from pomona.scale.report import Placed
-from pomona.scene import DenseSceneOptions
-from pomona.second_look import SecondLookOptions
-from pomona.segment.photo_detections import SegmentOptions
-from pomona.sfm.options import SfmOptions
-from pomona.sfm.pieces import Reconstruction
+from pomona.stages.capture import KeyFrameOptions
+from pomona.stages.dense.options import DenseOptions
+from pomona.stages.filter.options import FilterOptions
+from pomona.stages.filter.svm import shipped
+from pomona.stages.fuse.object.options import ObjectOptions
+from pomona.stages.fuse.paper.options import PaperOptions
+from pomona.stages.measure import MeasureOptions
+from pomona.stages.planting import PlantingOptions
+from pomona.stages.report import ContactSheetOptions, ReportOptions
+from pomona.stages.scale.options import ScaleOptions
+from pomona.stages.scale.report import Placed
+from pomona.stages.scene import DenseSceneOptions
+from pomona.stages.second_look import SecondLookOptions
+from pomona.stages.segment.photo_detections import SegmentOptions
+from pomona.stages.sfm.options import SfmOptions
+from pomona.stages.sfm.pieces import Reconstruction
+from pomona.stages.yields import YieldOptions
 from pomona.survey import SurveyFolder
 from pomona.survey.unfinished import unfinished, unfinished_in_words
-from pomona.view import read_survey
-from pomona.yields import YieldOptions
-
-PACKAGE = Path(__file__).resolve().parents[1] / "src" / "pomona"
 
 
 @pytest.fixture
@@ -419,75 +418,78 @@ SPACE = frozenset({"scale", "fuse", "second_look", "filter", "measure", "dense"}
 HANDED = frozenset({"results", "report"})  # where fruits were corrected, these run what measures them anew, too
 ROOMS: dict[str, frozenset[str]] = {
     "adjustment": frozenset({"sfm", "scale", "report"}),
-    "arrays": ALL,
-    "cameras": ALL - {"segment", "select", "planting"},
-    "capture": frozenset({"segment", "sfm", "scale", "second_look", "filter", "measure", "dense", "scene"}) | HANDED,
+    "basics/arrays": ALL,
+    "values/cameras": ALL - {"segment", "select", "planting"},
+    "stages/capture": frozenset({"segment", "sfm", "scale", "second_look", "filter", "measure", "dense", "scene"})
+    | HANDED,
     "corrections": HANDED,
-    "crop": HANDED,
-    "data_frames": ALL,
-    "dense": frozenset({"dense", "scene"}),
-    "detections": ALL - {"sfm", "planting"},
-    "drawing": frozenset({"report"}),
+    "values/crop": HANDED,
+    "basics/data_frames": ALL,
+    "stages/dense": frozenset({"dense", "scene"}),
+    "values/detections": ALL - {"sfm", "planting"},
+    "values/drawing": frozenset({"report"}),
     "errors": ALL,
     "evaluate": frozenset({"report"}),
-    "filter": frozenset({"filter"}),
+    "stages/filter": frozenset({"filter"}),
     "formats": frozenset(
         {"segment", "sfm", "scale", "fuse", "second_look", "filter", "measure", "planting", "dense", "scene"}
     )
     | HANDED,
-    "fruit_crops": frozenset({"second_look", "measure"}) | HANDED,
-    "fruit_geometry": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
-    "fruit_traits": SPACE | {"scene"} | HANDED,
-    "fruits": SPACE | {"planting", "scene"} | HANDED,
-    "fuse": SPACE | {"planting"} | HANDED,
-    "geometry": ALL - {"segment", "select"},
-    "intrinsics": ALL - {"segment", "select", "planting"},
-    "intervals": HANDED,
-    "gpu": frozenset({"segment", "sfm", "scale", "second_look", "measure", "dense", "scene"}) | HANDED,
-    "label_image": frozenset({"fuse", "second_look", "filter", "measure", "dense", "scene"}) | HANDED,
-    "measure": frozenset({"measure"}) | HANDED,
-    "option_values": ALL,
-    "onnx_file": frozenset({"segment", "second_look", "measure"}) | HANDED,
-    "photo_names": frozenset({"segment", "sfm", "scale", "report"}),
-    "photos": frozenset({"segment", "sfm", "scale", "second_look", "filter", "dense", "measure", "scene"}) | HANDED,
-    "planting": frozenset({"planting"}) | HANDED,
+    "fruit/crops": frozenset({"second_look", "measure"}) | HANDED,
+    "fruit/geometry": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit/traits": SPACE | {"scene"} | HANDED,
+    "values/fruits": SPACE | {"planting", "scene"} | HANDED,
+    "stages/fuse": SPACE | {"planting"} | HANDED,
+    "basics/geometry": ALL - {"segment", "select"},
+    "values/intrinsics": ALL - {"segment", "select", "planting"},
+    "values/intervals": HANDED,
+    "basics/gpu": frozenset({"segment", "sfm", "scale", "second_look", "measure", "dense", "scene"}) | HANDED,
+    "values/label_image": frozenset({"fuse", "second_look", "filter", "measure", "dense", "scene"}) | HANDED,
+    "stages/measure": frozenset({"measure"}) | HANDED,
+    "basics/option_values": ALL,
+    "basics/onnx_file": frozenset({"segment", "second_look", "measure"}) | HANDED,
+    "values/photo_names": frozenset({"segment", "sfm", "scale", "report"}),
+    "values/photos": frozenset({"segment", "sfm", "scale", "second_look", "filter", "dense", "measure", "scene"})
+    | HANDED,
+    "stages/planting": frozenset({"planting"}) | HANDED,
     "progress": ALL,
-    "report": frozenset({"report"}),
-    "row_line": frozenset({"planting"}) | HANDED,
-    "scale": frozenset({"scale", "report"}),
-    "scene": frozenset({"scene"}),
-    "second_look": frozenset({"second_look"}),
-    "segment": frozenset({"segment"}),
-    "sfm": frozenset({"sfm", "scale", "report"}),
-    "threads": frozenset({"segment", "second_look", "sfm", "scale", "filter", "measure", "dense", "scene"}) | HANDED,
-    "trees": frozenset({"planting"}) | HANDED,
+    "stages/report": frozenset({"report"}),
+    "basics/row_line": frozenset({"planting"}) | HANDED,
+    "stages/scale": frozenset({"scale", "report"}),
+    "stages/scene": frozenset({"scene"}),
+    "stages/second_look": frozenset({"second_look"}),
+    "stages/segment": frozenset({"segment"}),
+    "stages/sfm": frozenset({"sfm", "scale", "report"}),
+    "basics/threads": frozenset({"segment", "second_look", "sfm", "scale", "filter", "measure", "dense", "scene"})
+    | HANDED,
+    "values/trees": frozenset({"planting"}) | HANDED,
     "survey": ALL - {"select", "planting"},
-    "yields": frozenset({"results"}),
+    "stages/yields": frozenset({"results"}),
 }
 # Rooms whose modules have different users. The pipeline's are those of the stages; each redoes its own, what they share
 # redoes all.
 FILES = {f"pipeline/{name}.py": frozenset({name}) for name in STAGES} | {
-    "fruit_geometry/cloud_points.py": frozenset({"results"}),
-    "fruit_geometry/discs.py": frozenset({"scale", "report"}),
-    "fruit_geometry/mask_outlines.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
-    "fruit_geometry/mask_rays.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
-    "fruit_geometry/sphere_outlines.py": HANDED,
-    "fruit_geometry/spheres.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
-    "fruit_traits/colours.py": frozenset({"second_look", "filter", "measure"}) | HANDED,
-    "fruit_traits/kinds.py": frozenset({"measure"}) | HANDED,
-    "fruit_traits/packing.py": frozenset({"report"}),
-    "fruit_traits/ranges.py": frozenset({"scale", "fuse", "second_look", "filter", "dense", "scene"}),
-    "fruit_traits/size.py": SPACE | {"scene"} | HANDED,
+    "fruit/geometry/cloud_points.py": frozenset({"results"}),
+    "fruit/geometry/discs.py": frozenset({"scale", "report"}),
+    "fruit/geometry/mask_outlines.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit/geometry/mask_rays.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit/geometry/sphere_outlines.py": HANDED,
+    "fruit/geometry/spheres.py": frozenset({"scale", "fuse", "second_look", "filter", "measure"}) | HANDED,
+    "fruit/traits/colours.py": frozenset({"second_look", "filter", "measure"}) | HANDED,
+    "fruit/traits/kinds.py": frozenset({"measure"}) | HANDED,
+    "fruit/traits/packing.py": frozenset({"report"}),
+    "fruit/traits/ranges.py": frozenset({"scale", "fuse", "second_look", "filter", "dense", "scene"}),
+    "fruit/traits/size.py": SPACE | {"scene"} | HANDED,
     "pipeline/correct.py": HANDED,
     "pipeline/planting.py": frozenset({"planting"}) | HANDED,
     "pipeline/fused_store.py": frozenset({"fuse", "second_look", "filter", "measure", "dense"}),
     "pipeline/stage.py": ALL,
     "pipeline/runner.py": frozenset[str](),
-    "report/static/viewer.js": frozenset({"report"}),
-    "filter/weights/object_svm.json": frozenset({"filter"}),
-    "second_look/weights/second_look.onnx": frozenset({"second_look"}),
-    "measure/weights/circles.onnx": frozenset({"measure"}) | HANDED,
-    "segment/weights/fruit.onnx": frozenset({"segment"}),
+    "stages/report/static/viewer.js": frozenset({"report"}),
+    "stages/filter/weights/object_svm.json": frozenset({"filter"}),
+    "stages/second_look/weights/second_look.onnx": frozenset({"second_look"}),
+    "stages/measure/weights/circles.onnx": frozenset({"measure"}) | HANDED,
+    "stages/segment/weights/fruit.onnx": frozenset({"segment"}),
     "demo/markers.csv": frozenset[str](),
 }
 
@@ -540,12 +542,12 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Copy:
     return Copy(tmp_path_factory.mktemp("copy"))
 
 
-@pytest.mark.parametrize(
-    "room", sorted({path.name.removesuffix(".py") for path in PACKAGE.iterdir()} - {"pipeline", "demo", "__pycache__"})
-)
+@pytest.mark.parametrize("room", sorted(rooms() - {"pipeline"} | {"__init__", "__main__", "py"}))
 def test_a_byte_in_a_room_redoes_the_stages_that_run_it(package: Copy, room: str) -> None:
     path = package.package / room
-    files = sorted(path.rglob("*.py")) if path.is_dir() else [f for f in path.parent.glob(f"{room}.*") if f.is_file()]
+    files = (
+        sorted(path.rglob("*.py")) if path.is_dir() else [f for f in path.parent.glob(f"{path.name}.*") if f.is_file()]
+    )
     assert package.redone_by(*files) == ROOMS.get(room, frozenset())
 
 

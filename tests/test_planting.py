@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, WorldFrame
+from pomona.basics.row_line import row_line
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.measure.allometry import STORY_APPLES, weigh
 from pomona.pipeline.fuse import FUSE_BY_OBJECT
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.planting import planting_stage
-from pomona.planting import PlantingOptions, find_trunks, on_trees, read_trunks
-from pomona.planting.summary import trees_of
 from pomona.progress import Silent
-from pomona.row_line import row_line
-from pomona.scale.gnss import in_local_metres
-from pomona.scale.report import PieceScale, Placed, ScaleReport
-from pomona.trees import Trees, Trunks
+from pomona.stages.fuse import Fused
+from pomona.stages.measure.allometry import STORY_APPLES, weigh
+from pomona.stages.planting import PlantingOptions, find_trunks, on_trees, read_trunks
+from pomona.stages.planting.summary import trees_of
+from pomona.stages.scale.gnss import in_local_metres
+from pomona.stages.scale.report import PieceScale, Placed, ScaleReport
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.trees import Trees, Trunks
 
 
 class Listening(Silent):

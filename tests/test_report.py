@@ -16,25 +16,20 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray
-from pomona.cameras import WorldFrame
-from pomona.capture.quality import Problems
-from pomona.crop import Crop, SizeDistribution
+from pomona.basics.arrays import FloatArray
 from pomona.errors import InputError
 from pomona.evaluate.fruits import Truth
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.intervals import CropInterval
-from pomona.photos import ONE_SIDE, Photo, Photos, Skipped
-from pomona.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
-from pomona.report.axes import places_along, row_axes, seen_from
-from pomona.report.columns import as_bytes
-from pomona.report.html import about
-from pomona.report.page import Sections, _left_out, _view_note, page_html, report_html
-from pomona.report.plots import bin_edges, heights, photos
-from pomona.report.quality import quality
-from pomona.report.scene import SceneOptions, survey_data
-from pomona.report.seen import kept_of_each
-from pomona.report.svg import (
+from pomona.stages.capture.quality import Problems
+from pomona.stages.report import ReportData, ReportOptions, engines_of, settings_in_words, write_report
+from pomona.stages.report.axes import places_along, row_axes, seen_from
+from pomona.stages.report.columns import as_bytes
+from pomona.stages.report.html import about
+from pomona.stages.report.page import Sections, _left_out, _view_note, page_html, report_html
+from pomona.stages.report.plots import bin_edges, heights, photos
+from pomona.stages.report.quality import quality
+from pomona.stages.report.scene import SceneOptions, survey_data
+from pomona.stages.report.seen import kept_of_each
+from pomona.stages.report.svg import (
     Axis,
     Bar,
     Dot,
@@ -45,12 +40,17 @@ from pomona.report.svg import (
     row_chart,
     scatter_chart,
 )
-from pomona.report.tables import trees_table
-from pomona.report.totals import duration, totals
-from pomona.report.truth import counts_by_tree
-from pomona.scale import ScaleReport, SideTie
-from pomona.scale.report import Accuracy
-from pomona.sfm.pieces import Unregistered
+from pomona.stages.report.tables import trees_table
+from pomona.stages.report.totals import duration, totals
+from pomona.stages.report.truth import counts_by_tree
+from pomona.stages.scale import ScaleReport, SideTie
+from pomona.stages.scale.report import Accuracy
+from pomona.stages.sfm.pieces import Unregistered
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import Crop, SizeDistribution
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.intervals import CropInterval
+from pomona.values.photos import ONE_SIDE, Photo, Photos, Skipped
 from report_scenes import LENS, looking, row_cameras, row_cloud, row_fruits, row_photos, row_report, unpacked, values_in
 
 _VOID = {"meta", "br", "input", "link", "img"}
@@ -598,7 +598,7 @@ def test_about_how_much(value: float, digits: int, said: str) -> None:
 
 
 def test_a_pdf_without_a_browser_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pomona.report import pdf
+    from pomona.stages.report import pdf
 
     monkeypatch.setattr(pdf, "find_browser", lambda: None)
     with pytest.raises(InputError, match="install Chromium, Chrome or Edge"):

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from chromium import PATIENCE_MS, Opened, drawn, open_page, page_until, red_px
-from pomona.cameras import WorldFrame
-from pomona.fruits import FruitCloud, Observations
-from pomona.report import write_report
-from pomona.report.pdf import write_pdf
-from pomona.trees import Trees
+from pomona.stages.report import write_report
+from pomona.stages.report.pdf import write_pdf
+from pomona.values.cameras import WorldFrame
+from pomona.values.fruits import FruitCloud, Observations
+from pomona.values.trees import Trees
 from report_scenes import row_cameras, row_report
 
 

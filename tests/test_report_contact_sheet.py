@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras
-from pomona.drawing import OTHER, SEEN
 from pomona.errors import InputError
-from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
-from pomona.fruits import Fruits, Observations
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photos
+from pomona.fruit.geometry.sphere_outlines import centers_px, sphere_outlines_px
 from pomona.progress import Silent
-from pomona.report import ContactSheetOptions, write_contact_sheet
-from pomona.report.choose import choose_photos
+from pomona.stages.report import ContactSheetOptions, write_contact_sheet
+from pomona.stages.report.choose import choose_photos
+from pomona.values.cameras import Cameras
+from pomona.values.drawing import OTHER, SEEN
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photos
 from report_scenes import LENS, looking, observe, row_cameras, row_fruits, row_photos
 
 _AHEAD = looking(np.array([0.0, -2.0, 0.0]), np.zeros(3))
@@ -148,7 +148,7 @@ def test_photos_that_are_shown_whole_are_drawn_on(tmp_path: Path, monkeypatch: p
         pixels.setflags(write=False)
         return pixels
 
-    monkeypatch.setattr("pomona.report.contact_sheet.read_pixels", read_only)
+    monkeypatch.setattr("pomona.stages.report.contact_sheet.read_pixels", read_only)
     cameras, fruits = row_cameras(1), row_fruits(4)
     photos = row_photos(cameras, tmp_path)
     for photo in photos:
@@ -165,7 +165,7 @@ def test_the_key_says_what_a_cross_is(tmp_path: Path, monkeypatch: pytest.Monkey
         notes.append(note)
         return np.zeros((30, width, 3), np.uint8)
 
-    monkeypatch.setattr("pomona.report.contact_sheet.key", noted)
+    monkeypatch.setattr("pomona.stages.report.contact_sheet.key", noted)
     cameras, fruits = row_cameras(1), row_fruits(4)
     photos = row_photos(cameras, tmp_path)
     for photo in photos:

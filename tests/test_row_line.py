@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pomona.geometry import row_axis
-from pomona.row_line import row_line, walk_of
+from pomona.basics.geometry import row_axis
+from pomona.basics.row_line import row_line, walk_of
 
 
 def bent_row(

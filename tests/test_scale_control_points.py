@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from pyproj import Geod, Transformer
 
-from pomona.cameras import Cameras, local_crs
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.control_points import read_control_points, surveyed_markers
-from pomona.scale.gnss import in_local_metres
-from pomona.sfm import Reconstruction
+from pomona.stages.scale import ScaleOptions, place_in_world
+from pomona.stages.scale.control_points import read_control_points, surveyed_markers
+from pomona.stages.scale.gnss import in_local_metres
+from pomona.stages.sfm import Reconstruction
+from pomona.values.cameras import Cameras, local_crs
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted
 
 EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)

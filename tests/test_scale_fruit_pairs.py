@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.intrinsics import Intrinsics
-from pomona.scale.fruit_size import ApparentSize, fruit_size
+from pomona.stages.scale.fruit_size import ApparentSize, fruit_size
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.intrinsics import Intrinsics
 
 LENS = Intrinsics("SIMPLE_PINHOLE", 1600, 1200, np.array([1500.0, 800, 600]))
 DIAMETER = 0.08

@@ -9,23 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame
-from pomona.fruit_geometry.discs import FruitDiscs
-from pomona.geometry import Similarity
-from pomona.photos import Gnss, Photos
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity
+from pomona.fruit.geometry.discs import FruitDiscs
 from pomona.progress import Silent
-from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.placement import Placement
-from pomona.scale.registration import (
+from pomona.stages.scale import ScaleOptions, place_in_world
+from pomona.stages.scale.placement import Placement
+from pomona.stages.scale.registration import (
     is_significant,
     iterate_closest_points,
     mutual_neighbours,
     register,
     uncovered,
 )
-from pomona.scale.side_alignment import FindFruits, align_sides, halfway
-from pomona.sfm.pieces import Reconstruction
+from pomona.stages.scale.side_alignment import FindFruits, align_sides, halfway
+from pomona.stages.sfm.pieces import Reconstruction
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.photos import Gnss, Photos
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted, some_frame
 
 DIAMETER_M = 0.07

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.cameras import Cameras, WorldFrame
-from pomona.detections import SurveyDetections
-from pomona.geometry import Similarity
-from pomona.photos import Photos
+from pomona.basics.geometry import Similarity
 from pomona.pipeline.scale import SCALE, ScaleChoice
 from pomona.pipeline.select import Selected
 from pomona.progress import Silent
-from pomona.scale import ScaleOptions
-from pomona.scale.fruit_size import frame_by_fruits
-from pomona.sfm.pieces import Piece, Reconstruction
+from pomona.stages.scale import ScaleOptions
+from pomona.stages.scale.fruit_size import frame_by_fruits
+from pomona.stages.sfm.pieces import Piece, Reconstruction
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photos
 
 DIAMETER_M = 0.075
 
@@ -42,7 +42,7 @@ def test_surveyed_places_overrule_cameras_given(
     cameras, detections = row
     known = replace(cameras, frame=WorldFrame("given", approximate=False))
     placed = object()
-    monkeypatch.setattr("pomona.scale.place_in_world", lambda *_, **__: placed)
+    monkeypatch.setattr("pomona.stages.scale.place_in_world", lambda *_, **__: placed)
     choice = ScaleChoice(scale=ScaleOptions(), association=None, cameras_given=True)
 
     def place(choice: ScaleChoice) -> object:

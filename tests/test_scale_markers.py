@@ -13,21 +13,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.weights import Landmark
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity, estimate_similarity, robust_similarity
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.geometry import Similarity, estimate_similarity, robust_similarity
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
-from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.accuracy import LeftOutMarker, free_center_sds, warn_of_marker, warn_of_vague_places
-from pomona.scale.aruco import detect, find_markers
-from pomona.scale.marker_table import read_markers
-from pomona.scale.markers import MarkerFit, find_sightings, fit_markers
-from pomona.scale.placement import Placement
-from pomona.scale.triangulation import nearest_to_rays, triangulate
-from pomona.sfm import Piece, Reconstruction
+from pomona.stages.scale import ScaleOptions, place_in_world
+from pomona.stages.scale.accuracy import LeftOutMarker, free_center_sds, warn_of_marker, warn_of_vague_places
+from pomona.stages.scale.aruco import detect, find_markers
+from pomona.stages.scale.marker_table import read_markers
+from pomona.stages.scale.markers import MarkerFit, find_sightings, fit_markers
+from pomona.stages.scale.placement import Placement
+from pomona.stages.scale.triangulation import nearest_to_rays, triangulate
+from pomona.stages.sfm import Piece, Reconstruction
+from pomona.values.cameras import Cameras, WorldFrame, concatenate
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 from scale_scenes import (
     HEIGHT,
     LENS,

@@ -15,17 +15,17 @@ from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import adjust
 from pomona.adjustment.lenses import credible_focals
-from pomona.cameras import Cameras, concatenate
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.geometry import Similarity
 from pomona.errors import InputError, ReconstructionError
-from pomona.geometry import Similarity
-from pomona.photos import Gnss, Photo, Photos
 from pomona.progress import Silent
-from pomona.scale import Placed, ScaleOptions, place_in_world
-from pomona.scale.gnss import fit_gnss, local_frame, positions_in_local
-from pomona.scale.upright import estimate_upright_similarity, leveling_rotation, row_frame, up_direction
-from pomona.scale.world_frame import set_beside
-from pomona.sfm import Piece, Reconstruction
+from pomona.stages.scale import Placed, ScaleOptions, place_in_world
+from pomona.stages.scale.gnss import fit_gnss, local_frame, positions_in_local
+from pomona.stages.scale.upright import estimate_upright_similarity, leveling_rotation, row_frame, up_direction
+from pomona.stages.scale.world_frame import set_beside
+from pomona.stages.sfm import Piece, Reconstruction
+from pomona.values.cameras import Cameras, concatenate
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.photos import Gnss, Photo, Photos
 from scale_scenes import (
     FOCAL,
     HEIGHT,

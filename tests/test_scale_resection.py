@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, WorldFrame, concatenate, split
-from pomona.fruit_geometry.discs import FruitDiscs
+from pomona.fruit.geometry.discs import FruitDiscs
 from pomona.progress import Silent
-from pomona.scale import Placed, ScaleOptions, place_in_world
-from pomona.scale.aruco import PlateSighting
-from pomona.scale.marker_table import Markers
-from pomona.scale.plates import facing_yaw_rad, upright_corners
-from pomona.scale.resection import pose_of_points
-from pomona.sfm.pieces import Reconstruction, Unregistered
+from pomona.stages.scale import Placed, ScaleOptions, place_in_world
+from pomona.stages.scale.aruco import PlateSighting
+from pomona.stages.scale.marker_table import Markers
+from pomona.stages.scale.plates import facing_yaw_rad, upright_corners
+from pomona.stages.scale.resection import pose_of_points
+from pomona.stages.sfm.pieces import Reconstruction, Unregistered
+from pomona.values.cameras import Cameras, WorldFrame, concatenate, split
 from scale_scenes import (
     HEIGHT,
     LENS,

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pomona.cameras import Cameras
-from pomona.geometry import Similarity
+from pomona.basics.geometry import Similarity
 from pomona.progress import Silent
-from pomona.scale import ScaleOptions, place_in_world
-from pomona.scale.placement import Placement
-from pomona.scale.report import PieceScale
-from pomona.scale.walk import check_walk, heights_above_neighbours
-from pomona.sfm import Piece, Reconstruction
+from pomona.stages.scale import ScaleOptions, place_in_world
+from pomona.stages.scale.placement import Placement
+from pomona.stages.scale.report import PieceScale
+from pomona.stages.scale.walk import check_walk, heights_above_neighbours
+from pomona.stages.sfm import Piece, Reconstruction
+from pomona.values.cameras import Cameras
 from scale_scenes import PLACES, as_piece, marker_table, photographed, photos_of, show_markers, sighted
 
 EAST, WEST = photographed("east", seed=1), photographed("west", seed=2)

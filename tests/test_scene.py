@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from fuse_scenes import cameras_in_a_row, sphere_points
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_geometry.cloud_points import fruit_of_points
-from pomona.fruits import Fruits
-from pomona.photos import Photos
+from pomona.fruit.geometry.cloud_points import fruit_of_points
 from pomona.progress import Silent
-from pomona.scene import DenseSceneOptions, dense_scene
-from pomona.scene.partners import along_the_path, choose_partners
-from pomona.scene.voxels import VoxelCloud
+from pomona.stages.scene import DenseSceneOptions, dense_scene
+from pomona.stages.scene.partners import along_the_path, choose_partners
+from pomona.stages.scene.voxels import VoxelCloud
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import Fruits
+from pomona.values.photos import Photos
 from test_dense import CENTERS, DIAMETERS, scene_of
 
 WALL_M = 0.5

@@ -12,27 +12,27 @@ import onnx
 import pytest
 
 from fuse_scenes import cameras_in_a_row, detections_of, seen_pixels
-from pomona.arrays import ByteArray, Float32Array, FloatArray
-from pomona.cameras import Cameras
-from pomona.capture import read_pixels
-from pomona.capture.images import write_jpeg
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.arrays import ByteArray, Float32Array, FloatArray
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.fruit_crops.crops import CropPlaces, cut
-from pomona.fruit_crops.likeness import SeenFruits, with_likeness
-from pomona.fruit_crops.sights import sights_of, well_spread
-from pomona.fruit_geometry.spheres import Spheres
-from pomona.fruit_traits.colours import ColourCounts
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused
-from pomona.fuse.object import fuse
-from pomona.photos import Photo, Photos
+from pomona.fruit.crops.crops import CropPlaces, cut
+from pomona.fruit.crops.likeness import SeenFruits, with_likeness
+from pomona.fruit.crops.sights import sights_of, well_spread
+from pomona.fruit.geometry.spheres import Spheres
+from pomona.fruit.traits.colours import ColourCounts
 from pomona.progress import Silent
-from pomona.second_look import CentersNetwork, SecondLookOptions, look_again
-from pomona.second_look.evidence import find_sights, look
-from pomona.second_look.grid_search import common_sight
-from pomona.second_look.network import SHIPPED
-from pomona.segment import load_segmenter
+from pomona.stages.capture import read_pixels
+from pomona.stages.capture.images import write_jpeg
+from pomona.stages.fuse import Fused
+from pomona.stages.fuse.object import fuse
+from pomona.stages.second_look import CentersNetwork, SecondLookOptions, look_again
+from pomona.stages.second_look.evidence import find_sights, look
+from pomona.stages.second_look.grid_search import common_sight
+from pomona.stages.second_look.network import SHIPPED
+from pomona.stages.segment import load_segmenter
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.photos import Photo, Photos
 
 DIAMETER_M = 0.075
 CENTERS = np.array([[-0.25, 0.0, 0.1], [0.0, 0.05, -0.15], [0.22, -0.05, 0.05]])

@@ -9,16 +9,16 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from fuse_scenes import cameras_in_a_row, detections_of
-from pomona.arrays import BoolArray, FloatArray
-from pomona.cameras import Cameras
-from pomona.fruit_geometry.mask_rays import MaskRays, mask_rays
-from pomona.fruit_geometry.spheres import Spheres
-from pomona.fuse import Shown
-from pomona.fuse.object import ObjectOptions
-from pomona.fuse.object.gating import Gate
-from pomona.second_look.looked import Looked
-from pomona.second_look.options import SecondLookOptions
-from pomona.second_look.selection import select
+from pomona.basics.arrays import BoolArray, FloatArray
+from pomona.fruit.geometry.mask_rays import MaskRays, mask_rays
+from pomona.fruit.geometry.spheres import Spheres
+from pomona.stages.fuse import Shown
+from pomona.stages.fuse.object import ObjectOptions
+from pomona.stages.fuse.object.gating import Gate
+from pomona.stages.second_look.looked import Looked
+from pomona.stages.second_look.options import SecondLookOptions
+from pomona.stages.second_look.selection import select
+from pomona.values.cameras import Cameras
 
 DIAMETER_M = 0.075
 RADIUS_M = DIAMETER_M / 2

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from detector_models import Box, red_tile, write_detr, write_yolo
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
-from pomona.segment import Segmenter, SegmenterTraits, TileDetections, load_segmenter
-from pomona.segment.fruit_classes import fruit_columns
-from pomona.segment.load import files_of
-from pomona.segment.placement import TilePlacement
+from pomona.stages.segment import Segmenter, SegmenterTraits, TileDetections, load_segmenter
+from pomona.stages.segment.fruit_classes import fruit_columns
+from pomona.stages.segment.load import files_of
+from pomona.stages.segment.placement import TilePlacement
+from pomona.values.detections import Mask
 
 needs_onnx = pytest.mark.skipif(
     __import__("importlib.util").util.find_spec("onnx") is None, reason="models are made with onnx (extra train)"
@@ -286,7 +286,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     values = {"mine": "Plugin", "text": "no_segmenter", "number": "number", "gone": "vanished"}
     entries = [EntryPoint(key, f"{__name__}:{value}", "pomona.segmenters") for key, value in values.items()]
     entries.append(EntryPoint("lost", "no_such_package.detector:make", "pomona.segmenters"))
-    monkeypatch.setattr("pomona.segment.load.entry_points", lambda group: entries)
+    monkeypatch.setattr("pomona.stages.segment.load.entry_points", lambda group: entries)
 
 
 @pytest.mark.usefixtures("installed")
@@ -331,7 +331,7 @@ def test_the_detector_of_the_documentation(monkeypatch: pytest.MonkeyPatch, tmp_
     (tmp_path / "red_things.py").write_text(code.split("```")[0])
     monkeypatch.syspath_prepend(tmp_path)
     entry = EntryPoint("red-things", "red_things:RedThings", "pomona.segmenters")
-    monkeypatch.setattr("pomona.segment.load.entry_points", lambda group: [entry])
+    monkeypatch.setattr("pomona.stages.segment.load.entry_points", lambda group: [entry])
     (found,) = load_segmenter("red-things").segment([red_tile(320, 240, FRUITS)])
     assert_found(found, FRUITS, tolerance_px=0)
     assert len(load_segmenter("red-things:2000").segment([red_tile(320, 240, FRUITS)])[0]) == 1

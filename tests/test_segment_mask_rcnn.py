@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
-from pomona.segment import load_segmenter
-from pomona.segment.mask_rcnn import _paste, architecture_of, build_mask_rcnn
+from pomona.stages.segment import load_segmenter
+from pomona.stages.segment.mask_rcnn import _paste, architecture_of, build_mask_rcnn
+from pomona.values.detections import Mask
 from segment_scenes import disc
 
 torch = pytest.importorskip("torch", reason="needs the extra train")

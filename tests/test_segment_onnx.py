@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pomona import onnx_file
-from pomona.detections import Mask
+from pomona.basics import onnx_file
+from pomona.basics.onnx_file import OnnxFile, chosen_providers
 from pomona.errors import FormatError, InputError, MissingFileError, OutOfMemoryError
-from pomona.onnx_file import OnnxFile, chosen_providers
-from pomona.photos import Photos
 from pomona.progress import Silent
-from pomona.segment import Segmenter, load_segmenter, segment_photo
-from pomona.segment.center_offset import ModelMetadata
-from pomona.segment.decode import DecodeOptions, decode
-from pomona.segment.load import SHIPPED_WEIGHTS, shipped_weights
-from pomona.segment.photo_detections import SegmentOptions, iter_detections, segment_photos
+from pomona.stages.segment import Segmenter, load_segmenter, segment_photo
+from pomona.stages.segment.center_offset import ModelMetadata
+from pomona.stages.segment.decode import DecodeOptions, decode
+from pomona.stages.segment.load import SHIPPED_WEIGHTS, shipped_weights
+from pomona.stages.segment.photo_detections import SegmentOptions, iter_detections, segment_photos
+from pomona.values.detections import Mask
+from pomona.values.photos import Photos
 from segment_scenes import DISC_PX, disc, painted_maps, write_disc_model
 
 METADATA = {
@@ -61,7 +61,7 @@ def test_a_disc_on_the_seam_of_tiles_is_one(model: Path) -> None:
     centres = [(100.0, 60.0), (160.0, 60.0), (230.0, 64.0)]
     pixels = red_image(300, 128, centres)
     segmenter = load_segmenter(model)
-    from pomona.segment import SegmentOptions
+    from pomona.stages.segment import SegmentOptions
 
     options = SegmentOptions(tile_px=128, min_overlap_px=24)
     found = segment_photo(pixels, segmenter, options=options)
@@ -140,7 +140,7 @@ def test_names_that_nothing_answers_to_are_refused(name: str) -> None:
 
 
 def test_missing_shipped_weights_are_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("pomona.segment.load.SHIPPED_WEIGHTS", tmp_path / "fruit.onnx")
+    monkeypatch.setattr("pomona.stages.segment.load.SHIPPED_WEIGHTS", tmp_path / "fruit.onnx")
     with pytest.raises(MissingFileError, match="reinstall the package"):
         load_segmenter()
 
@@ -161,7 +161,7 @@ DOUBTFUL = {
 
 @pytest.mark.slow
 def test_weights_for_citrus_find_plain_oranges(shared_data: Path) -> None:
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     frames = [shared_data / "orange-tree-video" / "frames" / f"{name}.jpg" for name in ORANGES]
     options = SegmentOptions(score_threshold=0.3, kept_share=1)
@@ -181,7 +181,7 @@ def test_weights_for_citrus_find_plain_oranges(shared_data: Path) -> None:
 
 @pytest.mark.slow
 def test_shipped_weights_find_red_apples(shared_data: Path) -> None:
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     if not SHIPPED_WEIGHTS.is_file():
         pytest.skip("no weights are shipped yet")

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from detector_models import red_tile
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
-from pomona.segment import Segmenter, load_segmenter, segment_photo
-from pomona.segment.open_vocabulary import DEFAULT_DETECTOR, DEFAULT_MASKS, Wish
+from pomona.stages.segment import Segmenter, load_segmenter, segment_photo
+from pomona.stages.segment.open_vocabulary import DEFAULT_DETECTOR, DEFAULT_MASKS, Wish
+from pomona.values.detections import Mask
 
 pytest.importorskip("torch", reason="words need PyTorch (extra open-vocabulary)")
 pytest.importorskip("transformers", reason="words need transformers (extra open-vocabulary)")

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.detections import Mask
 from pomona.errors import InputError
-from pomona.photos import Photo, Photos
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
-from pomona.segment import SegmenterTraits, SegmentOptions, iter_detections, scales_of, segment_photos
-from pomona.segment.protocol import TileDetections
-from pomona.segment.resize import resized_detections, resized_mask
+from pomona.stages.segment import SegmenterTraits, SegmentOptions, iter_detections, scales_of, segment_photos
+from pomona.stages.segment.protocol import TileDetections
+from pomona.stages.segment.resize import resized_detections, resized_mask
+from pomona.values.detections import Mask
+from pomona.values.photos import Photo, Photos
 from segment_scenes import RedSegmenter, disc, red_photo, red_photos
 
 

@@ -7,9 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from pomona.detections import Mask
-from pomona.segment import SegmentOptions, TileDetections, Window, segment_photo, segment_tiled, stitch, tile_windows
-from pomona.segment.box_overlap import non_maximum_suppression, overlapping_pairs, pair_iou
+from pomona.stages.segment import (
+    SegmentOptions,
+    TileDetections,
+    Window,
+    segment_photo,
+    segment_tiled,
+    stitch,
+    tile_windows,
+)
+from pomona.stages.segment.box_overlap import non_maximum_suppression, overlapping_pairs, pair_iou
+from pomona.values.detections import Mask
 from segment_scenes import IdSegmenter, disc, id_image, masks_of
 from work import counted
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pomona.errors import InputError
-from pomona.segment import Window, tile_windows
+from pomona.stages.segment import Window, tile_windows
 
 
 def test_paper_tiles() -> None:

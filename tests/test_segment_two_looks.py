@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pomona.capture import load_photos
-from pomona.detections import Mask
 from pomona.errors import FormatError
-from pomona.segment import SegmentOptions, load_segmenter, segment_photos
-from pomona.segment.center_offset import CenterOffsetSegmenter, ModelMetadata
-from pomona.segment.decode import DecodeOptions, Maps, decode
-from pomona.segment.two_looks import padded, seen_at_two_sizes, seen_with_mirror_image
+from pomona.stages.capture import load_photos
+from pomona.stages.segment import SegmentOptions, load_segmenter, segment_photos
+from pomona.stages.segment.center_offset import CenterOffsetSegmenter, ModelMetadata
+from pomona.stages.segment.decode import DecodeOptions, Maps, decode
+from pomona.stages.segment.two_looks import padded, seen_at_two_sizes, seen_with_mirror_image
+from pomona.values.detections import Mask
 from segment_scenes import disc, write_disc_model
 from test_segment_onnx import METADATA, red_image
 

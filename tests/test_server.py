@@ -12,8 +12,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from pomona.server import PageServer, Updates, json_of
-from pomona.server.guard import Access
+from pomona.browser.server import PageServer, Updates, json_of
+from pomona.browser.server.guard import Access
 from serving import get, running
 
 POLICY = "default-src 'none'"

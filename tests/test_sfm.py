@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 import pytest
 
-from pomona.capture import load_photos
+from pomona.basics.geometry import estimate_similarity
 from pomona.errors import InputError, ReconstructionError
-from pomona.geometry import estimate_similarity
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
-from pomona.scale import place_in_world
-from pomona.sfm import Reconstruction, SfmOptions, reconstruct
-from pomona.sfm.mapping_process import MappingProcess
-from pomona.sfm.options import Mapper
-from pomona.sfm.store import read_reconstruction, write_reconstruction
+from pomona.stages.capture import load_photos
+from pomona.stages.scale import place_in_world
+from pomona.stages.sfm import Reconstruction, SfmOptions, reconstruct
+from pomona.stages.sfm.mapping_process import MappingProcess
+from pomona.stages.sfm.options import Mapper
+from pomona.stages.sfm.store import read_reconstruction, write_reconstruction
+from pomona.values.photos import Photo, Photos
 from sfm_scenes import FOCAL, HEIGHT, WIDTH, boards, centres, photograph, render, row_poses, save, texture
 
 COUNT = 8
@@ -116,7 +116,9 @@ def test_large_photos_are_worked_on_small_and_come_back_large(tmp_path: Path, ro
 
 def test_a_second_call_goes_on_where_the_first_stopped(row, done, monkeypatch: pytest.MonkeyPatch) -> None:
     photos, _, folder = row
-    monkeypatch.setattr("pomona.sfm.reconstruction.extract", lambda *_: pytest.fail("features were found already"))
+    monkeypatch.setattr(
+        "pomona.stages.sfm.reconstruction.extract", lambda *_: pytest.fail("features were found already")
+    )
     again = reconstruct(Photos(tuple(photos)), options=QUICK, work_dir=folder / "work")
     np.testing.assert_allclose(again.pieces[0].cameras.cam_from_world, done[0].pieces[0].cameras.cam_from_world)
 
@@ -223,7 +225,8 @@ def test_photos_without_overlap_are_an_error_that_says_so(tmp_path: Path) -> Non
 
 def test_a_mapper_that_dies_is_not_the_end(row, matched: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        "pomona.sfm.mapping_process._RUN", "import sys; sys.argv[1] == 'global' and sys.exit('it died')\n" + _run()
+        "pomona.stages.sfm.mapping_process._RUN",
+        "import sys; sys.argv[1] == 'global' and sys.exit('it died')\n" + _run(),
     )
     progress = Silent()
     result = reconstruct(Photos(tuple(row[0])), options=QUICK, work_dir=matched, progress=progress)
@@ -232,7 +235,7 @@ def test_a_mapper_that_dies_is_not_the_end(row, matched: Path, monkeypatch: pyte
 
 
 def _run() -> str:
-    from pomona.sfm import mapping_process
+    from pomona.stages.sfm import mapping_process
 
     return mapping_process._RUN
 
@@ -251,7 +254,9 @@ def test_ctrl_c_stops_the_mapper_and_a_second_call_goes_on(
         with pytest.raises(KeyboardInterrupt):
             reconstruct(Photos(tuple(row[0][:5])), options=ONE_MAPPER, work_dir=tmp_path)
     assert [process._process.poll() is not None for process in stopped] == [True]
-    monkeypatch.setattr("pomona.sfm.reconstruction.extract", lambda *_: pytest.fail("features were found already"))
+    monkeypatch.setattr(
+        "pomona.stages.sfm.reconstruction.extract", lambda *_: pytest.fail("features were found already")
+    )
     result = reconstruct(Photos(tuple(row[0][:5])), options=ONE_MAPPER, work_dir=tmp_path)
     assert len(result.pieces[0].cameras) == 5
 

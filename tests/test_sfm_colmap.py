@@ -9,10 +9,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from pomona.cameras import Cameras, WorldFrame
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.cameras.colmap import read_colmap, read_poses, write_colmap
-from pomona.photos import Photos
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.photos import Photos
 from test_sfm_parts import model, photos
 
 FRAME = WorldFrame("gnss", approximate=False, up_is_known=True, crs="+proj=x", origin=(41.5, 0.5, 120.0))

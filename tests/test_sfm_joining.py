@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pomona.geometry import Similarity
-from pomona.sfm.engine import Overlap
-from pomona.sfm.joining import Group, MatchedPhotos, join_groups
-from pomona.sfm.models import Model
-from pomona.sfm.seams import parted
-from pomona.sfm.selection import explained
+from pomona.basics.geometry import Similarity
+from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.joining import Group, MatchedPhotos, join_groups
+from pomona.stages.sfm.models import Model
+from pomona.stages.sfm.seams import parted
+from pomona.stages.sfm.selection import explained
 from test_sfm_parts import LENS, model, overlaps_of
 
 COUNT, STEP = 10, 5  # photos, and the first of the second half

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pomona.sfm.epipolar import DescribedPoints, matches_along_lines
-from pomona.sfm.matching import pairs_that_matter
+from pomona.stages.sfm.epipolar import DescribedPoints, matches_along_lines
+from pomona.stages.sfm.matching import pairs_that_matter
 
 FOCAL_PX, SIDE_PX = 800.0, 1000.0
 

@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pomona.cameras import Cameras
-from pomona.gpu import reason_against
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo
-from pomona.sfm import SfmOptions, engine
-from pomona.sfm.engine import Overlap
-from pomona.sfm.features import Features, extract, root_sift
-from pomona.sfm.kept_features import KeptFeatures
-from pomona.sfm.models import Model
-from pomona.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
-from pomona.sfm.seams import held_parts
-from pomona.sfm.selection import credible, distinct, explained, explicable, sampson_distance, support, take
-from pomona.sfm.thinning import thinned
-from pomona.sfm.unregistered import RegistrationEvidence, explain_unregistered
-from pomona.sfm.workspace import Workspace
+from pomona.basics.gpu import reason_against
+from pomona.stages.sfm import SfmOptions, engine
+from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.features import Features, extract, root_sift
+from pomona.stages.sfm.kept_features import KeptFeatures
+from pomona.stages.sfm.models import Model
+from pomona.stages.sfm.pairs import candidate_pairs, lookalike_pairs, sequential_pairs, spatial_pairs
+from pomona.stages.sfm.seams import held_parts
+from pomona.stages.sfm.selection import credible, distinct, explained, explicable, sampson_distance, support, take
+from pomona.stages.sfm.thinning import thinned
+from pomona.stages.sfm.unregistered import RegistrationEvidence, explain_unregistered
+from pomona.stages.sfm.workspace import Workspace
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo
 from sfm_scenes import as_photos, centres, row_poses, with_gnss
 
 LENS = Intrinsics("SIMPLE_RADIAL", 400, 300, np.array([350.0, 200.0, 150.0, 0.02]))

@@ -11,15 +11,15 @@ import pytest
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from pomona.photos import Photo
 from pomona.progress import Silent
-from pomona.sfm import SfmOptions, engine, wide_matching
-from pomona.sfm.epipolar import Clear, DescribedPoints, matches_anywhere
-from pomona.sfm.features import extract
-from pomona.sfm.matching import match_photos
-from pomona.sfm.tilted_views import tilted_features, views
-from pomona.sfm.wide_matching import _Places, wide_pairs
-from pomona.sfm.workspace import Workspace
+from pomona.stages.sfm import SfmOptions, engine, wide_matching
+from pomona.stages.sfm.epipolar import Clear, DescribedPoints, matches_anywhere
+from pomona.stages.sfm.features import extract
+from pomona.stages.sfm.matching import match_photos
+from pomona.stages.sfm.tilted_views import tilted_features, views
+from pomona.stages.sfm.wide_matching import _Places, wide_pairs
+from pomona.stages.sfm.workspace import Workspace
+from pomona.values.photos import Photo
 from sfm_scenes import texture
 
 SIZE = 300

@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from pipeline_fakes import make_photos
-from pomona.capture import load_photos
 from pomona.errors import FormatError, MissingFileError, SurveyError
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused, Shown
+from pomona.stages.capture import load_photos
+from pomona.stages.fuse import Fused, Shown
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.commands import command_line
 from pomona.survey.digest import digest, file_digest
@@ -24,6 +23,7 @@ from pomona.survey.fused import fused_path, read_fused, write_fused
 from pomona.survey.photos import photo_of
 from pomona.survey.record import Meter
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 
 @pytest.mark.parametrize("name", ["holiday.jpg", "fruits.csv", "work"])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
-from pomona.cameras import WorldFrame
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.geojson import write_geojson
 from pomona.formats.ply import write_ply
@@ -21,7 +20,8 @@ from pomona.formats.tables import (
     write_fruits,
     write_observations,
 )
-from pomona.fruits import FruitCloud, Fruits, Observations
+from pomona.values.cameras import WorldFrame
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 FRUITS = Fruits(
     ids=[4, 9],

@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from fuzz.campaign import scratch
 from pipeline_fakes import Fakes, make_photos
-from pomona.capture import read_pixels
 from pomona.errors import FormatError, LostFileError, PomonaError, SurveyError
 from pomona.pipeline import run
 from pomona.progress import Silent
-from pomona.sfm.pieces import Reconstruction
+from pomona.stages.capture import read_pixels
+from pomona.stages.sfm.pieces import Reconstruction
 from pomona.survey import SurveyFolder
 
 
@@ -154,9 +154,9 @@ def test_a_clock_that_jumps_redoes_nothing(fakes: Fakes, tmp_path: Path, monkeyp
 def test_stages_take_the_same_whether_or_not_a_run_was_stopped_before_them(
     fakes: Fakes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: str
 ) -> None:
-    from pomona import scale, second_look
     from pomona.pipeline import results
-    from pomona.sfm import reconstruct
+    from pomona.stages import scale, second_look
+    from pomona.stages.sfm import reconstruct
 
     def turned(*given: Any, **options: Any) -> Reconstruction:
         """A reconstruction whose cameras look in directions that no round numbers are."""
@@ -179,7 +179,7 @@ def test_stages_take_the_same_whether_or_not_a_run_was_stopped_before_them(
 
     taken: list[tuple[str, list[bytes]]] = []
     stop = ""
-    monkeypatch.setattr("pomona.sfm.reconstruct", turned)
+    monkeypatch.setattr("pomona.stages.sfm.reconstruct", turned)
     for module, name, stage, arrays in (
         (scale, "place_in_world", "scale", lambda found, *_: [found.pieces[0].cameras.cam_from_world]),
         (second_look, "look_again", "second_look", lambda fused, masks, photos, cameras: [cameras.cam_from_world]),
@@ -344,7 +344,7 @@ def test_photos_that_are_other_ones_in_the_next_run_are_taken_as_they_are(
 
 
 def test_a_photo_that_changes_while_it_is_decoded_is_told(tmp_path: Path) -> None:
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     (photo, *_) = load_photos([make_photos(tmp_path / "photos")])
     assert read_pixels(photo).shape == (photo.height_px, photo.width_px, 3)

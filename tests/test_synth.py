@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError, SurveyError
-from pomona.synth import LIGHTS, VARIETIES, RowOptions, render, render_row, truth
-from pomona.synth.cameras import RowCamera, row_cameras
-from pomona.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
-from pomona.synth.layout import lay_out_row
-from pomona.synth.meshes import fruit, ground, hedge, plate
-from pomona.synth.presets import (
+from pomona.learning.synth import LIGHTS, VARIETIES, RowOptions, render, render_row, truth
+from pomona.learning.synth.cameras import RowCamera, row_cameras
+from pomona.learning.synth.encoding import colours_of_ids, ids_from_colours, visible_pixels
+from pomona.learning.synth.layout import lay_out_row
+from pomona.learning.synth.meshes import fruit, ground, hedge, plate
+from pomona.learning.synth.presets import (
     DEMO,
     ROWS,
     bunched_options,
@@ -262,7 +262,7 @@ def test_presets_share_no_seed_and_cover_varieties_and_lights():
 
 
 def test_without_blender_the_extra_is_named(monkeypatch, tmp_path):
-    monkeypatch.delitem(sys.modules, "pomona.synth.blender", raising=False)
+    monkeypatch.delitem(sys.modules, "pomona.learning.synth.blender", raising=False)
     monkeypatch.setitem(sys.modules, "bpy", None)
     with pytest.raises(MissingExtraError, match=r"pomona\[synth\]"):
         render_row(SMALL, tmp_path / "row")

@@ -9,14 +9,14 @@ import pytest
 
 from pomona.errors import InputError, MissingExtraError
 from pomona.formats.detections.png_masks import IGNORED_ID
-from pomona.scale.aruco import detect
-from pomona.synth.quick import KINDS, QuickPictureOptions, render_pictures
-from pomona.synth.quick.develop import develop
-from pomona.synth.quick.lights import NAMES, backdrop, draw_lighting
-from pomona.synth.quick.pictures import smaller_ids, with_grown_leaves
-from pomona.synth.quick.scene import FALLEN, FRUIT, build_scene
-from pomona.synth.quick.shapes import fruit_mesh
-from pomona.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.learning.synth.quick import KINDS, QuickPictureOptions, render_pictures
+from pomona.learning.synth.quick.develop import develop
+from pomona.learning.synth.quick.lights import NAMES, backdrop, draw_lighting
+from pomona.learning.synth.quick.pictures import smaller_ids, with_grown_leaves
+from pomona.learning.synth.quick.scene import FALLEN, FRUIT, build_scene
+from pomona.learning.synth.quick.shapes import fruit_mesh
+from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.stages.scale.aruco import detect
 from synth_scenes import rough_row
 
 

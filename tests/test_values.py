@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import counted, places_within, some_subsets
-from pomona.cameras import Cameras, WorldFrame, concatenate
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.arrays import counted, places_within, some_subsets
+from pomona.basics.geometry import Similarity, estimate_similarity
 from pomona.errors import InputError, PomonaError
-from pomona.fruits import Fruits, Observations
-from pomona.geometry import Similarity, estimate_similarity
-from pomona.intrinsics import Intrinsics, opencv_from_colmap_px
-from pomona.photos import Photo, Photos
+from pomona.values.cameras import Cameras, WorldFrame, concatenate
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.intrinsics import Intrinsics, opencv_from_colmap_px
+from pomona.values.photos import Photo, Photos
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODELS = {

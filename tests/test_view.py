@@ -17,23 +17,23 @@ import pytest
 
 import pomona
 from pipeline_fakes import make_photos
-from pomona.arrays import ByteArray
-from pomona.capture import read_pixels
+from pomona.basics.arrays import ByteArray
+from pomona.browser.view import FolderOptions, ViewServer, export_folder, read_survey, truth_data
+from pomona.browser.view.masks import MasksByPhoto
+from pomona.browser.view.pictures import Pictures, straightened
+from pomona.browser.view.truth import thresholds
 from pomona.errors import FormatError, InputError, MissingFileError, SurveyError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.detections.coco import detections_by_image
 from pomona.formats.detections.coco_file import parse_coco
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
 from pomona.progress import Silent
-from pomona.report import ReportData, ReportOptions
-from pomona.report.page import report_html
-from pomona.report.scene import SceneOptions, origin_of, survey_data
+from pomona.stages.capture import read_pixels
+from pomona.stages.report import ReportData, ReportOptions
+from pomona.stages.report.page import report_html
+from pomona.stages.report.scene import SceneOptions, origin_of, survey_data
 from pomona.survey.digest import file_digest
-from pomona.view import FolderOptions, ViewServer, export_folder, read_survey, truth_data
-from pomona.view.masks import MasksByPhoto
-from pomona.view.pictures import Pictures, straightened
-from pomona.view.truth import thresholds
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 from report_scenes import unpacked, values_in
 from serving import get, running
 from view_scenes import write_truth, write_view_survey
@@ -72,7 +72,7 @@ def test_a_server_starts_without_names_and_without_the_masks(data: ReportData, m
         raise AssertionError("this may take seconds")
 
     monkeypatch.setattr("socket.getfqdn", asked)
-    monkeypatch.setattr("pomona.view.masks.MasksByPhoto._contents", asked)
+    monkeypatch.setattr("pomona.browser.view.masks.MasksByPhoto._contents", asked)
     with ViewServer(data) as started:
         assert started.url == f"http://127.0.0.1:{started.port}/"
 
@@ -120,7 +120,7 @@ def test_other_photos_or_lenses_have_other_addresses(data: ReportData, tmp_path:
 
 
 def test_points_come_in_pieces(data: ReportData, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pomona.view.site.PIECE_POINTS", 400)
+    monkeypatch.setattr("pomona.browser.view.site.PIECE_POINTS", 400)
     with running(ViewServer(data)) as site:
         values = unpacked(get(site, "/data/survey.bin")[2])
         whole = survey_data(data, SceneOptions(source="server", max_points=None))
@@ -325,7 +325,7 @@ def test_pictures_are_made_once(data: ReportData, monkeypatch: pytest.MonkeyPatc
         read.append(max_side_px)
         return read_pixels(photo, max_side_px=max_side_px)
 
-    monkeypatch.setattr("pomona.capture.read_pixels", reading)
+    monkeypatch.setattr("pomona.stages.capture.read_pixels", reading)
     small, large = pictures.photo(index, 256), pictures.photo(index, 1024)
     crops = pictures.crop(index, first), pictures.crop(index, second)
     assert len({small, large, *crops}) == 4

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from chromium import Opened, drawn, open_page, page_until
-from pomona.report import ReportData, write_report
-from pomona.view import ViewServer
+from pomona.browser.view import ViewServer
+from pomona.stages.report import ReportData, write_report
 from report_scenes import observe, row_cameras, row_cloud, row_fruits, row_photos
 from serving import running
 

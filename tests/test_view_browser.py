@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from chromium import PATIENCE_MS, Opened, drawn, open_page, page_until, red_px
+from pomona.browser.view import ViewServer, export_folder, read_survey, truth_data
 from pomona.evaluate.fruits import read_truth
-from pomona.report.page import write_report
-from pomona.report.scene import origin_of
-from pomona.view import ViewServer, export_folder, read_survey, truth_data
+from pomona.stages.report.page import write_report
+from pomona.stages.report.scene import origin_of
 from report_scenes import row_report
 from serving import running
 from view_scenes import write_truth, write_view_survey

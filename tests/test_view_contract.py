@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.report import ReportData
-from pomona.report.columns import as_base64, as_bytes
-from pomona.report.contract import F32, SurveyData, TreePlaces, packed
-from pomona.report.scene import SceneOptions, survey_data
-from pomona.report.seen import crop_box, detection_columns, sightings_of
-from pomona.report.typescript import typescript
+from pomona.stages.report import ReportData
+from pomona.stages.report.columns import as_base64, as_bytes
+from pomona.stages.report.contract import F32, SurveyData, TreePlaces, packed
+from pomona.stages.report.scene import SceneOptions, survey_data
+from pomona.stages.report.seen import crop_box, detection_columns, sightings_of
+from pomona.stages.report.typescript import typescript
+from pomona.values.detections import Detections, Mask, SurveyDetections
 from report_scenes import LENS, row_report, unpacked
 
 _VIEWER = Path(__file__).parents[1] / "viewer" / "src"
@@ -26,7 +26,7 @@ def test_typescript_types_are_those_of_python() -> None:
     path = _VIEWER / "contract.ts"
     if not path.is_file():
         pytest.skip("viewer/ is not here")
-    hint = "write it again: python -m pomona.report.typescript > viewer/src/contract.ts, then `make viewer`"
+    hint = "write it again: python -m pomona.stages.report.typescript > viewer/src/contract.ts, then `make viewer`"
     assert path.read_text(encoding="utf-8") == typescript(), hint
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from firefox import Firefox
-from pomona.report import write_report
-from pomona.view import ViewServer, export_folder, read_survey
+from pomona.browser.view import ViewServer, export_folder, read_survey
+from pomona.stages.report import write_report
 from serving import running
 from view_scenes import write_view_survey
 

@@ -16,27 +16,27 @@ import pytest
 import pomona
 from fuse_scenes import HEIGHT, WIDTH, cameras_in_a_row, detections_of
 from pipeline_fakes import Fakes
-from pomona.cameras import Cameras, WorldFrame
-from pomona.capture.quality import quality_of
+from pomona.basics.geometry import estimate_similarity
+from pomona.browser.live import Watch, WatchOptions, WatchServer
+from pomona.browser.live.arrivals import Arrivals
+from pomona.browser.live.checks import Checks, Hint
+from pomona.browser.live.coverage import Walk, coverage_of
+from pomona.browser.live.provisional import provisional
 from pomona.errors import InputError, MissingFileError
-from pomona.filter import shipped
-from pomona.geometry import estimate_similarity
-from pomona.live import Watch, WatchOptions, WatchServer
-from pomona.live.arrivals import Arrivals
-from pomona.live.checks import Checks, Hint
-from pomona.live.coverage import Walk, coverage_of
-from pomona.live.provisional import provisional
-from pomona.photos import Photo, Photos
 from pomona.pipeline import RunOptions, run
 from pomona.pipeline.segment import Segmented
 from pomona.progress import Silent
-from pomona.report import ReportData
-from pomona.report.contract import WatchState
-from pomona.sfm import SfmOptions, reconstruct
-from pomona.sfm.features import extract
-from pomona.sfm.growing import GrowingSide, largest
-from pomona.sfm.pieces import Piece
-from pomona.sfm.reconstruction import kept_features
+from pomona.stages.capture.quality import quality_of
+from pomona.stages.filter import shipped
+from pomona.stages.report import ReportData
+from pomona.stages.report.contract import WatchState
+from pomona.stages.sfm import SfmOptions, reconstruct
+from pomona.stages.sfm.features import extract
+from pomona.stages.sfm.growing import GrowingSide, largest
+from pomona.stages.sfm.pieces import Piece
+from pomona.stages.sfm.reconstruction import kept_features
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.photos import Photo, Photos
 from report_scenes import row_cameras, row_fruits
 from serving import get, running
 from sfm_scenes import boards, centres, photograph, render, row_poses, save
@@ -259,7 +259,7 @@ def test_a_run_finds_features_that_were_kept(
         raise AssertionError("features are found again")
 
     fresh = reconstruct(Photos(tuple(photos)), options=QUICK, work_dir=tmp_path / "fresh", code_key="key")
-    monkeypatch.setattr("pomona.sfm.reconstruction.extract", again)
+    monkeypatch.setattr("pomona.stages.sfm.reconstruction.extract", again)
     reused = reconstruct(Photos(tuple(photos)), options=QUICK, work_dir=tmp_path, code_key="key")
     one, other = (result.pieces[0].cameras for result in (fresh, reused))
     assert np.allclose(one.centers_in_world, other.centers_in_world)

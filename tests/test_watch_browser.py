@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from chromium import PATIENCE_MS
-from pomona.live import WatchServer
-from pomona.report.contract import WatchHint, WatchState
-from pomona.view import read_survey
+from pomona.browser.live import WatchServer
+from pomona.browser.view import read_survey
+from pomona.stages.report.contract import WatchHint, WatchState
 from serving import running
 from view_scenes import write_view_survey
 

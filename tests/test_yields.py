@@ -8,24 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.crop import Crop, RowSegments
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.tables import read_segments, read_trees, write_segments, write_trees
-from pomona.fruits import Fruits, Observations
-from pomona.intervals import CropInterval
-from pomona.intrinsics import Intrinsics
-from pomona.measure.allometry import STORY_APPLES, weigh
-from pomona.planting import on_trees
-from pomona.planting.summary import trees_of
 from pomona.progress import Silent
+from pomona.stages.measure.allometry import STORY_APPLES, weigh
+from pomona.stages.planting import on_trees
+from pomona.stages.planting.summary import trees_of
+from pomona.stages.yields import Estimate, HandCounts, YieldOptions, estimate_crop, read_hand_counts
+from pomona.stages.yields.detectability import Detectability
+from pomona.stages.yields.encounters import encounters_of, kept_shares
+from pomona.stages.yields.estimate import _Draws
+from pomona.stages.yields.hand_counts import Calibration, OnTrees, calibration, known_counts
 from pomona.survey.digest import plain
-from pomona.trees import Trees, Trunks
-from pomona.yields import Estimate, HandCounts, YieldOptions, estimate_crop, read_hand_counts
-from pomona.yields.detectability import Detectability
-from pomona.yields.encounters import encounters_of, kept_shares
-from pomona.yields.estimate import _Draws
-from pomona.yields.hand_counts import Calibration, OnTrees, calibration, known_counts
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.crop import Crop, RowSegments
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.intervals import CropInterval
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.trees import Trees, Trunks
 
 METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 TRUNKS = Trunks(np.arange(1, 5), np.column_stack([np.arange(4) * 1.0, np.zeros(4)]))

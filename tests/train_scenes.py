@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.train.samples import Sample, boxes_of
+from pomona.learning.train.samples import Sample, boxes_of
 
 
 def discs(seed: int, size: int = 200, count: int = 6) -> tuple[np.ndarray, np.ndarray]:

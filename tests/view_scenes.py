@@ -9,15 +9,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import Array
-from pomona.cameras import Cameras
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.arrays import Array
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
 from pomona.formats.las import write_las
 from pomona.formats.tables import write_fruits, write_observations
-from pomona.fruits import Fruits, Observations
-from pomona.photos import Photos
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.photos import Photos
 from report_scenes import LENS, row_cameras, row_cloud, row_fruits, row_photos
 
 

@@ -26,7 +26,7 @@ export default defineConfig(({ mode }) =>
         oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
         build: {
           ...TARGETS,
-          outDir: "../src/pomona/app/static",
+          outDir: "../src/pomona/browser/app/static",
           emptyOutDir: true,
           lib: { entry: "src/app/main.tsx", formats: ["es"], fileName: () => "app.js", cssFileName: "app" },
         },
@@ -36,7 +36,7 @@ export default defineConfig(({ mode }) =>
         plugins: [withLicence("three", "three.js")],
         build: {
           ...TARGETS,
-          outDir: "../src/pomona/report/static",
+          outDir: "../src/pomona/stages/report/static",
           emptyOutDir: true,
           lib: { entry: "src/main.ts", formats: ["iife"], name: "PomonaViewer", fileName: () => "viewer.js", cssFileName: "viewer" },
         },

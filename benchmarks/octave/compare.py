@@ -15,13 +15,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from pomona.arrays import IntArray
+from pomona.basics.arrays import IntArray
 from pomona.datasets.fuji_files import find_fuji_files
 from pomona.datasets.fuji_row import read_fuji_row
 from pomona.errors import InputError
 from pomona.formats.xyz import read_xyz
-from pomona.fuse.paper import PaperOptions, fuse
 from pomona.progress import Silent
+from pomona.stages.fuse.paper import PaperOptions, fuse
 
 SAME_POINT_M = 1e-4
 

@@ -15,16 +15,16 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from pomona.cameras import Cameras
-from pomona.detections import Detections
 from pomona.errors import InputError, MissingFileError
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import read_coco
 from pomona.formats.xyz import write_xyz
-from pomona.fruits import FruitCloud
-from pomona.photos import Photos
 from pomona.survey import SurveyFolder
 from pomona.survey.values import columns_from, read_arrays
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections
+from pomona.values.fruits import FruitCloud
+from pomona.values.photos import Photos
 
 SIDES = ("west", "east")
 FLIP = np.diag([1.0, -1.0, -1.0])  # from OpenCV's camera axes to Bundler's
@@ -105,7 +105,7 @@ def write(survey: SurveyFolder, out: Path) -> None:
 
 
 def photos_of(survey: SurveyFolder) -> Photos:
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     sources = [Path(source) for source in survey.get("sources")]
     return load_photos(sources, sides=survey.get("options")["sides"], frames_dir=survey.work("frames"), min_photos=1)

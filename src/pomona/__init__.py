@@ -3,7 +3,7 @@
     survey = pomona.run("photos/", "my-row")
     survey.fruits.to_pandas()
 
-A run goes through these rooms, in this order (`pipeline/stages.py`):
+A run goes through the stages in the order of `stages/__init__.py`:
 
     capture, segment, sfm, scale, fuse, second_look, filter, measure, planting, dense, scene, yields, report
 

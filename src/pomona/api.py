@@ -11,9 +11,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pomona.basics.option_values import expect_kind
 from pomona.errors import InputError, SurveyError
 from pomona.export.survey import SurveySource, export_survey
-from pomona.option_values import expect_kind
 from pomona.pipeline.options import RunOptions, named_options
 from pomona.progress import Progress, Silent, words_of
 from pomona.survey import SurveyFolder
@@ -23,11 +23,11 @@ from pomona.survey.unfinished import unfinished_in_words
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from pomona.browser.view import FolderOptions, ViewServer
     from pomona.change import Comparison
     from pomona.evaluate.fruits import Scores
-    from pomona.self_training.learn import Adapted
-    from pomona.self_training.options import AdaptOptions
-    from pomona.view import FolderOptions, ViewServer
+    from pomona.learning.self_training.learn import Adapted
+    from pomona.learning.self_training.options import AdaptOptions
 
 AnyPath = str | PathLike[str]
 _HIGHEST_PORT = 65535
@@ -81,7 +81,7 @@ class Survey(SurveySource):
         one. `truth` and `truth_crs` are those of `evaluate`. Corrections are made in the page; tables and values have
         them when the context ends. Raises `InputError` where the port is taken or is none.
         """
-        from pomona.view import Corrector, ViewServer
+        from pomona.browser.view import Corrector, ViewServer
 
         if not 0 <= expect_kind("`port`", int, port) <= _HIGHEST_PORT:
             raise InputError(f"`port`: expected 0 to {_HIGHEST_PORT}, found {port}")
@@ -112,7 +112,7 @@ class Survey(SurveySource):
 
         `options` say how large photos and page are. Raises `SurveyError` where the folder holds something else.
         """
-        from pomona.view import Corrector, export_folder
+        from pomona.browser.view import Corrector, export_folder
 
         corrector = Corrector.of(self, _path_or_none("truth", truth), truth_crs)
         return export_folder(
@@ -157,7 +157,7 @@ def run(
 
     paths, target, chosen = _paths("photos", photos), _path("out", out), RunOptions(**named_options(options))
     if adapt:
-        from pomona.self_training.rerun import run_adapted
+        from pomona.learning.self_training.rerun import run_adapted
 
         run_adapted(paths, target, chosen, progress or Silent(), overwrite=overwrite, on_stage=on_stage)
     else:
@@ -206,9 +206,9 @@ def compare(
     `InputError` where they have nothing in common, `MissingFileError` for a survey that has no fruits yet, and
     `SurveyError` where `out` holds something else.
     """
+    from pomona.browser.view.reading import page_data
     from pomona.change import compare_surveys
     from pomona.change.page import write_comparison
-    from pomona.view.reading import page_data
 
     expect_kind("`dates`", tuple[date, date] | None, dates)
     target = _path_or_none("out", out)
@@ -241,7 +241,7 @@ def adapt(
     Raises `MissingExtraError` without the extra `train`, `InputError` for surveys that confirm too few fruits, a file
     name that does not end in .onnx or detections that no model of Pomona's made, and what `open` raises.
     """
-    from pomona.self_training.rerun import found_fruits, learning, model_of
+    from pomona.learning.self_training.rerun import found_fruits, learning, model_of
 
     given, target = _paths("surveys", surveys), _path("out", out)
     learn, opened = learning(), [_opened(each, progress, if_moved=RUN_AGAIN) for each in given]

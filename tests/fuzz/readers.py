@@ -20,10 +20,10 @@ from PIL import Image
 import camera_scenes
 import detection_scenes
 from pipeline_fakes import cameras_of
-from pomona.crop import RowSegments
-from pomona.fruits import FruitCloud
-from pomona.photos import Photo, Photos
-from pomona.trees import Trees
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import FruitCloud
+from pomona.values.photos import Photo, Photos
+from pomona.values.trees import Trees
 from report_scenes import row_cameras, row_fruits
 
 Write = Callable[[Path], object]
@@ -188,8 +188,8 @@ def _cloud(points: int = 60) -> FruitCloud:
 
 def _las(suffix: str) -> Example:
     def write(folder: Path) -> None:
-        from pomona.cameras import WorldFrame, local_crs
         from pomona.formats.las import write_las
+        from pomona.values.cameras import WorldFrame, local_crs
 
         frame = WorldFrame("gnss", crs=local_crs(41.6, 0.6), origin=(0.0, 0.0, 0.0))
         write_las(folder / f"cloud{suffix}", _cloud(), frame=frame)
@@ -249,38 +249,38 @@ def _write_text(name: str, text: str, folder: Path) -> None:
 
 
 def _read_markers(path: Path) -> object:
-    from pomona.scale.control_points import surveyed_markers
+    from pomona.stages.scale.control_points import surveyed_markers
 
     return [surveyed_markers(path, crs) for crs in (None, "EPSG:3857")]
 
 
 def _read_control_points(path: Path) -> object:
-    from pomona.scale.control_points import read_control_points
+    from pomona.stages.scale.control_points import read_control_points
 
     return read_control_points(path, detection_scenes.scene_photos())
 
 
 def _read_positions(path: Path) -> object:
-    from pomona.capture.positions import with_positions
     from pomona.progress import Silent
+    from pomona.stages.capture.positions import with_positions
 
     return with_positions(detection_scenes.scene_photos(), path, Silent())
 
 
 def _read_trunks(path: Path) -> object:
-    from pomona.planting.trunk_table import read_trunks
+    from pomona.stages.planting.trunk_table import read_trunks
 
     return read_trunks(path)
 
 
 def _read_hand_counts(path: Path) -> object:
-    from pomona.yields.hand_counts import read_hand_counts
+    from pomona.stages.yields.hand_counts import read_hand_counts
 
     return read_hand_counts(path)
 
 
 def _read_pairs(path: Path) -> object:
-    from pomona.measure.weight_table import read_allometry
+    from pomona.stages.measure.weight_table import read_allometry
 
     return read_allometry(path)
 
@@ -365,14 +365,14 @@ def _read_corrections(path: Path) -> object:
 
 def _survey(folder: Path) -> None:
     """A survey of tiny photos with all its files, but for the report."""
-    from pomona.cameras import WorldFrame, concatenate
     from pomona.formats.cameras.colmap import write_colmap
     from pomona.formats.detections.coco import write_coco
     from pomona.formats.las import write_las
     from pomona.pipeline.options import RunOptions
-    from pomona.scale.report import ScaleReport
+    from pomona.stages.scale.report import ScaleReport
     from pomona.survey import StageRecord, SurveyFolder
     from pomona.survey.digest import plain
+    from pomona.values.cameras import WorldFrame, concatenate
 
     names = ("IMG_0000.jpg", "IMG_0001.jpg")
     cameras = concatenate([cameras_of(names)], WorldFrame("fruit-diameter"))
@@ -401,7 +401,7 @@ def _survey(folder: Path) -> None:
 
 def _discs(photos: Photos) -> Any:
     """Return a disc in each photo as its detections."""
-    from pomona.detections import Detections, Mask, SurveyDetections
+    from pomona.values.detections import Detections, Mask, SurveyDetections
 
     disc = np.hypot(*(np.indices((72, 96)) - np.array([36, 40])[:, None, None])) < 8
     return SurveyDetections(
@@ -426,7 +426,7 @@ def _read_survey(folder: Path) -> object:
 
 
 def _arrays(folder: Path) -> None:
-    from pomona.fuse import Fused, Shown
+    from pomona.stages.fuse import Fused, Shown
     from pomona.survey import SurveyFolder
     from pomona.survey.fused import write_fused
     from report_scenes import observe
@@ -443,8 +443,8 @@ def _read_arrays(folder: Path) -> object:
 
 
 def _pieces(folder: Path) -> None:
-    from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
-    from pomona.sfm.store import write_reconstruction
+    from pomona.stages.sfm.pieces import Piece, Reconstruction, Unregistered
+    from pomona.stages.sfm.store import write_reconstruction
 
     names = ("IMG_0000.jpg", "IMG_0001.jpg")
     lost = (Unregistered("IMG_9.jpg", "row", "no match", "more overlap"),)
@@ -456,13 +456,13 @@ def _small_photos() -> Photos:
 
 
 def _read_pieces(folder: Path) -> object:
-    from pomona.sfm.store import read_reconstruction
+    from pomona.stages.sfm.store import read_reconstruction
 
     return read_reconstruction(folder / "sfm", _small_photos())
 
 
 def _svm(folder: Path) -> None:
-    from pomona.filter.svm import LinearSvm
+    from pomona.stages.filter.svm import LinearSvm
 
     rng = np.random.default_rng(0)
     values, is_fruit = rng.normal(0, 1, (60, 3)), np.arange(60) % 2 == 0
@@ -471,7 +471,7 @@ def _svm(folder: Path) -> None:
 
 
 def _read_svm(path: Path) -> object:
-    from pomona.filter.svm import LinearSvm
+    from pomona.stages.filter.svm import LinearSvm
 
     return LinearSvm.load(path)
 
@@ -505,8 +505,8 @@ def _exif() -> Image.Exif:
 
 
 def _read_image(path: Path) -> object:
-    from pomona.capture.exif import focal_px
-    from pomona.capture.images import read_header, read_pixels
+    from pomona.stages.capture.exif import focal_px
+    from pomona.stages.capture.images import read_header, read_pixels
 
     header = read_header(path)
     photo = Photo("a", path, header.width_px, header.height_px, orientation=header.exif.orientation)
@@ -520,7 +520,7 @@ def _photos(folder: Path) -> None:
 
 
 def _read_photos(folder: Path) -> object:
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     return load_photos([folder])
 
@@ -535,9 +535,9 @@ def _video(folder: Path) -> None:
 
 
 def _read_video(path: Path) -> object:
-    from pomona.capture import KeyFrameOptions
-    from pomona.capture.video import extract_key_frames, is_video
     from pomona.progress import Silent
+    from pomona.stages.capture import KeyFrameOptions
+    from pomona.stages.capture.video import extract_key_frames, is_video
 
     return is_video(path), extract_key_frames(path, path.parent / "frames", Silent(), KeyFrameOptions())
 
@@ -559,7 +559,7 @@ def _detr(folder: Path) -> None:
 
 
 def _read_network(path: Path) -> object:
-    from pomona.segment import load_segmenter
+    from pomona.stages.segment import load_segmenter
 
     return load_segmenter(path).segment([np.zeros((64, 64, 3), np.uint8)])
 
@@ -636,7 +636,7 @@ def _row_truth(folder: Path) -> None:
 
 
 def _read_row_truth(folder: Path) -> object:
-    from pomona.synth.truth import read_cameras, read_fruits
+    from pomona.learning.synth.truth import read_cameras, read_fruits
 
     return read_cameras(folder / "cameras.json"), read_fruits(folder / "fruits.csv")
 
@@ -646,7 +646,7 @@ def _depth_map(folder: Path) -> None:
 
 
 def _read_depth_map(path: Path) -> object:
-    from pomona.dense.patchmatch import read_array
+    from pomona.stages.dense.patchmatch import read_array
 
     return read_array(path)
 
@@ -668,14 +668,14 @@ def _needed(value: object) -> object:
 
 
 def _kept_features(folder: Path) -> Any:
-    from pomona.sfm.kept_features import KeptFeatures
-    from pomona.sfm.options import SfmOptions
+    from pomona.stages.sfm.kept_features import KeptFeatures
+    from pomona.stages.sfm.options import SfmOptions
 
     return KeptFeatures(folder, SfmOptions(), "code")
 
 
 def _features(folder: Path) -> None:
-    from pomona.sfm.features import Features
+    from pomona.stages.sfm.features import Features
 
     rng = np.random.default_rng(0)
     keypoints, descriptors = rng.uniform(0, 90, (9, 4)).astype(np.float32), rng.integers(0, 255, (9, 128), np.uint8)
@@ -711,14 +711,14 @@ def _read_digests(path: Path) -> object:
 
 
 def _key_frames(folder: Path) -> None:
-    from pomona.capture.video import KeyFrame, write_frame_list
+    from pomona.stages.capture.video import KeyFrame, write_frame_list
 
     Image.new("RGB", (8, 8)).save(folder / "frame_000001.jpg")
     write_frame_list(folder, {"version": 0}, [KeyFrame.of(folder / "frame_000001.jpg", 1, 0.5, 8, 8)])
 
 
 def _read_key_frames(folder: Path) -> object:
-    from pomona.capture.video import read_frame_list
+    from pomona.stages.capture.video import read_frame_list
 
     return _needed(read_frame_list(folder, {"version": 0}))
 
@@ -745,13 +745,13 @@ def _read_events(folder: Path) -> object:
 
 
 def _catalogue(folder: Path) -> None:
-    from pomona.app.catalogue import Catalogue
+    from pomona.browser.app.catalogue import Catalogue
 
     Catalogue(folder / "surveys.json").add("Row 1", Path("/nowhere/row"), ("run", "/nowhere/photos"))
 
 
 def _read_catalogue(path: Path) -> object:
-    from pomona.app.catalogue import Catalogue
+    from pomona.browser.app.catalogue import Catalogue
 
     entries: Any = _needed(Catalogue(path).entries)
     return [
@@ -814,7 +814,7 @@ def _checkpoint(folder: Path) -> None:
 
 
 def _read_checkpoint(path: Path) -> object:
-    from pomona.segment.mask_rcnn import read_checkpoint
+    from pomona.stages.segment.mask_rcnn import read_checkpoint
 
     return [str(value) for value in read_checkpoint(path, "a checkpoint").values()]
 

@@ -22,7 +22,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from pomona.server import PageServer
+from pomona.browser.server import PageServer
 
 SECRET = "what nobody asked for"
 """Stands in files beside those that are served."""

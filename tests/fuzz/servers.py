@@ -12,18 +12,18 @@ import pytest
 from fuzz.requests import SECRET, Known, RequestTally, campaign
 from pipeline_fakes import Fakes, make_photos
 from pomona import api
-from pomona.app.folders import Folders
-from pomona.app.jobs import Jobs
-from pomona.app.pages import AppServer
-from pomona.app.service import Homes
-from pomona.live.pages import WatchServer
+from pomona.browser.app.folders import Folders
+from pomona.browser.app.jobs import Jobs
+from pomona.browser.app.pages import AppServer
+from pomona.browser.app.service import Homes
+from pomona.browser.live.pages import WatchServer
+from pomona.browser.server import PageServer
+from pomona.browser.server.guard import Access
+from pomona.browser.view import Corrector, ViewServer
+from pomona.browser.view.reading import page_data
 from pomona.pipeline import run
-from pomona.report.contract import WatchState
-from pomona.server import PageServer
-from pomona.server.guard import Access
+from pomona.stages.report.contract import WatchState
 from pomona.survey.reader import SurveyReader
-from pomona.view import Corrector, ViewServer
-from pomona.view.reading import page_data
 
 _CORRECTION = {
     "kind": "delete", "revision": "", "fruits": [1], "marks": [{"photo": 0, "x": 3.0, "y": 4.0}],

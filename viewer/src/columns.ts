@@ -1,4 +1,4 @@
-/** Python's values as they travel (`report/columns.py`): JSON, and behind it columns of numbers, which are not copied. */
+/** Python's values as they travel (`stages/report/columns.py`): JSON, and behind it columns of numbers, which are not copied. */
 
 const TYPES = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, f4: Float32Array };
 

@@ -1,4 +1,4 @@
-/** What Python tells the viewer. Written by `python -m pomona.report.typescript`; do not edit. */
+/** What Python tells the viewer. Written by `python -m pomona.stages.report.typescript`; do not edit. */
 
 export type U8 = Uint8Array;
 export type U16 = Uint16Array;

@@ -1,4 +1,4 @@
-/** What Python's `report/contract.py` describes, as objects: fruits, photos, sightings, detections. */
+/** What Python's `stages/report/contract.py` describes, as objects: fruits, photos, sightings, detections. */
 
 import type { DetectionColumns, Sightings, SurveyData } from "./contract";
 

@@ -15,8 +15,8 @@ from scipy.stats import chi2
 
 from pomona.adjustment.normal_equations import cost, moved, normal_equations
 from pomona.adjustment.weights import Landmark, weighted, without_landmarks
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray
+from pomona.values.cameras import Cameras
 
 # Features are localised no better than this, whatever the few of a small piece seem to say.
 _LEAST_NOISE_PX = 0.1

@@ -11,8 +11,8 @@ from scipy.sparse import coo_array, csr_array, diags_array, eye_array
 from pomona.adjustment.normal_equations import derivatives, lens_starts, normal_equations
 from pomona.adjustment.selected_inverse import SelectedInverse
 from pomona.adjustment.weights import Weights
-from pomona.arrays import FloatArray, IntArray, groups
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray, IntArray, groups
+from pomona.values.cameras import Cameras
 
 # What nothing measures is known to 100,000 times what it would be if all else were known; a smaller factor would hold
 # long rows together. Where rounding makes equations singular all the same, it is 10,000, or 1,000.

@@ -12,10 +12,10 @@ from scipy.sparse.csgraph import connected_components
 from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import focal_sds
 from pomona.adjustment.weights import weighted
-from pomona.arrays import FloatArray, IntArray, set_checked
-from pomona.cameras import Cameras
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo
+from pomona.basics.arrays import FloatArray, IntArray, set_checked
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo
 
 # Focal lengths differ, a zoom was changed or a file contradicts its photos, beyond so many standard deviations ...
 _CONTRADICTION = 4.0

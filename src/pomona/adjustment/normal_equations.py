@@ -16,9 +16,9 @@ from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.weights import Weights
-from pomona.arrays import FloatArray, IntArray, groups
-from pomona.cameras import Cameras
-from pomona.intrinsics import Intrinsics
+from pomona.basics.arrays import FloatArray, IntArray, groups
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
 
 TAIL = 2.385
 """Residuals of features have long tails: from so many standard deviations on they count less and less (Cauchy).

@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, groups
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray, groups
 
 # Who meets so many times more others than is usual is of the border.
 _MANY = 4

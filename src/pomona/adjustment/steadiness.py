@@ -13,8 +13,8 @@ import numpy as np
 
 from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.normal_equations import TAIL, derivatives
-from pomona.arrays import SD_OF_MAD, BoolArray, FloatArray, IntArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import SD_OF_MAD, BoolArray, FloatArray, IntArray
+from pomona.values.cameras import Cameras
 
 # A photo's pose, middle and focal length are nine numbers: with so many points, seen by three photos or more each, a
 # few wrong ones do not matter. Fewer photos than this say nothing of a scatter.

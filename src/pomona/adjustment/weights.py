@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray, set_checked
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray, IntArray, set_checked
+from pomona.values.cameras import Cameras
 
 # No focal length is known better before photos are taken: a smaller share would be seen beyond the photo's edge.
 _LEAST_FOCAL_SD = 0.001

@@ -8,11 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from scipy import stats
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.data_frames import data_frame
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray, set_checked
+from pomona.basics.data_frames import data_frame
+from pomona.basics.geometry import Similarity
 from pomona.errors import InputError
-from pomona.fruits import Fruits
-from pomona.geometry import Similarity
+from pomona.values.fruits import Fruits
 
 State = Literal["same", "gone", "out of view", "new", "not seen before"]
 """Of a fruit in both surveys; only in the first, though photos of the second show the place, or not (or it is not

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.geometry import Similarity
-from pomona.scale.registration import Registration, is_significant, iterate_closest_points
+from pomona.basics.arrays import FloatArray, IntArray
+from pomona.basics.geometry import Similarity
+from pomona.stages.scale.registration import Registration, is_significant, iterate_closest_points
 
 # Lengths are in fruit diameters. Nearer fruits do not fix a turn; those of the other survey are looked for in a wider
 # neighbourhood, since some of them may be missing in between.

@@ -9,10 +9,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import cKDTree
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.geometry import Similarity, estimate_similarity
 from pomona.change.constellation import find_constellation
-from pomona.geometry import Similarity, estimate_similarity
-from pomona.scale.registration import (
+from pomona.stages.scale.registration import (
     Registration,
     are_covered,
     is_significant,

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.change.comparison import Comparison
 from pomona.errors import SurveyError
 from pomona.formats.tables import write_table
-from pomona.report.contract import F32, U8, EarlierFruits, packed
-from pomona.report.data import ReportData
-from pomona.report.html import Html, about, amount
-from pomona.report.page import Sections, note_of, page_html
-from pomona.report.plots import bars_of, bin_edges, caption, framed, ticks_at
-from pomona.report.scene import SceneOptions, origin_of, survey_data
-from pomona.report.svg import Axis, Bar, column_chart, standalone
-from pomona.report.tables import plain_table
-from pomona.report.totals import card, notices
+from pomona.stages.report.contract import F32, U8, EarlierFruits, packed
+from pomona.stages.report.data import ReportData
+from pomona.stages.report.html import Html, about, amount
+from pomona.stages.report.page import Sections, note_of, page_html
+from pomona.stages.report.plots import bars_of, bin_edges, caption, framed, ticks_at
+from pomona.stages.report.scene import SceneOptions, origin_of, survey_data
+from pomona.stages.report.svg import Axis, Bar, column_chart, standalone
+from pomona.stages.report.tables import plain_table
+from pomona.stages.report.totals import card, notices
 from pomona.survey.files import disk_errors, write_file, write_text_file
 
 PAGE = "comparison.html"

@@ -7,17 +7,17 @@ from datetime import date, datetime
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, counted
-from pomona.cameras import Cameras
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray, counted
+from pomona.basics.geometry import estimate_similarity
 from pomona.change.comparison import Comparison
 from pomona.change.matching import Overlay, lay_over
 from pomona.errors import InputError, MissingFileError
-from pomona.fruit_geometry.near_photos import in_view
-from pomona.fruits import Fruits
-from pomona.geometry import estimate_similarity
-from pomona.planting import on_trees
+from pomona.fruit.geometry.near_photos import in_view
+from pomona.stages.planting import on_trees
 from pomona.survey.reader import SurveyReader
-from pomona.trees import Trunks
+from pomona.values.cameras import Cameras
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trunks
 
 # As many fruits have to be the same for two surveys to be laid over each other.
 _LEAST_COMMON = 8

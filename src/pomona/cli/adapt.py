@@ -12,10 +12,10 @@ from pomona import api
 from pomona.cli.failures import WRONG_INPUT, Stopped, say
 from pomona.cli.progress import TerminalProgress
 from pomona.evaluate.rates import written
-from pomona.self_training.options import AdaptOptions
+from pomona.learning.self_training.options import AdaptOptions
 
 if TYPE_CHECKING:
-    from pomona.train.validate import ValidationScores
+    from pomona.learning.train.validate import ValidationScores
 
 
 def adapt(

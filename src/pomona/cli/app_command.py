@@ -25,9 +25,9 @@ def app(port: Port = 0, no_browser: NoBrowser = False, surveys: _SURVEYS = None,
     The page is served to this computer only. Ctrl-C, or the page's button, ends it; a run in progress is then stopped,
     and can be continued later.
     """
-    from pomona.app.folders import Folders
-    from pomona.app.pages import AppServer
-    from pomona.app.service import Homes
+    from pomona.browser.app.folders import Folders
+    from pomona.browser.app.pages import AppServer
+    from pomona.browser.app.service import Homes
 
     try:
         server = AppServer(Homes.usual(surveys), Folders.usual(photos or ()), port=port)

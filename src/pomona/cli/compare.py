@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.cli import options as shared
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.console import Console
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError
 from pomona.survey import SurveyFolder
@@ -19,8 +19,8 @@ from pomona.survey.manifest import MANIFEST
 
 if TYPE_CHECKING:
     from pomona.evaluate.detections import DetectionScores, DetectionTruth, EvaluateDetectionsOptions, FoundDetections
-    from pomona.photos import Photo
     from pomona.progress import Progress
+    from pomona.values.photos import Photo
 
 
 @dataclass(frozen=True, kw_only=True)

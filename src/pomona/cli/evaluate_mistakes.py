@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.cli.evaluate_detections import PictureRequest, find_photos
 from pomona.cli.progress import TerminalProgress
 from pomona.export.survey import SurveySource

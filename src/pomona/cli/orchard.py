@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.cli import options as shared
 from pomona.cli.failures import Stopped, reporting_errors, say
 from pomona.cli.progress import TerminalProgress

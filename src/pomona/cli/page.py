@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from pomona.server import PageServer
+    from pomona.browser.server import PageServer
 
 Port = Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Port of the page; 0 chooses a free one.")]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page, but do not open it.")]

@@ -88,7 +88,7 @@ def _run_adapted(
     on_stage: Callable[[str], None],
 ) -> Summary:
     """Run, train the segmenter on what was found, and run again with it; says what that changed."""
-    from pomona.self_training.rerun import run_adapted
+    from pomona.learning.self_training.rerun import run_adapted
 
     rerun = run_adapted(photos, out, options, progress, overwrite=overwrite, on_stage=on_stage)
     say("Learnt", "bold", rerun.changed)

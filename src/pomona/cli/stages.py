@@ -99,7 +99,7 @@ def report(
 ) -> None:
     """Write the report of a survey again; missing stages are run first."""
     from pomona.evaluate.fruits import read_truth
-    from pomona.report.pdf import write_pdf
+    from pomona.stages.report.pdf import write_pdf
     from pomona.survey import SurveyFolder
 
     true_fruits = None if truth is None else read_truth(truth)  # a mistake in it is said before any stage is run
@@ -119,9 +119,9 @@ def report(
 
 
 def _write_truth_report(survey: Path, true_fruits: Truth, truth_crs: str | None, path: Path) -> None:
-    from pomona.report import write_report
+    from pomona.browser.view.reading import read_survey
+    from pomona.stages.report import write_report
     from pomona.survey.files import write_file
-    from pomona.view.reading import read_survey
 
     data = read_survey(survey)
     placed = true_fruits.brought_from(truth_crs, data.cameras.frame)

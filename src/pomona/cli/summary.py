@@ -8,9 +8,9 @@ from pathlib import Path
 
 import typer
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.cli.wording import all_with_options, with_options
-from pomona.fruit_traits.kinds import fruit_kind
+from pomona.fruit.traits.kinds import fruit_kind
 from pomona.pipeline import Summary
 from pomona.pipeline.names import STAGE_WORDS
 

@@ -52,7 +52,7 @@ def synth(
     ] = 0.0,
 ) -> None:
     """Render a row of apple trees from both sides, with every fruit and camera known (needs the extra `synth`)."""
-    from pomona.synth import RowOptions, render_row
+    from pomona.learning.synth import RowOptions, render_row
 
     options = RowOptions(
         seed=seed,

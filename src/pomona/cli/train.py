@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.cli.failures import Stopped
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingExtraError
@@ -17,8 +17,8 @@ from pomona.evaluate.rates import written
 from pomona.pipeline.options import parse_names
 
 if TYPE_CHECKING:
-    from pomona.train import TrainOptions
-    from pomona.train.validate import ValidationScores
+    from pomona.learning.train import TrainOptions
+    from pomona.learning.train.validate import ValidationScores
 
 _ARCHS = (
     "center-lite0|center-lite1|center-lite2|maskrcnn-r101|maskrcnn-r50|maskrcnn-r34|maskrcnn-r18|maskrcnn-mobilenet"
@@ -79,8 +79,8 @@ def train(
     If interrupted, the same command continues.
     """
     try:
-        from pomona.train import options_for
-        from pomona.train import train as train_segmenter
+        from pomona.learning.train import options_for
+        from pomona.learning.train import train as train_segmenter
     except ImportError as error:
         raise MissingExtraError(f"{error}: install it with pip install 'pomona[train]'") from None
     fit = {"steps": steps, "batch": batch, "learning_rate": learning_rate, "check_every": check_every}

@@ -20,8 +20,8 @@ from pomona.pipeline import RunOptions, Summary
 from pomona.pipeline.options import parse_scale_bar
 
 if TYPE_CHECKING:
-    from pomona.live import Watch
-    from pomona.live.checks import Hint
+    from pomona.browser.live import Watch
+    from pomona.browser.live.checks import Hint
 
 _FOLDER = Annotated[
     Path, typer.Argument(metavar="PHOTOS", help="Folder in which photos arrive; two folders in it are the two sides.")
@@ -74,7 +74,7 @@ def watch(
     The page in the browser updates itself. Ctrl-C, its button, --until or --idle end the watch; then the survey is made
     as by `pomona run`, with most of the work already done.
     """
-    from pomona.live import Watch, WatchOptions, WatchServer
+    from pomona.browser.live import Watch, WatchOptions, WatchServer
 
     chosen = RunOptions(
         sides=sides,

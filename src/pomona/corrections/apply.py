@@ -8,16 +8,16 @@ from itertools import groupby
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.corrections.corrected import Corrected, CorrectionOutcome, Found, MadeMask
 from pomona.corrections.edited_survey import EditedSurvey, joined_observations
 from pomona.corrections.log import Added, Correction, Deleted, Merged, Moved, Place, Split
 from pomona.corrections.masks import divided, joined, radius_px
-from pomona.detections import Mask, SurveyDetections
 from pomona.errors import InputError
-from pomona.fruit_geometry.sphere_outlines import centers_px
-from pomona.fruits import Fruits, Observations
-from pomona.measure.allometry import weigh
+from pomona.fruit.geometry.sphere_outlines import centers_px
+from pomona.stages.measure.allometry import weigh
+from pomona.values.detections import Mask, SurveyDetections
+from pomona.values.fruits import Fruits, Observations
 
 _NOTHING_THERE = "there is no fruit"
 _FARTHEST_MERGED = 1.5  # usual diameters: what hangs farther apart is two fruits, and one of its width would be none

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray
 from pomona.corrections.log import Mark
 from pomona.errors import InputError
+from pomona.values.cameras import Cameras
 
 # A person clicks the middle of a fruit to so many pixels, or to so large a share of its width.
 _CLICK_PX = 2.0

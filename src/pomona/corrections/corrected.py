@@ -8,13 +8,13 @@ from typing import Literal
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray
 from pomona.corrections.log import Correction, in_words
-from pomona.detections import SurveyDetections
-from pomona.fruit_traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.measure import MeasureOptions
+from pomona.fruit.traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
+from pomona.stages.measure import MeasureOptions
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 LOST = "A correction cannot be applied any more and is kept"
 """How warnings begin of corrections that match nothing, or make no sense."""

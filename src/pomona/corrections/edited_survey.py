@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray
 from pomona.corrections.corrected import Found, How, MadeMask
 from pomona.corrections.log import Mark, Place
 from pomona.corrections.masks import drawn_mask, free_detection
-from pomona.detections import Detections, Mask, SurveyDetections
-from pomona.fruits import FruitCloud, Fruits, Observations, side_of
-from pomona.fuse import Fused
-from pomona.measure import MeasureOptions, measure
+from pomona.stages.fuse import Fused
+from pomona.stages.measure import MeasureOptions, measure
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations, side_of
 
 _SAME_SHAPE = 0.005  # the spread of height to width, as a share, where the shape is taken to be the survey's
 

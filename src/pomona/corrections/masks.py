@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
-from pomona.cameras import Cameras
-from pomona.detections import Detections, Mask
-from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray
+from pomona.fruit.geometry.sphere_outlines import centers_px, sphere_outlines_px
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask
 
 # A free detection is of a fruit whose image it overlaps by so much (IoU): leaves hide parts of many.
 _LEAST_OVERLAP = 0.4

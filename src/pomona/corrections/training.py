@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from pomona.corrections.corrected import Corrected, Found, How, MadeMask
-from pomona.detections import Detections, SurveyDetections
 from pomona.formats.detections.coco import write_coco
-from pomona.fruits import Observations
-from pomona.photos import Photo, Photos
+from pomona.values.detections import Detections, SurveyDetections
+from pomona.values.fruits import Observations
+from pomona.values.photos import Photo, Photos
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

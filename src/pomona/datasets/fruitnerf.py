@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import Cameras, WorldFrame
+from pomona.basics.geometry import Similarity
 from pomona.datasets.fruitnerf_scene import (
     FruitNerfScene,
     find_scenes,
@@ -19,18 +19,18 @@ from pomona.datasets.fruitnerf_scene import (
 from pomona.datasets.methods import OBJECT, Given, found_by_methods
 from pomona.datasets.published import FRUITNERF_COUNTS, FRUITNERF_RENDERED
 from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate.fruits import EvaluateOptions, Truth, evaluate_fruits
 from pomona.formats.cameras.nerfstudio import read_nerfstudio
 from pomona.formats.cameras.onto_photos import onto_photos
 from pomona.formats.tables import read_fruits, write_fruits
-from pomona.geometry import Similarity
-from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
 from pomona.survey import SurveyFolder
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photos
 
 NAME = "FruitNeRF"
 _FRAME = WorldFrame("given", approximate=True, up_is_known=False)

@@ -14,17 +14,17 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from pomona.arrays import IntArray
-from pomona.capture import load_photos
-from pomona.detections import Detections, SurveyDetections
+from pomona.basics.arrays import IntArray
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.fruits import Truth
 from pomona.formats.detections.png_masks import decoded_image, masks_of_ids
 from pomona.formats.files import read_text
 from pomona.formats.json_file import load_json
 from pomona.formats.xyz import first_lines
-from pomona.photos import Photos
 from pomona.progress import Progress, track
+from pomona.stages.capture import load_photos
+from pomona.values.detections import Detections, SurveyDetections
+from pomona.values.photos import Photos
 
 _TRANSFORMS = "nerfstudio's transforms.json with frames"
 _OBJECTS = "a Wavefront file with an object (o) of vertices (v) for each fruit"

@@ -20,14 +20,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pomona.capture.files import natural_key
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.label_sets import part_of
 from pomona.formats.detections.via import is_via
 from pomona.formats.detections.via_csv import is_via_csv
 from pomona.formats.json_file import load_json
 from pomona.formats.xyz import first_lines, head_numbers, looks_like_xyz
-from pomona.photos import PHOTO_SUFFIXES
+from pomona.stages.capture.files import natural_key
+from pomona.values.photos import PHOTO_SUFFIXES
 
 # In the order in which the authors' program goes through them.
 _SIDES = ("west", "east")

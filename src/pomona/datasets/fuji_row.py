@@ -9,19 +9,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras, WorldFrame, concatenate
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.datasets.fuji_files import FujiFiles, SideFiles
 from pomona.datasets.published import FUJI_TABLE_3, FUJI_TREES
-from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.evaluate.fruits import Truth, read_truth
 from pomona.formats.cameras.bundler import cameras_of, parse_bundle
 from pomona.formats.detections.label_sets import part_of
 from pomona.formats.detections.mat_masks import MatMasks, read_mat_masks
 from pomona.formats.xyz import first_lines, read_xyz
-from pomona.fruits import FruitCloud
 from pomona.progress import Progress, track
+from pomona.values.cameras import Cameras, WorldFrame, concatenate
+from pomona.values.detections import Detections, SurveyDetections
+from pomona.values.fruits import FruitCloud
 
 _Value = TypeVar("_Value")
 
@@ -141,7 +141,7 @@ def _read_cameras(side: SideFiles, masks: Sequence[MatMasks]) -> Cameras:
 
 
 def _photo_sizes(photos: Sequence[Path]) -> list[tuple[int, int]]:
-    from pomona.capture.images import size_of
+    from pomona.stages.capture.images import size_of
 
     return [size_of(path) for path in photos]
 

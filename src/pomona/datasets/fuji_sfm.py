@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from pomona.cameras import Cameras
-from pomona.capture import load_photos
 from pomona.datasets.fuji_files import FujiFiles, find_fuji_files
 from pomona.datasets.fuji_row import FujiRow, TrueTrees, photo_names, read_fuji_row, read_true_trees
 from pomona.datasets.methods import OBJECT, Given, found_by_methods
@@ -14,7 +12,6 @@ from pomona.datasets.pictures import read_labels, score_pictures
 from pomona.datasets.published import FUJI_TABLE_2, FUJI_TABLE_3, FUJI_TILES
 from pomona.datasets.row_scores import figure_8, table_3
 from pomona.datasets.values import BenchmarkOptions, BenchmarkResult, ComparedTable, Figure
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError, ReconstructionError
 from pomona.evaluate.detections import DetectionScores
 from pomona.evaluate.fruits import Truth
@@ -22,13 +19,16 @@ from pomona.formats.detections.coco import read_coco
 from pomona.formats.detections.label_sets import LabelSet
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.tables import read_fruits, write_fruits
-from pomona.fruits import Fruits
-from pomona.photos import Photos
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
 from pomona.progress import Progress
-from pomona.scale.registration import register
+from pomona.stages.capture import load_photos
+from pomona.stages.scale.registration import register
 from pomona.survey import SurveyFolder
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import Fruits
+from pomona.values.photos import Photos
 
 NAME = "Fuji-SfM"
 _TABLE_2, _TABLE_3, _FIGURE_8 = "Table 2", "Table 3", "Figure 8"
@@ -125,7 +125,7 @@ def _given(files: FujiFiles, row: FujiRow, out: Path, options: BenchmarkOptions,
             return None
         detections, threshold = _segmented(files, photos, out, options, progress)
     if cloud is None and photos is not None:
-        from pomona.dense import fruit_cloud
+        from pomona.stages.dense import fruit_cloud
 
         dense = RunOptions(method="paper", fruit_diameter_m=options.fruit_diameter_m).dense
         cloud = fruit_cloud(photos, detections.at_least(threshold), row.cameras, options=dense, progress=progress)

@@ -6,25 +6,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pomona import filter as filters
-from pomona.arrays import IntArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import IntArray
 from pomona.datasets.fuji_row import TrueTrees
 from pomona.datasets.row_scores import trees_of
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.evaluate.fruits import EvaluateOptions
-from pomona.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm
-from pomona.filter.training import training_table
-from pomona.fruit_traits.size import FruitSize, size_of_fruits
-from pomona.fruits import FruitCloud, Fruits
-from pomona.fuse import Fused, object, paper
-from pomona.fuse.paper.projection import MIN_DLT_POINTS
-from pomona.measure import measure
-from pomona.photos import Photos
+from pomona.fruit.traits.size import FruitSize, size_of_fruits
 from pomona.pipeline import RunOptions
 from pomona.progress import Progress
-from pomona.second_look import look_again
+from pomona.stages import filter as filters
+from pomona.stages.filter import CODE_FEATURE_NAMES, FEATURE_NAMES, LinearSvm
+from pomona.stages.filter.training import training_table
+from pomona.stages.fuse import Fused, object, paper
+from pomona.stages.fuse.paper.projection import MIN_DLT_POINTS
+from pomona.stages.measure import measure
+from pomona.stages.second_look import look_again
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits
+from pomona.values.photos import Photos
 
 OBJECT = "object"
 _VARIANTS = {"paper": None, "paper, text": "text", "paper, published code": "published-code"}

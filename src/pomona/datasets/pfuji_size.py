@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import read_text
 from pomona.formats.xyz import first_lines, read_numbers
-from pomona.fruits import FruitCloud
-from pomona.fuse.cloud import fruits_of_cloud
 from pomona.progress import Progress, track
+from pomona.stages.fuse.cloud import fruits_of_cloud
+from pomona.values.fruits import FruitCloud
 
 NAME = "PFuji-Size"
 _TABLE = "a table of apples: the cloud's file and the diameter in mm, parted by a comma"

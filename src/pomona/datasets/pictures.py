@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pomona.capture import load_photos
-from pomona.detections import SurveyDetections
 from pomona.errors import FormatError, InputError, few
 from pomona.evaluate.detections import (
     DetectionScores,
@@ -16,14 +14,16 @@ from pomona.evaluate.detections import (
 )
 from pomona.formats.detections.label_sets import LabelSet, read_label_set
 from pomona.formats.detections.labelled import LabelledPhoto
-from pomona.photos import Photo, Photos
 from pomona.progress import Progress
-from pomona.segment import load_segmenter, segment_photos
+from pomona.stages.capture import load_photos
+from pomona.stages.segment import load_segmenter, segment_photos
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photo, Photos
 
 
 def read_labels(one: LabelSet) -> list[LabelledPhoto]:
     """Return the photos of a set of labels; raises `MissingFileError`, and `FormatError` naming file and place."""
-    from pomona.capture.images import size_of
+    from pomona.stages.capture.images import size_of
 
     return read_label_set(one, size_of)
 

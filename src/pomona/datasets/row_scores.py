@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.datasets.fuji_row import TrueTrees
 from pomona.datasets.published import FUJI_FIGURE_8, FUJI_TABLE_3
 from pomona.datasets.values import ComparedTable, Figure
 from pomona.evaluate.fruits import EvaluateOptions, Tally, Truth, evaluate_fruits
-from pomona.fruits import Fruits
+from pomona.values.fruits import Fruits
 
 _MATCHES = {"boxes": "more than half of the found box in the true one", "inside": "the found centre in the true box"}
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pomona.errors import InputError
-from pomona.fruit_traits.size import DEFAULT_DIAMETER_M
+from pomona.fruit.traits.size import DEFAULT_DIAMETER_M
 
 
 @dataclass(frozen=True, kw_only=True)

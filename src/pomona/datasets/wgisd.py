@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pomona.arrays import Array
+from pomona.basics.arrays import Array
 from pomona.datasets.pictures import read_labels, segment_pictures
 from pomona.datasets.published import WGISD
 from pomona.datasets.values import BenchmarkResult, ComparedTable, Figure
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.evaluate.detections import (
     DetectionScores,
@@ -26,6 +25,7 @@ from pomona.formats.detections.label_sets import LabelSet
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.npz import read_npz
 from pomona.progress import Progress
+from pomona.values.detections import Mask
 
 NAME = "WGISD"
 _LISTS = {"masks": "test_masked.txt", "boxes": "test.txt"}

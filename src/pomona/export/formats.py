@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pomona.cameras import Cameras
 from pomona.errors import InputError
 from pomona.export.source import ExportSource, Part
 from pomona.survey.files import disk_errors, write_file
+from pomona.values.cameras import Cameras
 
 Content = Literal["fruits", "cloud", "masks", "cameras", "scene"]
 """What an export is of; "scene": cameras, cloud and fruits, to look at."""

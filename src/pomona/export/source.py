@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from pomona.cameras import Cameras, WorldFrame
-from pomona.crop import RowSegments
-from pomona.fruits import FruitCloud, Fruits
-from pomona.photos import Photos
 from pomona.progress import Progress
-from pomona.trees import Trees
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import FruitCloud, Fruits
+from pomona.values.photos import Photos
+from pomona.values.trees import Trees
 
 if TYPE_CHECKING:
     from pomona.corrections.training import LabelledMasks

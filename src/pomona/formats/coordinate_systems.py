@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import InputError
 
 if TYPE_CHECKING:
     from pyproj import Transformer
 
-    from pomona.cameras import WorldFrame
+    from pomona.values.cameras import WorldFrame
 
 DEGREES = "EPSG:4326"
 """WGS 84; longitude comes first here, as easting does."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.errors import FormatError, MissingFileError
 
 _LEAST_COLUMNS = 6

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from pomona.cameras import WorldFrame
-from pomona.crop import RowSegments
 from pomona.formats.layers import Layer, layers_of
-from pomona.fruits import Fruits
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trees
 
 _LOCAL = "Coordinates are metres in the survey's own frame (x, y, z): it has no place on Earth."
 _ARBITRARY = "Coordinates are in the survey's own frame and have no unit, as nothing gave a scale."

@@ -11,12 +11,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from pomona.cameras import WorldFrame
-from pomona.crop import RowSegments
 from pomona.errors import MissingExtraError
 from pomona.formats.layers import Kind, Layer, layers_of, well_known_binary
-from pomona.fruits import Fruits
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trees
 
 _ROWS_AT_A_TIME = 10_000  # of a row group: few enough for memory, many enough for readers
 

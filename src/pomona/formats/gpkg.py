@@ -17,14 +17,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import WorldFrame
-from pomona.crop import RowSegments
+from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.layers import Layer, layers_of, well_known_binary
 from pomona.formats.qgis_style import graduated_style
-from pomona.fruits import Fruits
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trees
 
 _APPLICATION, _VERSION = 0x47504B47, 10300  # "GPKG", 1.3.0
 _WGS84, _LOCAL = 4326, -1

@@ -12,12 +12,12 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from pomona.cameras import WorldFrame
-from pomona.crop import RowSegments
 from pomona.errors import InputError
 from pomona.formats.layers import Layer, layers_of
-from pomona.fruits import Fruits
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trees
 
 _NAMESPACE = "http://www.opengis.net/kml/2.2"
 # Columns that KML has an element of: GDAL, and with it QGIS, would take ours for that, and 0.9 for the switch's 0.

@@ -21,12 +21,12 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
-from pomona.arrays import FloatArray
-from pomona.cameras import WorldFrame
+from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError, InputError, MissingFileError, is_away
 from pomona.formats.coordinate_systems import zero_altitude_m
 from pomona.formats.files import lost, write_whole
-from pomona.fruits import FruitCloud
+from pomona.values.cameras import WorldFrame
+from pomona.values.fruits import FruitCloud
 
 FRUIT_ID = "fruit_id"
 _ALTITUDE_RECORD = ("pomona", 1)

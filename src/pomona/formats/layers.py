@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import WorldFrame
-from pomona.crop import RowSegments
+from pomona.basics.arrays import FloatArray
 from pomona.formats.coordinate_systems import places_on_earth
 from pomona.formats.tables import FRUIT_COLUMNS, SEGMENT_COLUMNS, TREE_COLUMNS, fruit_rows, rows_of
-from pomona.fruits import Fruits
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits
+from pomona.values.trees import Trees
 
 Kind = Literal["whole", "real", "text"]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import Array
+from pomona.basics.arrays import Array
 from pomona.errors import FormatError, MissingFileError
 
 _MOST_BYTES = 500_000_000

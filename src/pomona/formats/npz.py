@@ -10,7 +10,7 @@ from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
-from pomona.arrays import Array
+from pomona.basics.arrays import Array
 from pomona.errors import FormatError, MissingFileError
 
 _MOST_UNPACKED_BYTES = 1_000_000_000

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.fruits import FruitCloud
+from pomona.values.fruits import FruitCloud
 
 _PROPERTIES = (
     ("x", "<f8", "double"), ("y", "<f8", "double"), ("z", "<f8", "double"),

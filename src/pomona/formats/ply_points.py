@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import Array, ByteArray, FloatArray
+from pomona.basics.arrays import Array, ByteArray, FloatArray
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.files import is_there
 

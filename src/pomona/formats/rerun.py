@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import Cameras
 from pomona.errors import MissingExtraError
-from pomona.fruits import FruitCloud, Fruits
+from pomona.values.cameras import Cameras
+from pomona.values.fruits import FruitCloud, Fruits
 
 _UNMEASURED_M = 0.03  # a fruit without a diameter is shown as a small ball
 _FRUIT_RGB = (214, 40, 40)

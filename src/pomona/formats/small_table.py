@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.files import UTF16_MARKS
 

@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pomona.crop import RowSegments
 from pomona.errors import FormatError, MissingFileError
-from pomona.fruits import Fruits, Observations
-from pomona.trees import Trees
+from pomona.values.crop import RowSegments
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.trees import Trees
 
 FRUIT_COLUMNS = (
     "id", "x_m", "y_m", "z_m", "diameter_m", "diameter_sd_m", "visibility", "weight_g", "views", "score", "tree_id",

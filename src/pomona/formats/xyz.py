@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import Array, FloatArray
+from pomona.basics.arrays import Array, FloatArray
 from pomona.errors import FormatError, MissingFileError
-from pomona.fruits import FruitCloud
+from pomona.values.fruits import FruitCloud
 
 EXPECTED = "a cloud as text, a point a line: x y z r g b (metres, colours 0 to 255), and perhaps a fruit's id"
 _HEAD_LINES = 20  # enough to pass over a header and see a few lines of numbers

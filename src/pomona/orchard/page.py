@@ -19,14 +19,14 @@ from urllib.parse import quote
 import numpy as np
 
 from pomona import __version__
-from pomona.arrays import FloatArray
-from pomona.cameras import METRES_FROM
+from pomona.basics.arrays import FloatArray
 from pomona.formats.gpkg import read_layer
 from pomona.orchard.plan import Orchard
 from pomona.progress import Progress
-from pomona.report.html import NUMBERS_SCRIPT, Html, amount, as_html, script_digest
-from pomona.report.svg import nice_step, number
-from pomona.report.totals import card
+from pomona.stages.report.html import NUMBERS_SCRIPT, Html, amount, as_html, script_digest
+from pomona.stages.report.svg import nice_step, number
+from pomona.stages.report.totals import card
+from pomona.values.cameras import METRES_FROM
 
 _PAGE = files("pomona.orchard") / "page.html"
 _BODY = "<!-- body -->"

@@ -13,14 +13,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+from pomona.basics.option_values import expect_kind, expect_kinds, without_none
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.files import from_home, resolved
-from pomona.fruit_traits.packing import check_unit, packing_classes
-from pomona.option_values import expect_kind, expect_kinds, without_none
+from pomona.fruit.traits.packing import check_unit, packing_classes
 from pomona.orchard.places import is_url
 from pomona.pipeline.names import STAGES
 from pomona.pipeline.options import COMMAND_NAMES, RunOptions, option_kinds
-from pomona.segment.load import located
+from pomona.stages.segment.load import located
 from pomona.survey.digest import digest
 
 # A row's name is part of a folder's name, on every system.

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import WorldFrame
-from pomona.crop import Crop, RowSegments
+from pomona.basics.arrays import FloatArray
 from pomona.formats.layers import Kind, Layer, fruit_layer, kinds_of, on_ground, tree_layer
 from pomona.formats.tables import FRUIT_COLUMNS, TREE_COLUMNS, read_fruits, read_segments, read_trees
-from pomona.fruits import TotalWeight
 from pomona.orchard.jobs import JobOutcome
 from pomona.orchard.plan import PlannedSurvey
 from pomona.survey import SurveyFolder
 from pomona.survey.facts import frame_from
-from pomona.trees import Trees
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import Crop, RowSegments
+from pomona.values.fruits import TotalWeight
+from pomona.values.trees import Trees
 
 _WHICH: dict[str, Kind] = {"row": "text", "date": "text"}
 ROW_COLUMNS: Mapping[str, Kind] = {

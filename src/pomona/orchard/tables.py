@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import PomonaError
 from pomona.formats.geoparquet import GeoParquet
 from pomona.formats.gpkg import GeoPackage

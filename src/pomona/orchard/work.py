@@ -107,7 +107,7 @@ def _made_from(job: SurveyJob) -> str:
 def _files_named_otherwise(options: Mapping[str, Any]) -> tuple[Path, ...]:
     """Return files here that options mean and do not name: of a model with classes, and beside a file of cameras."""
     from pomona.formats.cameras.read import find_cameras
-    from pomona.segment.load import files_of
+    from pomona.stages.segment.load import files_of
 
     model, cameras = options.get("model"), options.get("cameras")
     files = files_of(model) if isinstance(model, str) and not is_url(model) else ()

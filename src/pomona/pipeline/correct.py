@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pomona.corrections import Corrected, Corrections, Found, apply
-from pomona.fruits import FruitCloud
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.select import SELECT
 from pomona.pipeline.stage import CORRECTIONS, SIDES, Fact, Stage
+from pomona.values.fruits import FruitCloud
 
 if TYPE_CHECKING:
-    from pomona.fuse.fused import Fused
-    from pomona.measure.options import MeasureOptions
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.fuse.fused import Fused
+    from pomona.stages.measure.options import MeasureOptions
+    from pomona.stages.scale.report import Placed
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from pomona.fruits import FruitCloud
-from pomona.fuse.fused import Fused
-from pomona.photos import Photos
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
+from pomona.stages.fuse.fused import Fused
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
+from pomona.values.fruits import FruitCloud
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
-    from pomona.dense.options import DenseOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.dense.options import DenseOptions
+    from pomona.stages.scale.report import Placed
 
 
 def _fruit_cloud(
     photos: Photos, selected: Selected, placed: Placed, *, options: DenseOptions, progress: Progress
 ) -> FruitCloud:
-    from pomona.dense import fruit_cloud
+    from pomona.stages.dense import fruit_cloud
 
     if selected.counted.total == 0 or len(placed.cameras) == 0:
         return FruitCloud.empty()
@@ -34,7 +34,7 @@ def _fruit_cloud(
 def _sphere_cloud(
     photos: Photos, segmented: Segmented, placed: Placed, measured: Fused, *, progress: Progress
 ) -> Fused:
-    from pomona.dense import sphere_cloud
+    from pomona.stages.dense import sphere_cloud
 
     cloud = sphere_cloud(
         measured.fruits, measured.observations, segmented.detections, placed.cameras, photos, progress=progress

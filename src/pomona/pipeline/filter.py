@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pomona.photos import Photos
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import PHOTOS, Stage
 from pomona.progress import Progress
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
-    from pomona.filter.options import FilterOptions
-    from pomona.fuse.fused import Fused
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.filter.options import FilterOptions
+    from pomona.stages.fuse.fused import Fused
+    from pomona.stages.scale.report import Placed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class FilterChoice:
 
 
 def _choice(options: StageOptions) -> FilterChoice:
-    from pomona.filter.svm import shipped
+    from pomona.stages.filter.svm import shipped
 
     run, on_points = options.run, options.run.method == "paper"
     model = run.filter_model or (shipped(run.method, run.variant) if on_points else None)
@@ -49,7 +49,7 @@ def _filter(
 ) -> Fused:
     if not options.decides or len(fused.fruits) == 0:
         return fused
-    from pomona import filter as filters
+    from pomona.stages import filter as filters
 
     progress.start("filtering false positives")
     svm = None if options.model is None else filters.load(options.model)

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse.fused import Fused
 from pomona.pipeline.dense import FRUIT_CLOUD
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import Stage
 from pomona.progress import Progress
+from pomona.stages.fuse.fused import Fused
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 if TYPE_CHECKING:
-    from pomona.fuse.object.options import ObjectOptions
-    from pomona.fuse.paper.options import PaperOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.fuse.object.options import ObjectOptions
+    from pomona.stages.fuse.paper.options import PaperOptions
+    from pomona.stages.scale.report import Placed
 
 _NONE = Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
 
 
 def _associate(selected: Selected, placed: Placed, *, options: ObjectOptions, progress: Progress) -> Fused:
-    from pomona.fuse import object
+    from pomona.stages.fuse import object
 
     if selected.trusted.total == 0 or len(placed.cameras) == 0:
         return _NONE
@@ -32,7 +32,7 @@ def _associate(selected: Selected, placed: Placed, *, options: ObjectOptions, pr
 def _by_the_paper(
     selected: Selected, placed: Placed, cloud: FruitCloud, *, options: PaperOptions, progress: Progress
 ) -> Fused:
-    from pomona.fuse import paper
+    from pomona.stages.fuse import paper
 
     if selected.trusted.total == 0 or len(placed.cameras) == 0:
         return _NONE

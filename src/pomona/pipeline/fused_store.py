@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pomona.fuse.fused import Fused
 from pomona.pipeline.stage import Store, SurveyContext
+from pomona.stages.fuse.fused import Fused
 from pomona.survey.fused import fused_path, read_fused, write_fused
 
 

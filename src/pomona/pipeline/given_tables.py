@@ -76,7 +76,7 @@ def checked_options(options: RunOptions, out: Path, *, overwrite: bool, places_p
 
 def _check_outlast(options: RunOptions, out: Path) -> None:
     """Raise `InputError` for a file of the survey itself that is given to the run which begins it anew."""
-    from pomona.segment.load import files_of
+    from pomona.stages.segment.load import files_of
 
     survey = SurveyFolder(resolved(out), {})
     if not survey.manifest_path.is_file():

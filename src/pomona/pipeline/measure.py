@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pomona.fuse.fused import Fused
-from pomona.photos import Photos
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.stage import PHOTOS, Stage
 from pomona.progress import Progress
+from pomona.stages.fuse.fused import Fused
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
-    from pomona.measure.options import MeasureOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.measure.options import MeasureOptions
+    from pomona.stages.scale.report import Placed
 
 
 def _measure(
@@ -22,7 +22,7 @@ def _measure(
 ) -> Fused:
     if len(fused.fruits) == 0:
         return fused
-    from pomona.measure import measure, without_doubles
+    from pomona.stages.measure import measure, without_doubles
 
     fruits = measure(fused, segmented.detections, placed.cameras, photos, options=options, progress=progress)
     measured = Fused(fruits, fused.observations, fused.cloud)

@@ -9,30 +9,30 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
+from pomona.basics.option_values import expect_kind
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.files import is_there, resolved
-from pomona.fruit_traits.kinds import FRUIT_KINDS, FruitKind, fruit_kind
-from pomona.fruit_traits.packing import check_unit, packing_classes
-from pomona.option_values import expect_kind
+from pomona.fruit.traits.kinds import FRUIT_KINDS, FruitKind, fruit_kind
+from pomona.fruit.traits.packing import check_unit, packing_classes
 from pomona.survey.digest import plain
 
 if TYPE_CHECKING:
-    from pomona.capture import KeyFrameOptions
-    from pomona.dense.options import DenseOptions
-    from pomona.filter.options import FilterOptions
-    from pomona.fuse.object.options import ObjectOptions
-    from pomona.fuse.paper.options import PaperOptions
-    from pomona.measure.allometry import Allometry
-    from pomona.measure.options import MeasureOptions
     from pomona.pipeline.select import SelectOptions
-    from pomona.planting.options import PlantingOptions
-    from pomona.report.options import ReportOptions
-    from pomona.scale.options import ScaleOptions
-    from pomona.scene.options import DenseSceneOptions
-    from pomona.second_look.options import SecondLookOptions
-    from pomona.segment.photo_detections import SegmentOptions
-    from pomona.sfm.options import SfmOptions
-    from pomona.yields.options import YieldOptions
+    from pomona.stages.capture import KeyFrameOptions
+    from pomona.stages.dense.options import DenseOptions
+    from pomona.stages.filter.options import FilterOptions
+    from pomona.stages.fuse.object.options import ObjectOptions
+    from pomona.stages.fuse.paper.options import PaperOptions
+    from pomona.stages.measure.allometry import Allometry
+    from pomona.stages.measure.options import MeasureOptions
+    from pomona.stages.planting.options import PlantingOptions
+    from pomona.stages.report.options import ReportOptions
+    from pomona.stages.scale.options import ScaleOptions
+    from pomona.stages.scene.options import DenseSceneOptions
+    from pomona.stages.second_look.options import SecondLookOptions
+    from pomona.stages.segment.photo_detections import SegmentOptions
+    from pomona.stages.sfm.options import SfmOptions
+    from pomona.stages.yields.options import YieldOptions
 
 T = TypeVar("T")
 
@@ -155,7 +155,7 @@ class RunOptions:
             if (path := getattr(self, name)) is not None:
                 object.__setattr__(self, name, resolved(path))
         if self.model is not None:
-            from pomona.segment.load import located
+            from pomona.stages.segment.load import located
 
             object.__setattr__(self, "model", located(self.model, Path.cwd()))
         # Wrong values are said before any work is done; the table of weights is not read for that.
@@ -190,7 +190,7 @@ class RunOptions:
         """What finds the fruits: the model named, or the shipped weights that know the kind; None: the usual ones."""
         if self.model is not None or self.kind.weights == FruitKind.weights:
             return self.model
-        from pomona.segment.load import shipped_weights
+        from pomona.stages.segment.load import shipped_weights
 
         return str(shipped_weights(self.kind.weights))
 
@@ -202,8 +202,8 @@ class RunOptions:
     @property
     def allometry(self) -> Allometry:
         """The weights of fruits by their diameters: of the pairs given, else of the kind."""
-        from pomona.measure.allometry import allometry_of_kind
-        from pomona.measure.weight_table import read_allometry
+        from pomona.stages.measure.allometry import allometry_of_kind
+        from pomona.stages.measure.weight_table import read_allometry
 
         return allometry_of_kind(self.kind) if self.weights is None else read_allometry(self.weights)
 
@@ -289,11 +289,11 @@ class RunOptions:
         if self.model is not None and self.model.endswith((".onnx", ".pt", ".pth")) and not Path(self.model).is_file():
             raise MissingFileError(f"`model` {self.model}: no such file")
         if self.model is not None and self.detections is None:
-            from pomona.segment.load import check_name
+            from pomona.stages.segment.load import check_name
 
             check_name(self.model)
         if self.marker_dictionary != RunOptions.marker_dictionary:
-            from pomona.scale.aruco import dictionary_names
+            from pomona.stages.scale.aruco import dictionary_names
 
             if self.marker_dictionary not in dictionary_names():
                 known = ", ".join(name for name in dictionary_names() if name.startswith("DICT_4X4"))
@@ -308,30 +308,30 @@ class RunOptions:
 
     def _read_tables(self) -> None:
         if self.markers is not None:
-            from pomona.scale.control_points import surveyed_markers
+            from pomona.stages.scale.control_points import surveyed_markers
 
             surveyed_markers(self.markers, self.markers_crs)
         if self.positions is not None:
-            from pomona.capture.positions import read_positions
+            from pomona.stages.capture.positions import read_positions
 
             read_positions(self.positions)
         if self.gcp is not None:
-            from pomona.scale.control_points import read_control_points
+            from pomona.stages.scale.control_points import read_control_points
 
             read_control_points(self.gcp)
         if self.weights is not None:
             _ = self.allometry
         if self.trees is not None:
-            from pomona.planting import read_trunks
+            from pomona.stages.planting import read_trunks
 
             read_trunks(self.trees, in_metres=self.markers_crs is None and self.gcp is None)
         if self.hand_counts is not None:
-            from pomona.yields import read_hand_counts
+            from pomona.stages.yields import read_hand_counts
 
             read_hand_counts(self.hand_counts)
 
     def _check_filter_model(self, path: Path) -> None:
-        from pomona.filter import (
+        from pomona.stages.filter import (
             CODE_FEATURE_NAMES,
             FEATURE_NAMES,
             LOOKED_FEATURE_NAMES,
@@ -391,20 +391,20 @@ class StageOptions:
 
 def _usual_of_stages() -> dict[str, Any]:
     """The options of stages of which nothing was said, by the fields; imported here, as they bring the engines."""
-    from pomona.dense.options import DenseOptions
-    from pomona.filter.options import FilterOptions
-    from pomona.fuse.object.options import ObjectOptions
-    from pomona.fuse.paper.options import PaperOptions
-    from pomona.measure.options import MeasureOptions
     from pomona.pipeline.select import SelectOptions
-    from pomona.planting.options import PlantingOptions
-    from pomona.report.options import ReportOptions
-    from pomona.scale.options import ScaleOptions
-    from pomona.scene.options import DenseSceneOptions
-    from pomona.second_look.options import SecondLookOptions
-    from pomona.segment.photo_detections import SegmentOptions
-    from pomona.sfm.options import SfmOptions
-    from pomona.yields.options import YieldOptions
+    from pomona.stages.dense.options import DenseOptions
+    from pomona.stages.filter.options import FilterOptions
+    from pomona.stages.fuse.object.options import ObjectOptions
+    from pomona.stages.fuse.paper.options import PaperOptions
+    from pomona.stages.measure.options import MeasureOptions
+    from pomona.stages.planting.options import PlantingOptions
+    from pomona.stages.report.options import ReportOptions
+    from pomona.stages.scale.options import ScaleOptions
+    from pomona.stages.scene.options import DenseSceneOptions
+    from pomona.stages.second_look.options import SecondLookOptions
+    from pomona.stages.segment.photo_detections import SegmentOptions
+    from pomona.stages.sfm.options import SfmOptions
+    from pomona.stages.yields.options import YieldOptions
 
     return {
         "segment": SegmentOptions(),
@@ -437,7 +437,7 @@ def _from_plain(cls: type[T], values: Mapping[str, Any]) -> T:
 
 def option_classes() -> dict[str, Any]:
     """Return the classes of the options of single stages by name, which annotations of `RunOptions` speak of."""
-    from pomona.capture import KeyFrameOptions
+    from pomona.stages.capture import KeyFrameOptions
 
     return {cls.__name__: cls for cls in (KeyFrameOptions, *map(type, _usual_of_stages().values()))}
 

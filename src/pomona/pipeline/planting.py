@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pomona.fuse.fused import Fused
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
-from pomona.trees import Trunks
+from pomona.stages.fuse.fused import Fused
+from pomona.values.trees import Trunks
 
 if TYPE_CHECKING:
-    from pomona.planting.options import PlantingOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.planting.options import PlantingOptions
+    from pomona.stages.scale.report import Placed
 
 
 def _find(measured: Fused, placed: Placed, *, options: PlantingOptions, progress: Progress) -> Trunks:
-    from pomona.planting import find_trunks
+    from pomona.stages.planting import find_trunks
 
     if not placed.cameras.frame.metric:
         if options.trees is not None or options.spacing_m is not None:
@@ -56,7 +56,7 @@ def planting_stage(measured: Stage[Fused]) -> Stage[Trunks]:
 
 
 def _on_trees(measured: Fused, trunks: Trunks, *, options: PlantingOptions) -> Fused:
-    from pomona.planting import on_trees
+    from pomona.stages.planting import on_trees
 
     return Fused(on_trees(measured.fruits, trunks, options), measured.observations, measured.cloud)
 

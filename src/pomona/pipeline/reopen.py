@@ -8,8 +8,6 @@ from pathlib import Path
 
 from pomona.corrections import Corrected, Corrections, Found, read_corrections
 from pomona.errors import SurveyError
-from pomona.fruits import FruitCloud
-from pomona.photos import Photo, Photos
 from pomona.pipeline.given_tables import with_kept_tables
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import Runner
@@ -19,7 +17,9 @@ from pomona.pipeline.stage import SurveyContext
 from pomona.pipeline.stages import Stages, stages_of
 from pomona.progress import Progress, Silent
 from pomona.survey import SurveyFolder
-from pomona.trees import Trunks
+from pomona.values.fruits import FruitCloud
+from pomona.values.photos import Photo, Photos
+from pomona.values.trees import Trunks
 
 
 class LastFound:

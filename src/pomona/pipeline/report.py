@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from pomona import __version__
-from pomona.fruit_traits.kinds import many_of, packing_of
-from pomona.photos import Photos, Skipped
+from pomona.fruit.traits.kinds import many_of, packing_of
 from pomona.pipeline.results import Results
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
@@ -16,12 +15,13 @@ from pomona.pipeline.stage import PHOTOS, RUN_LOG, SKIPPED, Fact, Input, RunLog,
 from pomona.pipeline.times import stage_times
 from pomona.progress import Progress
 from pomona.survey.files import write_file
+from pomona.values.photos import Photos, Skipped
 
 if TYPE_CHECKING:
     from pomona.corrections import Corrected
     from pomona.pipeline.options import StageOptions
-    from pomona.report import ReportData, ReportOptions
-    from pomona.scale.report import Placed
+    from pomona.stages.report import ReportData, ReportOptions
+    from pomona.stages.scale.report import Placed
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def _gathered(
     *,
     options: _Shown,
 ) -> ReportData:
-    from pomona.report import ReportData, engines_of, settings_in_words
+    from pomona.stages.report import ReportData, engines_of, settings_in_words
 
     records = run_log.records
     words = run_log.words
@@ -90,7 +90,7 @@ def _gathered(
 
 
 def _looked_at(gathered: ReportData, photos: Photos, progress: Progress) -> ReportData:
-    from pomona.capture.quality import look_at, problems_of
+    from pomona.stages.capture.quality import look_at, problems_of
 
     return replace(gathered, problems=problems_of(look_at(photos, overlaps=False, progress=progress)))
 
@@ -118,7 +118,7 @@ def _as_corrected(
 
 
 def _save(report: Report, context: SurveyContext) -> Mapping[str, Any]:
-    from pomona.report import write_contact_sheet, write_report
+    from pomona.stages.report import write_contact_sheet, write_report
 
     survey, data, options = context.survey, report.data, report.options
     write_file(

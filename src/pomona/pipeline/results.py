@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pomona.arrays import IntArray
-from pomona.cameras import WorldFrame
-from pomona.crop import Crop, RowSegments
-from pomona.fruit_geometry.cloud_points import fruit_of_points
-from pomona.fruits import FruitCloud, Fruits, Observations, TotalWeight
+from pomona.basics.arrays import IntArray
+from pomona.fruit.geometry.cloud_points import fruit_of_points
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.scene import SCENE
 from pomona.pipeline.stage import Input, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.files import write_file
-from pomona.trees import Trees, Trunks
+from pomona.values.cameras import WorldFrame
+from pomona.values.crop import Crop, RowSegments
+from pomona.values.fruits import FruitCloud, Fruits, Observations, TotalWeight
+from pomona.values.trees import Trees, Trunks
 
 if TYPE_CHECKING:
-    from pomona.cameras import Cameras
     from pomona.corrections import Corrected
-    from pomona.fuse.fused import Fused
-    from pomona.measure.allometry import Allometry
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.report import Placed
-    from pomona.yields import Estimate, YieldOptions
+    from pomona.stages.fuse.fused import Fused
+    from pomona.stages.measure.allometry import Allometry
+    from pomona.stages.scale.report import Placed
+    from pomona.stages.yields import Estimate, YieldOptions
+    from pomona.values.cameras import Cameras
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ def _as_corrected(
 
 
 def _weight(fruits: Fruits, allometry: Allometry) -> TotalWeight | None:
-    from pomona.measure.allometry import total_weight
+    from pomona.stages.measure.allometry import total_weight
 
     return total_weight(fruits, allometry)
 
@@ -129,8 +129,8 @@ def _estimate(
     options: ResultsOptions,
     progress: Progress,
 ) -> Estimate:
-    from pomona.planting.summary import trees_of
-    from pomona.yields import estimate_crop
+    from pomona.stages.planting.summary import trees_of
+    from pomona.stages.yields import estimate_crop
 
     trees = trees_of(fruits, trunks, options.allometry)
     return estimate_crop(

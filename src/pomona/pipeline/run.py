@@ -10,7 +10,6 @@ from typing import Any
 
 from pomona.errors import FormatError, InputError, MissingFileError, PomonaError, SurveyError, few
 from pomona.formats.files import is_there, resolved
-from pomona.photos import Photos
 from pomona.pipeline.given_tables import (
     checked_options,
     drop_set_aside_tables,
@@ -27,6 +26,7 @@ from pomona.survey import SurveyFolder
 from pomona.survey.events import EventLog
 from pomona.survey.files import disk_errors
 from pomona.survey.photos import RUN_AGAIN
+from pomona.values.photos import Photos
 
 # Stages that look at photos one by one, wherever these were taken.
 _OF_PHOTOS = ("segment", "select")

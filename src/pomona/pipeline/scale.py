@@ -6,22 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
-from pomona.photos import Photos
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.sfm import SFM
 from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
-from pomona.scale.report import Placed, ScaleReport
-from pomona.sfm.pieces import Reconstruction
+from pomona.stages.scale.report import Placed, ScaleReport
+from pomona.stages.sfm.pieces import Reconstruction
 from pomona.survey.digest import plain
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
-    from pomona.fuse.object.options import ObjectOptions
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.options import ScaleOptions
-    from pomona.scale.side_alignment import FindFruits
+    from pomona.stages.fuse.object.options import ObjectOptions
+    from pomona.stages.scale.options import ScaleOptions
+    from pomona.stages.scale.side_alignment import FindFruits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ def _choice(options: StageOptions) -> ScaleChoice:
 def _place(
     reconstruction: Reconstruction, selected: Selected, photos: Photos, *, options: ScaleChoice, progress: Progress
 ) -> Placed:
-    from pomona.scale import place_in_world
+    from pomona.stages.scale import place_in_world
 
     if options.cameras_given and not (options.scale.markers or options.scale.gcp or options.scale.scale_bar):
         placed = _as_given(reconstruction, selected.counted, photos, options.scale.fruit_diameter_m, progress)
@@ -67,8 +67,8 @@ def _find_fruits(detections: SurveyDetections, association: ObjectOptions | None
     """Return what finds the fruits that cameras see: once is enough for those that many photos see clearly."""
     if association is None:
         return None
-    from pomona.fruit_geometry.discs import FruitDiscs, fruit_discs
-    from pomona.fuse import object
+    from pomona.fruit.geometry.discs import FruitDiscs, fruit_discs
+    from pomona.stages.fuse import object
 
     once = replace(association, rounds=1, repeats=1)
 
@@ -87,7 +87,7 @@ def _as_given(
     progress: Progress,
 ) -> Placed | None:
     """The cameras where they are, if their file says that they are in metres or their fruits do; else None."""
-    from pomona.scale.fruit_size import frame_by_fruits
+    from pomona.stages.scale.fruit_size import frame_by_fruits
 
     (piece,) = reconstruction.pieces
     cameras = piece.cameras

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from pomona.fruits import FruitCloud
-from pomona.photos import Photos
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.files import write_file
+from pomona.values.fruits import FruitCloud
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.report import Placed
-    from pomona.scene.options import DenseSceneOptions
+    from pomona.stages.scale.report import Placed
+    from pomona.stages.scene.options import DenseSceneOptions
 
 
 def _choice(options: StageOptions) -> DenseSceneOptions | None:
@@ -28,7 +28,7 @@ def _scene(
 ) -> FruitCloud:
     if options is None or len(placed.cameras) == 0:
         return FruitCloud.empty()
-    from pomona.scene import dense_scene
+    from pomona.stages.scene import dense_scene
 
     return dense_scene(photos, selected.counted, placed.cameras, options=options, progress=progress)
 

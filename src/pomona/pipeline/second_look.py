@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pomona.fuse.fused import Fused
-from pomona.photos import Photos
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.select import SELECT, Selected
 from pomona.pipeline.stage import PHOTOS, Stage
 from pomona.progress import Progress
+from pomona.stages.fuse.fused import Fused
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
-    from pomona.fuse.object.options import ObjectOptions
     from pomona.pipeline.options import StageOptions
-    from pomona.scale.report import Placed
-    from pomona.second_look.options import SecondLookOptions
+    from pomona.stages.fuse.object.options import ObjectOptions
+    from pomona.stages.scale.report import Placed
+    from pomona.stages.second_look.options import SecondLookOptions
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def _look(
 ) -> Fused:
     if options is None or len(fused.fruits) == 0:
         return fused
-    from pomona import second_look
+    from pomona.stages import second_look
 
     return second_look.look_again(
         fused, selected.trusted, photos, placed.cameras,

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pomona.detections import Detections, SurveyDetections
 from pomona.errors import PomonaError
-from pomona.photos import Photo, Photos
 from pomona.pipeline.stage import DIGESTS, PHOTOS, Stage, Store, SurveyContext
 from pomona.progress import Progress
 from pomona.survey.digest import digest, file_digest
 from pomona.survey.files import write_file
 from pomona.survey.sealed import is_sealed, seal
+from pomona.values.detections import Detections, SurveyDetections
+from pomona.values.photos import Photo, Photos
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
-    from pomona.segment.photo_detections import SegmentOptions
-    from pomona.segment.reading_scale import ReadingScales
+    from pomona.stages.segment.photo_detections import SegmentOptions
+    from pomona.stages.segment.reading_scale import ReadingScales
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class SegmentChoice:
 
 def _choice(options: StageOptions) -> SegmentChoice:
     from pomona.pipeline.code import version_of
-    from pomona.segment.load import engines_of, files_of
+    from pomona.stages.segment.load import engines_of, files_of
 
     run = options.run
     return SegmentChoice(
@@ -110,7 +110,7 @@ def _lowest_score(options: StageOptions) -> float | None:
     asked = options.run.score_threshold
     if asked is None:
         return None
-    from pomona.segment import load_segmenter
+    from pomona.stages.segment import load_segmenter
 
     usual = options.segment.kept_share * load_segmenter(options.run.segmenter).traits.score_threshold
     return asked if asked < usual else None
@@ -139,7 +139,7 @@ def _by_model(
 ) -> Segmented:
     """Segment photo after photo; each is kept in its file at once, so that a stopped run goes on with the next."""
     from pomona.formats.detections.coco import write_coco
-    from pomona.segment import iter_detections, load_segmenter, scales_of
+    from pomona.stages.segment import iter_detections, load_segmenter, scales_of
 
     folder.mkdir(parents=True, exist_ok=True)
     segmenter = load_segmenter(options.model.name, score_floor=options.lowest_score)
@@ -231,7 +231,7 @@ class PhotoByPhoto:
     """
 
     def __init__(self, options: StageOptions, own_key: str, work_dir: Path) -> None:
-        from pomona.segment import load_segmenter
+        from pomona.stages.segment import load_segmenter
 
         choice = _choice(options)
         self._folder = work_dir / own_key
@@ -253,7 +253,7 @@ class PhotoByPhoto:
         A photo that cannot be read is warned of, and has no detections.
         """
         from pomona.formats.detections.coco import write_coco
-        from pomona.segment import iter_detections
+        from pomona.stages.segment import iter_detections
 
         one, scales = Photos((photo,)), self._scales_for(photo, photos, progress)
         path = _file_of(self._folder, photo, content, scales.by_name[photo.name])
@@ -266,7 +266,7 @@ class PhotoByPhoto:
                 _keep(write_coco, path, photo, found)
 
     def _scales_for(self, photo: Photo, photos: Photos, progress: Progress) -> ReadingScales:
-        from pomona.segment import ReadingScales, scales_of
+        from pomona.stages.segment import ReadingScales, scales_of
 
         group = photo.side, photo.lens_key
         if group in self._scales:

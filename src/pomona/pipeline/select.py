@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pomona.arrays import counted
-from pomona.detections import SurveyDetections
+from pomona.basics.arrays import counted
+from pomona.basics.option_values import expect_kinds
 from pomona.errors import InputError
-from pomona.option_values import expect_kinds
 from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
+from pomona.values.detections import SurveyDetections
 
 _OF_A_MODEL = "try another `model`, a lower `score_threshold`, or give `detections`"
 _OF_GIVEN = "see whether `detections` names the right file, and `classes` and `score_threshold` leave any of it"

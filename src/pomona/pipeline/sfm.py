@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pomona.cameras import Cameras
 from pomona.errors import ReconstructionError
-from pomona.photos import Photos
 from pomona.pipeline.select import SELECT
 from pomona.pipeline.stage import PHOTOS, Fact, Stage, Store, SurveyContext
 from pomona.progress import Progress
-from pomona.sfm.pieces import Piece, Reconstruction, Unregistered
+from pomona.stages.sfm.pieces import Piece, Reconstruction, Unregistered
 from pomona.survey.digest import file_digest, plain
+from pomona.values.cameras import Cameras
+from pomona.values.photos import Photos
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
-    from pomona.sfm.options import SfmOptions
+    from pomona.stages.sfm.options import SfmOptions
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def _cameras(
 ) -> Reconstruction:
     if options.given is not None:
         return _given(options.given.path, photos, progress)
-    from pomona.sfm import reconstruct
+    from pomona.stages.sfm import reconstruct
 
     try:
         reconstruction = reconstruct(
@@ -105,7 +105,7 @@ def _mean_error(cameras: Cameras) -> float:
 
 
 def _save(reconstruction: Reconstruction, context: SurveyContext) -> Mapping[str, Any]:
-    from pomona.sfm.store import write_reconstruction
+    from pomona.stages.sfm.store import write_reconstruction
 
     write_reconstruction(context.survey.work("pieces"), reconstruction, context.photos)
     pieces = [
@@ -116,7 +116,7 @@ def _save(reconstruction: Reconstruction, context: SurveyContext) -> Mapping[str
 
 
 def _load(info: Mapping[str, Any], context: SurveyContext) -> Reconstruction:
-    from pomona.sfm.store import read_reconstruction
+    from pomona.stages.sfm.store import read_reconstruction
 
     return read_reconstruction(context.survey.work("pieces"), context.photos)
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from pomona.corrections import Corrections
 from pomona.errors import InputError, few
-from pomona.photos import Photo, Photos
 from pomona.pipeline.options import RunOptions
 from pomona.pipeline.runner import SourceValue
 from pomona.pipeline.stage import CORRECTIONS, DIGESTS, PHOTOS, SIDES, SKIPPED, Source
@@ -18,6 +17,7 @@ from pomona.survey import SurveyFolder
 from pomona.survey.digest import digest, file_digest, is_digest, plain
 from pomona.survey.files import write_text_file
 from pomona.survey.manifest import MANIFEST
+from pomona.values.photos import Photo, Photos
 
 # What is known of a photo's file, and says nothing of the photo.
 _OF_FILE = ("path", "file_state")
@@ -37,7 +37,7 @@ def load_photos(
     Where these are not all (`are_all`), as others still arrive, options may speak of photos that are not there.
     Raises as `capture.load_photos` does, and `FormatError` or `InputError` for points clicked where no photo is.
     """
-    from pomona import capture
+    from pomona.stages import capture
 
     for path in paths:
         if path.is_dir() and path.resolve() == survey.folder:
@@ -55,11 +55,11 @@ def load_photos(
         progress=progress,
     )
     if options.positions is not None:
-        from pomona.capture.positions import with_positions
+        from pomona.stages.capture.positions import with_positions
 
         photos = with_positions(photos, options.positions, progress, are_all=are_all)
     if options.gcp is not None and are_all:
-        from pomona.scale.control_points import read_control_points
+        from pomona.stages.scale.control_points import read_control_points
 
         read_control_points(options.gcp, photos)  # a mistake in it is said before hours of work
     return photos, _digests(survey, photos, progress)
@@ -108,7 +108,7 @@ def _digests(survey: SurveyFolder, photos: Photos, progress: Progress) -> dict[s
 
 def _digest_of(photo: Photo) -> str:
     """The digest of a photo's file, which is still the one that its header was read from."""
-    from pomona.capture.images import check_unchanged
+    from pomona.stages.capture.images import check_unchanged
 
     try:
         content = file_digest(photo.path)

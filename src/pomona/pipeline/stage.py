@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from pomona.progress import Progress, Silent
 
 if TYPE_CHECKING:
-    from pomona.photos import Photos
     from pomona.pipeline.options import StageOptions
     from pomona.survey import StageRecord, SurveyFolder
+    from pomona.values.photos import Photos
 
 T = TypeVar("T")
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from pomona.corrections import Corrected
-from pomona.fuse.fused import Fused
 from pomona.pipeline.correct import FoundWithCloud, correct_stage, found_stage
 from pomona.pipeline.dense import FRUIT_CLOUD, sphere_cloud_stage
 from pomona.pipeline.filter import filter_stage
@@ -23,7 +22,8 @@ from pomona.pipeline.segment import SEGMENT
 from pomona.pipeline.select import SELECT
 from pomona.pipeline.sfm import SFM
 from pomona.pipeline.stage import Stage
-from pomona.trees import Trunks
+from pomona.stages.fuse.fused import Fused
+from pomona.values.trees import Trunks
 
 
 @dataclass(frozen=True)

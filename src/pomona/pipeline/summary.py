@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pomona.arrays import counted
-from pomona.cameras import METRES_FROM, WorldFrame
-from pomona.crop import Crop
-from pomona.fruits import TotalWeight
-from pomona.photos import side_in_words
+from pomona.basics.arrays import counted
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.digest import plain
 from pomona.survey.facts import scale_report_from
+from pomona.values.cameras import METRES_FROM, WorldFrame
+from pomona.values.crop import Crop
+from pomona.values.fruits import TotalWeight
+from pomona.values.photos import side_in_words
 
 
 @dataclass(frozen=True)

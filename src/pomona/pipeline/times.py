@@ -9,7 +9,7 @@ from pomona.pipeline.names import STAGE_WORDS, stages_by
 from pomona.survey import StageRecord
 
 if TYPE_CHECKING:
-    from pomona.report import StageTime
+    from pomona.stages.report import StageTime
 
 
 def stage_times(records: Mapping[str, StageRecord], options: Mapping[str, Any]) -> tuple[StageTime, ...]:
@@ -17,7 +17,7 @@ def stage_times(records: Mapping[str, StageRecord], options: Mapping[str, Any]) 
 
     Records are in the order in which stages were last computed, of which some may be older than others.
     """
-    from pomona.report import StageTime
+    from pomona.stages.report import StageTime
 
     order = stages_by(options.get("method", ""))
     finished = [name for name in order if name in records and records[name].finished]

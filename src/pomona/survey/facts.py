@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pomona.cameras import WorldFrame
-from pomona.scale.report import Accuracy, MarkerResidual, PieceScale, ScaleReport, SideTie
-from pomona.sfm.pieces import Unregistered
+from pomona.stages.scale.report import Accuracy, MarkerResidual, PieceScale, ScaleReport, SideTie
+from pomona.stages.sfm.pieces import Unregistered
+from pomona.values.cameras import WorldFrame
 
 
 def frame_from(values: Mapping[str, Any]) -> WorldFrame:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from pomona.errors import FormatError, InputError
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Fused, Shown
+from pomona.stages.fuse import Fused, Shown
 from pomona.survey.folder import SurveyFolder
 from pomona.survey.values import arrays_of, columns_from, read_arrays, write_arrays
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 _SHOWN = "shown/"  # of fruits that were looked at again
 

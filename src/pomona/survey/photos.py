@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
-from pomona.cameras import Cameras
 from pomona.errors import InputError, MissingFileError, SurveyError
-from pomona.photo_names import photos_named
-from pomona.photos import Photo, Photos
 from pomona.survey.folder import SurveyFolder
+from pomona.values.cameras import Cameras
+from pomona.values.photo_names import photos_named
+from pomona.values.photos import Photo, Photos
 
 # What to do where photos are not where they were: for who can say it at once, and for who cannot.
 SAY_WHERE = "Say where they are with `photos`"
@@ -27,7 +27,7 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
     Raises `MissingFileError` where a folder is no longer there, `InputError` where it has no photo, or where names
     fit several, and `SurveyError` where the survey is damaged.
     """
-    from pomona.capture import KeyFrameOptions, load_photos
+    from pomona.stages.capture import KeyFrameOptions, load_photos
 
     options = survey.get("options", {})
     places = [folder] if folder else [Path(place) for place in survey.get("sources") or ()]
@@ -49,7 +49,7 @@ def photos_of(survey: SurveyFolder, names: Sequence[str], folder: Path | None = 
 
 def _key_frames(survey: SurveyFolder, places: Sequence[Path], names: Sequence[str]) -> Photos | None:
     """The key frames that a survey has, whatever became of the video; None where it is of photos, or lacks some."""
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     frames = survey.work_folder.resolve() / "frames"
     by_path = {frames / name: name for name in names}
@@ -73,7 +73,7 @@ def photo_of(survey: SurveyFolder, name: str) -> Photo:
 
     Its side is not looked for. Raises `InputError` where the file cannot be read.
     """
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     path = next((path for path in _places(survey, name) if path.is_file()), None)
     if path is None:

@@ -8,23 +8,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from pomona.arrays import counted
-from pomona.cameras import Cameras, WorldFrame
-from pomona.crop import Crop, RowSegments
-from pomona.detections import SurveyDetections
+from pomona.basics.arrays import counted
 from pomona.errors import PomonaError, SurveyError, few
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.photos import Photos, Skipped
 from pomona.progress import Progress, Silent
 from pomona.survey.digest import file_digest
 from pomona.survey.folder import SurveyFolder
 from pomona.survey.fused import fused_path, read_fused
 from pomona.survey.photos import SAY_WHERE, photos_of, placeholder
-from pomona.trees import Trees
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.crop import Crop, RowSegments
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.photos import Photos, Skipped
+from pomona.values.trees import Trees
 
 if TYPE_CHECKING:
-    from pomona.scale.report import ScaleReport
-    from pomona.sfm.pieces import Unregistered
+    from pomona.stages.scale.report import ScaleReport
+    from pomona.stages.sfm.pieces import Unregistered
     from pomona.survey.record import StageRecord
 
 _Fact = TypeVar("_Fact")

@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pomona.arrays import Array
+from pomona.basics.arrays import Array
 from pomona.errors import FormatError
 from pomona.formats.npz import read_npz, write_npz
-from pomona.fruits import FruitCloud, Fruits, Observations
-from pomona.fuse import Shown
+from pomona.stages.fuse import Shown
 from pomona.survey.files import write_file
+from pomona.values.fruits import FruitCloud, Fruits, Observations
 
 _Columns = TypeVar("_Columns", Fruits, Observations, FruitCloud, Shown)
 Arrays = Mapping[str, Array]

@@ -1,4 +1,4 @@
-/** What the page and its server tell each other. Written by `python -m pomona.app.typescript`; do not edit. */
+/** What the page and its server tell each other. Written by `python -m pomona.browser.app.typescript`; do not edit. */
 
 export type SurveyState = "new" | "queued" | "running" | "stopping" | "stopped" | "failed" | "finished" | "missing";
 export type StageState = "waiting" | "now" | "done" | "kept";

@@ -8,10 +8,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.detections import Detections, Mask
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import InputError
 from pomona.evaluate.detections.truth import PhotoTruth
+from pomona.values.detections import Detections, Mask
 
 DetectionMatch = Literal["auto", "masks", "boxes"]
 

@@ -9,17 +9,29 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import BoolArray, ByteArray
-from pomona.capture import read_pixels
-from pomona.detections import Detections
-from pomona.drawing import DOUBLE, FALSE, MISSED, PAPER, RIGHT, UNUSED, PictureFromPhoto, draw_box, draw_mask, jpeg, key
+from pomona.basics.arrays import BoolArray, ByteArray
 from pomona.errors import InputError, MissingFileError, few
 from pomona.evaluate.detections.matching import PhotoMatch
 from pomona.evaluate.detections.scores import DetectionScores, kinds
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
-from pomona.photo_names import photos_named
-from pomona.photos import Photo
 from pomona.progress import Progress, Silent, track
+from pomona.stages.capture import read_pixels
+from pomona.values.detections import Detections
+from pomona.values.drawing import (
+    DOUBLE,
+    FALSE,
+    MISSED,
+    PAPER,
+    RIGHT,
+    UNUSED,
+    PictureFromPhoto,
+    draw_box,
+    draw_mask,
+    jpeg,
+    key,
+)
+from pomona.values.photo_names import photos_named
+from pomona.values.photos import Photo
 
 _COLOURS = {"right": RIGHT, "false": FALSE, "double": DOUBLE, "neither": UNUSED}
 # How much of its colour a mask takes on.
@@ -168,7 +180,7 @@ def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None)
 
     Names that fit no photo are left out; raises `InputError` where none does.
     """
-    from pomona.capture import load_photos
+    from pomona.stages.capture import load_photos
 
     place = truth if truth.is_dir() else truth.parent
     around = [place / "images", place.parent / "images", place.parent.parent / "images"]

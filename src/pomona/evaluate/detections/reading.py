@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import IntArray
-from pomona.detections import Detections, SurveyDetections
+from pomona.basics.arrays import IntArray
 from pomona.errors import FormatError, MissingFileError, few
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.formats.detections.coco import detections_by_image
@@ -18,6 +17,7 @@ from pomona.formats.detections.label_sets import LABEL_SUFFIXES, LabelSet, find_
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, classes_of
 from pomona.formats.detections.png_masks import fruits_of_ids, photos_of_masks, read_ids
 from pomona.progress import Progress, Silent, track
+from pomona.values.detections import Detections, SurveyDetections
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ def truth_of_sets(path: Path, sets: Sequence[LabelSet]) -> DetectionTruth:
 
     Raises `MissingFileError`, and `FormatError` naming file and place.
     """
-    from pomona.capture.images import size_of
+    from pomona.stages.capture.images import size_of
 
     photos = [photo for one in sets for photo in read_label_set(one, size_of)]
     if len(used := classes_of(photos)) > 1:

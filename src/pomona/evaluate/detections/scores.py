@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, counted
-from pomona.detections import Detections
+from pomona.basics.arrays import BoolArray, FloatArray, counted
 from pomona.errors import FormatError, InputError, few
 from pomona.evaluate.detections.matching import COCO_IOUS, EvaluateDetectionsOptions, PhotoMatch, match_photo, right
 from pomona.evaluate.detections.truth import DetectionTruth, PhotoTruth
 from pomona.evaluate.rates import Rates, known
 from pomona.progress import Progress, Silent, track
+from pomona.values.detections import Detections
 
 DetectionKind = Literal["right", "false", "double", "neither"]
 

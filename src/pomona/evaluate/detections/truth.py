@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, set_checked
-from pomona.detections import Mask
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import InputError, few
 from pomona.formats.detections.coco_file import CocoImage
-from pomona.photo_names import pair_names
 from pomona.progress import Progress, Silent
+from pomona.values.detections import Mask
+from pomona.values.photo_names import pair_names
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray
 from pomona.evaluate.diagnosis.mistakes import Stage, SurveyResult
 from pomona.evaluate.diagnosis.overlaps import Overlaps, by_discs, by_ids
 from pomona.evaluate.fruits.matching import EvaluateOptions
 from pomona.evaluate.fruits.truth import Truth
-from pomona.fruit_geometry.sphere_outlines import centers_px
-from pomona.photo_names import pair_names
+from pomona.fruit.geometry.sphere_outlines import centers_px
 from pomona.progress import Progress, track
+from pomona.values.photo_names import pair_names
 
 # A neighbour's detection covers a fruit of which it has more than half: less is how neighbours touch.
 _COVERING = 0.5

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.evaluate.diagnosis.associations import Associations
 from pomona.evaluate.diagnosis.mistakes import Kind, Mistake, MistakeView, Stage
 

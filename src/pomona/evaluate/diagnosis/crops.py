@@ -10,18 +10,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray, IntArray
-from pomona.capture import read_pixels
-from pomona.capture.images import write_jpeg
-from pomona.detections import Mask
-from pomona.drawing import MISSED, OTHER, OWN, UNUSED, Rgb, Square, cut, draw_mask, draw_sphere, label_sphere
+from pomona.basics.arrays import ByteArray, FloatArray, IntArray
 from pomona.errors import InputError, MissingFileError, few
 from pomona.evaluate.diagnosis.mistakes import Mistake, MistakeOptions, MistakeView, SurveyResult
 from pomona.evaluate.diagnosis.spheres import Circle, DrawnSpheres
 from pomona.formats.detections.png_masks import read_ids
-from pomona.fruit_geometry.sphere_outlines import centers_px
-from pomona.photos import Photo
+from pomona.fruit.geometry.sphere_outlines import centers_px
 from pomona.progress import Progress, track
+from pomona.stages.capture import read_pixels
+from pomona.stages.capture.images import write_jpeg
+from pomona.values.detections import Mask
+from pomona.values.drawing import MISSED, OTHER, OWN, UNUSED, Rgb, Square, cut, draw_mask, draw_sphere, label_sphere
+from pomona.values.photos import Photo
 
 # In radii: so near is what a crop shows whole of the fruits that this one was mistaken for; and so far beside the photo
 # that shows it a fruit may project.

@@ -10,13 +10,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.cameras import Cameras
-from pomona.detections import SurveyDetections
 from pomona.errors import InputError
 from pomona.evaluate.diagnosis.second_look import SecondLookEffect
 from pomona.evaluate.rates import known
-from pomona.fruits import Fruits, Observations
-from pomona.photos import Photo
+from pomona.values.cameras import Cameras
+from pomona.values.detections import SurveyDetections
+from pomona.values.fruits import Fruits, Observations
+from pomona.values.photos import Photo
 
 Kind = Literal["missed", "merged", "false", "double"]
 Stage = Literal[

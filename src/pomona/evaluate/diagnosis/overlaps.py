@@ -9,15 +9,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras
-from pomona.detections import Detections, Mask
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.errors import FormatError
 from pomona.evaluate.fruits.truth import Truth
 from pomona.formats.detections.png_masks import read_ids
-from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
-from pomona.intrinsics import Intrinsics
-from pomona.photo_names import pair_names
+from pomona.fruit.geometry.sphere_outlines import centers_px, sphere_outlines_px
+from pomona.values.cameras import Cameras
+from pomona.values.detections import Detections, Mask
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photo_names import pair_names
 
 # A detection shows a fruit that has so much of it: of pixels the rest may be leaves; a disc reaches under neighbours.
 _LEAST_BY_IDS, _LEAST_BY_DISCS = 1 / 3, 1 / 2

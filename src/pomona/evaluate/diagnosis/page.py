@@ -12,8 +12,7 @@ from pathlib import Path
 from string import Template
 
 from pomona import __version__
-from pomona.arrays import counted
-from pomona.drawing import DOUBLE, DROPPED, FALSE, MISSED, OTHER, OWN, RIGHT, UNUSED, Rgb
+from pomona.basics.arrays import counted
 from pomona.errors import few
 from pomona.evaluate.diagnosis.crops import CropCutter, CropFiles
 from pomona.evaluate.diagnosis.mistakes import (
@@ -30,6 +29,7 @@ from pomona.evaluate.diagnosis.spheres import DrawnSpheres
 from pomona.evaluate.fruits.scores import Scores, Tally
 from pomona.evaluate.fruits.truth import Truth
 from pomona.progress import Progress, Silent
+from pomona.values.drawing import DOUBLE, DROPPED, FALSE, MISSED, OTHER, OWN, RIGHT, UNUSED, Rgb
 
 _LEGEND: dict[str, tuple[Rgb, str]] = {
     "true": (MISSED, "true fruit (thin: what shows of it; others not found)"),

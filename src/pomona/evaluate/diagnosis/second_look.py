@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pomona.arrays import counted
+from pomona.basics.arrays import counted
 from pomona.evaluate.fruits.matching import EvaluateOptions
 from pomona.evaluate.fruits.scores import match
 from pomona.evaluate.fruits.truth import Truth
-from pomona.fruits import Fruits
+from pomona.values.fruits import Fruits
 
 _MOVED = 0.1  # usual diameters: what moves by less has stayed
 

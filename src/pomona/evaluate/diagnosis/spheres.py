@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.drawing import DOUBLE, DROPPED, FALSE, MISSED, RIGHT, Rgb
+from pomona.basics.arrays import FloatArray
 from pomona.evaluate.diagnosis.associations import seen_px_by_photo
 from pomona.evaluate.diagnosis.mistakes import SurveyResult
 from pomona.evaluate.fruits.scores import Tally
 from pomona.evaluate.fruits.truth import Truth
-from pomona.fruit_geometry.sphere_outlines import centers_px, sphere_outlines_px
-from pomona.fruit_traits.size import FruitSize, size_of_fruits
-from pomona.fruits import Fruits
+from pomona.fruit.geometry.sphere_outlines import centers_px, sphere_outlines_px
+from pomona.fruit.traits.size import FruitSize, size_of_fruits
+from pomona.values.drawing import DOUBLE, DROPPED, FALSE, MISSED, RIGHT, Rgb
+from pomona.values.fruits import Fruits
 
 _FOUND_COLOURS: dict[str, Rgb] = {
     "matched": RIGHT,

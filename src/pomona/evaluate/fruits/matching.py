@@ -11,11 +11,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.option_values import expect_kinds
 from pomona.errors import InputError
 from pomona.evaluate.fruits.truth import Truth
-from pomona.fruits import Fruits
-from pomona.option_values import expect_kinds
+from pomona.values.fruits import Fruits
 
 Match = Literal["auto", "centers", "boxes", "inside"]
 Overlap = Literal["detection", "iou"]

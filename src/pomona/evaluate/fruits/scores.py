@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray
 from pomona.errors import InputError
 from pomona.evaluate.fruits.matching import (
     Candidates,
@@ -20,7 +20,7 @@ from pomona.evaluate.fruits.matching import (
 )
 from pomona.evaluate.fruits.truth import Truth
 from pomona.evaluate.rates import Rates, known, ratio
-from pomona.fruits import Fruits
+from pomona.values.fruits import Fruits
 
 _OTHER_UNIT = 5.0  # times as wide: found and true fruits differ less where their units are the same
 _FEWEST_SIZES = 5  # of fewer, the median says little

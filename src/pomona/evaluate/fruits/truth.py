@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import BoolArray, FloatArray, IntArray, OneLine, set_checked
-from pomona.cameras import WorldFrame
+from pomona.basics.arrays import BoolArray, FloatArray, IntArray, OneLine, set_checked
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.coordinate_systems import DEGREES, check_use, given_xy_between
 from pomona.formats.files import read_bytes
 from pomona.formats.json_file import load_json
 from pomona.formats.small_table import SmallTable, column_names, decoded, read_small_table
+from pomona.values.cameras import WorldFrame
 
 
 @dataclass(frozen=True, eq=False, repr=False)

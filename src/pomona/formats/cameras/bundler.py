@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray, IntArray, set_checked
-from pomona.cameras import Cameras
+from pomona.basics.arrays import ByteArray, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError, InputError
 from pomona.formats.cameras.given import shared
 from pomona.formats.cameras.poses import pose_from, rotation_from
 from pomona.formats.files import read_text
-from pomona.intrinsics import Intrinsics
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
 
 _EXPECTED = "a Bundler file (# Bundle file v0.3)"
 # From Bundler's camera axes (y up, looking along -z) to OpenCV's.

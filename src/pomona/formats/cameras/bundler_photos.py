@@ -12,7 +12,7 @@ from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.names import match_names
 from pomona.formats.cameras.onto_photos import stored_size
 from pomona.formats.files import read_text
-from pomona.photos import Photos
+from pomona.values.photos import Photos
 
 # After a photo Bundler writes "0" and the focal length that it began with.
 _FOCAL = re.compile(r"\s+0\s+[0-9.eE+-]+$")

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras, WorldFrame
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.errors import InputError, few
 from pomona.formats.cameras.colmap_binary import read_binary_model
 from pomona.formats.cameras.colmap_binary_export import write_binary_model
@@ -27,7 +26,8 @@ from pomona.formats.cameras.colmap_text import read_text_model, read_text_poses
 from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.frames import FRAME_FILE, frame_json, read_frame
 from pomona.formats.cameras.given import GivenCameras
-from pomona.photos import Photos
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.photos import Photos
 
 
 def write_colmap(folder: Path, cameras: Cameras, photos: Photos, *, upright: bool = True, binary: bool = False) -> None:

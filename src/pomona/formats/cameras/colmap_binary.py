@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import Array, FloatArray
+from pomona.basics.arrays import Array, FloatArray
 from pomona.errors import FormatError, MissingFileError
 from pomona.formats.cameras.colmap_model import ColmapImage, ColmapPoint, image_of, point_of
 from pomona.formats.cameras.colmap_models import MODELS, colmap_lens

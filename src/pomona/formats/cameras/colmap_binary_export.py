@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import IntArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import IntArray
 from pomona.formats.cameras.colmap_binary import SEEN
 from pomona.formats.cameras.colmap_model import quaternion_of, tracks_of, written_errors
 from pomona.formats.cameras.colmap_models import MODELS
+from pomona.values.cameras import Cameras
 
 _MODEL_IDS = {name: model_id for model_id, (name, _) in MODELS.items()}
 

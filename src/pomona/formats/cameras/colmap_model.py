@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import FloatArray, IntArray
-from pomona.cameras import Cameras, WorldFrame
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.errors import FormatError
 from pomona.formats.cameras.lenses import FittedLens
+from pomona.values.cameras import Cameras, WorldFrame
 
 _GREATEST_ID = 2**63 - 1  # what our arrays hold; COLMAP's own are shorter
 # Of a quaternion, which COLMAP writes of length 1.

@@ -11,7 +11,7 @@ import numpy as np
 
 from pomona.errors import FormatError, InputError
 from pomona.formats.cameras.lenses import FittedLens, Lens, check_params, fit_lens
-from pomona.intrinsics import Intrinsics
+from pomona.values.intrinsics import Intrinsics
 
 # Name and number of parameters by COLMAP's model id.
 MODELS: dict[int, tuple[str, int]] = {

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError
 from pomona.formats.json_file import load_json
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.files import read_head
-from pomona.photos import Photos
+from pomona.values.photos import Photos
 
 _HEAD_BYTES = 4096  # as far as the root element of XML, or the first keys of JSON
 

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, get_args
 
-from pomona.cameras import ScaleSource, WorldFrame
 from pomona.formats.cameras.fields import Field
+from pomona.values.cameras import ScaleSource, WorldFrame
 
 FRAME_FILE = "frame.json"
 

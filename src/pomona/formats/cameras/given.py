@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.arrays import IntArray
-from pomona.cameras import Cameras
-from pomona.intrinsics import Intrinsics
+from pomona.basics.arrays import IntArray
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import least_squares
 
-from pomona.arrays import BoolArray, FloatArray
+from pomona.basics.arrays import BoolArray, FloatArray
 from pomona.errors import FormatError
-from pomona.intrinsics import Intrinsics
+from pomona.values.intrinsics import Intrinsics
 
 # How the tangent of the angle to the axis becomes the radius that the polynomials see.
 Curve = Literal["perspective", "equidistant", "equisolid"]

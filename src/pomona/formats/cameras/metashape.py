@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity
 from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.given import GivenCameras, shared
 from pomona.formats.cameras.lenses import Curve, FittedLens, Lens, fit_lens
@@ -24,7 +24,7 @@ from pomona.formats.cameras.metashape_frame import place_of
 from pomona.formats.cameras.metashape_markers import check_markers
 from pomona.formats.cameras.poses import pose_from, rotation_from
 from pomona.formats.cameras.xml_fields import Element
-from pomona.geometry import Similarity
+from pomona.values.cameras import Cameras
 
 _CURVES: dict[str, Curve] = {
     "frame": "perspective",

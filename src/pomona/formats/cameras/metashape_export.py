@@ -15,13 +15,13 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray
 from pomona.formats.cameras.metashape_frame import EarthlyWorld
 from pomona.formats.cameras.onto_photos import as_stored
 from pomona.formats.cameras.polynomial import polynomial_lens
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photos
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photos
 
 
 def write_metashape(path: Path, cameras: Cameras, photos: Photos) -> None:

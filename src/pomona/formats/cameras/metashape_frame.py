@@ -13,10 +13,10 @@ import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
-from pomona.arrays import FloatArray
-from pomona.cameras import WorldFrame, local_crs
+from pomona.basics.arrays import FloatArray
+from pomona.basics.geometry import Similarity
 from pomona.formats.cameras.xml_fields import Element
-from pomona.geometry import Similarity
+from pomona.values.cameras import WorldFrame, local_crs
 
 _UNIT = re.compile(r'UNIT\[\s*"[^"]*"\s*,\s*([0-9.eE+-]+)')
 _EARTH_RADIUS_M = (6.3e6, 6.4e6)

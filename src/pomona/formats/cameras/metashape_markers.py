@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pomona.arrays import FloatArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray
 from pomona.formats.cameras.metashape_frame import ChunkPlace
 from pomona.formats.cameras.xml_fields import Element
+from pomona.values.cameras import Cameras
 
 
 def check_markers(chunk: Element, cameras: Cameras, idx_of_camera: Mapping[int, int], place: ChunkPlace) -> str:

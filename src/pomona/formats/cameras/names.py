@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pomona.photo_names import pair_names
-from pomona.photos import Photo, Photos
+from pomona.values.photo_names import pair_names
+from pomona.values.photos import Photo, Photos
 
 
 def match_names(names: Sequence[str], photos: Photos) -> dict[str, Photo]:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray
-from pomona.cameras import Cameras, WorldFrame
+from pomona.basics.arrays import ByteArray, FloatArray
+from pomona.basics.geometry import Similarity
 from pomona.formats.cameras.fields import Field
 from pomona.formats.cameras.format import CameraFormat
 from pomona.formats.cameras.frames import frame_from_field
@@ -24,8 +24,8 @@ from pomona.formats.cameras.names import match_names
 from pomona.formats.cameras.onto_photos import stored_size
 from pomona.formats.cameras.poses import pose_from, rotation_from
 from pomona.formats.ply_points import read_ply_points
-from pomona.geometry import Similarity
-from pomona.photos import Photos
+from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.photos import Photos
 
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")

@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from pomona.cameras import Cameras
 from pomona.formats.cameras.frames import frame_json
 from pomona.formats.cameras.nerfstudio import OPENGL_FROM_OPENCV
 from pomona.formats.cameras.onto_photos import as_stored
 from pomona.formats.cameras.polynomial import polynomial_lens
 from pomona.formats.ply import write_ply
-from pomona.fruits import FruitCloud
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
 from pomona.progress import Progress, Silent
+from pomona.values.cameras import Cameras
+from pomona.values.fruits import FruitCloud
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 
 POINTS = "sparse_pc.ply"
 _OF_SPLATFACTO = 3  # coefficients: it asserts that there are no more where it undistorts photos

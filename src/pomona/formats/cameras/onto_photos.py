@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray, groups
-from pomona.cameras import Cameras
+from pomona.basics.arrays import FloatArray, groups
 from pomona.errors import InputError, few
 from pomona.formats.cameras.given import GivenCameras, shared
 from pomona.formats.cameras.names import match_names
-from pomona.intrinsics import Intrinsics
-from pomona.photos import Photo, Photos
+from pomona.values.cameras import Cameras
+from pomona.values.intrinsics import Intrinsics
+from pomona.values.photos import Photo, Photos
 
 # Quarter turns clockwise that make a stored photo upright, by its EXIF orientation. Others are mirrored.
 _QUARTERS = {1: 0, 6: 1, 3: 2, 8: 3}

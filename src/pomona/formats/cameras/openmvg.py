@@ -13,13 +13,13 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from pomona.arrays import ByteArray, FloatArray, IntArray
-from pomona.cameras import Cameras
+from pomona.basics.arrays import ByteArray, FloatArray, IntArray
 from pomona.formats.cameras.fields import Field
 from pomona.formats.cameras.format import CameraFormat
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.lenses import Curve, FittedLens, Lens, fit_lens
 from pomona.formats.cameras.poses import pose_from, rotation_from
+from pomona.values.cameras import Cameras
 
 _HALF_PX = 0.5
 # By OpenMVG's names of its lenses: where the coefficients are, how many there are (k…, then t1 t2), and the curve.

@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pomona.arrays import ByteArray, FloatArray
-from pomona.cameras import Cameras, WorldFrame, concatenate, local_crs
+from pomona.basics.arrays import ByteArray, FloatArray
 from pomona.formats.cameras.fields import Field
 from pomona.formats.cameras.format import CameraFormat
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.lenses import Curve, FittedLens, Lens, fit_lens
 from pomona.formats.cameras.opensfm_tracks import Tracks, read_tracks
 from pomona.formats.cameras.poses import pose_from
+from pomona.values.cameras import Cameras, WorldFrame, concatenate, local_crs
 
 _EXPECTED = "OpenSfM's reconstruction.json"
 _TRACKS = "tracks.csv"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import FloatArray, IntArray
+from pomona.basics.arrays import FloatArray, IntArray
 from pomona.errors import FormatError
 from pomona.formats.files import read_text
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import InputError
 from pomona.formats.cameras.lenses import MOST_OFF_PX, Lens
-from pomona.intrinsics import Intrinsics
+from pomona.values.intrinsics import Intrinsics
 
 _STEPS = 40  # places a side of the photo at which lenses are compared
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError
 
 # Files round to a few digits: what is further from a rotation than this is no rounding.

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.cameras import Cameras
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.cameras.format import CameraFile, CameraFormat
 from pomona.formats.cameras.frames import FRAME_FILE, read_frame
 from pomona.formats.cameras.given import GivenCameras
 from pomona.formats.cameras.onto_photos import onto_photos
 from pomona.formats.cameras.registry import CAMERA_FORMATS, recognised
-from pomona.photos import Photos
+from pomona.values.cameras import Cameras
+from pomona.values.photos import Photos
 
 _TITLES = [each.title for each in CAMERA_FORMATS]
 KNOWN = f"{', '.join(_TITLES[:-1])} or {_TITLES[-1]}"

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pomona.arrays import FloatArray
+from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError
 from pomona.formats.xml_file import load_xml
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from pomona import __version__
-from pomona.detections import Detections, SurveyDetections
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import CATEGORY, CocoAnnotation, CocoFile, CocoImage, parse_coco
 from pomona.formats.detections.labelled import check_size
 from pomona.formats.detections.rle import encode
 from pomona.formats.files import write_whole
-from pomona.photos import Photos
+from pomona.values.detections import Detections, SurveyDetections
+from pomona.values.photos import Photos
 
 
 def write_coco(path: Path, photos: Photos, detections: SurveyDetections) -> None:

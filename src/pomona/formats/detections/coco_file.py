@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_masks import box_of, ellipse_mask, has_no_extent, mask_of
 from pomona.formats.json_file import load_json
+from pomona.values.detections import Mask
 
 CATEGORY = "fruit"
 _LARGEST_PX = 65535  # a side of a photo, as of JPEG

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from pycocotools import mask as coco_mask
 
-from pomona.arrays import FloatArray
-from pomona.detections import Mask
+from pomona.basics.arrays import FloatArray
 from pomona.errors import InputError
 from pomona.formats.detections.rle import decode_counts, mask_from_counts
 from pomona.formats.json_file import is_number
+from pomona.values.detections import Mask
 
 # Polygons are drawn by hand and exported with rounding: what lies no further outside the photo is no mistake.
 TOLERANCE_PX = 1.0

@@ -19,8 +19,8 @@ from pomona.formats.detections.format import AnnotationFiles, Format
 from pomona.formats.detections.labelled import LabelledPhoto
 from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.json_file import load_json
-from pomona.photos import Photo
 from pomona.progress import Progress, Silent
+from pomona.values.photos import Photo
 
 
 def read_results(

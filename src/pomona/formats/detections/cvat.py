@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.format import Format, file_by_file
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size, joined
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, polygon_mask, score_of
 from pomona.formats.xml_file import finite_number, load_xml
+from pomona.values.detections import Mask
 
 EXPECTED = "annotations of CVAT for images (1.1)"
 _EXTENTS = ("polygon", "polyline", "mask", "ellipse", "box")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.detections import Mask
 from pomona.errors import InputError
 from pomona.formats.detections.photo_source import PhotoFile
-from pomona.photos import Photo
+from pomona.values.detections import Mask
+from pomona.values.photos import Photo
 
 Box = tuple[float, float, float, float]
 """x0, y0, x1, y1: edges in pixels of the upright photo."""

@@ -16,7 +16,6 @@ from typing import Any
 
 import cv2
 
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.format import Format
 from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto, check_size, joined
@@ -24,7 +23,8 @@ from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.png_masks import decoded_image
 from pomona.formats.detections.shapes import check_inside, clipped_box, ellipse_mask, number, numbers, polygon_mask
 from pomona.formats.json_file import is_number, load_json
-from pomona.photos import PHOTO_SUFFIXES
+from pomona.values.detections import Mask
+from pomona.values.photos import PHOTO_SUFFIXES
 
 EXPECTED = "labels of LabelMe: an object with imagePath and shapes"
 # What photos of a label file's name may be called, the most usual first.

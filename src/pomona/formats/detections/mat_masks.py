@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import Array, FloatArray, IntArray, set_checked
-from pomona.detections import Mask
+from pomona.basics.arrays import Array, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.format import Format
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
@@ -22,6 +21,7 @@ from pomona.formats.detections.photo_source import Sources, named_as
 from pomona.formats.detections.png_masks import masks_of_ids
 from pomona.formats.files import read_head
 from pomona.formats.mat_file import NotNumbers, read_mat
+from pomona.values.detections import Mask
 
 EXPECTED = "a MATLAB file with mask (a label image) and scores (one a label)"
 _ENDINGS = ("_mask", "_masks")

@@ -9,8 +9,8 @@ from pathlib import Path, PurePosixPath
 from typing import Protocol
 
 from pomona.errors import FormatError, MissingFileError, few
-from pomona.photo_names import PhotoNames
-from pomona.photos import PHOTO_SUFFIXES, Photo, Photos
+from pomona.values.photo_names import PhotoNames
+from pomona.values.photos import PHOTO_SUFFIXES, Photo, Photos
 
 SizeOf = Callable[[Path], tuple[int, int]]
 """Gives the width and height of a photo file, upright; raises an error that names the file where it cannot."""

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from pomona.arrays import Array, IntArray
-from pomona.detections import Mask
+from pomona.basics.arrays import Array, IntArray
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.format import Format, LabelFolder
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto, check_size
@@ -27,6 +26,7 @@ from pomona.formats.detections.photo_source import (
     named_within,
     photos_in,
 )
+from pomona.values.detections import Mask
 
 _MASK_FOLDERS = ("masks", "truth/masks", "instances", "labels")
 _SUFFIXES = (".png",)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pomona.arrays import counted
-from pomona.detections import Detections, Mask, SurveyDetections
+from pomona.basics.arrays import counted
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.detections.coco_masks import ellipse_mask
 from pomona.formats.detections.content import FileContent
@@ -18,8 +17,9 @@ from pomona.formats.detections.labelled import Box, LabelledFruit, LabelledPhoto
 from pomona.formats.detections.photo_source import GivenPhotos
 from pomona.formats.detections.registry import FORMAT_OF, FORMATS, recognised
 from pomona.formats.detections.yolo import NOT_LABELS
-from pomona.photos import Photos
 from pomona.progress import Progress, Silent
+from pomona.values.detections import Detections, Mask, SurveyDetections
+from pomona.values.photos import Photos
 
 # Files with these suffixes are there to hold annotations: one that cannot be read is an error, not passed over.
 _SUFFIXES = (".json", ".csv", ".xml", ".txt")

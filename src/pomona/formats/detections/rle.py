@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from pycocotools import mask as coco_mask
 
-from pomona.arrays import Array, IntArray, places_within
-from pomona.detections import Mask
+from pomona.basics.arrays import Array, IntArray, places_within
 from pomona.errors import InputError
+from pomona.values.detections import Mask
 
 
 def encode(mask: Mask, width_px: int, height_px: int) -> str:

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from pomona.detections import Mask
 from pomona.errors import InputError
 from pomona.formats.detections.coco_masks import TOLERANCE_PX, mask_of
 from pomona.formats.detections.labelled import Box
 from pomona.formats.json_file import is_number
+from pomona.values.detections import Mask
 
 
 def polygon_mask(

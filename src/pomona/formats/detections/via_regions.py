@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
 from pomona.formats.detections.photo_source import Sources
 from pomona.formats.detections.shapes import clipped_box, ellipse_mask, number, numbers, polygon_mask, score_of
+from pomona.values.detections import Mask
 
 _SHAPES = "polygon, polyline, rect, circle, ellipse"
 # People name the attribute that holds the class as they like; these are what examples and tools call it.

@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 import yaml  # type: ignore[import-untyped]
 
-from pomona.detections import Mask
 from pomona.errors import FormatError, InputError, MissingFileError, few
 from pomona.formats.detections.content import FileContent, check_not_utf16, is_blank_text
 from pomona.formats.detections.format import AnnotationFiles, Format, LabelFolder
@@ -38,6 +37,7 @@ from pomona.formats.detections.photo_source import (
 )
 from pomona.formats.detections.shapes import clipped_box, polygon_mask, score_of
 from pomona.formats.files import read_text
+from pomona.values.detections import Mask
 
 EXPECTED = "lines of YOLO"
 # Rounded shares may reach over the edge; 1 % of the photo's side is what exporters have been seen to do.

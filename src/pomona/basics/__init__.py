@@ -1,0 +1,1 @@
+"""What any room may use and knows nothing of fruits: arrays, transforms, options, threads, networks in files."""

@@ -1,0 +1,1 @@
+"""What several stages know of fruits: their kinds and usual size, spheres and outlines, crops of photos about them."""

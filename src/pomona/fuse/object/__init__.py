@@ -1,8 +1,0 @@
-"""Multi-view association: detections of all photos become spheres, each seen at most once in a photo."""
-
-from __future__ import annotations
-
-from pomona.fuse.object.fusion import fuse
-from pomona.fuse.object.options import ObjectOptions
-
-__all__ = ["ObjectOptions", "fuse"]

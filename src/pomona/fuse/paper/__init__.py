@@ -1,8 +1,0 @@
-"""Section 2.2.3 of Gené-Mola et al. 2020: a cloud of fruit surfaces, cut up by the detections."""
-
-from __future__ import annotations
-
-from pomona.fuse.paper.fusion import fuse
-from pomona.fuse.paper.options import PaperOptions
-
-__all__ = ["PaperOptions", "fuse"]
