@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pomona.basics.arrays import SD_OF_MAD, BoolArray, FloatArray, set_checked, some_subsets
+from pomona.basics.arrays import SD_OF_MAD, BoolArray, FloatArray, IntArray, set_checked, some_subsets
 from pomona.errors import InputError
 
 # Points lie on one line where their spread across it is less than this share of the spread along it, unless they are so
@@ -18,6 +18,8 @@ _LONGISH = 1.5
 PLACED_SD_M = 0.005
 # Where there are more triples, a random sample of so many bounds the time.
 _MOST_TRIPLES = 2000
+# So many residuals are computed together, which bounds memory.
+_TOGETHER = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +101,29 @@ def robust_similarity(points_in_source: FloatArray, points_in_target: FloatArray
         raise InputError(f"A place in space needs three markers that are not on one line, found {n} on one")
     inliers = np.ones(n, bool)
     if n > 3:
-        triples = some_subsets(n, 3, _MOST_TRIPLES)
-        proposed = (_residuals_of(points_in_source, points_in_target, list(triple), PLACED_SD_M) for triple in triples)
-        residuals = [each for each in proposed if each is not None]
-        if not residuals:
-            raise InputError(f"A place in space needs three markers that are not on one line; of {n}, no three are")
         # Of n residuals three are small by construction: judge by the middle of the others.
         rank = 3 + (n - 3) // 2
-        best = min(residuals, key=lambda r: float(np.sort(r)[rank - 1 : rank + 1].mean()))
-        sigma = SD_OF_MAD * float(np.sort(best)[rank - 1 : rank + 1].mean())
+        triples = np.array(some_subsets(n, 3, _MOST_TRIPLES))
+        least = np.inf
+        for first in range(0, len(triples), step := max(1, _TOGETHER // n)):
+            some = triples[first : first + step]
+            residuals = _residuals_of_triples(points_in_source, points_in_target, some, PLACED_SD_M)
+            middles = middle_of(residuals, rank)
+            if len(middles) and middles.min() < least:
+                least, best = float(middles.min()), residuals[middles.argmin()]
+        if not np.isfinite(least):
+            raise InputError(f"A place in space needs three markers that are not on one line; of {n}, no three are")
+        sigma = SD_OF_MAD * least
         inliers = best < 3 * max(sigma, PLACED_SD_M)
         if inliers.sum() < 3 or on_one_line(points_in_target[inliers], PLACED_SD_M):
             inliers = np.ones(n, bool)
     return estimate_similarity(points_in_source[inliers], points_in_target[inliers]), inliers
+
+
+def middle_of(residuals: FloatArray, rank: int) -> FloatArray:
+    """Return of each row of residuals (k, n) the mean (k,) of the two that are `rank`-th and next in order."""
+    ranks = [rank - 1, min(rank, residuals.shape[1] - 1)]
+    return np.asarray(np.partition(residuals, ranks, axis=1)[:, rank - 1 : rank + 1].mean(1))
 
 
 def on_one_line(points: FloatArray, noise: float) -> bool:
@@ -119,20 +131,31 @@ def on_one_line(points: FloatArray, noise: float) -> bool:
 
     `noise` is the standard deviation of a coordinate, in the points' units.
     """
-    if len(points) < 3:
-        return True
-    along, across = np.linalg.svd(points - points.mean(0), compute_uv=False)[:2]
-    return bool(across < _LINE_RATIO * along and noise > _EXACT_TURN * across)
+    return len(points) < 3 or bool(_are_on_lines(points[None] - points.mean(0), np.array([noise]))[0])
 
 
-def _residuals_of(source: FloatArray, target: FloatArray, triple: list[int], noise_m: float) -> FloatArray | None:
-    sizes = [float(np.linalg.norm(points[triple] - points[triple].mean(0))) for points in (source, target)]
-    if min(sizes) == 0 or on_one_line(target[triple], noise_m):
-        return None
-    if on_one_line(source[triple], noise_m * sizes[0] / sizes[1]):
-        return None
-    similarity = estimate_similarity(source[triple], target[triple])
-    return np.asarray(np.linalg.norm(similarity.apply(source) - target, axis=1))
+def _are_on_lines(centred: FloatArray, noise: FloatArray) -> BoolArray:
+    """The same of k sets of points about their means (k, n, 3), with the noise (k,) of each."""
+    along, across = np.linalg.svd(centred, compute_uv=False)[:, :2].T
+    return np.asarray((across < _LINE_RATIO * along) & (noise > _EXACT_TURN * across))
+
+
+def _residuals_of_triples(source: FloatArray, target: FloatArray, triples: IntArray, noise_m: float) -> FloatArray:
+    """How far (m, n) n pairs of points are from each other by the similarity of each triple (k, 3) that fixes one."""
+    a, b = source[triples], target[triples]
+    a_means, b_means = a.mean(1), b.mean(1)
+    a, b = a - a_means[:, None], b - b_means[:, None]
+    a_sizes, b_sizes = np.linalg.norm(a, axis=(1, 2)), np.linalg.norm(b, axis=(1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lines = _are_on_lines(b, np.full(len(b), noise_m)) | _are_on_lines(a, noise_m * a_sizes / b_sizes)
+    u, singular, vt = np.linalg.svd(b.transpose(0, 2, 1) @ a)
+    fixed = (np.minimum(a_sizes, b_sizes) > 0) & ~lines & (singular[:, 1] > 1e-9 * singular[:, 0])
+    # Umeyama 1991, as in `estimate_similarity`.
+    signs = np.stack([np.ones(len(u)), np.ones(len(u)), np.sign(np.linalg.det(u) * np.linalg.det(vt))], axis=1)[fixed]
+    rotations = (u[fixed] * signs[:, None]) @ vt[fixed]
+    scales = (singular[fixed] * signs).sum(1) / a_sizes[fixed] ** 2
+    moved = scales[:, None, None] * (source - a_means[fixed, None]) @ rotations.transpose(0, 2, 1)
+    return np.asarray(np.linalg.norm(moved + b_means[fixed, None] - target, axis=2))
 
 
 def frame_along(direction: FloatArray) -> FloatArray:

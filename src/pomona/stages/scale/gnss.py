@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.basics.arrays import SD_OF_MAD, BoolArray, FloatArray, some_subsets, weighted_median
-from pomona.basics.geometry import Similarity, estimate_similarity, robust_similarity
+from pomona.basics.geometry import Similarity, estimate_similarity, middle_of, robust_similarity
 from pomona.errors import InputError, few
 from pomona.formats.coordinate_systems import DEGREES, check_use, given_xy_between, xy_between
 from pomona.stages.scale.options import ScaleOptions
@@ -302,28 +302,34 @@ def _robust_upright(
     how high all is: they are worse than places on the ground, and photos may have none.
     """
     leveling = Similarity(1.0, leveling_rotation(up), np.zeros(3))
-    flat, z = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    z = np.array([0.0, 0.0, 1.0])
     level = leveling.apply(source)
-    here, there = level * flat, np.nan_to_num(target) * flat
+    here, there = level * [1, 1, 0], np.nan_to_num(target) * [1, 1, 0]
     rank = 2 + (len(source) - 2) // 2
-    best: tuple[float, FloatArray] | None = None
-    for pair in some_subsets(len(source), 2, _MOST_PAIRS):
-        try:
-            similarity = estimate_upright_similarity(here[list(pair)], there[list(pair)], z, scale)
-        except InputError:
-            continue
-        residuals = np.sqrt(worth) * np.linalg.norm(similarity.apply(here) - there, axis=1)
-        median = float(np.sort(residuals)[rank - 1 : rank + 1].mean())
-        if best is None or median < best[0]:
-            best = median, residuals
-    if best is None:
+    residuals = np.sqrt(worth) * _residuals_of_pairs(here, there, scale)
+    if len(residuals) == 0:
         raise InputError("GNSS positions do not fit the cameras' path")
-    good = best[1] <= 3 * SD_OF_MAD * best[0] + 1e-6
+    middles = middle_of(residuals, rank)
+    best = middles.argmin()
+    good = residuals[best] <= 3 * SD_OF_MAD * middles[best] + 1e-6
     on_ground = estimate_upright_similarity(here[good], there[good], z, scale, worth[good])
     above = target[good, 2] - on_ground.apply(level[good])[:, 2]
     high = np.isfinite(above)
     up_m = weighted_median(above[high], worth[good][high]) if high.any() else -on_ground.apply(level)[:, 2].mean()
     return Similarity(1.0, np.eye(3), up_m * z).compose(on_ground).compose(leveling), good
+
+
+def _residuals_of_pairs(here: FloatArray, there: FloatArray, scale: float | None) -> FloatArray:
+    """How far (m, n) n places on the ground are from each other by what each pair of them says of heading and scale."""
+    a, b = here[:, 0] + 1j * here[:, 1], there[:, 0] + 1j * there[:, 1]
+    first, second = np.array(some_subsets(len(here), 2, _MOST_PAIRS)).T
+    apart_a, apart_b = a[second] - a[first], b[second] - b[first]
+    turns = apart_b * apart_a.conj()  # a turn on the ground, and a scale, are a complex factor
+    fixed = turns != 0
+    turns /= np.maximum(np.abs(apart_a) ** 2 if scale is None else np.abs(turns) / scale, 1e-300)
+    from_middles = a - (a[first] + a[second])[:, None] / 2
+    moved = turns[:, None] * from_middles + (b[first] + b[second])[:, None] / 2
+    return np.asarray(np.abs(moved - b)[fixed])
 
 
 def _scatter(
