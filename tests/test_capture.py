@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import struct
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+import cv2
 import numpy as np
 import pillow_heif
 import pytest
@@ -25,6 +27,7 @@ from pomona.stages.capture.files import natural_key
 from pomona.stages.capture.images import Header, read_header
 from pomona.stages.capture.sensors import sensor_width_mm
 from pomona.stages.capture.sides import sides_by_globs, sides_by_names
+from pomona.values.photos import Photo
 
 _DETAILS, _GPS = 0x8769, 0x8825
 
@@ -538,6 +541,52 @@ def test_grey_of_other_depths_is_as_bright(tmp_path: Path, kind: type, brightest
     assert pixels.min() == 0
     assert pixels.max() == expected
     assert np.abs(pixels - np.linspace(0, 255, 64 * 64).reshape(64, 64)).max() <= 1
+
+
+def _deep_photo(path: Path, rgb: np.ndarray[Any, Any]) -> Photo:
+    """Write a photo of 16 bits a channel, which OpenCV can and Pillow cannot."""
+    cv2.imwrite(str(path), rgb[..., ::-1])
+    return load_photos([path.parent], min_photos=1).items[0]
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_colours_of_other_depths_are_as_bright_at_every_size(tmp_path: Path, suffix: str, bits: int) -> None:
+    true = np.asarray(painted((200, 120), seed=3)).copy()
+    true[0, 0] = 255
+    photo = _deep_photo(tmp_path / f"0.{suffix}", true.astype(np.uint16) << (bits - 8))
+    assert np.array_equal(read_pixels(photo), true)
+    assert np.array_equal(read_grey(photo), cv2.cvtColor(true, cv2.COLOR_RGB2GRAY))
+    small = cv2.resize(true, (50, 30), interpolation=cv2.INTER_AREA)
+    assert np.array_equal(read_pixels(photo, max_side_px=50), small)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_deep_photos_are_upright(tmp_path: Path, orientation: int) -> None:
+    true = np.asarray(painted((60, 40), seed=4))
+    (tmp_path / "8").mkdir()
+    write_photo(tmp_path / "8" / "0.tif", (60, 40), seed=4, orientation=orientation)
+    stored = _deep_photo(tmp_path / "0.tif", true.astype(np.uint16) << 4).path
+    # The tag of one plane for all colours, as is usual, becomes that of the orientation.
+    planes, turned = (struct.pack("<HHIHH", tag, 3, 1, value, 0) for tag, value in ((284, 1), (274, orientation)))
+    stored.write_bytes(stored.read_bytes().replace(planes, turned))
+    deep, plain = (load_photos([folder], min_photos=1).items[0] for folder in (tmp_path, tmp_path / "8"))
+    assert deep.orientation == orientation
+    assert np.array_equal(read_pixels(deep), read_pixels(plain))
+
+
+def test_transparency_of_deep_photos_is_dropped(tmp_path: Path) -> None:
+    true = np.asarray(painted((60, 40), seed=4)).astype(np.uint16) << 4
+    see_through = np.dstack([np.full((40, 60), 2000, np.uint16), true])  # written the other way round: ABGR is BGRA
+    assert np.array_equal(read_pixels(_deep_photo(tmp_path / "0.png", see_through)), true >> 4)
+
+
+@pytest.mark.parametrize("brightest", [0, 2**14 - 1])
+def test_dark_photos_stay_dark(tmp_path: Path, brightest: int) -> None:
+    deep = np.linspace(0, brightest, 40 * 60 * 3).reshape(40, 60, 3).astype(np.uint16)
+    assert np.array_equal(read_pixels(_deep_photo(tmp_path / "0.tif", deep)), deep >> 8)
+    black = np.full((40, 60, 3), 3, np.uint8)
+    assert np.array_equal(read_pixels(_deep_photo(tmp_path / "0.tif", black)), black)
 
 
 def test_a_file_that_breaks_after_loading_is_named(tmp_path: Path) -> None:

@@ -35,6 +35,12 @@ _READ_ERRORS = (
 _NO_IMAGE = "this is no image in a format that can be read (JPEG, PNG, TIFF, HEIC)"
 # Pillow's readers of these turn the pixels upright themselves, and give the upright size.
 _TURNED = ("TIFF", "HEIF")
+# These may have 16 bits a channel.
+_DEEP = ("PNG", "TIFF")
+# Colours of 16 bits a channel that are all below this are of a sensor of 12 bits or fewer, not moved up to the file's
+# range: a photo whose brightest spot is at 1/16 of the range shows nothing in any other reading. At 1/4 of it (14 bits)
+# it may be one taken at dusk, which is not to be brightened.
+_LEAST_OF_16_BITS = 2**12
 # What `cv2.rotate` and `cv2.flip` do for each EXIF orientation: (transpose, flip left-right, flip upside down).
 _UPRIGHT = {1: "", 2: "x", 3: "xy", 4: "y", 5: "t", 6: "tx", 7: "txy", 8: "ty"}
 
@@ -186,7 +192,7 @@ def _known_or_decoded(photo: Photo, image: Image.Image, mode: Literal["RGB", "L"
     key = photo.path, photo.file_state, image.size, mode
     pixels = _COPIES.get(key)
     if pixels is None:
-        pixels = _grey(image) if mode == "L" else _rgb(image)
+        pixels = _grey(image, photo.path) if mode == "L" else _rgb(image, photo.path)
         if photo.file_state is not None and _COPIES.fits(pixels):
             _COPIES.keep(key, pixels)
     return pixels
@@ -201,27 +207,47 @@ def write_jpeg(path: Path, pixels: ByteArray, *, quality: int = 95) -> None:
     temporary.replace(path)
 
 
-def _rgb(image: Image.Image) -> ByteArray:
-    """The image as 8-bit RGB as it is stored (of grey with more bits the highest eight; transparency is dropped)."""
+def _rgb(image: Image.Image, path: Path) -> ByteArray:
+    """The image of a file as 8-bit RGB as it is stored (of more bits the highest eight that are used; transparency is
+    dropped)."""
     if image.mode.startswith("I;16") or image.mode in ("I", "F"):
         return np.repeat(_of_eight_bits(np.asarray(image, np.float64))[:, :, None], 3, axis=2)
-    return np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
+    pixels = np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
+    if image.format in _DEEP and pixels.max() < _LEAST_OF_16_BITS >> 8:
+        return _of_used_bits(path, pixels)
+    return pixels
+
+
+def _of_used_bits(path: Path, upper: ByteArray) -> ByteArray:
+    """The used bits of an image of 16 bits a channel, whose `upper` eight hold next to nothing; else these.
+
+    Pillow has the upper eight alone. All of the file is looked at, so that a photo is as bright at every size.
+    """
+    deep = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    if deep is None or deep.dtype != np.uint16 or deep.ndim != 3:
+        return upper
+    rgb = deep[:, :, 2::-1]
+    # Turned and coloured otherwise than Pillow has it, it would be another picture.
+    if not np.array_equal(rgb >> 8, upper):
+        return upper
+    return np.asarray(rgb >> (_bits_of(int(rgb.max())) - 8), np.uint8)
 
 
 def _of_eight_bits(grey: FloatArray) -> ByteArray:
-    """Grey values (H, W), as a sensor of 8 to 16 bits counts them, or from 0 to 1, as eight bits.
-
-    How many bits there are is not said, so it is the least even number that holds the brightest value.
-    """
+    """Grey values (H, W), as a sensor of 8 to 16 bits counts them, or from 0 to 1, as eight bits."""
     brightest = float(np.nanmax(grey, initial=0.0))
     if 0 < brightest <= 1:
         return np.asarray(np.nan_to_num(np.clip(255 * grey, 0, 255)), np.uint8)
-    bits = next((bits for bits in (8, 10, 12, 14) if brightest < 2**bits), 16)
-    return np.asarray(np.nan_to_num(np.clip(grey / 2 ** (bits - 8), 0, 255)), np.uint8)
+    return np.asarray(np.nan_to_num(np.clip(grey / 2 ** (_bits_of(brightest) - 8), 0, 255)), np.uint8)
 
 
-def _grey(image: Image.Image) -> ByteArray:
-    grey = image if image.mode == "L" else cv2.cvtColor(_rgb(image), cv2.COLOR_RGB2GRAY)
+def _bits_of(brightest: float) -> int:
+    """How many bits a sensor has, which files do not say: the least even number that holds the brightest value."""
+    return next((bits for bits in (8, 10, 12, 14) if brightest < 2**bits), 16)
+
+
+def _grey(image: Image.Image, path: Path) -> ByteArray:
+    grey = image if image.mode == "L" else cv2.cvtColor(_rgb(image, path), cv2.COLOR_RGB2GRAY)
     return np.asarray(grey, np.uint8)
 
 
