@@ -13,8 +13,10 @@ import pytest
 import pomona
 from pipeline_fakes import Fakes, make_photos
 from pomona.errors import InputError, MissingExtraError, MissingFileError, SurveyError
+from pomona.formats.coordinate_systems import places_on_earth
 from pomona.stages.fuse.object.options import ObjectOptions
 from pomona.survey import SurveyFolder
+from pomona.values.cameras import WorldFrame, local_crs
 from pomona.values.fruits import Fruits
 from serving import running
 
@@ -131,7 +133,7 @@ def test_no_tree_is_no_number_in_tables(survey: pomona.Survey) -> None:
 def test_no_tree_is_no_number_in_tables_with_places(survey: pomona.Survey, tmp_path: Path) -> None:
     geopandas = pytest.importorskip("geopandas")
     pytest.importorskip("pyogrio")
-    table = survey.fruits.to_geopandas("EPSG:32631")
+    table = survey.fruits.to_geopandas(WorldFrame("markers", False, True, "EPSG:32631"))
     assert table.tree_id.isna().all()
     table.to_file(tmp_path / "fruits.gpkg")
     assert geopandas.read_file(tmp_path / "fruits.gpkg").tree_id.isna().all()
@@ -173,10 +175,19 @@ def test_cameras_by_the_names_of_photos(survey: pomona.Survey) -> None:
 
 def test_a_table_with_places(survey: pomona.Survey) -> None:
     pytest.importorskip("geopandas")
-    fruits = survey.fruits.to_geopandas("EPSG:32631")
-    assert fruits.crs.to_epsg() == 32631
+    fruits = survey.fruits.to_geopandas()
+    assert fruits.crs is None
     assert (fruits.geometry.x[0], fruits.geometry.z[0]) == (0, 2)
-    assert survey.fruits.to_geopandas().crs is None
+
+
+def test_a_table_on_earth_has_the_altitudes_of_exported_files(survey: pomona.Survey) -> None:
+    pytest.importorskip("geopandas")
+    frame = WorldFrame("gnss", False, True, local_crs(41.6, 0.6), (41.6, 0.6, 231.5))
+    fruits = survey.fruits.to_geopandas(frame)
+    assert (fruits.geometry.z[0], fruits.z_m[0]) == (233.5, 2)
+    degrees = fruits.to_crs("EPSG:4326").geometry[0]
+    exported = places_on_earth(survey.fruits.centers_in_world, frame)[0]
+    np.testing.assert_allclose((degrees.x, degrees.y, degrees.z), exported, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize(("package", "call"), [("pandas", "to_pandas"), ("geopandas", "to_geopandas")])

@@ -74,9 +74,4 @@ def places_on_earth(points_in_world: FloatArray, frame: WorldFrame) -> FloatArra
     if frame.crs is None or len(points_in_world) == 0:
         return np.round(points_in_world, 4)
     degrees = np.round(xy_between(points_in_world[:, :2], frame.crs, DEGREES), 9)
-    return np.column_stack([degrees, np.round(points_in_world[:, 2] + zero_altitude_m(frame), 4)])
-
-
-def zero_altitude_m(frame: WorldFrame) -> float:
-    """Return the altitude at which z is 0, in metres; 0 without a place on Earth."""
-    return frame.origin[2] if frame.crs is not None and frame.origin is not None else 0.0
+    return np.column_stack([degrees, np.round(points_in_world[:, 2] + frame.zero_altitude_m, 4)])

@@ -23,7 +23,6 @@ from pyproj.exceptions import CRSError
 
 from pomona.basics.arrays import FloatArray
 from pomona.errors import FormatError, InputError, MissingFileError, is_away
-from pomona.formats.coordinate_systems import zero_altitude_m
 from pomona.formats.files import lost, write_whole
 from pomona.values.cameras import WorldFrame
 from pomona.values.fruits import FruitCloud
@@ -50,7 +49,7 @@ def write_las(path: Path, cloud: FruitCloud, *, frame: WorldFrame | None = None,
     `with_altitudes`: where `frame` has a place on Earth, z is the altitude in the file, not the frame's z. Raises
     `InputError` where a point is not finite, lies too far away to be written, or where the CRS is not known.
     """
-    zero_m = zero_altitude_m(frame) if with_altitudes and frame is not None else 0.0
+    zero_m = frame.zero_altitude_m if with_altitudes and frame is not None else 0.0
     points = cloud.points_in_world + np.array([0.0, 0.0, zero_m])
     if not np.isfinite(points).all():
         raise InputError(

@@ -51,6 +51,11 @@ class WorldFrame:
         """Whether coordinates are metres (perhaps approximate ones)."""
         return self.scale_source != "none"
 
+    @property
+    def zero_altitude_m(self) -> float:
+        """The altitude at which z is 0; 0 without a place on Earth."""
+        return self.origin[2] if self.crs is not None and self.origin is not None else 0.0
+
 
 def local_crs(latitude_deg: float, longitude_deg: float) -> str:
     """Return the PROJ string of east and north metres around a place.

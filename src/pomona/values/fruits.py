@@ -11,6 +11,7 @@ import numpy as np
 from pomona.basics.arrays import BoolArray, ByteArray, FloatArray, IntArray, OneLine, chosen, set_checked
 from pomona.basics.data_frames import data_frame, geo_data_frame
 from pomona.errors import InputError
+from pomona.values.cameras import WorldFrame
 
 BOTH_SIDES = "both"
 """The side of a fruit that photos of more than one side saw."""
@@ -205,9 +206,15 @@ class Fruits(OneLine):
         """
         return data_frame(self._columns(), none_is_0=_TREES)
 
-    def to_geopandas(self, crs: str | None = None) -> Any:
-        """Return a `geopandas.GeoDataFrame` with a point a fruit; `crs` is that of the survey's frame, if any."""
-        return geo_data_frame(self._columns(), self.centers_in_world, crs, none_is_0=_TREES)
+    def to_geopandas(self, frame: WorldFrame | None = None) -> Any:
+        """Return a `geopandas.GeoDataFrame` with a point a fruit and the columns of `fruits.csv`.
+
+        With the survey's `frame`, where this has a place on Earth, points are in its CRS, and their heights altitudes,
+        as in exported files; else points are x, y, z.
+        """
+        frame = frame or WorldFrame()
+        points = self.centers_in_world + np.array([0.0, 0.0, frame.zero_altitude_m])
+        return geo_data_frame(self._columns(), points, frame.crs, none_is_0=_TREES)
 
     def _columns(self) -> dict[str, Any]:
         x_m, y_m, z_m = self.centers_in_world.T
