@@ -23,10 +23,10 @@ from pomona import cli
 from pomona.cli.app import app
 from pomona.cli.progress import TerminalProgress
 from pomona.cli.run import run as run_command
-from pomona.cli.summary import seconds
+from pomona.cli.summary import seconds, text_of
 from pomona.cli.watch import watch as watch_command
 from pomona.errors import InputError
-from pomona.pipeline import run
+from pomona.pipeline import SettledStage, run
 from pomona.progress import Progress
 from pomona.stages.report import ReportData
 from pomona.stages.scale.report import Placed
@@ -526,6 +526,19 @@ def test_progress_does_not_say_that_a_failed_stage_is_done() -> None:
 )
 def test_durations(value: float, text: str) -> None:
     assert seconds(value) == text
+
+
+def test_stages_that_took_no_time_are_not_listed(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    summary = run([photos], tmp_path / "out")
+    times_s = {"segment": 11.2, "select": 0.004, "sfm": 8.04, "scale": 0.049, "fuse": 0.05}
+    stages = tuple(SettledStage(name, time_s, None, kept=False) for name, time_s in times_s.items())
+    text = text_of(replace(summary, stages=(*stages, SettledStage("report", 0.0, None, kept=True))))
+    assert (
+        "time        19 s (fruits in photos 11 s, cameras 8.0 s, fruits in space 0.1 s); kept from before: report\n"
+        in text
+    )
+    at_once = text_of(replace(summary, stages=(SettledStage("select", 0.004, None, kept=False),)))
+    assert "time        0.0 s\n" in at_once
 
 
 def _fail_in_a_stage(progress: TerminalProgress) -> None:

@@ -14,6 +14,7 @@ from pomona.fruit.traits.kinds import fruit_kind
 from pomona.pipeline import Summary
 from pomona.pipeline.names import STAGE_WORDS
 
+_SHORTEST_S = 0.05  # a stage that took less is "0.0 s", which nobody needs to read
 _MOST_LISTED = 5  # of photos lost: `survey.json` and the report have all of them
 
 
@@ -92,7 +93,8 @@ def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, 
 def _times(summary: Summary) -> str:
     done = [stage for stage in summary.stages if not stage.kept]
     kept = [STAGE_WORDS[stage.name].lower() for stage in summary.stages if stage.kept]
-    parts = [f"{STAGE_WORDS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in done]
+    told = [stage for stage in done if stage.wall_s >= _SHORTEST_S]
+    parts = [f"{STAGE_WORDS[stage.name].lower()} {seconds(stage.wall_s)}" for stage in told]
     text = f"{seconds(sum(stage.wall_s for stage in done))}" + (f" ({', '.join(parts)})" if parts else "")
     return text + (f"; kept from before: {', '.join(kept)}" if kept else "")
 
