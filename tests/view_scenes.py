@@ -67,10 +67,12 @@ def _look(cameras: Cameras, fruits: Fruits, folder: Path) -> tuple[Observations,
             inside = radius < xy[i][0] < LENS.width_px - radius and radius < xy[i][1] < LENS.height_px - radius
             if not inside or not name.startswith(fruits.sides[i]):
                 continue
-            x, y = np.meshgrid(np.arange(LENS.width_px) + 0.5, np.arange(LENS.height_px) + 0.5)
+            left, top = (xy[i] - radius).astype(int)
+            right, bottom = (xy[i] + radius).astype(int) + 1
+            x, y = np.meshgrid(np.arange(left, right) + 0.5, np.arange(top, bottom) + 0.5)
             disc = np.hypot(x - xy[i][0], y - xy[i][1]) < radius
-            pixels[disc] = (190, 40, 40)
-            masks.append(Mask.from_pixels(disc))
+            pixels[top:bottom, left:right][disc] = (190, 40, 40)
+            masks.append(Mask.from_pixels(disc, left, top))
             ids.append(len(rows) + 1)
             rows.append((int(fruits.ids[i]), name, len(rows) + 1, xy[i]))
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

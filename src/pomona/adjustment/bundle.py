@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pomona.adjustment.normal_equations import cost, moved, normal_equations
 from pomona.adjustment.weights import Landmark, weighted, without_landmarks
@@ -98,7 +98,7 @@ def feature_noise_px(cameras: Cameras) -> float:
     seen = (views >= 2) & np.isfinite(squares)
     if not seen.any():
         return _LEAST_NOISE_PX
-    variances = squares[seen] / chi2.median(2 * views[seen] - 3)
+    variances = squares[seen] / chdtri(2 * views[seen] - 3, 0.5)  # the median of chi²
     return max(_LEAST_NOISE_PX, float(np.sqrt(np.median(variances))))
 
 

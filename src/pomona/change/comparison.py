@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy import stats
 
 from pomona.basics.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.basics.data_frames import data_frame
@@ -96,8 +95,10 @@ class Comparison:
         values = values[np.isfinite(values)]
         if len(values) == 0:
             return Interval(float("nan"), float("nan"), float("nan"))
+        from scipy.stats import quantile_test  # takes most of a second to import
+
         # Between two values by their ranks, however growth is distributed; of fewer than six, none are that likely.
-        low, high = np.asarray(stats.quantile_test(values, q=0.0, p=0.5).confidence_interval(0.95), float).tolist()
+        low, high = np.asarray(quantile_test(values, q=0.0, p=0.5).confidence_interval(0.95), float).tolist()
         return Interval(float(np.median(values)), low, high)
 
     def gone(self) -> Interval:

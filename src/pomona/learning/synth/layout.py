@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -47,16 +48,41 @@ class Wood:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """All that stands in the row."""
+    """All that stands in the row; meshes are made when they are asked for."""
 
+    options: RowOptions
     woods: tuple[Wood, ...]
-    foliage: tuple[Mesh, ...]  # one mesh of leaves a tree
-    bark: tuple[Mesh, ...]  # one mesh of wood a tree
     fruits: TrueFruits
-    stems: Mesh | None
+    spurs: FloatArray  # (n, 3): where each fruit's stem leaves the wood
     plates: Plates
-    posts: Mesh  # the plates' posts, the row's end posts and wires
-    grass: Mesh
+
+    @cached_property
+    def foliage(self) -> tuple[Mesh, ...]:
+        """One mesh of leaves a tree."""
+        rngs = [self.options.rng(200 + i) for i in range(len(self.woods))]
+        return tuple(
+            _grow_leaves(wood, self.fruits, self.options, rng) for wood, rng in zip(self.woods, rngs, strict=True)
+        )
+
+    @cached_property
+    def bark(self) -> tuple[Mesh, ...]:
+        """One mesh of wood a tree."""
+        return tuple(_bark(wood) for wood in self.woods)
+
+    @cached_property
+    def stems(self) -> Mesh | None:
+        """The fruits' stems, if there are any fruits."""
+        return _stems(self.spurs, self.fruits)
+
+    @cached_property
+    def posts(self) -> Mesh:
+        """The plates' posts, the row's end posts and wires."""
+        return _posts(self.options, self.plates)
+
+    @cached_property
+    def grass(self) -> Mesh:
+        """The ground's grass."""
+        return _grass(self.options)
 
 
 def lay_out_row(options: RowOptions) -> Row:
@@ -67,11 +93,7 @@ def lay_out_row(options: RowOptions) -> Row:
     fruits, spurs = _hang_fruits(woods, options)
     if options.days_later:
         fruits, spurs = _later(fruits, spurs, options)
-    stems = _stems(spurs, fruits)
-    plates = place_plates(options)
-    foliage = tuple(_grow_leaves(wood, fruits, options, options.rng(200 + i)) for i, wood in enumerate(woods))
-    bark = tuple(_bark(wood) for wood in woods)
-    return Row(woods, foliage, bark, fruits, stems, plates, _posts(options, plates), _grass(options))
+    return Row(options, woods, fruits, spurs, place_plates(options))
 
 
 # ---- wood ------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import Covariance, covariance, left_out
@@ -166,7 +166,7 @@ def warn_of_marker(
     """Name the marker that contradicts the others most, and the photos that see it, and say what to do."""
     most_mm = 1000 * _WRONG_MARKER * fruit_diameter_m
     # Each marker has three directions to deviate in, either way.
-    no_chance = float(norm.isf(_CHANCE / (2 * 3 * max(len(checked), 1))))
+    no_chance = -float(ndtri(_CHANCE / (2 * 3 * max(len(checked), 1))))
     wrong = [
         marker
         for marker in checked

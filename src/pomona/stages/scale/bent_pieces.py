@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pomona.adjustment.bundle import adjust_landmarks, feature_noise_px
 from pomona.adjustment.covariance import covariance
@@ -42,4 +42,4 @@ def markers_within_bends(
     offsets_m = np.array([marker.place - doubted[i].place for i, marker in zip(doubted, free, strict=True)])
     spread = covariances.known_points[len(known) :] + placed_m**2 * np.eye(3)
     squares = np.einsum("qi,qi->q", offsets_m, np.linalg.solve(spread, offsets_m[:, :, None])[:, :, 0])
-    return {i for i, square in zip(doubted, squares, strict=True) if square < chi2.isf(_CHANCE, 3)}
+    return {i for i, square in zip(doubted, squares, strict=True) if square < chdtri(3, _CHANCE)}

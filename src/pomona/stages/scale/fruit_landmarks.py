@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pomona.adjustment.bundle import adjust_landmarks, can_be_adjusted, feature_noise_px, is_no_worse
 from pomona.adjustment.lenses import credible_focals, share_lenses
@@ -138,7 +138,7 @@ def _deviation(cameras: Cameras, fruits: list[Landmark]) -> float:
     """How far off discs are seen, in their standard deviations: the median over fruits, as of features' points."""
     squares = [float(((_offsets_px(cameras, fruit) / fruit.sds_px[:, None]) ** 2).sum()) for fruit in fruits]
     freedom = [2 * len(fruit.photo_idx) - 3 for fruit in fruits]
-    return float(np.sqrt(np.median(np.array(squares) / chi2.median(freedom))))
+    return float(np.sqrt(np.median(np.array(squares) / chdtri(freedom, 0.5))))
 
 
 def _offsets_px(cameras: Cameras, fruit: Landmark) -> FloatArray:

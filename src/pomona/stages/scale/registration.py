@@ -7,8 +7,8 @@ around them vote on it; the best hypotheses are refined by iterative closest poi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -30,6 +30,8 @@ _MOST_SCALE, _MOST_TILT = 1.2, np.radians(12)
 _LENGTH_RATIO, _STEEPNESS = 1.15, np.radians(6)
 # These bound time and memory: pairs of one side, hypotheses voted on, and hypotheses refined.
 _MOST_PAIRS, _MOST_HYPOTHESES, _REFINED = 1500, 400_000, 40
+# So many hypotheses are voted on at once; cells in which points are looked up are no more than this.
+_TOGETHER, _MOST_CELLS = 4000, 8_000_000
 # Steps of iterative closest points; over the first half of them the reach of correspondences shrinks, and as many are
 # left once all fruits take part. So much wider about the place of a hypothesis do fruits take part at each step.
 _STEPS, _WIDER = 15, 1.25
@@ -90,13 +92,14 @@ def iterate_closest_points(
     None also where the fit tilts, shrinks or enlarges more than two level frames can differ.
     Source: Besl and McKay 1992, with a similarity and mutual neighbours.
     """
-    similarity = start
+    similarity, tree, pairs = start, cKDTree(target), np.zeros((0, 2), np.int64)
     away = np.zeros(len(source)) if around is None else np.linalg.norm(source - around, axis=1) / diameter_m
     radius, step = _FARTHEST, 0
     while (growing := radius < away.max()) or step < _STEPS:
-        reach = _FIRST_SAME_PLACE + (_SAME_PLACE - _FIRST_SAME_PLACE) * min(1.0, 2 * step / _STEPS)
+        shrunk = min(1.0, 2 * step / _STEPS)
+        reach = _FIRST_SAME_PLACE + (_SAME_PLACE - _FIRST_SAME_PLACE) * shrunk
         some = source[away <= radius]
-        pairs = mutual_neighbours(similarity.apply(some), target, reach * diameter_m)
+        before, pairs = pairs, mutual_neighbours(similarity.apply(some), target, reach * diameter_m, tree)
         step = min(step + 1, _STEPS // 2) if growing else step + 1
         radius *= _WIDER
         if len(pairs) < least_common or _spread_across(target[pairs[:, 1]]) < _LEAST_SPREAD * diameter_m:
@@ -106,7 +109,9 @@ def iterate_closest_points(
         similarity = estimate_similarity(some[pairs[:, 0]], target[pairs[:, 1]])
         if not _is_plausible(similarity):
             return None
-    return Registration(similarity, mutual_neighbours(similarity.apply(source), target, _SAME_PLACE * diameter_m))
+        if not growing and shrunk == 1 and np.array_equal(pairs, before):
+            break  # all further steps would be as this one
+    return Registration(similarity, mutual_neighbours(similarity.apply(source), target, _SAME_PLACE * diameter_m, tree))
 
 
 def is_significant(
@@ -152,7 +157,7 @@ def uncovered(placed: FloatArray, target: FloatArray, pairs: IntArray) -> tuple[
 
 
 def _best_registration(a: FloatArray, b: FloatArray, diameter_m: float, least_common: int) -> Registration | None:
-    hypotheses = _best_hypotheses(a, b, cKDTree(b), diameter_m)
+    hypotheses = _best_hypotheses(a, b, diameter_m)
     refined = [
         iterate_closest_points(start, a, b, diameter_m, least_common=least_common, around=place)
         for start, place in hypotheses
@@ -160,51 +165,80 @@ def _best_registration(a: FloatArray, b: FloatArray, diameter_m: float, least_co
     return max((found for found in refined if found is not None), key=lambda found: len(found.pairs), default=None)
 
 
-def _best_hypotheses(
-    a: FloatArray, b: FloatArray, tree: cKDTree, diameter_m: float
-) -> list[tuple[Similarity, FloatArray]]:
+def _best_hypotheses(a: FloatArray, b: FloatArray, diameter_m: float) -> list[tuple[Similarity, FloatArray]]:
     """Return the similarities of two points each that most of the points around these agree with, and the places (3,)
     of these in `a`.
     """
-    scales, headings, origins_a, origins_b, votes = [], [], [], [], []
-    near = cKDTree(a)
-    for first, second, to_first, to_second in _similar_pairs(a, b, diameter_m):
-        of_a, of_b = a[second] - a[first], b[to_second] - b[to_first]
-        scale = np.linalg.norm(of_b, axis=1) / np.linalg.norm(of_a)
-        heading = np.arctan2(of_b[:, 1], of_b[:, 0]) - np.arctan2(of_a[1], of_a[0])
-        middle_a, middle_b = (a[first] + a[second]) / 2, (b[to_first] + b[to_second]) / 2
-        around = np.asarray(near.query(middle_a, k=min(_NEIGHBOURS + 2, len(a)))[1])
-        around = around[(around != first) & (around != second)]
-        placed = scale[:, None, None] * _turned(a[around] - middle_a, heading) + middle_b[:, None]
-        distance = tree.query(placed.reshape(-1, 3), distance_upper_bound=_SAME_PLACE * diameter_m)[0]
-        scales.append(scale)
-        headings.append(heading)
-        origins_a.append(np.broadcast_to(middle_a, middle_b.shape))
-        origins_b.append(middle_b)
-        votes.append(np.isfinite(distance).reshape(len(scale), -1).sum(1))
-    if not votes:
+    pairs_a, of_pair, pairs_b = _similar_pairs(a, b, diameter_m)
+    if len(of_pair) == 0:
         return []
-    best = np.argsort(-np.concatenate(votes), kind="stable")[:_REFINED]
-    parts = (np.concatenate(values)[best] for values in (scales, headings, origins_a, origins_b))
-    return [(_similarity(*values), values[2]) for values in zip(*parts, strict=True)]
+    apart_a, apart_b = a[pairs_a[:, 1]] - a[pairs_a[:, 0]], b[pairs_b[:, 1]] - b[pairs_b[:, 0]]
+    scales = np.linalg.norm(apart_b, axis=1) / np.linalg.norm(apart_a, axis=1)[of_pair]
+    headings = np.arctan2(apart_b[:, 1], apart_b[:, 0]) - np.arctan2(apart_a[:, 1], apart_a[:, 0])[of_pair]
+    middles_a, middles_b = a[pairs_a].mean(1), b[pairs_b].mean(1)
+    around = np.asarray(cKDTree(a).query(middles_a, k=min(_NEIGHBOURS + 2, len(a)))[1])
+    voting = (around != pairs_a[:, :1]) & (around != pairs_a[:, 1:])
+    relative, near_b = a[around] - middles_a[:, None], _Near(b, _SAME_PLACE * diameter_m)
+    votes = np.zeros(len(of_pair), np.int64)
+    for first in range(0, len(votes), _TOGETHER):
+        some = slice(first, first + _TOGETHER)
+        turned = _turned(relative[of_pair[some]], headings[some])
+        placed = scales[some, None, None] * turned + middles_b[some, None]
+        votes[some] = (near_b.are_near(placed) & voting[of_pair[some]]).sum(1)
+    best = np.argsort(-votes, kind="stable")[:_REFINED]
+    starts = middles_a[of_pair[best]]
+    parts = zip(scales[best], headings[best], starts, middles_b[best], strict=True)
+    return [(_similarity(*values), start) for values, start in zip(parts, starts, strict=True)]
 
 
-def _similar_pairs(a: FloatArray, b: FloatArray, diameter_m: float) -> Iterator[tuple[int, int, IntArray, IntArray]]:
-    """Yield two points of `a` and the pairs of `b`, in order, that are about as far apart and as steep."""
+class _Near:
+    """Says of many places which have one of some points (n, 3) within reach.
+
+    Few have: a place is looked up among cells first, which are as wide as the reach, or wider where they would be too
+    many. Only those in a cell that touches a point's are compared with the points.
+    """
+
+    def __init__(self, points: FloatArray, reach_m: float) -> None:
+        self._tree, self._reach_m = cKDTree(points), reach_m
+        self._low = points.min(0) - 2 * reach_m
+        extent = points.max(0) + 2 * reach_m - self._low
+        self._cell_m = max(reach_m, float(np.cbrt(extent.prod() / _MOST_CELLS)))
+        self._occupied = np.zeros((extent / self._cell_m).astype(int) + 3, bool)
+        cells = self._cells_of(points)
+        for step in product((-1, 0, 1), repeat=3):
+            self._occupied[tuple((cells + step).T)] = True
+
+    def are_near(self, places: FloatArray) -> BoolArray:
+        """Return it of places (..., 3)."""
+        cells = self._cells_of(places)
+        inside = ((cells >= 0) & (cells < self._occupied.shape)).all(-1)
+        near = np.zeros(places.shape[:-1], bool)
+        near[inside] = self._occupied[tuple(cells[inside].T)]
+        distances = self._tree.query(places[near], distance_upper_bound=self._reach_m)[0]
+        near[near] = np.isfinite(distances)
+        return near
+
+    def _cells_of(self, places: FloatArray) -> IntArray:
+        return np.asarray(np.floor((places - self._low) / self._cell_m), np.int64) + 1
+
+
+def _similar_pairs(a: FloatArray, b: FloatArray, diameter_m: float) -> tuple[IntArray, IntArray, IntArray]:
+    """Return pairs (p, 2) of points of `a`, and for each of k hypotheses which of these it is of, with the pair (k, 2)
+    of `b`, in order, that is about as far apart and as steep.
+    """
     random = np.random.default_rng(0)
     pairs_a, pairs_b = _pairs(a, diameter_m), _pairs(b, diameter_m)
     pairs_b = np.concatenate([pairs_b, pairs_b[:, ::-1]])
+    pairs_a = pairs_a[random.permutation(len(pairs_a))[:_MOST_PAIRS]]
+    none = np.zeros(0, np.int64)
     if len(pairs_a) == 0 or len(pairs_b) == 0:
-        return
+        return pairs_a, none, pairs_b[none]
     shapes = cKDTree(_shapes(b, pairs_b))
-    left = _MOST_HYPOTHESES
-    for first, second in pairs_a[random.permutation(len(pairs_a))[:_MOST_PAIRS]]:
-        fitting = np.sort(shapes.query_ball_point(_shapes(a, np.array([[first, second]]))[0], 1.0))
-        if len(fitting):
-            yield int(first), int(second), pairs_b[fitting, 0], pairs_b[fitting, 1]
-        left -= len(fitting)
-        if left < 0:
-            return
+    fitting = np.asarray(shapes.query_ball_point(_shapes(a, pairs_a), 1.0, return_sorted=True), object)
+    counts = np.array([len(each) for each in fitting])
+    taken = counts.cumsum() - counts <= _MOST_HYPOTHESES
+    chosen = np.concatenate([none, *(np.array(each, np.int64) for each in fitting[taken])])
+    return pairs_a, np.repeat(np.flatnonzero(taken), counts[taken]), pairs_b[chosen]
 
 
 def _pairs(points: FloatArray, diameter_m: float) -> IntArray:
@@ -226,11 +260,12 @@ def _shapes(points: FloatArray, pairs: IntArray) -> FloatArray:
 
 
 def _turned(points: FloatArray, headings: FloatArray) -> FloatArray:
-    """Turn points (n, 3) about z by each of the headings (h,): (h, n, 3)."""
+    """Turn points (n, 3), or a set (h, n, 3) for each, about z by headings (h,): (h, n, 3)."""
     cosine, sine = np.cos(headings)[:, None], np.sin(headings)[:, None]
-    x, y = points[:, 0], points[:, 1]
-    z = np.broadcast_to(points[:, 2], (len(headings), len(points)))
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=2)
+    x, y = points[..., 0], points[..., 1]
+    turned = np.empty((len(headings), points.shape[-2], 3))
+    turned[..., 0], turned[..., 1], turned[..., 2] = cosine * x - sine * y, sine * x + cosine * y, points[..., 2]
+    return turned
 
 
 def _similarity(scale: float, heading: float, origin_a: FloatArray, origin_b: FloatArray) -> Similarity:
@@ -238,9 +273,12 @@ def _similarity(scale: float, heading: float, origin_a: FloatArray, origin_b: Fl
     return Similarity(float(scale), rotation, origin_b - scale * rotation @ origin_a)
 
 
-def mutual_neighbours(points: FloatArray, target: FloatArray, reach_m: float) -> IntArray:
-    """Return index pairs (k, 2) of points that are each other's nearest, at most `reach_m` apart."""
-    distance, nearest = map(np.asarray, cKDTree(target).query(points, distance_upper_bound=reach_m))
+def mutual_neighbours(points: FloatArray, target: FloatArray, reach_m: float, tree: cKDTree | None = None) -> IntArray:
+    """Return index pairs (k, 2) of points that are each other's nearest, at most `reach_m` apart.
+
+    `tree` is that of the target, where there is one already.
+    """
+    distance, nearest = map(np.asarray, (tree or cKDTree(target)).query(points, distance_upper_bound=reach_m))
     near = np.flatnonzero(np.isfinite(distance))
     if len(near) == 0:
         return np.zeros((0, 2), np.int64)

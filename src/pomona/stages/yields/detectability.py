@@ -31,7 +31,8 @@ _LEAST = 0.05  # found with a lower probability, a fruit would stand for too man
 _MODEL_SD, _ONE_SIDED_SD = 0.1, 0.6
 _SHARED_NODES, _SHARED_WEIGHTS = roots_hermitenorm(9)
 _SHARED_WEIGHTS = _SHARED_WEIGHTS / _SHARED_WEIGHTS.sum()
-_LOGITS = np.arange(-9.0, 9.01, 0.5)  # where the integral over what hides a fruit from one side is taken
+_BETWEEN = 0.5
+_LOGITS = np.arange(-9.0, 9.01, _BETWEEN)  # where the integral over what hides a fruit from one side is taken
 _STEP = 0.05  # of the parameters, for second derivatives: a share of their standard deviations
 _LEAST_CURVATURE = 0.3
 
@@ -116,7 +117,7 @@ class _Likelihood:
         """The logarithm of the probability of what was seen, given that the fruits were found."""
         shares, (yes, no) = self._shares(parameters), _chances(parameters)
         x, n = self.encounters.seen[:, :, None], self.encounters.photos[:, :, None]
-        seen = (shares @ np.exp(self.ways[:, :, None] + x * yes + (n - x) * no)[..., None])[..., 0]
+        seen = _mean(shares, np.exp(self.ways[:, :, None] + x * yes + (n - x) * no)[..., None])[..., 0]
         ratio = np.log(np.maximum(seen.prod(axis=1) @ _SHARED_WEIGHTS, 1e-300))
         return float((ratio - np.log(np.maximum(self._found(shares, yes, no), 1e-12))).sum())
 
@@ -128,7 +129,7 @@ class _Likelihood:
         few = np.arange(len(self.encounters.kept))
         n = self.encounters.photos[:, :, None, None]
         values = self.few_ways[:, :, None] + few * yes[:, None] + np.maximum(n - few, 0) * no[:, None]
-        counts = np.moveaxis(shares @ np.exp(values), 1, 0)  # (s, n, u, k): how often seen from each side
+        counts = np.moveaxis(_mean(shares, np.exp(values)), 1, 0)  # (s, n, u, k): how often seen from each side
         missed = counts[0]
         for other in counts[1:]:
             missed = np.stack([(missed[..., : k + 1] * other[..., k::-1]).sum(axis=-1) for k in few], axis=-1)
@@ -136,14 +137,26 @@ class _Likelihood:
         return found
 
     def _shares(self, parameters: FloatArray) -> FloatArray:
-        """How often each logit is met (n, s, u, t) by fruits as deep and large, at u values of the shared deviate."""
+        """How often each logit is met (n, s, u, t) by fruits as deep and large, at u values of the shared deviate.
+
+        Up to a factor for all logits.
+        """
         sides = self.encounters.sides
         level, (by_depth, by_size, shared, own, _) = parameters[:sides], parameters[sides:]
         middle = level + by_depth * self.encounters.depths + by_size * self.encounters.sizes[:, None]
         middles = middle[:, :, None] + np.exp(shared) * _SHARED_NODES
-        shares = -0.5 * ((_LOGITS - middles[..., None]) / np.exp(own)) ** 2
-        shares = np.exp(shares - shares.max(axis=-1, keepdims=True))
-        return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
+        # In place: nearly all of the time goes into this array. The nearest logit has a share of 1.
+        nearest = _LOGITS[np.clip(np.rint((middles - _LOGITS[0]) / _BETWEEN), 0, len(_LOGITS) - 1).astype(int)]
+        shares = _LOGITS - middles[..., None]
+        np.square(shares, out=shares)
+        shares -= ((nearest - middles) ** 2)[..., None]
+        shares *= -0.5 / np.exp(2 * own)
+        return np.asarray(np.exp(shares, out=shares))
+
+
+def _mean(shares: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the means (n, s, u, k) of `values` (n, s, t, k), each logit t by its share (n, s, u, t)."""
+    return np.asarray((shares @ values) / shares.sum(axis=-1, keepdims=True))
 
 
 def _chances(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:

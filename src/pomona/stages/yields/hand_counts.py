@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t as student
 
 from pomona.basics.arrays import BoolArray, FloatArray, IntArray, set_checked
 from pomona.errors import FormatError, few
@@ -123,7 +122,7 @@ def calibration(counts: HandCounts, trees: OnTrees, rng: np.random.Generator, pr
         )
     sums = np.maximum(trees.draws.sum(axis=1), 1.0)
     fruits = np.full(len(sums), float(counted.sum()))
-    off = _scatter(counted, ratio, trees) * student.rvs(n - 1 + _TREES, size=len(sums), random_state=rng)
+    off = _scatter(counted, ratio, trees) * rng.standard_t(n - 1 + _TREES, len(sums))
     fruits = np.maximum(fruits + off, 0.0)
     found = trees.seen_draws.sum(axis=1)
     # What was found is there, unless fewer were counted on these very trees.
