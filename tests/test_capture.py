@@ -6,6 +6,7 @@ import os
 import shutil
 import struct
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
@@ -23,7 +24,7 @@ from pomona.errors import InputError, LostFileError, MissingFileError
 from pomona.progress import Silent
 from pomona.stages.capture import load_photos, read_grey, read_pixels
 from pomona.stages.capture.exif import Exif, focal_px, parse_exif
-from pomona.stages.capture.files import natural_key
+from pomona.stages.capture.files import list_photos, natural_key
 from pomona.stages.capture.images import Header, read_header
 from pomona.stages.capture.sensors import sensor_width_mm
 from pomona.stages.capture.sides import sides_by_globs, sides_by_names
@@ -248,10 +249,10 @@ def test_sub_folders_that_may_not_be_read_are_passed_over(tmp_path: Path, monkey
     for i in range(2):
         write_photo(tmp_path / f"{i}.jpg", (60, 40), seed=i)
     (tmp_path / "lost+found").mkdir()
-    real, real_stat = Path.iterdir, Path.stat
+    real, real_stat = os.scandir, Path.stat
 
-    def iterdir(path: Path) -> Iterator[Path]:
-        if path.name == "lost+found":
+    def scandir(path: Path) -> Iterator[os.DirEntry[str]]:
+        if Path(path).name == "lost+found":
             raise PermissionError(13, "Permission denied", str(path))
         return real(path)
 
@@ -260,13 +261,29 @@ def test_sub_folders_that_may_not_be_read_are_passed_over(tmp_path: Path, monkey
             raise PermissionError(13, "Permission denied", str(path))
         return real_stat(path, **how)
 
-    monkeypatch.setattr(Path, "iterdir", iterdir)
+    monkeypatch.setattr(os, "scandir", scandir)
     monkeypatch.setattr(Path, "stat", stat)
     assert load_photos([tmp_path]).names == ("0.jpg", "1.jpg")
     (tmp_path / "east").mkdir()
     for i in range(2):
         (tmp_path / f"{i}.jpg").rename(tmp_path / "east" / f"{i}.jpg")
     assert load_photos([tmp_path]).names == ("east/0.jpg", "east/1.jpg")
+
+
+def test_each_folder_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("row/7/east/IMG_0.jpg", "row/7/east/more/IMG_2.jpg", "row/7/west/DCIM/100CANON/IMG_1.jpg"):
+        write_photo(tmp_path / name)
+    read = Counter[str]()
+    for name in ("listdir", "scandir"):
+        real = getattr(os, name)
+
+        def counted(path: Path, real: Any = real) -> Any:
+            read[Path(path).name] += 1
+            return real(path)
+
+        monkeypatch.setattr(os, name, counted)
+    assert len(list_photos(tmp_path / "row").files) == 1
+    assert read == Counter(["row", "7", "east", "more", "west", "DCIM", "100CANON"])
 
 
 def test_sides_by_globs_take_their_literal_names() -> None:

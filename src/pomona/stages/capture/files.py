@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from pomona.basics.arrays import counted
@@ -55,37 +57,102 @@ def list_photos(folder: Path) -> PhotoListing:
     """
     if not folder.exists():
         raise MissingFileError(f"{folder} does not exist: expected a folder of photos or a video")
-    here = _photos_in(folder)
-    children = _sub_folders(folder)
-    below = {child.name: files for child in children if (files := _photos_below(child))}
+    return _listing_of(_Folder.read(folder))
+
+
+@dataclass(frozen=True, eq=False)
+class _Folder:
+    """What a folder holds, read from the disk once: on a network drive each look at one takes its time.
+
+    `files` and `sub_folders` are without hidden ones, in natural order; `lost` are photos whose names link to files
+    that are not there.
+    """
+
+    path: Path
+    files: Sequence[Path] = ()
+    sub_folders: Sequence[Path] = ()
+    lost: Sequence[Path] = ()
+
+    @classmethod
+    def read(cls, path: Path) -> _Folder:
+        with os.scandir(path) as found:
+            entries = [entry for entry in found if not entry.name.startswith(".") and entry.name not in _OF_SYSTEMS]
+        kinds: dict[str, list[Path]] = {"file": [], "folder": [], "lost": [], "": []}
+        # a.jpg and A.JPG, too, in one order everywhere
+        for entry in sorted(entries, key=lambda entry: (natural_key(entry.name), entry.name)):
+            kinds[_kind_of(entry)].append(path / entry.name)
+        return cls(path, kinds["file"], kinds["folder"], [p for p in kinds["lost"] if _is_named_as_photo(p)])
+
+    @cached_property
+    def photos(self) -> list[Path]:
+        """The photos in the folder itself."""
+        return [path for path in self.files if _is_named_as_photo(path)]
+
+    @cached_property
+    def folders(self) -> list[_Folder]:
+        """The folders in it, without surveys: one beside the photos that it is of has pictures, too."""
+        read = [_readable(path) for path in self.sub_folders]
+        return [folder for folder in read if all(file.name != "survey.json" for file in folder.files)]
+
+    def further_down(self, levels: int = _MOST_LEVELS) -> list[Path]:
+        """Return the photos of the folders in it, or where one has none, of those in that."""
+        found = [folder.photos or (levels > 1 and folder.further_down(levels - 1)) for folder in self.folders]
+        return [photo for photos in found if photos for photo in photos]
+
+
+def _kind_of(entry: os.DirEntry[str]) -> str:
+    try:
+        is_file, is_folder = entry.is_file(), entry.is_dir()
+    except OSError:  # of a link that leads in circles, or to where one may not look
+        is_file = is_folder = False
+    return "file" if is_file else "folder" if is_folder else "lost" if entry.is_symlink() else ""
+
+
+def _is_named_as_photo(path: Path) -> bool:
+    return path.suffix.lower() in PHOTO_SUFFIXES
+
+
+def _readable(path: Path) -> _Folder:
+    """A sub-folder; with nothing in it where it may not be read, as disks have such for themselves."""
+    try:
+        return _Folder.read(path)
+    except PermissionError:
+        return _Folder(path)
+
+
+def _listing_of(folder: _Folder) -> PhotoListing:
+    here, children = folder.photos, folder.folders
+    below = {child.path.name: child.photos for child in children if child.photos}
     if here:
-        in_folders = [*below, *(c.name for c in children if c.name not in below and _photos_further_down(c))]
+        in_folders = [*below, *(child.path.name for child in children if not child.photos and child.further_down())]
         left_out = [
-            f"{folder}: photos in sub-folders ({', '.join(in_folders)}) were left out, as there are photos beside them"
+            f"{folder.path}: photos in sub-folders ({', '.join(in_folders)}) were left out, as there are photos beside "
+            "them"
         ]
         notes = left_out[: bool(in_folders)] + _notes_of_others([folder], here) + _notes_of_links(folder)
         return PhotoListing(tuple(here), ("",) * len(here), tuple(notes))
     notes = [note for child in children for note in _notes_of_links(child)]
     if below:
         notes += _notes_of_others(children, [photo for photos in below.values() for photo in photos])
-        if deeper := [child.name for child in children if _photos_further_down(child)]:
+        if deeper := [child.path.name for child in children if child.further_down()]:
             notes.append(
-                f"{folder}: photos further down, in folders of {', '.join(deeper)}, were left out, as there are photos "
-                f"in {', '.join(below)}: to use them, give folders that have the photos in them"
+                f"{folder.path}: photos further down, in folders of {', '.join(deeper)}, were left out, as there are "
+                f"photos in {', '.join(below)}: to use them, give folders that have the photos in them"
             )
     else:
-        below = {child.name: files for child in children if (files := _photos_further_down(child))}
-        if len(below) == 1:
-            return list_photos(folder / next(iter(below)))
-        notes += [f"{folder}: photos were found more than one folder below, in {', '.join(below)}"]
+        with_photos = [child for child in children if child.further_down()]
+        if len(with_photos) == 1:
+            return _listing_of(with_photos[0])
+        below = {child.path.name: child.further_down() for child in with_photos}
+        notes += [f"{folder.path}: photos were found more than one folder below, in {', '.join(below)}"]
     if not below:
         raise InputError(_nothing_found(folder))
     names, are_sides = list(below), may_be_sides(list(below))
     groups = names if are_sides else [""] * len(names)
     if len(names) > 2 and not are_camera_folders(names):
         notes.append(
-            f"{folder}: photos of {len(names)} sub-folders ({', '.join(names[:6])}) were taken as one side of a row; "
-            "give two folders, or two sub-folders, for the two sides"
+            f"{folder.path}: photos of {len(names)} sub-folders ({', '.join(names[:6])}) were taken as one side of a "
+            "row; give two folders, or two sub-folders, for the two sides"
         )
     pairs = [(file, group) for sub, group in zip(names, groups, strict=True) for file in below[sub]]
     return PhotoListing(tuple(file for file, _ in pairs), tuple(group for _, group in pairs), tuple(notes))
@@ -101,85 +168,43 @@ def may_be_sides(names: Sequence[str]) -> bool:
     return len(names) == 2 and not are_camera_folders(names)
 
 
-def _visible(folder: Path) -> list[Path]:
-    found = [p for p in folder.iterdir() if not p.name.startswith(".") and p.name not in _OF_SYSTEMS]
-    return sorted(found, key=lambda p: (natural_key(p.name), p.name))  # a.jpg and A.JPG, too, in one order everywhere
-
-
-def _photos_in(folder: Path) -> list[Path]:
-    return [p for p in _visible(folder) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
-
-
-def _sub_folders(folder: Path) -> list[Path]:
-    """The folders in a folder, without surveys: one beside the photos that it is of has pictures, too."""
-    return [child for child in _visible(folder) if child.is_dir() and not _is_survey(child)]
-
-
-def _is_survey(folder: Path) -> bool:
-    try:
-        return (folder / "survey.json").is_file()
-    except PermissionError:  # one that may not be read, as disks have for themselves
-        return False
-
-
-def _photos_below(folder: Path) -> list[Path]:
-    """The photos of a sub-folder; none of one that may not be read, as disks have for themselves."""
-    try:
-        return _photos_in(folder)
-    except PermissionError:
-        return []
-
-
-def _photos_further_down(folder: Path, levels: int = _MOST_LEVELS) -> list[Path]:
-    """The photos of the sub-folders of a folder that has none itself, or of theirs; none of surveys."""
-    try:
-        children = _sub_folders(folder)
-    except PermissionError:
-        return []
-    found = [_photos_below(child) or (levels > 1 and _photos_further_down(child, levels - 1)) for child in children]
-    return [photo for photos in found if photos for photo in photos]
-
-
-def _notes_of_others(folders: Sequence[Path], photos: list[Path]) -> list[str]:
+def _notes_of_others(folders: Sequence[_Folder], photos: list[Path]) -> list[str]:
     """What is said of RAW files and videos beside photos; nothing of those of a photo, as live photos have them."""
     stems = {p.stem.casefold() for p in photos}
     notes = []
     for folder in folders:
-        try:
-            others = [p for p in _visible(folder) if p.stem.casefold() not in stems]
-        except PermissionError:
-            continue
+        others = [p for p in folder.files if p.stem.casefold() not in stems]
         raw = [p for p in others if p.suffix.lower() in RAW_SUFFIXES]
         videos = [p for p in others if p.suffix.lower() in VIDEO_SUFFIXES]
         if raw:
             left_out = f"{counted(len(raw), 'camera RAW file')} left out, such as {raw[0].name}"
-            notes.append(f"{folder}: {left_out}: export them as JPEG")
+            notes.append(f"{folder.path}: {left_out}: export them as JPEG")
         if videos:
             left_out = f"{counted(len(videos), 'video')} left out, such as {videos[0].name}"
-            notes.append(f"{folder}: {left_out}, as photos are used where there are some; a video is given by itself")
+            notes.append(
+                f"{folder.path}: {left_out}, as photos are used where there are some; a video is given by itself"
+            )
     return notes
 
 
-def _notes_of_links(folder: Path) -> list[str]:
+def _notes_of_links(folder: _Folder) -> list[str]:
     """What is said of photos whose names are there alone, as when a disk is away or an archive was not fetched."""
-    try:
-        names = [path for path in _visible(folder) if path.suffix.lower() in PHOTO_SUFFIXES]
-    except PermissionError:
+    if not folder.lost:
         return []
-    lost = [path.name for path in names if path.is_symlink() and not path.exists()]
-    if not lost:
-        return []
-    left_out = f"{counted(len(lost), 'photo')} left out, such as {lost[0]}"
-    return [f"{folder}: {left_out}: the name links to a file that is not there. Bring the files, or go on without them"]
+    left_out = f"{counted(len(folder.lost), 'photo')} left out, such as {folder.lost[0].name}"
+    return [
+        f"{folder.path}: {left_out}: the name links to a file that is not there. Bring the files, or go on without them"
+    ]
 
 
-def _nothing_found(folder: Path) -> str:
+def _nothing_found(folder: _Folder) -> str:
     if lost := _notes_of_links(folder):
         return lost[0]
-    found = Counter(p.suffix.lower() or "no suffix" for p in _visible(folder) if p.is_file())
+    found = Counter(p.suffix.lower() or "no suffix" for p in folder.files)
     listed = ", ".join(f"{count} × {suffix}" for suffix, count in found.most_common(5)) or "no files"
     message = (
-        f"{folder} holds no photo: looked for JPEG, PNG, TIFF and HEIC files, also in folders below; found {listed}"
+        f"{folder.path} holds no photo: looked for JPEG, PNG, TIFF and HEIC files, also in folders below; found "
+        f"{listed}"
     )
     if any(suffix in RAW_SUFFIXES for suffix in found):
         return f"{message}. Camera RAW files cannot be read: export them as JPEG"
