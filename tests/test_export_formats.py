@@ -10,6 +10,7 @@ from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import numpy as np
@@ -409,6 +410,22 @@ def test_rerun(tmp_path: Path) -> None:
     content = (tmp_path / "survey.rrd").read_bytes()
     assert content[:3] == b"RRF"
     assert len(content) > 2000
+
+
+def test_fruits_that_are_not_measured_are_as_large_in_rerun_as_they_are_likely_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pomona.formats.rerun import write_rerun
+
+    rerun = MagicMock()
+    monkeypatch.setitem(sys.modules, "rerun", rerun)
+    cherries = Fruits(
+        np.arange(1, 6), np.zeros((5, 3)), np.array([0.020, 0.024, 0.025, np.nan, np.nan]), np.ones(5), np.full(5, 3),
+        rough_diameters_m=np.array([np.nan, np.nan, np.nan, 0.022, np.nan]),
+    )  # fmt: skip
+    write_rerun(tmp_path / "survey.rrd", _cameras(METRES), cherries, FruitCloud.empty())
+    _, balls = rerun.Points3D.call_args_list
+    np.testing.assert_allclose(balls.kwargs["radii"], [0.010, 0.012, 0.0125, 0.011, 0.012])
 
 
 def test_rerun_missing_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
