@@ -21,6 +21,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("pomona", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("pomona")
 
+# No test pulls the plug, and a small survey waits longer for the disk than it computes. Tests of what is written when
+# replace it themselves.
+os.fsync = lambda handle: None
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 

@@ -117,10 +117,10 @@ def disc(cameras: Cameras, k: int, place: FloatArray, diameter_m: float = DIAMET
     """Return the pixels (h, w) of a photo that a fruit covers; none where it is not wholly in the picture."""
     (x, y), depth = (values[0] for values in cameras.project(k, place[None]))
     radius = cameras.intrinsics[0].focal_px / 2 * diameter_m / depth
-    if not (radius < x < LENS.width_px - radius and radius < y < LENS.height_px - radius):
-        return np.zeros((LENS.height_px, LENS.width_px), bool)
-    xs, ys = np.meshgrid(np.arange(LENS.width_px) + 0.5, np.arange(LENS.height_px) + 0.5)
-    inside: Array = np.hypot(xs - x, ys - y) < radius
+    inside = np.zeros((LENS.height_px, LENS.width_px), bool)
+    if radius < x < LENS.width_px - radius and radius < y < LENS.height_px - radius:
+        rows, columns = (np.arange(int(at - radius), int(at + radius) + 1) for at in (y, x))
+        inside[np.ix_(rows, columns)] = np.hypot(rows[:, None] + 0.5 - y, columns + 0.5 - x) < radius
     return inside
 
 

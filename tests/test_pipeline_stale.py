@@ -419,7 +419,7 @@ HANDED = frozenset({"results", "report"})  # where fruits were corrected, these 
 ROOMS: dict[str, frozenset[str]] = {
     "adjustment": frozenset({"sfm", "scale", "report"}),
     "basics/arrays": ALL,
-    "values/cameras": ALL - {"segment", "select", "planting"},
+    "values/cameras": ALL - {"segment", "select"},
     "stages/capture": frozenset({"segment", "sfm", "scale", "second_look", "filter", "measure", "dense", "scene"})
     | HANDED,
     "corrections": HANDED,
@@ -441,7 +441,7 @@ ROOMS: dict[str, frozenset[str]] = {
     "values/fruits": SPACE | {"planting", "scene"} | HANDED,
     "stages/fuse": SPACE | {"planting"} | HANDED,
     "basics/geometry": ALL - {"segment", "select"},
-    "values/intrinsics": ALL - {"segment", "select", "planting"},
+    "values/intrinsics": ALL - {"segment", "select"},
     "values/intervals": HANDED,
     "basics/gpu": frozenset({"segment", "sfm", "scale", "second_look", "measure", "dense", "scene"}) | HANDED,
     "values/label_image": frozenset({"fuse", "second_look", "filter", "measure", "dense", "scene"}) | HANDED,

@@ -89,34 +89,46 @@ def test_each_fourth_crop_shows_wider_fruits_than_training(tmp_path: Path) -> No
     assert (np.delete(widest, np.s_[3::4]) < 1.4 * median_px).all()
 
 
+@pytest.mark.slow
 def test_it_is_a_third_as_large_and_its_metadata_is_the_same(files: tuple[Path, Path]) -> None:
     floats, whole = files
     assert 0.2 < whole.stat().st_size / floats.stat().st_size < 0.4
     assert OnnxFile(whole).metadata == OnnxFile(floats).metadata
 
 
+@pytest.mark.slow
 def test_no_two_weights_overflow_sixteen_bits(files: tuple[Path, Path]) -> None:
+    assert_no_two_weights_overflow(files[1])
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        SHIPPED_WEIGHTS, shipped_weights("citrus"), PACKAGE / "stages/second_look/weights/second_look.onnx",
+        PACKAGE / "stages/measure/weights/circles.onnx",
+    ],
+    ids=lambda path: path.stem,
+)  # fmt: skip
+def test_no_two_weights_of_shipped_networks_overflow_sixteen_bits(path: Path) -> None:
+    assert_no_two_weights_overflow(path)
+
+
+def assert_no_two_weights_overflow(path: Path) -> None:
     """Processors without VNNI add the products of two bytes and two weights that follow each other, channels last."""
-    others = [
-        PACKAGE / f"stages/{name}.onnx" for name in ("second_look/weights/second_look", "measure/weights/circles")
+    graph = onnx.load(str(path)).graph
+    found = {entry.name: onnx.numpy_helper.to_array(entry).astype(int) for entry in graph.initializer}
+    made_by = {name: node for node in graph.node for name in node.output}
+    used = [
+        made_by[node.input[1]].input[0] for node in graph.node if node.op_type == "Conv" and node.input[1] in made_by
     ]
-    for path in (files[1], SHIPPED_WEIGHTS, shipped_weights("citrus"), *others):
-        graph = onnx.load(str(path)).graph
-        found = {entry.name: onnx.numpy_helper.to_array(entry).astype(int) for entry in graph.initializer}
-        made_by = {name: node for node in graph.node for name in node.output}
-        used = [
-            made_by[node.input[1]].input[0]
-            for node in graph.node
-            if node.op_type == "Conv" and node.input[1] in made_by
-        ]
-        weights = [found[name] for name in used if name in found]
-        assert len(weights) > 10
-        assert 64 < max(np.abs(each).max() for each in weights) <= 127
-        for each in weights:
-            if each.shape[1] > 1:  # others have a channel each, whose products are added in 32 bits
-                in_order = np.abs(each.transpose(0, 2, 3, 1).reshape(len(each), -1))
-                in_order = np.pad(in_order, ((0, 0), (0, in_order.shape[1] % 2)))
-                assert (in_order[:, ::2] + in_order[:, 1::2]).max() <= 128
+    weights = [found[name] for name in used if name in found]
+    assert len(weights) > 10
+    assert 64 < max(np.abs(each).max() for each in weights) <= 127
+    for each in weights:
+        if each.shape[1] > 1:  # others have a channel each, whose products are added in 32 bits
+            in_order = np.abs(each.transpose(0, 2, 3, 1).reshape(len(each), -1))
+            in_order = np.pad(in_order, ((0, 0), (0, in_order.shape[1] % 2)))
+            assert (in_order[:, ::2] + in_order[:, 1::2]).max() <= 128
 
 
 def test_rounding_together_is_nearer_than_one_by_one() -> None:

@@ -98,6 +98,7 @@ def _parents(name: str) -> Iterator[str]:
         yield name
 
 
+@cache
 def _file_of(name: str, package: Path) -> Path | None:
     """The file of a module or package; None for what is neither, such as a function of a module."""
     path = package.joinpath(*name.split(".")[1:])
