@@ -8,6 +8,7 @@ from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from pomona.evaluate.diagnosis import (
     MistakeOptions,
     Mistakes,
     MistakeView,
+    crops,
     find_mistakes,
     masks_beside,
     write_mistakes,
@@ -351,6 +353,36 @@ def test_window_and_cut() -> None:
     cut = drawing.cut(pixels, wide)
     assert (wide.side, cut.shape) == (80, (40, 40, 3))
     assert (cut[0] == cut[0, 0]).all()  # above the photo
+
+
+def test_only_what_may_be_in_a_crop_is_drawn_and_the_pictures_are_as_if_all_were(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = Counter[str]()
+
+    def written(name: str) -> dict[str, bytes]:
+        def counted(function: Any) -> Any:
+            def draw(*arguments: Any, **options: Any) -> None:
+                drawn[name] += 1
+                function(*arguments, **options)
+
+            return draw
+
+        with monkeypatch.context() as patch:
+            for function in ("draw_mask", "draw_sphere", "label_sphere"):
+                patch.setattr(crops, function, counted(getattr(crops, function)))
+            scores = evaluate_fruits(scene.survey.fruits, scene.truth)
+            options = MistakeOptions(around=1.2)
+            write_mistakes(
+                tmp_path / name, scene.survey, scene.truth, scores, mistakes_of(scene), masks=scene.masks,
+                options=options,
+            )  # fmt: skip
+        return {path.name: path.read_bytes() for path in (tmp_path / name / "crops").iterdir()}
+
+    some = written("some")
+    monkeypatch.setattr(crops, "_reaches", lambda box_px, window: True)
+    assert some == written("all")
+    assert 0 < drawn["some"] < 0.6 * drawn["all"]
 
 
 def test_only_dark_crops_are_brightened() -> None:

@@ -26,6 +26,8 @@ from pomona.values.photos import Photo
 # In radii: so near is what a crop shows whole of the fruits that this one was mistaken for; and so far beside the photo
 # that shows it a fruit may project.
 _NEAR_RADII, _BESIDE_RADII = 2.5, 4.0
+# In pixels of a crop: so far beside it may lie what has a part of its edge or label in it.
+_BESIDE_CROP_PX = 100
 # A crop is dark where nine tenths of it are darker than this share of white; its gamma is then at least the other.
 _DARK_LEVEL, _LEAST_GAMMA = 0.3, 0.45
 
@@ -103,7 +105,9 @@ class CropCutter:
                 astray.append(f"{mistake.name} in {name}")
                 continue
             plain, brighter = brightened(cut(pixels, window))
-            drawn = _drawn(plain, window, (*self._masks(view), *_visible(ids, mistake, window)), here)
+            outlines = [outline for outline in self._masks(view) if _reaches(outline.mask.box_px, window)]
+            around = [circle for circle in here if _reaches(circle.box_px, window)]
+            drawn = _drawn(plain, window, (*outlines, *_visible(ids, mistake, window)), around)
             yield mistake, number, self._write(f"{mistake.key}-{number + 1}", view, plain, drawn, brighter)
 
     def _check_size(self, photo: Photo, photo_idx: int) -> None:
@@ -166,6 +170,15 @@ def _visible(ids: IntArray | None, mistake: Mistake, window: Square) -> Iterator
     pixels = ids[top : window.top + window.side, left : window.left + window.side] == mistake.truth_id
     if pixels.any():
         yield Outline(Mask.from_pixels(pixels, left, top), MISSED, False)
+
+
+def _reaches(box_px: tuple[float, float, float, float], window: Square) -> bool:
+    """Whether what has this box in the photo may be seen in the window: of a photo of hundreds of fruits, a few do."""
+    x0, y0, x1, y1 = box_px
+    beyond = _BESIDE_CROP_PX * window.side / window.size
+    left, top = window.left - beyond, window.top - beyond
+    right, bottom = window.left + window.side + beyond, window.top + window.side + beyond
+    return x1 > left and x0 < right and y1 > top and y0 < bottom
 
 
 def window_around(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -50,7 +51,14 @@ class Circle:
     def about(self, truth_id: int | None, fruit_ids: Sequence[int]) -> Circle:
         """Return the circle, thick where it is the true fruit or one of the found ones."""
         thick = self.fruit_id == truth_id if self.true else self.fruit_id in fruit_ids
-        return replace(self, thick=thick)
+        return self if thick == self.thick else replace(self, thick=thick)
+
+    @cached_property
+    def box_px(self) -> tuple[float, float, float, float]:
+        """x0, y0, x1, y1 of its outline; its centre twice where it has none."""
+        edge = self.outline_px if np.isfinite(self.outline_px).all() else self.center_px[None]
+        (x0, y0), (x1, y1) = edge.min(axis=0).tolist(), edge.max(axis=0).tolist()
+        return x0, y0, x1, y1
 
 
 class DrawnSpheres:
