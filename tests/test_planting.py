@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from pomona.pipeline.planting import planting_stage
 from pomona.progress import Silent
 from pomona.stages.fuse import Fused
 from pomona.stages.measure.allometry import STORY_APPLES, weigh
-from pomona.stages.planting import PlantingOptions, find_trunks, on_trees, read_trunks
+from pomona.stages.planting import PlantingOptions, find_trunks, on_trees, read_trunks, trunk_table
 from pomona.stages.planting.summary import trees_of
 from pomona.stages.scale.gnss import in_local_metres
 from pomona.stages.scale.report import PieceScale, Placed, ScaleReport
@@ -304,6 +305,25 @@ def test_tables_of_spreadsheets_are_read(tmp_path: Path, content: bytes) -> None
     trunks = read_trunks(tmp_path / "trees.csv")
     assert trunks.ids.tolist() == [1, 2]
     assert trunks.xy_in_world.tolist() == [[0.5, 2], [1.5, -2.25]]
+
+
+def test_trunks_in_metres_are_looked_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[int] = []
+
+    def at_one_place(trunks: Trunks, real: Any = trunk_table._at_one_place) -> Any:
+        looked.append(len(trunks.ids))
+        return real(trunks)
+
+    monkeypatch.setattr(trunk_table, "_at_one_place", at_one_place)
+    fruits, _ = row(2, 1.0)
+    x, y, _ = fruits.centers_in_world[0]
+    path = tmp_path / "trees.csv"
+    path.write_text(f"id,x,y\n1,{x},{y}\n2,{x + 1},{y}\n")
+    assert find_trunks(fruits, PlantingOptions(trees=path)).ids.tolist() == [1, 2]
+    assert looked == [2]
+    path.write_text(f"id,x,y\n1,{x},{y}\n2,{x},{y}\n")
+    with pytest.raises(FormatError, match="trees 1 and 2 stand at the same place"):
+        find_trunks(fruits, PlantingOptions(trees=path))
 
 
 def test_trunks_of_another_frame_are_refused(tmp_path: Path) -> None:

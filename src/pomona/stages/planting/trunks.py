@@ -66,8 +66,7 @@ def find_trunks(
 
 def _given(path: Path, fruits: Fruits, options: PlantingOptions, crs: str | None) -> Trunks:
     """The trunks of the table in the fruits' frame, as they are or from their CRS: where they stand near the fruits."""
-    in_metres = options.trees_crs is None and options.trees_gcp is None
-    trunks = read_trunks(path, in_metres=in_metres)
+    trunks = read_trunks(path, in_metres=False)  # perhaps they are, which their places beside the fruits say
     if not len(fruits):
         return trunks
     away_m = _nearest_m(trunks, fruits)
