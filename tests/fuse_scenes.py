@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from pomona.basics.arrays import BoolArray, FloatArray
@@ -48,15 +50,24 @@ def cloud_of(*parts: FloatArray) -> FruitCloud:
 
 def seen_pixels(cameras: Cameras, photo_idx: int, centers: FloatArray, diameters_m: FloatArray) -> list[BoolArray]:
     """The pixels of each sphere, nearer spheres hiding further ones; rays are cut with the spheres."""
-    intrinsics = cameras.intrinsics_of(photo_idx)
-    grid = np.stack(np.meshgrid(np.arange(intrinsics.width_px), np.arange(intrinsics.height_px)), -1).reshape(-1, 2)
-    rays = cameras.rays_in_world(photo_idx, grid + 0.5)
+    lens = cameras.intrinsics_of(photo_idx)
+    rays = (
+        _rays_in_cam(lens.model, lens.width_px, lens.height_px, *lens.params) @ cameras.cam_from_world[photo_idx, :, :3]
+    )
     to_centers = centers - cameras.centers_in_world[photo_idx]
     along = rays @ to_centers.T
     under_root = along**2 - (to_centers**2).sum(1) + (diameters_m / 2) ** 2
     depth = np.where(under_root > 0, along - np.sqrt(np.maximum(under_root, 0)), np.inf)
-    nearest = np.where(np.isfinite(depth).any(1), depth.argmin(1), -1).reshape(intrinsics.height_px, -1)
+    nearest = np.where(np.isfinite(depth).any(1), depth.argmin(1), -1).reshape(lens.height_px, -1)
     return [nearest == k for k in range(len(centers))]
+
+
+@cache
+def _rays_in_cam(model: str, width_px: int, height_px: int, *params: float) -> FloatArray:
+    """The unit rays (h × w, 3) of all pixels of a lens."""
+    grid = np.stack(np.meshgrid(np.arange(width_px), np.arange(height_px)), -1).reshape(-1, 2)
+    rays = Intrinsics(model, width_px, height_px, np.array(params)).cam_from_px(grid + 0.5)
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 def detections_of(cameras: Cameras, centers: FloatArray, diameters_m: FloatArray) -> SurveyDetections:
