@@ -649,6 +649,9 @@ def test_natural_key_counts_as_people_do() -> None:
         (Exif(make="Canon", model="Canon EOS 6D Mark II", focal_mm=24.0, plane_width_mm=23.7), (6240, 4160), 4160.0),
         # Digital zoom: the equivalent knows of it, the sensor's width does not.
         (Exif(make="Canon", model="Canon EOS 60D", focal_mm=24.0, focal_35mm=76), (3000, 2000), 76 / 36 * 3000),
+        # 16:9 of a sensor of 4:3: the equivalent may be of its whole diagonal (8 % off), its width is right.
+        (Exif(make="Apple", model="iPhone 12", focal_mm=4.2, focal_35mm=26), (4032, 2268), 4.2 / 5.64 * 4032),
+        (Exif(focal_mm=4.2, plane_width_mm=5.64, focal_35mm=26), (2268, 4032), 4.2 / 5.64 * 4032),
         (Exif(make="Unheard", model="Of", focal_mm=24.0), (3000, 2000), None),
         (Exif(), (3000, 2000), None),
         # What stands for a lens that is not known.
