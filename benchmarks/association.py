@@ -1,6 +1,6 @@
 """The ways of joining detections into fruits, on the same rows: scores, time and memory, for docs/lab/benchmarks.md.
 
-python -m benchmarks.association OUT ROW [ROW ...] [--seeds N] [--only KIND ...] [--methods METHOD ...] [--json FILE]
+python benchmarks/association.py OUT ROW [ROW ...] [--seeds N] [--only KIND ...] [--methods METHOD ...] [--json FILE]
 
 A ROW is a rendered row's folder (`benchmarks/render_rows.py`, or orchard-dev). Cameras are Pomona's own, placed by
 markers, and kept in OUT/<row>. Detections are, of every photo: the true masks; the shipped segmenter's; and true masks
@@ -10,7 +10,6 @@ Scores are over visible fruits (at least 120 pixels in at least 2 photos): mean 
 seeds.
 """
 
-import argparse
 import json
 import multiprocessing
 import time
@@ -23,6 +22,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from command_line import parser_of
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.formats.detections.coco import read_coco
@@ -32,11 +32,14 @@ from pomona.pipeline import run as run_pipeline
 from pomona.stages import filter as filters
 from pomona.stages.capture import load_photos
 from pomona.stages.dense import fruit_cloud
-from pomona.stages.fuse import object, paper
+from pomona.stages.fuse import paper
 from pomona.stages.measure import measure
 from pomona.stages.segment import load_segmenter, segment_photos
 from pomona.values.cameras import Cameras
 from pomona.values.detections import Detections, Mask, SurveyDetections
+from row_cases import Case, trusted
+from tables import table_head, table_row
+from usage import peak_mb
 
 METHODS = ("object", "paper, as in the text", "paper, as in the authors' code")
 SEGMENTER, TRUE = "shipped segmenter", "true masks"
@@ -146,25 +149,21 @@ def variants(kind: str, row: Path, survey: Path, seeds: int) -> Iterator[tuple[S
 
 def joined(kind: str, method: str, row: Path, detections: SurveyDetections, cameras: Cameras) -> Result:
     photos, truth = load_photos([row / "images"]), read_truth(row)
-    run = RunOptions(method="object" if method == "object" else "paper")
-    options = run.of_stages
     if kind == SEGMENTER:
-        _, least_score = options.select.thresholds(load_segmenter(None).traits.score_threshold)
-        detections = detections.at_least(least_score)
+        detections = trusted(detections, load_segmenter(None).traits.score_threshold)
     begun = time.monotonic()
-    svm = filters.load(filters.shipped(run.method))
     if method == "object":
-        fused = filters.apply_to_views(object.fuse(detections, cameras), detections, cameras, svm)
+        case = Case(None, cameras, detections)
+        fruits = case.measured(case.associated()).fruits
     else:
+        options = RunOptions(method="paper").of_stages
         as_code = method.endswith("code")
         chosen = paper.PaperOptions.as_published_code() if as_code else options.paper
         chosen = replace(chosen, min_score=0.0)  # scores of other networks mean other things
         fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=chosen)
-        fused = filters.apply(fused, svm)
-    fruits = measure(fused, detections, cameras, options=options.measure)
+        fruits = measure(filters.apply(fused), detections, cameras, options=options.measure)
     seconds = time.monotonic() - begun
-    scores = evaluate_fruits(fruits, truth).visible
-    assert scores is not None
+    scores = evaluate_fruits(fruits, truth).headline
     by_tree: defaultdict[int, list[int]] = defaultdict(lambda: [0, 0])
     tree_of = dict(zip(truth.ids.tolist(), truth.tree_ids.tolist(), strict=True))
     middles = {tree: truth.centers_in_world[truth.tree_ids == tree].mean(0) for tree in set(tree_of.values())}
@@ -179,20 +178,13 @@ def joined(kind: str, method: str, row: Path, detections: SurveyDetections, came
     return Result(
         row.name, kind, method, scores.f1, scores.recall, scores.precision, scores.detection_rate,
         scores.multi_detection_rate, merged, 1000 * scores.center_median_m, seconds,
-        peak_megabytes(),
+        peak_mb(),
         tuple((true, found) for true, found in by_tree.values()),
     )  # fmt: skip
 
 
-def peak_megabytes() -> float:
-    """Of this process alone: what `getrusage` says begins with what its parent needed."""
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    return next(int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmHWM"))
-
-
 def table(results: list[Result]) -> str:
-    head = "| detections | method | F1 | P | R | DR | MDR | merged | centre, mm | seconds | MB |"
-    lines = [head, "|---" * 11 + "|"]
+    lines = [table_head("detections | method | F1 | P | R | DR | MDR | merged | centre, mm | seconds | MB")]
     for kind in KINDS:
         for method in METHODS:
             mine = [r for r in results if (r.kind, r.method) == (kind, method)]
@@ -201,23 +193,20 @@ def table(results: list[Result]) -> str:
                          ("f1", "precision", "recall", "detection_rate", "multi_detection_rate", "merged")]  # fmt: skip
                 mean = {name: np.mean([getattr(r, name) for r in mine]) for name in
                         ("center_median_mm", "seconds", "megabytes")}  # fmt: skip
-                lines.append(
-                    f"| {kind} | {method} | "
-                    + " | ".join(cells)
-                    + f" | {mean['center_median_mm']:.1f} | {mean['seconds']:.1f} | {mean['megabytes']:.0f} |"
-                )
+                means = f"{mean['center_median_mm']:.1f}", f"{mean['seconds']:.1f}", f"{mean['megabytes']:.0f}"
+                lines.append(table_row([kind, method, *cells, *means]))
     return "\n".join(lines)
 
 
 def per_tree(results: list[Result]) -> str:
-    lines = ["| detections | method | trees | R² | RMSE, share of fruits |", "|---|---|---|---|---|"]
+    lines = [table_head("detections | method | trees | R² | RMSE, share of fruits")]
     for kind in (TRUE, SEGMENTER):
         for method in METHODS:
             trees = np.array([t for r in results if (r.kind, r.method) == (kind, method) for t in r.trees], float)
             if len(trees) > 1:
                 r2 = np.corrcoef(trees.T)[0, 1] ** 2
                 rmse = np.sqrt(((trees[:, 1] - trees[:, 0]) ** 2).mean()) / trees[:, 0].mean()
-                lines.append(f"| {kind} | {method} | {len(trees)} | {r2:.3f} | {100 * rmse:.1f} % |")
+                lines.append(table_row([kind, method, len(trees), f"{r2:.3f}", f"{100 * rmse:.1f} %"]))
     return "\n".join(lines)
 
 
@@ -226,7 +215,7 @@ def _spread(values: list[float]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--seeds", type=int, default=3)

@@ -9,7 +9,6 @@ it in those of the processor.
 """
 
 import multiprocessing
-import resource
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -20,6 +19,8 @@ from pomona.stages.fuse.object import fuse
 from pomona.values.cameras import Cameras, WorldFrame
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.intrinsics import Intrinsics
+from tables import table_head, table_row
+from usage import peak_mb
 
 STEP_M, DISTANCE_M, DIAMETER_M = 0.2, 2.5, 0.075
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 800, 1200, 1200.0
@@ -65,24 +66,18 @@ def disc(x: float, y: float, radius: float, rng: np.random.Generator) -> Mask:
 
 def measured(photos: int) -> str:
     cameras, detections, fruits = row(photos, np.random.default_rng(photos))
-    before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    before_mb = peak_mb()
     begun, used = time.monotonic(), time.process_time()
     fused = fuse(detections, cameras)
     seconds, used = time.monotonic() - begun, time.process_time() - used
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return (
-        f"| {photos} | {detections.total} | {fruits} | {len(fused.fruits)} | {seconds:.1f} | {used:.1f} | "
-        f"{1000 * used / photos:.0f} | {peak_mb:.0f} ({before_mb:.0f} before) |"
-    )
+    spent = f"{seconds:.1f}", f"{used:.1f}", f"{1000 * used / photos:.0f}"
+    memory = f"{peak_mb():.0f} ({before_mb:.0f} before)"
+    return table_row([photos, detections.total, fruits, len(fused.fruits), *spent, memory])
 
 
 def main() -> None:
     lengths = [int(word) for word in sys.argv[1:]] or [75, 150, 300, 600]
-    print(
-        "| photos | detections | fruits | found | seconds | of processor | of that ms a photo | peak MB |",
-        "|---" * 8 + "|",
-        sep="\n",
-    )
+    print(table_head("photos | detections | fruits | found | seconds | of processor | of that ms a photo | peak MB"))
     for photos in lengths:
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
             print(pool.submit(measured, photos).result(), flush=True)

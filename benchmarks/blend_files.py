@@ -7,16 +7,17 @@ has it: metadata, and what it takes off the log odds of scores and pixels. A tra
 in its biases already: in a blend it counts once more for SECOND's share.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 import onnx
 from onnx import numpy_helper
 
+from command_line import parser_of
+
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     for name in ("first", "second", "out"):
         parser.add_argument(name, type=Path)
     parser.add_argument("--share", type=float, required=True)

@@ -9,12 +9,12 @@ be 0.5 in the file, `--foreground` the probability from which a pixel of it is f
 that first read BEGAN, on which hangs what a convolution and its norm have of a weight.
 """
 
-import argparse
 import copy
 from pathlib import Path
 
 import torch
 
+from command_line import parser_of
 from pomona.learning.train.blend import blended
 from pomona.learning.train.center import FRUIT_PX, LARGER, TYPICAL_FRUIT_PX, CenterLearner
 from pomona.learning.train.export import export_onnx
@@ -30,7 +30,7 @@ def mean_of(checkpoints: list[dict]) -> dict[str, torch.Tensor]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("began", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("checkpoints", type=Path, nargs="+")

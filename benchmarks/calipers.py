@@ -8,17 +8,17 @@ three lose what lies beyond a random straight edge, up to 60 % of their width. A
 same for all.
 """
 
-import argparse
-
 import cv2
 import numpy as np
 
+from command_line import parser_of
 from pomona.stages.fuse import Fused
 from pomona.stages.measure import measure
 from pomona.values.cameras import Cameras, WorldFrame
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations
 from pomona.values.intrinsics import Intrinsics
+from tables import table_head, table_row
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 1400, 1400, 1350.0
 
@@ -105,12 +105,12 @@ def survey(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--fruits", type=int, default=24)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    print("| height / width | photos | measured | bias, mm | MAE, mm | worst, mm | within one sd | ratio found |")
-    print("|---" * 8 + "|")
+    titles = "height / width | photos | measured | bias, mm | MAE, mm | worst, mm | within one sd | ratio found"
+    print(table_head(titles))
     for ratio in (0.75, 0.85, 0.95, 1.0, 1.1):
         for count, both_sides in ((6, False), (12, True), (20, True)):
             rng = np.random.default_rng([arguments.seed, int(100 * ratio), count])
@@ -120,12 +120,13 @@ def main() -> None:
             known = np.isfinite(off_mm)
             within = np.abs(off_mm[known]) < 1000 * fruits.diameter_sds_m[known]
             found = np.nanmedian(fruits.heights_m / fruits.diameters_m)
-            print(
-                f"| {ratio} | {count}, {'both sides' if both_sides else 'one side'} | {known.sum()} of {len(known)} | "
-                f"{off_mm[known].mean():+.2f} | {np.abs(off_mm[known]).mean():.2f} | {np.abs(off_mm[known]).max():.1f} "
-                f"| {100 * within.mean():.0f} % | {found:.2f} |",
-                flush=True,
-            )
+            off_mm = off_mm[known]
+            cells = [
+                ratio, f"{count}, {'both sides' if both_sides else 'one side'}", f"{known.sum()} of {len(known)}",
+                f"{off_mm.mean():+.2f}", f"{np.abs(off_mm).mean():.2f}", f"{np.abs(off_mm).max():.1f}",
+                f"{100 * within.mean():.0f} %", f"{found:.2f}",
+            ]  # fmt: skip
+            print(table_row(cells), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Cameras of hard sets of photos, against the truth: for docs/lab/cameras.md.
 
-python -m benchmarks.camera_bed OUT [--data FOLDER] [--only TEXT ...] [--label LABEL]     prints a table
-python -m benchmarks.camera_bed OUT --label LABEL --against LABEL     compares two runs, case by case
+python benchmarks/camera_bed.py OUT [--data FOLDER] [--only TEXT ...] [--label LABEL]     prints a table
+python benchmarks/camera_bed.py OUT --label LABEL --against LABEL     compares two runs, case by case
 
 OUT holds the rendered rows (`rows/`), the sets of photos (`cases/`), and for each label the surveys and a JSON file of
 figures a case, which are read, not measured again, where they are there. Cases run one at a time, each in a process of
@@ -15,7 +15,6 @@ missed when no warning names it (by its name, by a span of names, or by the side
 import argparse
 import json
 import re
-import resource
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -23,18 +22,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from benchmarks.camera_cases import CASES, SCENES, write_case
 
+from camera_cases import CASES, SCENES, write_case
+from command_line import DATA, parser_of
 from pomona.basics.geometry import estimate_similarity
 from pomona.errors import PomonaError
 from pomona.evaluate.fruits import evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
 from pomona.learning.synth import render_row
-from pomona.learning.synth.truth import RowFolder, read_cameras
+from pomona.learning.synth.truth import RowFolder
 from pomona.pipeline import RunOptions
 from pomona.pipeline import run as run_pipeline
+from row_cases import cameras_by_name
+from tables import table_head, table_row
+from usage import processor_s
 
-DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 OFF_MM, SCALE_OFF = 30.0, 0.01
 # Figures that do not depend on what the code says, for comparisons: name, digits.
 COMPARED = (("placed", 0), ("pieces", 0), ("rms_mm", 1), ("similar_mm", 1), ("scale_percent", 2), ("focal_percent", 2),
@@ -95,19 +97,19 @@ def measure_case(name: str, folder: Path, survey: Path) -> Figures:
         scene=False,  # the cloud has no part in cameras
     )
     photos = sorted(path.name for path in (folder / "images").iterdir())
-    before = _seconds()
+    before = processor_s()
     try:
         run_pipeline([folder / "images"], survey, options, until="results")
     except PomonaError as error:
-        return failed(len(photos), _seconds() - before, str(error))
+        return failed(len(photos), processor_s() - before, str(error))
     record = json.loads((survey / "survey.json").read_text())
     warnings = [text for stage in record["stages"].values() for text in stage.get("warnings", [])]
-    return compare(name, folder, survey, photos, warnings, _seconds() - before)
+    return compare(name, folder, survey, photos, warnings, processor_s() - before)
 
 
 def compare(name: str, folder: Path, survey: Path, photos: list[str], warnings: list[str], seconds: float) -> Figures:
     cameras = read_colmap(survey / "cameras")
-    known = {f"{c.name}.jpg": c for c in read_cameras(RowFolder(folder).truth("cameras.json"))}
+    known = {f"{name}.jpg": camera for name, camera in cameras_by_name(RowFolder(folder)).items()}
     here = [i for i, photo in enumerate(cameras.photos) if photo in known]
     true = np.array([known[cameras.photos[i]].centre_in_world for i in here])
     apart_mm = 1000 * np.linalg.norm(cameras.centers_in_world[here] - true, axis=1)
@@ -155,12 +157,6 @@ def _rms(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _seconds() -> float:
-    """Of processors, by this process and those it started."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(u.ru_utime + u.ru_stime for u in used)
-
-
 def folder_name(case: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", case.lower()).strip("-")
 
@@ -185,39 +181,41 @@ def figures_of(name: str, out: Path, label: str, data: Path) -> Figures:
             folder.parent.mkdir(parents=True, exist_ok=True)
             case = CASES[name]
             write_case(case, rows(out, data, {case.row}), folder)
-        command = [sys.executable, "-m", "benchmarks.camera_bed", str(out), "--label", label, "--measure", name]
+        command = [sys.executable, __file__, str(out), "--label", label, "--measure", name]
         subprocess.run(command, check=True)
     kept = json.loads(path.read_text())
     return Figures(**{**kept, "warnings": tuple(kept["warnings"])})
 
 
 def table(found: dict[str, Figures]) -> str:
-    head = ("case", "placed", "pieces", "RMS, mm", "said ±", "worst", "similarity", "scale, %", "focal, %", "off",
-            "missed", "false alarms", "fault", "F1", "centre, mm", "CPU s")  # fmt: skip
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    titles = (
+        "case | placed | pieces | RMS, mm | said ± | worst | similarity | scale, % | focal, % | off | missed | "
+        "false alarms | fault | F1 | centre, mm | CPU s"
+    )
+    lines = [table_head(titles)]
     for name, f in found.items():
         cells = (name, f"{f.placed} of {f.photos}", f.pieces, f"{f.rms_mm:.1f}", f"{f.said_mm:.1f}",
                  f"{f.worst_mm:.0f}", f"{f.similar_mm:.1f}", f"{f.scale_percent:+.2f}", f"{f.focal_percent:+.2f}",
                  f.off, f.missed, f.false_alarms, f.fault or "–", f"{f.f1:.3f}", f"{f.centre_mm:.1f}",
                  f"{f.seconds:.0f}")  # fmt: skip
-        lines.append(f"| {' | '.join(map(str, cells))} |")
+        lines.append(table_row(cells))
     return "\n".join(lines)
 
 
 def comparison(before: dict[str, Figures], after: dict[str, Figures]) -> str:
     names = [name for name in before if name in after]
-    lines = ["| case | " + " | ".join(name for name, _ in COMPARED) + " |", "|---" * (len(COMPARED) + 1) + "|"]
+    lines = [table_head(" | ".join(["case", *(name for name, _ in COMPARED)]))]
     for name in names:
         cells = [
             f"{getattr(before[name], field):.{digits}f} → {getattr(after[name], field):.{digits}f}"
             for field, digits in COMPARED
         ]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
+        lines.append(table_row([name, *cells]))
     return "\n".join(lines)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--label", default="now")

@@ -8,15 +8,17 @@ network says, and of the circle about its box (half the longer side). `off by` i
 network says, which is 1 where it is honest (root mean square; robust: median of the absolute, over 0.6745).
 """
 
-import argparse
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from command_line import parser_of
+from pomona.learning.synth.truth import RowFolder, read_fruits, read_mask
 from pomona.stages.capture import load_photos, read_pixels
 from pomona.stages.segment import load_segmenter
+from row_cases import cameras_by_name
+from tables import table_head, table_row
 
 SURE = 0.5
 LEAST_OVERLAP = 0.5  # of a detection's mask with the fruit
@@ -26,8 +28,7 @@ def compared(model: Path, row: RowFolder, scale: float, every: int) -> np.ndarra
     """(n, 8): errors of centre and radius by circle, by box; deviations said; visible share; the true radius (px)."""
     segmenter = load_segmenter(model)
     fruits, lines = read_fruits(row.truth("fruits.csv")), []
-    cameras = {camera.name: camera for camera in read_cameras(row.truth("cameras.json"))}
-    photos = load_photos([row.root / "images"])
+    cameras, photos = cameras_by_name(row), load_photos([row.root / "images"])
     for photo in list(photos)[::every]:
         camera, ids = cameras[Path(photo.name).stem], read_mask(row.mask(Path(photo.name).stem))
         pixels = read_pixels(photo)
@@ -55,14 +56,13 @@ def compared(model: Path, row: RowFolder, scale: float, every: int) -> np.ndarra
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("model", type=Path)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--scale", type=float, default=1.0)
     parser.add_argument("--every", type=int, default=1)
     arguments = parser.parse_args()
-    print("| row | visible | fruits | centre: circle | box | radius: circle | box | off by: centre | radius |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(table_head("row | visible | fruits | centre: circle | box | radius: circle | box | off by: centre | radius"))
     for row in arguments.rows:
         lines = compared(arguments.model, RowFolder(row), arguments.scale, arguments.every)
         for low, high in ((0.0, 0.5), (0.5, 0.9), (0.9, 2.0)):
@@ -76,7 +76,7 @@ def main() -> None:
                 f"{np.sqrt(np.mean(off_centre**2)):.2f}",
                 f"{np.sqrt(np.mean(off_radius**2)):.2f} ({np.median(off_radius) / 0.6745:.2f})",
             ]  # fmt: skip
-            print("| " + " | ".join(cells) + " |", flush=True)
+            print(table_row(cells), flush=True)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ does not know that both are in metres). `right` is the share of matches whose fr
 a false fruit count as wrong. `of those in both` is how many of the true fruits that both found are matched.
 """
 
-import argparse
 import dataclasses
 import time
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from command_line import parser_of
 from pomona.basics.geometry import Similarity
 from pomona.change.matching import Overlay, lay_over
 from pomona.evaluate.fruits import read_truth
@@ -117,7 +117,7 @@ def tell(name: str, results: list[dict[str, float]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     kinds = parser.add_subparsers(dest="kind", required=True)
     for kind in ("laid-out", "strangers"):
         part = kinds.add_parser(kind)

@@ -14,36 +14,30 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.evaluate.fruits import read_truth
-from pomona.pipeline import RunOptions
-from pomona.stages import filter as filters
-from pomona.stages.fuse import object
-from pomona.stages.measure import measure
 from pomona.stages.measure.allometry import STORY_APPLES
-from pomona.stages.second_look import look_again
 from pomona.stages.yields import estimate_crop
 from pomona.values.trees import Trees
-from row_cases import row_case
-from sizes import METRES
+from row_cases import METRES, nearest_true, row_case
+from tables import table_head, table_row
 
 DECILES = (10, 90)
 
 
 def row_figures(folder: Path, arguments: argparse.Namespace) -> tuple[int, int, np.ndarray]:
     """How many fruits are measured, of how many found; means and spreads: true, chosen, measured, corrected."""
-    case, options = row_case(folder, true_masks=arguments.true_masks, side=arguments.side), RunOptions().of_stages
-    photos, detections, truth = case.photos, case.detections, read_truth(folder)  # fruits of the whole row
-    cameras = replace(case.cameras, frame=METRES)
-    fused = look_again(object.fuse(detections, cameras), detections, photos, cameras)
-    kept = filters.apply_to_views(fused, detections, cameras, photos=photos)
-    fruits = measure(kept, detections, cameras, photos, options=options.measure)
-    views = fused.fruits.views
-    crop = estimate_crop(fruits, kept.observations, cameras, Trees.empty(), STORY_APPLES, candidate_views=views).crop
+    case = row_case(folder, true_masks=arguments.true_masks, side=arguments.side)
+    case = replace(case, cameras=replace(case.cameras, frame=METRES), truth=read_truth(folder))  # of the whole row
+    candidates = case.looked_again(case.associated())
+    found, views = case.measured(candidates), candidates.fruits.views
+    fruits, seen, truth = found.fruits, found.observations, case.truth
+    crop = estimate_crop(fruits, seen, case.cameras, Trees.empty(), STORY_APPLES, candidate_views=views).crop
     assert crop is not None
     assert crop.sizes is not None
-    away_m = np.linalg.norm(fruits.centers_in_world[:, None] - truth.centers_in_world[None], axis=2)
-    true_m = truth.diameters_m[away_m.argmin(axis=1)]
-    measured = np.isfinite(fruits.diameters_m) & (2 * away_m.min(axis=1) < true_m)
+    nearest, away_m = nearest_true(fruits, truth)
+    true_m = truth.diameters_m[nearest]
+    measured = np.isfinite(fruits.diameters_m) & (2 * away_m < true_m)
     sizes = crop.sizes
     middles_m, counts = (np.array(sizes.edges_m[1:]) + sizes.edges_m[:-1]) / 2, np.diff(sizes.below)
     samples = truth.diameters_m, true_m[measured], fruits.diameters_m[np.isfinite(fruits.diameters_m)]
@@ -53,24 +47,21 @@ def row_figures(folder: Path, arguments: argparse.Namespace) -> tuple[int, int, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--true-masks", action="store_true")
     parser.add_argument("--side")
     arguments = parser.parse_args()
-    print("| row | measured | true mean, spread | which are measured | as measured | crop |")
-    print("|---" * 6 + "|")
+    print(table_head("row | measured | true mean, spread | which are measured | as measured | crop"))
     every = []
     for folder in arguments.rows:
         measured, fruits, (true, *others) = row_figures(folder, arguments)
         every.append(np.array(others) - true)
-        cells = [f"{mean:+.2f}, {spread:+.1f}" for mean, spread in every[-1]]
-        print(
-            f"| {folder.name} | {measured} of {fruits} | {true[0]:.2f}, {true[1]:.1f} | {' | '.join(cells)} |",
-            flush=True,
-        )
+        offs = [f"{mean:+.2f}, {spread:+.1f}" for mean, spread in every[-1]]
+        cells = [folder.name, f"{measured} of {fruits}", f"{true[0]:.2f}, {true[1]:.1f}", *offs]
+        print(table_row(cells), flush=True)
     rms = np.sqrt(np.mean(np.square(every), axis=0))
-    print(f"| root mean square | | | {' | '.join(f'{mean:.2f}, {spread:.1f}' for mean, spread in rms)} |")
+    print(table_row(["root mean square", "", "", *(f"{mean:.2f}, {spread:.1f}" for mean, spread in rms)]))
 
 
 if __name__ == "__main__":

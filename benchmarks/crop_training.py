@@ -1,5 +1,6 @@
 """What the trainings of networks of crops have in common: pictures, changes of light, steps, the file."""
 
+import argparse
 import itertools
 import json
 import math
@@ -15,6 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from command_line import parser_of
 from pomona.formats.detections.label_sets import find_label_sets, read_label_set
 from pomona.fruit.crops.crop_network import CHANNELS
 from pomona.fruit.crops.likeness import with_likeness
@@ -38,6 +40,18 @@ RATE, WARM_UP, LONGEST_MEAN = 2e-3, 100, 0.995
 FEWEST = 2  # fruits to train on: one to learn from, one to measure on
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 QUICK_IN_BFLOAT16 = is_quick_in_bfloat16(DEVICE)
+
+
+def training_parser_of(script: str | None, *, steps: int) -> argparse.ArgumentParser:
+    """Return the command line of a training that `fit` makes."""
+    parser = parser_of(script)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--steps", type=int, default=steps)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--batch", type=int, default=BATCH)
+    parser.add_argument("--weights", type=Path)
+    return parser
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import DATA, parser_of
 from fruit_tiles import labels_of, sides, tile_sets
 from pomona.evaluate.detections import (
     DetectionScores,
@@ -32,8 +33,8 @@ from pomona.stages.capture import load_photos
 from pomona.stages.segment import Segmenter, SegmentOptions, load_segmenter, scales_of, segment_photos
 from pomona.values.detections import Detections
 from pomona.values.photos import Photos
+from tables import table_head, table_row
 
-DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 LEAST_SCORE = 0.05
 
 
@@ -59,10 +60,10 @@ class Measured:
         ]  # fmt: skip
 
 
-COLUMNS = [
-    "photos of", "segmenter", "match", "photos", "fruits", "AP50", "best F1", "F1 at 0.5", "R at 0.5", "P at 0.5",
-    "mean mask IoU", "scale", "seconds a photo",
-]  # fmt: skip
+TITLES = (
+    "photos of | segmenter | match | photos | fruits | AP50 | best F1 | F1 at 0.5 | R at 0.5 | P at 0.5 | "
+    "mean mask IoU | scale | seconds a photo"
+)
 
 
 def held_out_tiles(data: Path) -> dict[str, tuple[DetectionTruth, list[Path]]]:
@@ -129,7 +130,7 @@ def measured(model: Path | None, how: argparse.Namespace) -> list[Measured]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--model", type=Path, action="append", default=[], help="measured beside the shipped one")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="of a set or a row")
@@ -140,11 +141,11 @@ def main() -> None:
     parser.add_argument("--tile", type=int, help="side of tiles in pixels, of which the network sees one at a time")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n", flush=True)
+    print(table_head(TITLES), flush=True)
     results = []
     for model in [*([] if arguments.without_shipped else [None]), *arguments.model]:
         for line in measured(model, arguments):
-            print("| " + " | ".join(line.cells()) + " |", flush=True)
+            print(table_row(line.cells()), flush=True)
             about = {"data": line.data, "model": line.model, "seconds_a_photo": line.seconds_a_photo}
             results.append(about | line.scores.to_json())
     if arguments.json:

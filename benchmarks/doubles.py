@@ -6,22 +6,19 @@ ROW: a rendered row with its truth, whose cameras are the true ones; each from a
 one side. With `--survey`, one for each ROW: the fruits of a survey of it, made with `nearest_radii` 0, instead.
 """
 
-import argparse
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import pomona
+from command_line import parser_of
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
-from pomona.pipeline import RunOptions
-from pomona.stages import filter as filters
-from pomona.stages.fuse import Fused, object
-from pomona.stages.measure import measure, without_doubles
-from pomona.stages.second_look import look_again
+from pomona.stages.fuse import Fused
+from pomona.stages.measure import without_doubles
 from pomona.values.fruits import FruitCloud
 from row_cases import row_case
+from tables import table_row
 
 RADII = (0.0, 0.9, 1.0, 1.1, 1.2, 1.35, 1.45, 1.55, 1.65, 1.75)
 CASES: tuple[tuple[int, str | None], ...] = ((1, None), (2, None), (1, "east"))
@@ -30,19 +27,12 @@ CASES: tuple[tuple[int, str | None], ...] = ((1, None), (2, None), (1, "east"))
 def measured_cases(row: Path, *, true_masks: bool) -> Iterator[tuple[str, Fused, Truth]]:
     for every, side in CASES:
         case = row_case(row, true_masks=true_masks, every=every, side=side)
-        looked = look_again(object.fuse(case.detections, case.cameras), case.detections, case.photos, case.cameras)
-        kept = filters.apply_to_views(looked, case.detections, case.cameras, photos=case.photos)
-        options = RunOptions().of_stages.measure
-        fruits = measure(kept, case.detections, case.cameras, case.photos, options=options)
-        yield (
-            f"{row.name}, every photo {every}, {side or 'both sides'}",
-            replace(kept, fruits=fruits, shown=None),
-            case.truth,
-        )
+        found = case.measured(case.looked_again(case.associated()))
+        yield f"{row.name}, every photo {every}, {side or 'both sides'}", found, case.truth
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--true-masks", action="store_true")
     parser.add_argument("--survey", type=Path, nargs="+")
@@ -56,17 +46,17 @@ def main() -> None:
     else:
         for row in arguments.rows:
             cases += measured_cases(row, true_masks=arguments.true_masks)
-    print("|", *(f"| {radii:g}" for radii in RADII), "|")
+    print(table_row(["", *(f"{radii:g}" for radii in RADII)]))
     scores = []
     for name, found, truth in cases:
         ones = [without_doubles(found, nearest_radii=radii).fruits for radii in RADII]
-        scores.append([evaluate_fruits(fruits, truth).visible.f1 for fruits in ones])
-        print("|", name, *(f"| {f1:.4f}" for f1 in scores[-1]), "|", flush=True)
+        scores.append([evaluate_fruits(fruits, truth).headline.f1 for fruits in ones])
+        print(table_row([name, *(f"{f1:.4f}" for f1 in scores[-1])]), flush=True)
     table = np.array(scores)
     more = table - table[:, :1]
-    print("| mean", *(f"| {f1:.4f}" for f1 in table.mean(axis=0)), "|")
-    print("| better", *(f"| {count}" for count in (more > 1e-9).sum(axis=0)), "|")
-    print("| worse", *(f"| {count}" for count in (more < -1e-9).sum(axis=0)), "|")
+    print(table_row(["mean", *(f"{f1:.4f}" for f1 in table.mean(axis=0))]))
+    print(table_row(["better", *(more > 1e-9).sum(axis=0)]))
+    print(table_row(["worse", *(more < -1e-9).sum(axis=0)]))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ photos in two further ways, by pairs, and by the first and fourth of every four.
 only one half has, what its best photos show.
 """
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +20,10 @@ import cv2
 import numpy as np
 
 import pomona
+from command_line import parser_of
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.formats.cameras.colmap import read_colmap
-from pomona.formats.detections.coco import detections_by_image
-from pomona.formats.detections.coco_file import parse_coco
+from pomona.formats.detections.coco import read_coco
 from pomona.learning.self_training.halves import found_by, same_places
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
@@ -32,12 +31,13 @@ from pomona.stages.fuse import Fused
 from pomona.values.cameras import Cameras
 from pomona.values.detections import SurveyDetections
 from pomona.values.photos import Photos
+from tables import table_head, table_row
 
 LEVELS = (0.4, 0.8)
 SPLITS = {"even, odd": (0, 1, 0, 1), "pairs": (0, 0, 1, 1), "first and fourth": (0, 1, 1, 0)}  # of every four photos
-HEAD = (
-    "| survey | score from | even | odd | counts differ | even found by odd | odd found by even | both ways | "
-    "apart, mm (share of diameter) | F1 even, odd |"
+TITLES = (
+    "survey | score from | even | odd | counts differ | even found by odd | odd found by even | both ways | "
+    "apart, mm (share of diameter) | F1 even, odd"
 )
 
 
@@ -54,8 +54,7 @@ class Halves:
 def detections_of(survey: Path) -> SurveyDetections:
     """The detections that `--method object` uses: those of a score from the run's own level up."""
     info = json.loads((survey / "survey.json").read_text())["stages"]["select"]["info"]
-    found = {image.file_name: each for image, each in detections_by_image(parse_coco(survey / "detections.json"))}
-    return SurveyDetections(found).at_least(info["least_score"])
+    return read_coco(survey / "detections.json").at_least(info["least_score"])
 
 
 def halves_of(
@@ -80,13 +79,14 @@ def rows(name: str, halves: Halves, truth: Truth | None) -> list[str]:
         median_m = float(np.median(apart_m[mine])) if mine.any() else np.nan
         scores = ""
         if truth is not None:
-            visible = [evaluate_fruits(f[s], truth).visible for f, s in zip((even, odd), sure, strict=True)]
-            scores = ", ".join(f"{v.f1:.3f}" for v in visible if v is not None)
-        lines.append(
-            f"| {name} | {level:g} | {counts[0]} | {counts[1]} | {share(abs(counts[0] - counts[1]), max(counts))} | "
-            f"{share(both[0], counts[0])} | {share(both[1], counts[1])} | {share(sum(both), sum(counts))} | "
-            f"{1000 * median_m:.1f} ({median_m / halves.diameter_m:.2f}) | {scores} |"
-        )
+            of_halves = (evaluate_fruits(f[s], truth).headline for f, s in zip((even, odd), sure, strict=True))
+            scores = ", ".join(f"{scored.f1:.3f}" for scored in of_halves)
+        cells = [
+            name, f"{level:g}", *counts, share(abs(counts[0] - counts[1]), max(counts)),
+            *map(share, both, counts), share(sum(both), sum(counts)),
+            f"{1000 * median_m:.1f} ({median_m / halves.diameter_m:.2f})", scores,
+        ]  # fmt: skip
+        lines.append(table_row(cells))
     return lines
 
 
@@ -134,14 +134,14 @@ def crop(photos: Path, cameras: Cameras, name: str, mine: Fused, other: Fused, i
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("surveys", nargs="+")
     parser.add_argument("--no-second-look", action="store_true")
     parser.add_argument("--splits", type=int, default=1, choices=range(1, len(SPLITS) + 1))
     parser.add_argument("--crops", type=Path)
     parser.add_argument("--photos", type=Path)
     arguments = parser.parse_args()
-    print(HEAD, "|---" * 10 + "|", sep="\n")
+    print(table_head(TITLES))
     for each in arguments.surveys:
         folder, _, truth = each.partition("=")
         survey, known = Path(folder), read_truth(Path(truth)) if truth else None

@@ -6,7 +6,6 @@ NETWORK is a model file; its boxes, masks and scores stay what they are. PICTURE
 (`benchmarks/quick_pictures.py`), CACHE their label images.
 """
 
-import argparse
 import math
 import time
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from command_line import parser_of
 from pomona.learning.train.augment import AugmentOptions, draw_crop
 from pomona.learning.train.center import CenterLearner
 from pomona.learning.train.gather import gather
@@ -25,7 +25,7 @@ BATCH, RATE, POOL = 8, 4e-3, 4
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("network", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--rows", type=Path, required=True)

@@ -12,7 +12,6 @@ from such tiles sees fruits of the next row only in small tiles (--tile 224), wh
 them. With --masks, boxes to train on that a segmenter finds get its masks.
 """
 
-import argparse
 import json
 import zlib
 from pathlib import Path
@@ -21,13 +20,13 @@ import numpy as np
 from pycocotools import mask as coco_mask
 from scipy.optimize import linear_sum_assignment
 
+from command_line import DATA, parser_of
 from pomona.learning.train.samples import group_of
 from pomona.stages.capture import load_photos
 from pomona.stages.segment import SegmentOptions, load_segmenter, segment_photos
 from pomona.stages.segment.box_overlap import overlapping_pairs, pair_iou
 from pomona.values.detections import Detections, SurveyDetections
 
-DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
 HELD_OUT = 0.15
 SCALE = 0.62  # at which the tiles' fruits are as wide as the network reads best
 LIKELY = 0.2  # a score from which a detection in a labelled box shows that fruit's mask
@@ -140,7 +139,7 @@ def beside(found: Detections, labelled: np.ndarray) -> list[dict]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--unlabelled", type=Path, metavar="MODEL.onnx")
     parser.add_argument("--tile", type=int, help="side of the tiles that --unlabelled looks at, in pixels")

@@ -6,7 +6,6 @@ The photos of its first side, with their detections, places and tracks, are repe
 and no features are matched. Processor seconds are those of this process.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 import pomona
+from command_line import parser_of
 from pomona.adjustment.bundle import feature_noise_px
 from pomona.adjustment.covariance import covariance
 from pomona.adjustment.normal_equations import moved, normal_equations
@@ -26,6 +26,7 @@ from pomona.stages.filter.view_features import view_features
 from pomona.stages.fuse import object as association
 from pomona.values.cameras import Cameras, concatenate, split
 from pomona.values.detections import SurveyDetections
+from tables import table_head, table_row
 
 T = TypeVar("T")
 
@@ -60,7 +61,7 @@ def one_step(seeing: Cameras, weights: Weights) -> Cameras:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("survey", type=Path)
     parser.add_argument("--photos", type=int, nargs="+", default=[50, 200, 800])
     parser.add_argument("--no-fruits", action="store_true", help="the cameras alone")
@@ -68,8 +69,7 @@ def main() -> None:
     survey = pomona.open(arguments.survey)
     sides = [survey.sides.get(name, "") for name in survey.cameras.photos]
     cameras = split(survey.cameras, [sides.count(sides[0]), len(sides) - sides.count(sides[0])])[0]
-    print("| photos | step of the adjustment | uncertainties | association | discs | filter's features |")
-    print("|---|---|---|---|---|---|")
+    print(table_head("photos | step of the adjustment | uncertainties | association | discs | filter's features"))
     for photos in arguments.photos:
         row = repeated(cameras, photos)
         masks = detected(survey.detections.at_least(survey.score_threshold), row)
@@ -89,7 +89,7 @@ def main() -> None:
             fused = timed(association.fuse, masks, row)
             timed(fruit_discs, fused.fruits, fused.observations, masks, row)
             timed(view_features, fused, masks, row)
-        print("|".join(["", f" {photos} ", *(f" {1000 * s / photos:.1f} " for s in spent), ""]), flush=True)
+        print(table_row([photos, *(f"{1000 * s / photos:.1f}" for s in spent)]), flush=True)
     print("\nMilliseconds of processor time a photo.")
 
 

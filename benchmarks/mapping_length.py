@@ -1,23 +1,22 @@
 """What mapping costs by the length of a row, and how far it drifts: a row walked to and fro; docs/lab/speed.md.
 
-python -m benchmarks.mapping_length SURVEY ROW OUT [--photos 200 400 800]
+python benchmarks/mapping_length.py SURVEY ROW OUT [--photos 200 400 800]
 
-SURVEY is what `benchmarks.row_length` made of the rendered ROW. Its photos follow each other forth, back, forth, …: one
-walk of any length, in which photos are matched with their neighbours alone, as they were in SURVEY, and photos of one
-place taken on different ways are not. Mapping, selection and the adjustment of all cameras are those of a run. Errors
-are those of camera centres after one similarity.
+SURVEY is what `benchmarks/row_length.py` made of the rendered ROW. Its photos follow each other forth, back, forth, …:
+one walk of any length, in which photos are matched with their neighbours alone, as they were in SURVEY, and photos of
+one place taken on different ways are not. Mapping, selection and the adjustment of all cameras are those of a run.
+Errors are those of camera centres after one similarity.
 """
 
-import argparse
-import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.basics.geometry import estimate_similarity
-from pomona.learning.synth.truth import RowFolder, read_cameras
+from pomona.learning.synth.truth import RowFolder
 from pomona.progress import Silent
 from pomona.stages.capture import load_photos
 from pomona.stages.sfm import SfmOptions, engine
@@ -28,6 +27,9 @@ from pomona.stages.sfm.reconstruction import _map
 from pomona.stages.sfm.selection import mean_error_px
 from pomona.stages.sfm.workspace import Workspace
 from pomona.values.photos import Photos
+from row_cases import true_centers
+from tables import table_head, table_row
+from usage import processor_s
 
 
 def to_and_fro(count: int, photos: int) -> list[int]:
@@ -55,13 +57,8 @@ def workspace_of(walk: list[int], source: Path, photos: Photos, folder: Path, op
     return workspace
 
 
-def processor_s() -> float:
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("survey", type=Path)
     parser.add_argument("row", type=Path)
     parser.add_argument("out", type=Path)
@@ -69,9 +66,9 @@ def main() -> None:
     arguments = parser.parse_args()
     source = next((arguments.survey / "work" / "sfm").glob("*/features.db"))
     photos = load_photos([arguments.row / "images"])
-    cameras = {camera.name: camera for camera in read_cameras(RowFolder(arguments.row).truth("cameras.json"))}
-    print("| photos | placed | pieces | mapping, processor s a photo | adjustment | RMS, mm | largest error, mm |")
-    print("|---|---|---|---|---|---|---|")
+    stations = true_centers(RowFolder(arguments.row), photos.names)
+    titles = "photos | placed | pieces | mapping, processor s a photo | adjustment | RMS, mm | largest error, mm"
+    print(table_head(titles))
     for count in arguments.photos:
         walk = to_and_fro(count, len(photos))
         workspace = workspace_of(walk, source, photos, arguments.out / str(count), SfmOptions())
@@ -82,12 +79,13 @@ def main() -> None:
         pieces = with_one_lens(pieces, Photos(tuple(workspace.photos)), Silent())
         done = processor_s()
         largest = pieces[0].cameras
-        true = np.array([cameras[photos.items[walk[int(n[:4])]].path.stem].centre_in_world for n in largest.photos])
+        true = stations[[walk[int(name[:4])] for name in largest.photos]]
         centers = largest.centers_in_world
         error_mm = 1e3 * np.linalg.norm(estimate_similarity(centers, true).apply(centers) - true, axis=1)
         placed = sum(len(piece.cameras) for piece in pieces)
-        print(f"| {count} | {placed} | {len(pieces)} | {(mapped - begun) / count:.2f} | {(done - mapped) / count:.2f} "
-              f"| {np.sqrt((error_mm**2).mean()):.1f} | {error_mm.max():.0f} |", flush=True)  # fmt: skip
+        spent = f"{(mapped - begun) / count:.2f}", f"{(done - mapped) / count:.2f}"
+        errors = f"{np.sqrt((error_mm**2).mean()):.1f}", f"{error_mm.max():.0f}"
+        print(table_row([count, placed, len(pieces), *spent, *errors]), flush=True)
 
 
 if __name__ == "__main__":

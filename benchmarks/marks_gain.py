@@ -7,7 +7,6 @@ is seen in some photos, evenly spread, as circles that are off by a pixel or two
 are there are not made again. Printed are what learning says of itself, and the evaluation of fruits in space.
 """
 
-import argparse
 import json
 import shutil
 from pathlib import Path
@@ -15,22 +14,24 @@ from pathlib import Path
 import numpy as np
 
 import pomona
+from command_line import parser_of
 from pomona.formats.detections.labelled import LabelledFruit
 from pomona.learning.marks import MarkedPhoto, write_marks
 from pomona.learning.self_training.learnt import read_learnt
 from pomona.learning.self_training.options import AdaptOptions
 from pomona.learning.self_training.rerun import run_adapted
-from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
+from pomona.learning.synth.truth import RowFolder, read_fruits, read_mask
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
 from pomona.survey import SurveyFolder
+from row_cases import cameras_by_name
 
 LEAST_SHARE, LEAST_RADIUS_PX, HAND_PX = 0.2, 5.0, 1.0
 
 
 def marked(row: RowFolder, photo: str, rng: np.random.Generator) -> MarkedPhoto:
     """All fruits of a photo that a person would mark there, as circles."""
-    camera = next(c for c in read_cameras(row.truth("cameras.json")) if c.name == Path(photo).stem)
+    camera = cameras_by_name(row)[Path(photo).stem]
     fruits, seen = read_fruits(row.truth("fruits.csv")), read_mask(row.mask(camera.name))
     pixels = np.bincount(seen.ravel(), minlength=int(fruits.ids.max()) + 1)
     centers_px, depths_m = camera.project(fruits.centres_in_world)
@@ -47,8 +48,7 @@ def marked(row: RowFolder, photo: str, rng: np.random.Generator) -> MarkedPhoto:
 
 
 def said(survey: SurveyFolder, truth: Path) -> str:
-    scores = pomona.open(survey.folder).evaluate(truth)
-    visible = scores.visible or scores
+    visible = pomona.open(survey.folder).evaluate(truth).headline
     return (
         f"F1 {visible.f1:.3f}, recall {visible.recall:.3f}, precision {visible.precision:.3f}, "
         f"centre {1000 * visible.center_median_m:.1f} mm"
@@ -56,7 +56,7 @@ def said(survey: SurveyFolder, truth: Path) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("row", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--photos", type=int, default=3)

@@ -9,9 +9,7 @@ cost, what a survey costs in processor time of this process (client and schedule
 
 from __future__ import annotations
 
-import argparse
 import json
-import resource
 import tempfile
 import time
 from collections.abc import Iterator
@@ -19,11 +17,13 @@ from pathlib import Path
 
 import distributed
 
+from command_line import parser_of
 from pomona.orchard import WorkerOptions
 from pomona.orchard.cluster import workers_at
 from pomona.orchard.folder import OrchardFolder
 from pomona.orchard.jobs import Attempt, JobOutcome, SurveyJob
 from pomona.orchard.places import Place
+from usage import peak_mb
 
 # Seconds of the stages of `orchard-dev` with the shipped weights (docs/lab/benchmarks.md), where no survey is given.
 MEASURED_S = {
@@ -69,12 +69,8 @@ def simulate(count: int, stages: dict[str, float], slots: int) -> None:
     )
 
 
-def peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--rows", type=int, default=10_000)
     parser.add_argument("--survey", type=Path, help="a finished survey, whose stages' times are taken")
     parser.add_argument("--shorter", type=float, default=2000.0, help="by how much the stages are shorter")

@@ -8,16 +8,11 @@ processes it starts, its memory the most that all of these held together, asked 
 what decoding each photo once, one pass of the network and one of feature extraction take, in the same sitting.
 """
 
-import argparse
 import json
-import os
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
@@ -26,18 +21,13 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from command_line import parser_of
+from tables import table_head, table_row
+from usage import Usage, used_by
+
 T = TypeVar("T")
 NOISE_SD, QUALITY = 3.0, 92
 _PIXEL_TAGS = {0xA002: 0, 0xA003: 1}  # ExifImageWidth, ExifImageHeight: index of the upright size
-
-
-@dataclass(frozen=True)
-class Usage:
-    """What a command took: seconds of the wall clock and of processors, and the most memory held at once."""
-
-    wall_s: float
-    processor_s: float
-    memory_mb: float
 
 
 def enlarged(row: Path, out: Path, times: int) -> Path:
@@ -61,44 +51,6 @@ def enlarge(source: Path, target: Path, times: int, rng: np.random.Generator) ->
     part = target.with_suffix(".part")
     Image.fromarray(np.clip(large, 0, 255).astype(np.uint8)).save(part, "JPEG", quality=QUALITY, exif=exif)
     part.replace(target)
-
-
-def used_by(command: list[str]) -> Usage:
-    """Run a command to its end; its processes' memory is summed as /proc shows it (shared pages by parts)."""
-    begun, before = time.monotonic(), os.times()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    most_mb, over = [0.0], threading.Event()
-
-    def watch() -> None:
-        while not over.wait(0.1):
-            most_mb[0] = max(most_mb[0], sum(map(proportional_mb, family(process.pid))))
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    code = process.wait()
-    over.set()
-    watcher.join()
-    after = os.times()
-    if code:
-        raise SystemExit(f"{' '.join(command)}: exit status {code}")
-    processor_s = after.children_user + after.children_system - before.children_user - before.children_system
-    return Usage(time.monotonic() - begun, processor_s, most_mb[0])
-
-
-def family(pid: int) -> list[int]:
-    try:
-        children = [(task / "children").read_text() for task in Path(f"/proc/{pid}/task").iterdir()]
-    except OSError:
-        return []
-    return [pid, *(member for text in children for child in text.split() for member in family(int(child)))]
-
-
-def proportional_mb(pid: int) -> float:
-    try:
-        lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return 0.0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) * 1024 / 1e6
 
 
 def floor(folder: str) -> dict[str, float]:
@@ -139,18 +91,15 @@ def shrunk(pixels: np.ndarray, side_px: int) -> np.ndarray:
 
 def table(survey: Path, usage: Usage, photos: int, least: dict[str, float]) -> list[str]:
     stages = json.loads((survey / "survey.json").read_text())["stages"]
-    lines = ["| stage | processor s a photo | wall s a photo | peak MB |", "|---|---|---|---|"]
+    lines = [table_head("stage | processor s a photo | wall s a photo | peak MB")]
     for name, record in stages.items():
-        lines.append(
-            f"| {name} | {record['processor_s'] / photos:.2f} | {record['wall_s'] / photos:.2f} | "
-            f"{record['peak_memory_mb']:.0f} |"
-        )
+        each = f"{record['processor_s'] / photos:.2f}", f"{record['wall_s'] / photos:.2f}"
+        lines.append(table_row([name, *each, f"{record['peak_memory_mb']:.0f}"]))
     rest_s = usage.processor_s - sum(record["processor_s"] for record in stages.values())
     rest_wall_s = usage.wall_s - sum(record["wall_s"] for record in stages.values())
-    lines.append(f"| start, headers, digests | {rest_s / photos:.2f} | {rest_wall_s / photos:.2f} | |")
-    lines.append(
-        f"| **together** | **{usage.processor_s / photos:.2f}** | {usage.wall_s / photos:.2f} | {usage.memory_mb:.0f} |"
-    )
+    lines.append(table_row(["start, headers, digests", f"{rest_s / photos:.2f}", f"{rest_wall_s / photos:.2f}", ""]))
+    every = f"**{usage.processor_s / photos:.2f}**", f"{usage.wall_s / photos:.2f}"
+    lines.append(table_row(["**together**", *every, f"{usage.memory_mb:.0f}"]))
     together = sum(least.values())
     parts = ", ".join(f"{name} {seconds:.2f}" for name, seconds in least.items())
     share = 100 * together / (usage.processor_s / photos)
@@ -158,7 +107,7 @@ def table(survey: Path, usage: Usage, photos: int, least: dict[str, float]) -> l
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("row", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--enlarge", type=int, default=4)

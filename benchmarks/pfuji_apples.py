@@ -1,6 +1,6 @@
 """Fruits in the union cloud of 215 real apples, by spheres and by the paper's clustering, for docs/lab/cloud-method.md.
 
-python -m benchmarks.pfuji_apples [FOLDER] [--worse]
+python benchmarks/pfuji_apples.py [FOLDER] [--worse]
 
 FOLDER holds one .npz (`xyz`, metres) an apple, all in one frame (default: ../shared/data/pfuji-apples). The union is
 taken as it is: its apples are of neighbouring trees in one photogrammetric model, and their clouds do not lie in each
@@ -19,7 +19,6 @@ clear: points all around at least 40 % of the sphere, and half of them within 3 
 --worse repeats the search by spheres in turned, thinned, noisy and strewn versions of the cloud, and from other sizes.
 """
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -30,13 +29,14 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from command_line import DATA, parser_of
 from pomona.basics.arrays import FloatArray, IntArray
 from pomona.stages.fuse.cloud import CloudOptions, fruits_of_cloud
 from pomona.stages.fuse.paper import PaperOptions
 from pomona.stages.fuse.paper.clustering import connected_groups, split_in_two
 from pomona.values.fruits import FruitCloud
+from tables import table_head, table_row
 
-FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "pfuji-apples"
 BEST_EPS_M = (0.003, 0.005, 0.006, 0.007, 0.008, 0.01, 0.012, 0.015, 0.02)
 
 
@@ -176,15 +176,16 @@ def row(name: str, found: Found, apples: Apples, own: FloatArray) -> str:
         name, result.found, f"{result.single} ({100 * result.share:.1f} %)", result.merged, result.split,
         result.missed, result.doubled, result.pieces, result.mixed, *errors, f"{found.seconds:.1f} s",
     ]  # fmt: skip
-    return "| " + " | ".join(str(cell) for cell in cells) + " |"
+    return table_row(cells)
 
 
 def compared(apples: Apples) -> Iterator[str]:
     own, per_apple = own_spheres(apples), int(np.median(np.bincount(apples.apple)))
     printed, code = PaperOptions.as_printed(), PaperOptions.as_published_code()
-    head = ["", "found", "single", "merged", "split", "missed", "doubled", "pieces", "mixed"]
-    yield "| " + " | ".join([*head, "centre: median, 95 %", "diameter", "time"]) + " |"
-    yield "|---" * (len(head) + 3) + "|"
+    yield table_head(
+        "method | found | single | merged | split | missed | doubled | pieces | mixed | centre: median, 95 % | "
+        "diameter | time"
+    )
     yield row("`fuse.cloud`", by_spheres(apples.points), apples, own)
     yield row("`paper`, as printed: DBSCAN, 30 mm", by_groups(apples.points, printed), apples, own)
     yield row("`paper`, as in its code: and 4000 points", by_groups(apples.points, code), apples, own)
@@ -196,13 +197,12 @@ def compared(apples: Apples) -> Iterator[str]:
 
 
 def worse(apples: Apples) -> Iterator[str]:
-    yield "| the cloud, or the search | found | single | pieces and mixed | time |"
-    yield "|---|---|---|---|---|"
+    yield table_head("the cloud, or the search | found | single | pieces and mixed | time")
     for name, changed, options in _worse_clouds(apples):
         found = by_spheres(changed.points, options)
         result = score(changed, found.fruit_id)
-        cells = [name, result.found, f"{100 * result.share:.1f} %", result.pieces + result.mixed]
-        yield "| " + " | ".join(str(cell) for cell in cells) + f" | {found.seconds:.1f} s |"
+        single = f"{100 * result.share:.1f} %"
+        yield table_row([name, result.found, single, result.pieces + result.mixed, f"{found.seconds:.1f} s"])
 
 
 def _worse_clouds(apples: Apples) -> Iterator[tuple[str, Apples, CloudOptions]]:
@@ -228,8 +228,8 @@ def _worse_clouds(apples: Apples) -> Iterator[tuple[str, Apples, CloudOptions]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("folder", type=Path, nargs="?", default=FOLDER)
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=DATA / "pfuji-apples")
     parser.add_argument("--worse", action="store_true")
     arguments = parser.parse_args()
     apples = read(arguments.folder)

@@ -7,12 +7,12 @@ fruits, of TILES (`fruit_tiles.py`) and of rendered rows; those of a network tha
 of circles, are what it is given in rendered rows. `pomona train` does the same with what it has learnt from.
 """
 
-import argparse
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.basics.onnx_file import OnnxFile
 from pomona.fruit.crops.crop_network import CropNetwork
 from pomona.learning.train.augment import AugmentOptions
@@ -21,10 +21,6 @@ from pomona.learning.train.eight_bits import in_eight_bits
 from pomona.learning.train.fit import some_crops
 from pomona.learning.train.gather import gather
 from pomona.learning.train.options import FitOptions
-from pomona.stages import filter as filters
-from pomona.stages.fuse import object
-from pomona.stages.measure import measure
-from pomona.stages.second_look import look_again
 from pomona.stages.segment.center_offset import KIND
 from row_cases import row_case
 
@@ -51,16 +47,13 @@ def crops_looked_at(rows: list[Path], side_px: int, count: int, seed: int) -> li
     CropNetwork.batches = kept
     for row in rows:
         case = row_case(row)
-        fused = object.fuse(case.detections, case.cameras)
-        looked = look_again(fused, case.detections, case.photos, case.cameras)
-        fruits = filters.apply_to_views(looked, case.detections, case.cameras, photos=case.photos)
-        measure(fruits, case.detections, case.cameras, case.photos)
+        case.measured(case.looked_again(case.associated()))
     CropNetwork.batches = batches
     return [found[k] for k in rng.permutation(len(found))[:count]]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("model", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--tiles", type=Path)

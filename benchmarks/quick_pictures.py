@@ -8,29 +8,18 @@ the same numbers give the same pictures. TILES is what `benchmarks/fruit_tiles.p
 on, blurred beyond recognition, are seen far behind the trees.
 """
 
-import argparse
 from pathlib import Path
 
+from command_line import Lines, parser_of
 from pomona.learning.synth.quick import QuickPictureOptions, render_pictures
-from pomona.progress import Silent
 
 SHARES = {"apple": 0.45, "pear": 0.1, "citrus": 0.14, "peach": 0.07, "plum": 0.05, "cherry": 0.06, "mango": 0.03,
           "kiwi": 0.03, "tomato": 0.07}  # fmt: skip
 EVERY_NTH_TILE = 10  # is enough to look at
 
 
-class Lines(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.done = 0
-
-    def advance(self, units: int = 1) -> None:
-        self.done += units
-        print(self.done, flush=True)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int)

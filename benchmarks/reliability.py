@@ -8,23 +8,16 @@ and the odd, and each third of them are surveys of their own. Of all fruits befo
 true: at most half a diameter from a true fruit's centre, visible or not, one to one.
 """
 
-import argparse
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 
+from command_line import parser_of
 from pomona.evaluate.fruits import EvaluateOptions
 from pomona.evaluate.fruits.matching import assign, candidates_by_center
-from pomona.pipeline import RunOptions
 from pomona.stages import filter as filters
-from pomona.stages.fuse import object
-from pomona.stages.measure import measure
-from pomona.stages.second_look import look_again
 from row_cases import row_case
+from tables import table_head, table_row
 
 EDGES = np.linspace(0, 1, 11)
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
@@ -33,18 +26,12 @@ _KEEP_ALL = filters.FilterOptions(threshold=0.0)
 
 def judged(row: Path, svm: filters.LinearSvm | None, second_look: bool) -> tuple[np.ndarray, np.ndarray]:
     """Scores (n,), and whether each is true (n,), of all fruits that the photos and their parts give."""
-    case, options = row_case(row), RunOptions().of_stages
-    photos, cameras, detections, truth = case.photos, case.cameras, case.detections, case.truth
-    scores, true = [], []
+    case, scores, true = row_case(row), [], []
     for step, first in THINNED:
-        names = sorted(cameras.photos)[first::step]
-        some, seen_by = detections.of_photos(names), cameras.of_photos(names)
-        fused = object.fuse(some, seen_by)
-        if second_look:
-            fused = look_again(fused, some, photos, seen_by)
-        judged = filters.apply_to_views(fused, some, seen_by, svm, photos=photos, options=_KEEP_ALL)
-        fruits = measure(judged, some, seen_by, photos, options=options.measure)
-        pairs = assign(candidates_by_center(fruits, truth, EvaluateOptions()), len(fruits), len(truth))
+        part = case.every(step, first)
+        fused = part.looked_again(part.associated()) if second_look else part.associated()
+        fruits = part.measured(fused, svm=svm, options=_KEEP_ALL).fruits
+        pairs = assign(candidates_by_center(fruits, case.truth, EvaluateOptions()), len(fruits), len(case.truth))
         scores.append(fruits.scores)
         true.append(np.isin(np.arange(len(fruits)), pairs[:, 0]))
     return np.concatenate(scores), np.concatenate(true)
@@ -67,9 +54,10 @@ def summary(scores: np.ndarray, true: np.ndarray) -> str:
 
 
 def plot(path: Path, scores: np.ndarray, true: np.ndarray) -> None:
-    figure, (above, below) = plt.subplots(
-        2, 1, figsize=(5, 6), sharex=True, height_ratios=(3, 1), constrained_layout=True
-    )
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 6), constrained_layout=True)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     found = bins(scores, true)
     means, shares, counts = (np.array([b[k] for b in found]) for k in (3, 4, 2))
     sds = np.sqrt(np.maximum(shares * (1 - shares), 1e-9) / counts)
@@ -85,32 +73,25 @@ def plot(path: Path, scores: np.ndarray, true: np.ndarray) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("rows", nargs="+")
     parser.add_argument("--no-second-look", action="store_true")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     scores, true = [], []
-    print(
-        "| row | fruits | true | Brier score (of the mean alone) | expected calibration error |",
-        "|---" * 5 + "|",
-        sep="\n",
-    )
+    print(table_head("row | fruits | true | Brier score (of the mean alone) | expected calibration error"))
     for each in arguments.rows:
         folder, _, machine = each.partition("=")
         svm = filters.load(Path(machine)) if machine else None
         found = judged(Path(folder), svm, not arguments.no_second_look)
         scores.append(found[0])
         true.append(found[1])
-        print(f"| {Path(folder).name} | {summary(*found)} |", flush=True)
+        print(table_row([Path(folder).name, summary(*found)]), flush=True)
     together = np.concatenate(scores), np.concatenate(true)
-    print(
-        f"| together | {summary(*together)} |\n\n| score | fruits | mean score | share that are true |",
-        "|---" * 4 + "|",
-        sep="\n",
-    )
+    print(table_row(["together", summary(*together)]) + "\n")
+    print(table_head("score | fruits | mean score | share that are true"))
     for low, high, count, mean, share in bins(*together):
-        print(f"| {low:.1f} to {high:.1f} | {count} | {mean:.2f} | {share:.2f} |")
+        print(table_row([f"{low:.1f} to {high:.1f}", count, f"{mean:.2f}", f"{share:.2f}"]))
     if arguments.plot:
         plot(arguments.plot, *together)
 

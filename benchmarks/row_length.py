@@ -1,6 +1,6 @@
 """Whole runs of rows of 50, 200 and 800 photos: what a photo costs, and how far places drift; docs/lab/speed.md.
 
-python -m benchmarks.row_length ROW OUT [--photos 50 200 800]
+python benchmarks/row_length.py ROW OUT [--photos 50 200 800]
 
 ROW is one side of a rough row of 50 m in 200 photos, rendered where it is missing. Shorter rows are its first photos.
 Longer ones are its photos again and again under other names, shifted along the row, whose cameras, points and tracks
@@ -10,17 +10,16 @@ clicked with a pixel of noise in the four photos nearest to each. Processor seco
 `pomona run`, with all threads and processes. OUT keeps the surveys, and goes on where it was stopped.
 """
 
-import argparse
 import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from benchmarks.long_row import repeated
-from benchmarks.pace import used_by
 
 import pomona
+from command_line import parser_of
+from long_row import repeated
 from pomona.basics.arrays import FloatArray
 from pomona.basics.geometry import estimate_similarity
 from pomona.evaluate.fruits import read_truth
@@ -29,6 +28,9 @@ from pomona.learning.synth import RowOptions, render_row
 from pomona.learning.synth.truth import RowFolder, read_cameras
 from pomona.stages.capture import load_photos
 from pomona.stages.scale.control_points import read_control_points
+from row_cases import true_centers
+from tables import table_head, table_row
+from usage import used_by
 
 ROW = RowOptions(
     seed=7, trees=51, fruits_per_tree=30, sides=("east",), photos_per_side=200, step_m=0.25, masks=False, rough=True
@@ -84,8 +86,7 @@ def repeated_row(source: Path, row: Path, folder: Path, photos: int) -> list[str
 def errors(survey: Path, row: Path, shift_m: FloatArray) -> dict[str, float]:
     """How far cameras are from the truth, mm: in the frame of the control points, and after a similarity."""
     cameras = pomona.open(survey).cameras
-    known = {f"{c.name}.jpg": c.centre_in_world for c in read_cameras(RowFolder(row).truth("cameras.json"))}
-    true = np.array([known[name] for name in cameras.photos]) + shift_m
+    true = true_centers(RowFolder(row), cameras.photos) + shift_m
     apart_mm = 1000 * np.linalg.norm(cameras.centers_in_world - true, axis=1)
     nearest = estimate_similarity(cameras.centers_in_world, true).apply(cameras.centers_in_world)
     return {
@@ -97,7 +98,7 @@ def errors(survey: Path, row: Path, shift_m: FloatArray) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("row", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--apart", type=float, default=6.0, help="metres between control points")
@@ -127,12 +128,9 @@ def main() -> None:
             kept.write_text(json.dumps(figures, indent=1))
         stages[photos] = json.loads(kept.read_text())
     names = dict.fromkeys(name for figures in stages.values() for name in figures)
-    print("| | " + " | ".join(map(str, stages)) + " |")
-    print("|---" * (len(stages) + 1) + "|")
+    print(table_head(" | ".join(["photos", *map(str, stages)])))
     for name in names:
-        print(
-            f"| {name} | " + " | ".join(f"{figures.get(name, float('nan')):.2f}" for figures in stages.values()) + " |"
-        )
+        print(table_row([name, *(f"{figures.get(name, float('nan')):.2f}" for figures in stages.values())]))
 
 
 if __name__ == "__main__":

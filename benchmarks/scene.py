@@ -7,7 +7,6 @@ own rows, as its cameras see them; --fruits are true fruits of any. --plane-swee
 as the paper's method does inside masks, in place of semi-global matching.
 """
 
-import argparse
 import json
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import pomona.stages.scene
+from command_line import parser_of
 from pomona.basics.arrays import FloatArray
 from pomona.evaluate.fruits import read_truth
 from pomona.fruit.geometry.cloud_points import fruit_of_points
@@ -83,7 +83,7 @@ def by_plane_sweep(view: View, partners: Sequence[View], depth_m: float, options
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("survey", type=Path)
     parser.add_argument("--row", choices=["demo", *ROWS])
     parser.add_argument("--fruits", type=Path)

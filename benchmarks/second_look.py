@@ -8,26 +8,23 @@ the shipped segmenter's, or the true masks. Scores are over visible fruits, afte
 --side, over those that photos of this side show. --scale makes the cameras' metres so many times too long.
 """
 
-import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.basics.geometry import Similarity
-from pomona.evaluate.fruits import Truth, evaluate_fruits
-from pomona.pipeline import RunOptions
-from pomona.stages import filter as filters
-from pomona.stages.fuse import object
-from pomona.stages.measure import measure
-from pomona.stages.second_look import CentersNetwork, look_again
+from pomona.evaluate.fruits import evaluate_fruits
+from pomona.stages.second_look import CentersNetwork
 from pomona.stages.second_look.network import SHIPPED
-from row_cases import row_case
+from row_cases import RowCase, row_case
+from tables import table_head, table_row
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("rows", nargs="+", metavar="ROW[=SURVEY]")
     parser.add_argument("--network", type=Path, default=SHIPPED)
     parser.add_argument("--true-masks", action="store_true")
@@ -35,36 +32,34 @@ def main() -> None:
     parser.add_argument("--side")
     parser.add_argument("--scale", type=float, default=1.0)
     arguments = parser.parse_args()
-    network, options = CentersNetwork(arguments.network), RunOptions().of_stages
-    print("| row | second look | F1 | R | P | centre, mm (median) | processor seconds a photo |")
-    print("|---|---|---|---|---|---|---|")
+    network = CentersNetwork(arguments.network)
+    print(table_head("row | second look | F1 | R | P | centre, mm (median) | processor seconds a photo"))
     for name in arguments.rows:
         folder, _, survey = name.partition("=")
         case = row_case(
             Path(folder), true_masks=arguments.true_masks, survey=Path(survey) if survey else None,
             side=arguments.side, every=arguments.every,
         )  # fmt: skip
-        photos, detections, truth = case.photos, case.detections, scaled(case.truth, arguments.scale)
-        cameras = case.cameras.transformed(Similarity(arguments.scale, np.eye(3), np.zeros(3)))
-        fused = object.fuse(detections, cameras)
+        case = scaled(case, arguments.scale)
+        fused = case.associated()
         began = time.process_time()
-        looked = look_again(fused, detections, photos, cameras, network=network)
-        seconds = (time.process_time() - began) / len(cameras.photos)
+        looked = case.looked_again(fused, network=network)
+        seconds = (time.process_time() - began) / len(case.cameras.photos)
         for label, fruits in (("no", fused), ("yes", looked)):
-            kept = filters.apply_to_views(fruits, detections, cameras, photos=photos)
-            measured = measure(kept, detections, cameras, photos, options=options.measure)
-            scores = evaluate_fruits(measured, truth).visible
-            assert scores is not None
+            scores = evaluate_fruits(case.measured(fruits).fruits, case.truth).headline
             off_mm = 1e3 * scores.center_median_m / arguments.scale
             cells = [
                 Path(folder).name, label, *(f"{v:.3f}" for v in (scores.f1, scores.recall, scores.precision)),
                 f"{off_mm:.1f}", f"{seconds:.2f}" if fruits is looked else "",
             ]  # fmt: skip
-            print("| " + " | ".join(cells) + " |", flush=True)
+            print(table_row(cells), flush=True)
 
 
-def scaled(truth: Truth, factor: float) -> Truth:
-    return replace(truth, centers_in_world=factor * truth.centers_in_world, diameters_m=factor * truth.diameters_m)
+def scaled(case: RowCase, factor: float) -> RowCase:
+    cameras = case.cameras.transformed(Similarity(factor, np.eye(3), np.zeros(3)))
+    centers, diameters_m = factor * case.truth.centers_in_world, factor * case.truth.diameters_m
+    truth = replace(case.truth, centers_in_world=centers, diameters_m=diameters_m)
+    return replace(case, cameras=cameras, truth=truth)
 
 
 if __name__ == "__main__":

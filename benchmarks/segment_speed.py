@@ -12,7 +12,6 @@ the scale to read photos at.
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -21,6 +20,10 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import cv2
+
+from command_line import parser_of
+from tables import table_head, table_row
+from usage import peak_mb
 
 WIDTH_PX, HEIGHT_PX = 5184, 3456
 
@@ -63,8 +66,7 @@ def measure(folder: Path, model: str | None, repeats: int) -> None:
         start = time.perf_counter()
         found = segment_photos(photos, segmenter, options=options)
         times.append(time.perf_counter() - start)
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(json.dumps({"s": min(times), "search_s": search_s, "mb": peak_mb, "scale": scale, "found": found.total}))
+    print(json.dumps({"s": min(times), "search_s": search_s, "mb": peak_mb(), "scale": scale, "found": found.total}))
 
 
 def in_process(folder: Path, model: str | None, repeats: int) -> dict[str, float]:
@@ -76,7 +78,7 @@ def in_process(folder: Path, model: str | None, repeats: int) -> dict[str, float
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("--model", action="append", default=[])
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--without-mask-rcnn", action="store_true")
@@ -94,17 +96,14 @@ def main() -> None:
             checkpoint = Path(temporary) / "maskrcnn-r101.pt"
             write_random_mask_rcnn(checkpoint)
             models["Mask R-CNN, ResNet-101"] = str(checkpoint)
-        print("| network | seconds a photo | times the shipped | search for the scale | peak memory | read at |")
-        print("|---|---|---|---|---|---|")
+        titles = "network | seconds a photo | times the shipped | search for the scale | peak memory | read at"
+        print(table_head(titles))
         shipped_s = None
         for name, model in models.items():
             result = in_process(folder, model, arguments.repeats if "Mask" not in name else 1)
             shipped_s = shipped_s or result["s"]
-            print(
-                f"| {name} | {result['s']:.2f} | {result['s'] / shipped_s:.1f} | {result['search_s']:.1f} s | "
-                f"{result['mb']:.0f} MB | {result['scale']:.2f} |",
-                flush=True,
-            )
+            times = f"{result['s']:.2f}", f"{result['s'] / shipped_s:.1f}", f"{result['search_s']:.1f} s"
+            print(table_row([name, *times, f"{result['mb']:.0f} MB", f"{result['scale']:.2f}"]), flush=True)
 
 
 if __name__ == "__main__":

@@ -8,55 +8,31 @@ A fruit's true diameter is that of the true fruit at most half a diameter away; 
 less, since the generator's fruits are uneven. With --outlines-alone photos are not looked at.
 """
 
-import argparse
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pomona.formats.cameras.colmap import read_colmap
-from pomona.formats.detections.coco import detections_by_image
-from pomona.formats.detections.coco_file import parse_coco
-from pomona.formats.tables import read_fruits as read_table
-from pomona.formats.tables import read_observations
-from pomona.learning.synth.truth import RowFolder, read_fruits
+import pomona
+from command_line import parser_of
+from pomona.evaluate.fruits import read_truth
 from pomona.stages.capture import load_photos
-from pomona.stages.fuse import Fused, object
+from pomona.stages.fuse import Fused
 from pomona.stages.measure import MeasureOptions, measure
-from pomona.values.cameras import Cameras, WorldFrame
-from pomona.values.detections import SurveyDetections
 from pomona.values.fruits import FruitCloud
-from pomona.values.photos import Photos
-from train_filter import cameras_of, true_detections
-
-METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
+from row_cases import METRES, RowCase, nearest_true, row_case
+from tables import table_head, table_row
 
 
-@dataclass(frozen=True)
-class Case:
-    """Fruits to be measured, and what they are measured by."""
-
-    fused: Fused
-    detections: SurveyDetections
-    cameras: Cameras
-    photos: Photos
+def of_survey(folder: Path, row: Path) -> tuple[RowCase, Fused]:
+    survey = pomona.open(folder)
+    cameras, photos = replace(survey.cameras, frame=METRES), load_photos([row / "images"])
+    case = RowCase(photos, cameras, survey.detections, read_truth(row))
+    return case, Fused(survey.fruits, survey.observations, FruitCloud.empty())
 
 
-def true_masks(row: Path) -> Case:
-    photos = load_photos([row / "images"])
-    cameras, detections = cameras_of(RowFolder(row), photos), true_detections(RowFolder(row), photos)
-    return Case(object.fuse(detections, cameras), detections, cameras, photos)
-
-
-def of_survey(survey: Path, row: Path) -> Case:
-    cameras = replace(read_colmap(survey / "cameras"), frame=METRES)
-    found = {image.file_name: each for image, each in detections_by_image(parse_coco(survey / "detections.json"))}
-    fused = Fused(read_table(survey / "fruits.csv"), read_observations(survey / "observations.csv"), FruitCloud.empty())
-    return Case(fused, SurveyDetections(found), cameras, load_photos([row / "images"]))
-
-
-def line(off_mm: np.ndarray, sds_mm: np.ndarray, true_mm: np.ndarray, wanted: np.ndarray) -> str:
+def figures(off_mm: np.ndarray, sds_mm: np.ndarray, true_mm: np.ndarray, wanted: np.ndarray) -> str:
     known = wanted & np.isfinite(off_mm)
     off, true = off_mm[known], true_mm[known]
     r2 = 1 - (off**2).sum() / ((true - true.mean()) ** 2).sum()
@@ -65,34 +41,32 @@ def line(off_mm: np.ndarray, sds_mm: np.ndarray, true_mm: np.ndarray, wanted: np
     return f"{known.sum()} | {spread} | {r2:.2f} | {100 * within:.0f} %"
 
 
-def score(name: str, case: Case, row: Path, options: MeasureOptions) -> None:
+def score(name: str, case: RowCase, fused: Fused, options: MeasureOptions) -> None:
     began = time.process_time()
-    fruits = measure(case.fused, case.detections, case.cameras, case.photos, options=options)
+    fruits = measure(fused, case.detections, case.cameras, case.photos, options=options)
     seconds = (time.process_time() - began) / len(case.cameras.photos)
-    truth = read_fruits(RowFolder(row).truth("fruits.csv"))
-    away_m = np.linalg.norm(fruits.centers_in_world[:, None] - truth.centres_in_world[None], axis=2)
-    nearest = away_m.argmin(axis=1)
-    true_mm = 1000 * truth.diameters_m[nearest]
-    off_mm = np.where(2000 * away_m.min(axis=1) < true_mm, 1000 * fruits.diameters_m - true_mm, np.nan)
+    nearest, away_m = nearest_true(fruits, case.truth)
+    true_mm = 1000 * case.truth.diameters_m[nearest]
+    off_mm = np.where(2000 * away_m < true_mm, 1000 * fruits.diameters_m - true_mm, np.nan)
     for label, wanted in (("all", np.ones(len(fruits), bool)), ("visibility from 0.5", fruits.visibilities >= 0.5)):
-        figures = line(off_mm, 1000 * fruits.diameter_sds_m, true_mm, wanted)
-        print(f"| {name}: {label} | {len(fruits)} | {figures} | {seconds:.3f} |", flush=True)
+        of_these = figures(off_mm, 1000 * fruits.diameter_sds_m, true_mm, wanted)
+        print(table_row([f"{name}: {label}", len(fruits), of_these, f"{seconds:.3f}"]), flush=True)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("rows", type=Path, nargs="*")
     parser.add_argument("--survey", action="append", default=[])
     parser.add_argument("--outlines-alone", action="store_true")
     arguments = parser.parse_args()
     options = replace(MeasureOptions(), circles=None) if arguments.outlines_alone else MeasureOptions()
-    print("| | fruits | measured | bias, mm | MAE, mm | sd, mm | R² | within one sd | s a photo |")
-    print("|---" * 9 + "|")
+    print(table_head("fruits of | fruits | measured | bias, mm | MAE, mm | sd, mm | R² | within one sd | s a photo"))
     for row in arguments.rows:
-        score(f"{row.name}, true masks", true_masks(row), row, options)
+        case = row_case(row, true_masks=True)
+        score(f"{row.name}, true masks", case, case.associated(), options)
     for each in arguments.survey:
         survey, _, row = each.partition("=")
-        score(Path(survey).name, of_survey(Path(survey), Path(row)), Path(row), options)
+        score(Path(survey).name, *of_survey(Path(survey), Path(row)), options)
 
 
 if __name__ == "__main__":

@@ -6,16 +6,17 @@ X,Y are fruits' centres in the photo's pixels. For each window about them, in th
 the table has the best score near each centre and the highest probability there that a pixel is fruit.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.basics.arrays import ByteArray, FloatArray
 from pomona.stages.capture import load_photos, read_pixels
 from pomona.stages.segment.center_offset import CenterOffsetSegmenter
 from pomona.stages.segment.load import SHIPPED_WEIGHTS
 from pomona.stages.segment.resize import resized_pixels
+from tables import table_head, table_row
 
 NEAR_CELLS = 2
 
@@ -32,7 +33,7 @@ def scores_at(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("photo", type=Path)
     parser.add_argument("fruits", nargs="+", metavar="X,Y")
     parser.add_argument("--scale", type=float, default=1.0)
@@ -43,8 +44,7 @@ def main() -> None:
     (photo,) = load_photos([arguments.photo], min_photos=1)
     pixels = read_pixels(photo)
     fruits = np.array([fruit.split(",") for fruit in arguments.fruits], float)
-    print("| window, px |" + "".join(f" {fruit} |" for fruit in arguments.fruits))
-    print("|---" * (len(fruits) + 1) + "|")
+    print(table_head(" | ".join(["window, px", *arguments.fruits])))
     for window in arguments.windows:
         cells = []
         for fruit in fruits:
@@ -52,7 +52,7 @@ def main() -> None:
             part = pixels[y0 : y0 + window, x0 : x0 + window] if window else pixels
             score, probability = scores_at(segmenter, part, fruit - [x0, y0], arguments.scale)
             cells.append(f"{score:.2f} / {probability:.2f}")
-        print(f"| {window or 'all'} | " + " | ".join(cells) + " |", flush=True)
+        print(table_row([window or "all", *cells]), flush=True)
 
 
 if __name__ == "__main__":

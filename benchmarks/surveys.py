@@ -5,16 +5,15 @@ python benchmarks/surveys.py OUT [--data FOLDER] [--only NAME ...]     prints th
 A survey that is in OUT already is read, not run again.
 """
 
-import argparse
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pomona
+from command_line import DATA, parser_of
 from pomona.learning.synth.truth import write_masks_as_coco
-
-DATA = (Path(__file__).resolve().parents[2] / "shared" / "data").resolve()
+from tables import table_head, table_row
 
 
 def commands(data: Path, out: Path) -> dict[str, list[str]]:
@@ -45,24 +44,24 @@ def run(name: str, arguments: list[str], out: Path) -> Path:
 def stage_lines(surveys: dict[str, pomona.Survey]) -> list[str]:
     records = {name: json.loads((s.folder / "survey.json").read_text())["stages"] for name, s in surveys.items()}
     stages = list(dict.fromkeys(stage for r in records.values() for stage in r))
-    lines = ["| stage | " + " | ".join(records) + " |", "|---|" + "---|" * len(records)]
+    lines = [table_head(" | ".join(["stage", *records]))]
     for stage in stages:
         cells = [r.get(stage) for r in records.values()]
         shown = [f"{c['processor_s']:.1f} s, {c['peak_memory_mb'] or 0:.0f} MB" if c else "" for c in cells]
-        lines.append(f"| {stage} | " + " | ".join(shown) + " |")
+        lines.append(table_row([stage, *shown]))
     totals = [sum(c["processor_s"] for c in r.values()) for r in records.values()]
     photos = [len(survey.photos) for survey in surveys.values()]
     each = [f"{total:.0f} s, {total / count:.1f} s a photo" for total, count in zip(totals, photos, strict=True)]
-    return [*lines, "| together | " + " | ".join(each) + " |"]
+    return [*lines, table_row(["together", *each])]
 
 
 def result_lines(surveys: dict[str, pomona.Survey]) -> list[str]:
-    lines = ["| survey | photos placed | fruits | all fruit, hidden ones too | metres from |", "|---|---|---|---|---|"]
+    lines = [table_head("survey | photos placed | fruits | all fruit, hidden ones too | metres from")]
     for name, survey in surveys.items():
         placed = f"{len(survey.cameras)} of {len(survey.photos)}"
         crop = survey.crop
         every = f"{crop.fruits.value:.0f} ({crop.fruits.low:.0f} to {crop.fruits.high:.0f})" if crop else ""
-        lines.append(f"| {name} | {placed} | {len(survey.fruits)} | {every} | {survey.cameras.frame.scale_source} |")
+        lines.append(table_row([name, placed, len(survey.fruits), every, survey.cameras.frame.scale_source]))
     return lines
 
 
@@ -72,7 +71,7 @@ def scores(survey: Path, truth: Path) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--only", nargs="*")

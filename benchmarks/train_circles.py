@@ -12,7 +12,6 @@ a run that was stopped goes on from it; --weights begins with those of another, 
 is the running mean of the weights; some of the fruits are measured on, not trained on.
 """
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +34,7 @@ from crop_training import (
     in_other_light,
     less_like,
     liked_pictures,
+    training_parser_of,
 )
 from pomona.fruit.crops.crop_network import CHANNELS
 from pomona.fruit.crops.crops import CropPlaces, cut
@@ -129,14 +129,7 @@ def held_out(net: nn.Module, patches: Tensor, labels: Tensor) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--steps", type=int, default=3000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--batch", type=int, default=BATCH)
-    parser.add_argument("--weights", type=Path)
-    arguments = parser.parse_args()
+    arguments = training_parser_of(__doc__, steps=3000).parse_args()
     torch.set_num_threads(1)
     torch.set_default_device(DEVICE)
     rng = np.random.default_rng(arguments.seed)

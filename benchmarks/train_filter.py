@@ -12,20 +12,18 @@ false ones, `--repeats` times; with `--variant published-code` on that program's
 score, through the true lens. Fusion, measures and (for the paper's method) the cloud are the pipeline's own.
 """
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
 from association import dropped, with_false
+from command_line import parser_of
 from pomona.evaluate.fruits import Truth, evaluate_fruits, read_truth
 from pomona.evaluate.fruits.matching import EvaluateOptions, candidates_by_center
-from pomona.formats.detections.read import read_detections
-from pomona.learning.synth.truth import RowFolder, read_cameras, read_mask, write_masks_as_coco
+from pomona.learning.synth.truth import RowFolder, read_mask
 from pomona.pipeline import RunOptions
 from pomona.stages.capture import load_photos
 from pomona.stages.dense import fruit_cloud
@@ -38,15 +36,14 @@ from pomona.stages.filter import (
 )
 from pomona.stages.filter.point_features import CODE_FEATURE_NAMES, FEATURE_NAMES
 from pomona.stages.filter.training import training_table
-from pomona.stages.fuse import Fused, object, paper
+from pomona.stages.fuse import Fused, paper
 from pomona.stages.measure import measure
-from pomona.stages.second_look import look_again
 from pomona.stages.segment import load_segmenter, segment_photos
-from pomona.values.cameras import Cameras, WorldFrame
+from pomona.values.cameras import Cameras
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import Fruits
-from pomona.values.intrinsics import Intrinsics
 from pomona.values.photos import Photos
+from row_cases import RowCase, true_cameras, true_detections
 
 REFERENCE_M = 0.075
 # Masks smaller than this share of a fruit's disc are not looked for by a segmenter.
@@ -58,17 +55,6 @@ LEAST_CHANCE_SCORES = (0.4, 1.0)
 THINNED = ((1, 0), (2, 0), (2, 1), (3, 1))
 # Looking again takes longer.
 SHARES_LOOKED, LEAST_CHANCE_SCORES_LOOKED, THINNED_LOOKED = (0.8, 0.5), (0.4,), ((1, 0), (2, 0), (3, 1))
-
-
-def cameras_of(row: RowFolder, photos: Photos) -> Cameras:
-    by_name = {c.name: c for c in read_cameras(row.truth("cameras.json"))}
-    true = [by_name[Path(name).stem] for name in photos.names]
-    lens = true[0]
-    params = np.array([lens.focal_px, lens.width_px / 2, lens.height_px / 2])
-    poses = [np.column_stack([c.rotation_cam_from_world, c.translation_m]) for c in true]
-    frame = WorldFrame(scale_source="given", approximate=False, up_is_known=True)
-    intrinsics = (Intrinsics("SIMPLE_PINHOLE", lens.width_px, lens.height_px, params),)
-    return Cameras(photos.names, intrinsics, np.zeros(len(true), int), np.array(poses), frame=frame)
 
 
 def false_objects(truth: Truth, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -182,13 +168,6 @@ def kinds_of_detections(
         yield f"true masks dropped and joined by false ones, scores {least:g} to 1", SurveyDetections(worse)
 
 
-def true_detections(row: RowFolder, photos: Photos) -> SurveyDetections:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "true-masks.json"
-        write_masks_as_coco(row.root, path)
-        return read_detections(path, photos)
-
-
 def with_chance_scores(found: Detections, least: float, rng: np.random.Generator) -> Detections:
     return replace(found, scores=rng.uniform(least, 1, len(found)))
 
@@ -196,47 +175,41 @@ def with_chance_scores(found: Detections, least: float, rng: np.random.Generator
 def examples(folder: Path, learnt: Learnt) -> Iterator[Example]:
     row, truth = RowFolder(folder), read_truth(folder)
     photos = load_photos([folder / "images"])
-    cameras = cameras_of(row, photos)
+    cameras = true_cameras(row, photos.names)
     for kind, detections in kinds_of_detections(learnt, row, photos, cameras, truth):
+        case = RowCase(photos, cameras, detections, truth)
         if learnt.method == "paper":
-            yield paper_example(f"{folder.name}, {kind}", photos, detections, cameras, truth, learnt.variant)
+            yield paper_example(f"{folder.name}, {kind}", case, learnt.variant)
             continue
         for step, first in THINNED_LOOKED if learnt.second_look else THINNED:
-            names = sorted(cameras.photos)[first::step]
             label = f"{folder.name}, {kind}, every photo {step} from {first}"
-            some, seen_by = detections.of_photos(names), cameras.of_photos(names)
-            yield object_example(label, photos if learnt.second_look else None, some, seen_by, truth)
+            yield object_example(label, case.every(step, first), learnt.second_look)
 
 
-def paper_example(
-    label: str, photos: Photos, detections: SurveyDetections, cameras: Cameras, truth: Truth, variant: str | None
-) -> Example:
+def paper_example(label: str, case: RowCase, variant: str | None) -> Example:
     options = RunOptions(method="paper", variant=variant).of_stages
     chosen = replace(options.paper, min_score=0.0, projection="lens")
-    fused = paper.fuse(detections, cameras, fruit_cloud(photos, detections, cameras), options=chosen)
+    cloud = fruit_cloud(case.photos, case.detections, case.cameras)
+    fused = paper.fuse(case.detections, case.cameras, cloud, options=chosen)
     # Truth is compared with measured centres; the filter itself comes before the measures, and sees the fused ones.
-    measured = measure(fused, detections, cameras, options=options.measure)
+    measured = measure(fused, case.detections, case.cameras, options=options.measure)
     names = CODE_FEATURE_NAMES if variant == "published-code" else FEATURE_NAMES
-    values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), truth, names=names)
+    values, is_fruit = training_table(Fused(measured, fused.observations, fused.cloud), case.truth, names=names)
     values = resized(values, REFERENCE_M / float(np.median(fused.fruits.diameters_m)), names)
     fruits = measured[np.isin(measured.ids, fused.cloud.fruit_id)]
-    return Example(label, values, is_fruit, fruits, truth, np.ones(len(fruits)))
+    return Example(label, values, is_fruit, fruits, case.truth, np.ones(len(fruits)))
 
 
-def object_example(
-    label: str, photos: Photos | None, detections: SurveyDetections, cameras: Cameras, truth: Truth
-) -> Example:
-    """An example of fruits as they are associated, or looked at again in `photos`."""
-    fused = object.fuse(detections, cameras)
-    if photos is not None:
-        fused = look_again(fused, detections, photos, cameras)
-    measured = measure(fused, detections, cameras, photos, options=RunOptions().of_stages.measure)
-    near = candidates_by_center(measured, truth, EvaluateOptions()).found_idx
-    features, is_fruit = view_features(fused, detections, cameras), np.isin(np.arange(len(measured)), near)
+def object_example(label: str, case: RowCase, second_look: bool) -> Example:
+    """An example of fruits as they are associated, or looked at again."""
+    fused = case.looked_again(case.associated()) if second_look else case.associated()
+    measured = measure(fused, case.detections, case.cameras, case.photos if second_look else None)
+    near = candidates_by_center(measured, case.truth, EvaluateOptions()).found_idx
+    features, is_fruit = view_features(fused, case.detections, case.cameras), np.isin(np.arange(len(measured)), near)
     judged = np.isfinite(features.values).all(1)  # others no photo shows well enough to be looked at
     features = features[judged]
-    placed = features.place_probability(looked=photos is not None)
-    return Example(label, features.values, is_fruit[judged], measured[judged], truth, placed)
+    placed = features.place_probability(looked=second_look)
+    return Example(label, features.values, is_fruit[judged], measured[judged], case.truth, placed)
 
 
 def trained(done: list[Example], learnt: Learnt) -> LinearSvm:
@@ -256,7 +229,7 @@ def trained(done: list[Example], learnt: Learnt) -> LinearSvm:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("rows", type=Path, nargs="+")
     parser.add_argument("--method", choices=("object", "paper"), default="object")

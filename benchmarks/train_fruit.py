@@ -7,36 +7,19 @@ python benchmarks/train_fruit.py OUT.onnx --tiles TILES [--rows FOLDER] [--weigh
 TILES is what `benchmarks/fruit_tiles.py` wrote.
 """
 
-import argparse
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import torch
 
+from command_line import Lines, parser_of
 from pomona.learning.train import FitOptions, options_for, train
 from pomona.learning.train.augment import AugmentOptions
 from pomona.learning.train.center import CENTER_NETWORKS
-from pomona.progress import Silent
-
-
-class Lines(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.done = 0
-
-    def start(self, label: str, total: int | None = None) -> None:
-        print(label, total, flush=True)
-        self.done = 0
-
-    def advance(self, units: int = 1) -> None:
-        self.done += units
-        if self.done % 10 == 0:
-            print(self.done, time.strftime("%H:%M"), flush=True)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--arch", choices=CENTER_NETWORKS)
     parser.add_argument("--batch", type=int, default=FitOptions().batch)
@@ -73,7 +56,7 @@ def main() -> None:
         augment=augment,
     )
     options = replace(options_for(arguments.arch, weights=arguments.weights), fit=fit)
-    print(train([arguments.tiles, *rows], arguments.out, options=options, progress=Lines()))
+    print(train([arguments.tiles, *rows], arguments.out, options=options, progress=Lines(every=10)))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ begins with those of another, or of a model file. The network written is the run
 fortieth of the crops is measured on, not trained on.
 """
 
-import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -41,6 +40,7 @@ from crop_training import (
     less_like,
     liked_pictures,
     liked_tiles,
+    training_parser_of,
 )
 from pomona.fruit.crops.crop_network import CHANNELS
 from pomona.fruit.crops.crops import CropPlaces, cut
@@ -151,18 +151,12 @@ def loss_of(logits: Tensor, targets: Tensor, weights: Tensor) -> Tensor:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("folders", type=Path, nargs="+")
+    parser = training_parser_of(__doc__, steps=2500)
     parser.add_argument("--tiles", type=Path)
-    parser.add_argument("--steps", type=int, default=2500)
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--widths", type=int, nargs=4, default=(16, 32, 48, 80))
     parser.add_argument("--radius", type=float, default=12.0)
     parser.add_argument("--side", type=int, default=72)
     parser.add_argument("--file-side", type=int, help="side of the crops that the file takes, if another")
-    parser.add_argument("--batch", type=int, default=BATCH)
-    parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     torch.set_default_device(DEVICE)

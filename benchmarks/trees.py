@@ -7,11 +7,11 @@ to 70 fruits each, of which a share of 0.6 to 1 is "found", some 4 mm off. Numbe
 tree too many is found before the first, no fruit is right.
 """
 
-import argparse
 from functools import partial
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.learning.synth.layout import lay_out_row
 from pomona.learning.synth.options import RowOptions
 from pomona.stages.planting import PlantingOptions, find_trunks, on_trees
@@ -34,7 +34,7 @@ def grown(seed: int) -> tuple[Fruits, np.ndarray, float, int]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--rows", type=int, default=200)
     arguments = parser.parse_args()
     shares: dict[str, list[float]] = {"trunks": [], "spacing": [], "neither": []}

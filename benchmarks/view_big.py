@@ -8,7 +8,6 @@ chance: photos of two sides, 2.5 m from the trees, each fruit seen from one side
 discs. All photos are one file under many names.
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -25,6 +24,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from command_line import parser_of
 from pomona.browser.view import read_survey
 from pomona.formats.cameras.colmap import write_colmap
 from pomona.formats.detections.coco import write_coco
@@ -36,6 +36,7 @@ from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations
 from pomona.values.intrinsics import Intrinsics
 from pomona.values.photos import Photo, Photos
+from usage import peak_mb
 
 SIDES = ("east", "west")
 DISTANCE_M, LENGTH_A_PHOTO_M, DIAMETER_M, TREE_M = 2.5, 0.2, 0.075, 2.5
@@ -277,14 +278,8 @@ def turned(page: Any) -> list[float]:
     return np.diff(times).tolist()
 
 
-def memory_mb(process: int) -> float:
-    """The most memory that a process had so far."""
-    lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     for name, count in (("fruits", 20_000), ("photos", 2_000), ("points", 5_000_000)):
         parser.add_argument(f"--{name}", type=int, default=count)
@@ -297,7 +292,7 @@ def main() -> None:
         urllib.request.urlopen(url).read()
         said("to make the page and its data", time.monotonic() - begun, "s")
         look(url)
-        said("memory of pomona view", memory_mb(process), "MB")
+        said("memory of pomona view", peak_mb(process), "MB")
     report = (options.folder / "report.html").resolve()
     begun = time.monotonic()
     write_report(read_survey(survey), report)

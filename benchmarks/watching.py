@@ -9,8 +9,6 @@ seconds a photo; and the number of fruits of the survey that this ends in.
 
 from __future__ import annotations
 
-import argparse
-import resource
 import shutil
 import threading
 import time
@@ -18,19 +16,21 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.browser.live import Watch, WatchOptions
 from pomona.pipeline import RunOptions
 from pomona.progress import Silent
 from pomona.stages.report.contract import WatchState
+from usage import peak_mb, processor_s
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("photos", type=Path)
-    arguments.add_argument("folder", type=Path)
-    arguments.add_argument("--step", type=float, default=7.5, help="seconds between photos")
-    arguments.add_argument("--markers", type=Path)
-    given = arguments.parse_args()
+    parser = parser_of(__doc__)
+    parser.add_argument("photos", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--step", type=float, default=7.5, help="seconds between photos")
+    parser.add_argument("--markers", type=Path)
+    given = parser.parse_args()
     photos = sorted(path for path in given.photos.rglob("*") if path.suffix.lower() in (".jpg", ".jpeg", ".png"))
     copied: list[float] = []
     placed: dict[int, float] = {}
@@ -69,20 +69,11 @@ def main() -> None:
     print(f"placed, with its hints: median {np.median(to_place):.1f} s, at most {max(to_place):.1f} s after it came")
     print(f"the tenth counted {to_count[9]:.1f} s after it came; later ones: median {np.median(to_count[10:]):.1f} s,")
     print(f"  at most {max(to_count[10:]):.1f} s")
-    print(f"{used / len(photos):.1f} processor seconds a photo, peak memory {peak_gb():.1f} GB")
+    print(f"{used / len(photos):.1f} processor seconds a photo, peak memory {peak_mb() / 1000:.1f} GB")
     assert watch.answer is not None
     print(f"provisional: {len(watch.answer.fruits)} fruits, {len(watch.answer.cameras)} photos placed")
     summary = watch.finish(Silent())
     print(f"survey: {summary.fruits} fruits, {processor_s() - used:.0f} processor seconds more")
-
-
-def processor_s() -> float:
-    kinds = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(kind.ru_utime + kind.ru_stime for kind in kinds)
-
-
-def peak_gb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ ellipse in the box and the whole box. Given per fruit: IoU and the ratio of area
 that is doubtful and teaches nothing, and how many of the pixels taught as fruit, and as background, are so in truth.
 """
 
-import argparse
 import itertools
 import json
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.formats.detections.label_sets import find_label_sets, read_label_set
 from pomona.formats.detections.labelled import FEWEST_PIXELS, LabelledPhoto
 from pomona.formats.detections.shapes import ellipse_mask
@@ -80,7 +80,7 @@ def table(rows: list[dict]) -> list[dict]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--photos", type=int)
     parser.add_argument("--json", type=Path)

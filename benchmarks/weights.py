@@ -5,15 +5,15 @@ python benchmarks/weights.py [PAIRS.csv] [--plot OUT.svg]
 Prints the figures that `pomona.stages.measure.allometry.STORY_APPLES` has. PAIRS.csv: `../shared/data/fruit-measures`.
 """
 
-import argparse
 import csv
 from pathlib import Path
 
 import numpy as np
 
+from command_line import DATA, parser_of
 from pomona.stages.measure import fit_allometry
 
-TABLE = Path(__file__).resolve().parents[2] / "shared/data/fruit-measures/story-apples-caliper-weight.csv"
+TABLE = DATA / "fruit-measures" / "story-apples-caliper-weight.csv"
 WIDTH, HEIGHT, MARGIN = 360, 260, 44
 
 
@@ -69,7 +69,7 @@ def drawing(diameters: np.ndarray, weights: np.ndarray, expected: np.ndarray) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("pairs", type=Path, nargs="?", default=TABLE)
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()

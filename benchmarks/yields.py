@@ -17,33 +17,29 @@ one       one side
 one-dropped   one side, masks dropped as in "dropped"
 """
 
-import argparse
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.learning.synth import RowOptions, truth
 from pomona.learning.synth.cameras import row_cameras
 from pomona.learning.synth.layout import lay_out_row
 from pomona.learning.synth.options import VARIETIES
 from pomona.learning.synth.truth import RowFolder, read_cameras, read_fruits, read_mask
 from pomona.stages.capture import load_photos
-from pomona.stages.filter import apply_to_views
-from pomona.stages.fuse import object
-from pomona.stages.measure import measure
 from pomona.stages.measure.allometry import STORY_APPLES
-from pomona.stages.second_look import look_again
 from pomona.stages.yields import YieldOptions, estimate_crop
 from pomona.stages.yields.detectability import fit_detectability
 from pomona.stages.yields.encounters import encounters_of
 from pomona.values.cameras import Cameras
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import Fruits, Observations
-from pomona.values.intrinsics import Intrinsics
 from pomona.values.trees import Trees
-from sizes import METRES
+from row_cases import METRES, Case, true_cameras
+from tables import table_head, table_row
 
 KINDS = ("two", "half", "dropped", "uneven", "one", "one-dropped")
 LEAST_SHARE = 0.03
@@ -101,22 +97,16 @@ class TrueRow:
     def __init__(self, row: Path) -> None:
         folder, self.fruits = RowFolder(row), read_fruits(RowFolder(row).truth("fruits.csv"))
         stands = read_cameras(folder.truth("cameras.json"))
-        one = stands[0]
-        middle = [one.focal_px, one.width_px / 2, one.height_px / 2]
-        lens = Intrinsics("SIMPLE_PINHOLE", one.width_px, one.height_px, np.array(middle))
-        poses = np.array([np.column_stack([c.rotation_cam_from_world, c.translation_m]) for c in stands])
         self.photos = load_photos([row / "images"]) if any((row / "images").glob("*")) else None
         names = {Path(photo.name).stem: photo.name for photo in self.photos or ()}
-        self.cameras = Cameras(
-            tuple(names.get(c.name, c.name) for c in stands), (lens,), np.zeros(len(stands), int), poses, frame=METRES
-        )
+        self.cameras = true_cameras(folder, [names.get(c.name, c.name) for c in stands], METRES)
         n, p = len(self.fruits.ids), len(stands)
         self.shares, self.in_picture, self.masks = np.zeros((n, p)), np.zeros((n, p), bool), {}
         for j, camera in enumerate(stands):
             ids = read_mask(folder.mask(camera.name))
             xy_px, depths = self.cameras.project(j, self.fruits.centres_in_world)
-            discs_px = np.pi * (self.fruits.diameters_m / 2 * one.focal_px / depths) ** 2
-            self.in_picture[:, j] = ((xy_px > 0) & (xy_px < [one.width_px, one.height_px])).all(axis=1)
+            discs_px = np.pi * (self.fruits.diameters_m / 2 * camera.focal_px / depths) ** 2
+            self.in_picture[:, j] = ((xy_px > 0) & (xy_px < [camera.width_px, camera.height_px])).all(axis=1)
             for i in np.unique(ids[(ids > 0) & (ids <= n)]).tolist():
                 mask = Mask.from_pixels(ids == i)
                 self.masks[i - 1, j] = mask
@@ -137,14 +127,6 @@ class TrueRow:
         return (self.shares >= LEAST_SHARE) & photos & (rng.random(self.shares.shape) >= dropped), photos
 
 
-def some_cameras(cameras: Cameras, photos: np.ndarray) -> Cameras:
-    names = tuple(name for name, kept in zip(cameras.photos, photos, strict=True) if kept)
-    return replace(
-        cameras, photos=names, intrinsics_idx=cameras.intrinsics_idx[photos],
-        cam_from_world=cameras.cam_from_world[photos],
-    )  # fmt: skip
-
-
 def joined(row: TrueRow, kept: np.ndarray, cameras: Cameras) -> tuple[Fruits, Observations, np.ndarray]:
     found, first = {}, 1
     for j, name in enumerate(row.cameras.photos):
@@ -153,12 +135,12 @@ def joined(row: TrueRow, kept: np.ndarray, cameras: Cameras) -> tuple[Fruits, Ob
         ids = np.arange(first, first + len(masks))
         first += len(masks)
         found[name] = Detections(name, lens.width_px, lens.height_px, masks, np.ones(len(masks)), ids)
-    detections = SurveyDetections({name: found[name] for name in cameras.photos})
-    candidates = object.fuse(detections, cameras)
+    case = Case(row.photos, cameras, SurveyDetections({name: found[name] for name in cameras.photos}))
+    candidates = case.associated()
     if row.photos is not None:
-        candidates = look_again(candidates, detections, row.photos, cameras)
-    fused = apply_to_views(candidates, detections, cameras, photos=row.photos)
-    return measure(fused, detections, cameras, row.photos), fused.observations, candidates.fruits.views
+        candidates = case.looked_again(candidates)
+    measured = case.measured(candidates)
+    return measured.fruits, measured.observations, candidates.fruits.views
 
 
 def joined_by_truth(row: TrueRow, kept: np.ndarray) -> tuple[Fruits, Observations, None]:
@@ -174,14 +156,13 @@ def joined_by_truth(row: TrueRow, kept: np.ndarray) -> tuple[Fruits, Observation
 
 
 def trials(rows: list[Path], by_truth: bool, kinds: list[str]) -> None:
-    print("| row | trial | true | of these two photos look at | found | estimate | 95 % | width | covers |")
-    print("|---" * 9 + "|")
+    print(table_head("row | trial | true | of these two photos look at | found | estimate | 95 % | width | covers"))
     results: dict[str, list[tuple[bool, float, float, bool]]] = {kind: [] for kind in kinds}
     for path in rows:
         row = TrueRow(path)
         for kind in kinds:
             kept, photos = row.trial(kind, seed=sum(path.name.encode()))
-            cameras = some_cameras(row.cameras, photos)
+            cameras = row.cameras.of_photos([row.cameras.photos[j] for j in np.flatnonzero(photos)])
             fruits, seen, views = joined_by_truth(row, kept) if by_truth else joined(row, kept, cameras)
             crop = estimate_crop(fruits, seen, cameras, Trees.empty(), STORY_APPLES, candidate_views=views).crop
             if crop is None:
@@ -190,17 +171,15 @@ def trials(rows: list[Path], by_truth: bool, kinds: list[str]) -> None:
             every = crop.fruits
             covers, width = every.low <= true <= every.high, (every.high - every.low) / true
             results[kind].append((covers, width, every.value / true, every.low <= len(kept) <= every.high))
-            figures = f"{every.value:.0f} | {every.low:.0f} to {every.high:.0f} | {100 * width:.0f} %"
-            print(f"| {path.name} | {kind} | {len(kept)} | {true} | {len(fruits)} | {figures} | {covers} |", flush=True)
-    print("\n| trials | rows | covered | covered, of all | width, mean | width, largest | estimate / true, mean, sd |")
-    print("|---" * 7 + "|")
+            figures = f"{every.value:.0f}", f"{every.low:.0f} to {every.high:.0f}", f"{100 * width:.0f} %"
+            print(table_row([path.name, kind, len(kept), true, len(fruits), *figures, covers]), flush=True)
+    titles = "trials | rows | covered | covered, of all | width, mean | width, largest | estimate / true, mean, sd"
+    print("\n" + table_head(titles))
     for kind, each in results.items():
         if each:
             covers, widths, ratios, of_all = np.array(each, float).T
-            print(
-                f"| {kind} | {len(each)} | {100 * covers.mean():.0f} % | {100 * of_all.mean():.0f} % | "
-                f"{100 * widths.mean():.0f} % | {100 * widths.max():.0f} % | {ratios.mean():.3f}, {ratios.std():.3f} |"
-            )
+            shares = (f"{100 * x:.0f} %" for x in (covers.mean(), of_all.mean(), widths.mean(), widths.max()))
+            print(table_row([kind, len(each), *shares, f"{ratios.mean():.3f}, {ratios.std():.3f}"]))
 
 
 def survey(folder: Path, true: int) -> None:
@@ -217,7 +196,7 @@ def survey(folder: Path, true: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("what", choices=("make", "trials", "survey"))
     parser.add_argument("arguments", nargs="+")
     parser.add_argument("--joined-by", choices=("pomona", "truth"), default="pomona")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from benchmarks.camera_bed import Figures, figures_of
+
+from camera_bed import Figures, figures_of
 
 pytestmark = pytest.mark.slow
 

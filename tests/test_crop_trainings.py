@@ -1,16 +1,17 @@
 """Trainings of the networks of crops (`benchmarks/`): what crops ask for, and that files and checkpoints go on."""
 
-import importlib
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the train extra")
 
+import crop_training  # noqa: E402
+import train_circles  # noqa: E402
+import train_second_look  # noqa: E402
 from pomona.stages.measure.circle_network import CirclesNetwork  # noqa: E402
 from pomona.stages.second_look import CentersNetwork  # noqa: E402
 from synth_scenes import rough_row  # noqa: E402
@@ -19,11 +20,6 @@ BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 FRUIT = (96.0, 96.0, 17.0, 0.8)  # x, y, radius, share seen
 
 Fruit = tuple[float, float, float, float]
-
-
-def script(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module(name)
 
 
 def patches(n: int, side_px: int, fruit: Fruit | None) -> torch.Tensor:
@@ -48,11 +44,10 @@ def seen_disc(crop: torch.Tensor) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize("varied", [False, True])
-def test_peaks_stay_on_fruits_however_crops_are_turned(varied: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    training = script("train_second_look", monkeypatch)
-    how = training.Crops(radius_px=16, side_px=96)
+def test_peaks_stay_on_fruits_however_crops_are_turned(varied: bool) -> None:
+    how = train_second_look.Crops(radius_px=16, side_px=96)
     torch.manual_seed(3)
-    crops, targets, weights = training.crops_of(
+    crops, targets, weights = train_second_look.crops_of(
         patches(12, how.patch_px, FRUIT), labels(12, FRUIT)[:, None], how, varied
     )
     assert crops.shape == (12, 4, 96, 96)
@@ -61,32 +56,30 @@ def test_peaks_stay_on_fruits_however_crops_are_turned(varied: bool, monkeypatch
     for crop, target in zip(crops, targets[:, 0], strict=True):
         middle, _ = seen_disc(crop)
         row, column = np.unravel_index(int(target.argmax()), target.shape)
-        off.append(np.hypot(*(middle - (np.array([column, row]) + 0.5) * training.STRIDE)))
+        off.append(np.hypot(*(middle - (np.array([column, row]) + 0.5) * train_second_look.STRIDE)))
         assert 0.8 < float(target.max()) <= 1
     assert max(off) < 1.6  # a cell is two pixels wide
     moved = np.ptp([seen_disc(crop)[0] for crop in crops], axis=0)
     assert (moved > 5).all() if varied else (moved < 1e-6).all()
 
 
-def test_fruits_of_other_sizes_and_hardly_seen_ones_count_neither_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    training = script("train_second_look", monkeypatch)
-    how = training.Crops(radius_px=16, side_px=96)
+def test_fruits_of_other_sizes_and_hardly_seen_ones_count_neither_way() -> None:
+    how = train_second_look.Crops(radius_px=16, side_px=96)
     small, hidden = [96.0, 96.0, 7.0, 0.8], [96.0, 96.0, 16.0, 0.02]
     told = torch.tensor([[small], [hidden], [[np.nan] * 4]], dtype=torch.float32)
-    _, targets, weights = training.crops_of(patches(3, how.patch_px, None), told, how, False)
+    _, targets, weights = train_second_look.crops_of(patches(3, how.patch_px, None), told, how, False)
     assert targets.max() < 1e-6
     assert weights[:2, 0, 24, 24].tolist() == [0, 0]
     assert 0.9 < float(weights[:2].mean()) < 1
     assert weights[2].min() == 1
 
 
-def test_circles_follow_fruits_however_crops_are_turned(monkeypatch: pytest.MonkeyPatch) -> None:
-    training = script("train_circles", monkeypatch)
-    how = training.HOW
+def test_circles_follow_fruits_however_crops_are_turned() -> None:
+    how = train_circles.HOW
     middle = how.patch_px / 2
     fruit = (middle + 2, middle - 3, 0.9 * how.radius_px, 0.9)
     torch.manual_seed(4)
-    crops, wanted = training.crops_of(patches(12, how.patch_px, fruit), labels(12, fruit), True)
+    crops, wanted = train_circles.crops_of(patches(12, how.patch_px, fruit), labels(12, fruit), True)
     for crop, (right, down, log_radius) in zip(crops, wanted.numpy(), strict=True):
         found, found_radius = seen_disc(crop)
         assert np.hypot(*(found - how.side_px / 2 - how.radius_px * np.array([right, down]))) < 1
@@ -95,10 +88,9 @@ def test_circles_follow_fruits_however_crops_are_turned(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(("n", "held_out"), [(3, 1), (7, 2), (40, 10)])
-def test_of_all_folders_together_a_share_is_measured_on(n: int, held_out: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    common = script("crop_training", monkeypatch)
+def test_of_all_folders_together_a_share_is_measured_on(n: int, held_out: int) -> None:
     pictures = [(np.full((k, 2, 2, 4), k, np.uint8), np.full((k, 4), k, np.float32)) for k in (0, 1, n - 1)]
-    mixed = common.Mixed.of([pictures[:2], pictures[2:]], 0.25)
+    mixed = crop_training.Mixed.of([pictures[:2], pictures[2:]], 0.25)
     assert mixed.learnt == n - held_out
     of_folders = mixed.patches[:, 0, 0, 0].numpy()
     assert sorted(of_folders) == [1] + [n - 1] * (n - 1)
@@ -107,11 +99,10 @@ def test_of_all_folders_together_a_share_is_measured_on(n: int, held_out: int, m
 
 
 @pytest.mark.parametrize("n", [0, 1])
-def test_too_few_fruits_to_train_on_are_named(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    common = script("crop_training", monkeypatch)
+def test_too_few_fruits_to_train_on_are_named(n: int) -> None:
     folders = [[(np.zeros((n, 2, 2, 4), np.uint8), np.zeros((n, 4), np.float32))], []]
     with pytest.raises(SystemExit, match=f"2 fruits or more to train on; found {n} in 2 folders"):
-        common.Mixed.of(folders, 0.25)
+        crop_training.Mixed.of(folders, 0.25)
 
 
 @pytest.fixture(scope="module")
@@ -128,9 +119,7 @@ def trained(name: str, *arguments: str) -> str:
 
 
 @pytest.mark.slow
-def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(
-    row: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(row: Path, tmp_path: Path) -> None:
     file = tmp_path / "new.onnx"
     small = ("--radius", "8", "--side", "48", "--file-side", "40", "--batch", "4", "--widths", "4", "6", "8", "8")
     assert "\n2 " in trained("train_second_look", str(file), str(row), "--steps", "2", *small)
@@ -142,10 +131,9 @@ def test_a_training_of_centres_goes_on_and_its_file_is_one_to_look_with(
     maps = network.centers(crops)
     assert maps.shape == (5, 20, 20)
     assert 0 < maps.min() < maps.max() < 0.5
-    training, common = script("train_second_look", monkeypatch), script("crop_training", monkeypatch)
-    again = training.CentersNet((4, 6, 8, 8))
+    again = train_second_look.CentersNet((4, 6, 8, 8))
     as_seen = torch.from_numpy(crops).permute(0, 3, 1, 2).float()
-    common.fill_from_file(again, file, as_seen)
+    crop_training.fill_from_file(again, file, as_seen)
     np.testing.assert_allclose(torch.sigmoid(again.eval()(as_seen))[:, 0].detach().numpy(), maps, atol=1e-4)
 
 
