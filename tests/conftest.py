@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+if TYPE_CHECKING:
+    from pipeline_fakes import Fakes
 
 # Threads of OpenMP (PyTorch, scikit-learn, COLMAP) that wait for each other by spinning hold the very cores that the
 # others need when something else runs too. It is read when these libraries are loaded, here and in child processes.
@@ -52,6 +55,14 @@ def sample_survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
             pomona.run([sample / "east", sample / "west"], survey, markers=sample / "markers.csv")
             done.touch()
     return survey
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
+    """Quick stand-ins for the slow stages of a run, which count how often each is called."""
+    from pipeline_fakes import Fakes  # it loads NumPy, which reads the variables above
+
+    return Fakes().install(monkeypatch)
 
 
 @pytest.fixture(scope="module")

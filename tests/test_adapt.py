@@ -131,16 +131,10 @@ def test_a_photo_that_cannot_be_decoded_is_left_out_with_a_warning(found: FoundF
     broken = tmp_path / "broken.jpg"
     broken.write_bytes(b"no photo any more")
     photos = [replace(p, path=broken, file_state=None) if p.name == photo else p for p in found.photos]
-    heard: list[str] = []
+    damaged, progress = replace(found, photos=type(found.photos)(tuple(photos))), Silent()
+    labels = label_photos(damaged, options=OPTIONS, progress=progress)
 
-    class Listening(Silent):
-        def warn(self, message: str) -> None:
-            heard.append(message)
-
-    damaged = replace(found, photos=type(found.photos)(tuple(photos)))
-    labels = label_photos(damaged, options=OPTIONS, progress=Listening())
-
-    (warning,) = heard
+    (warning,) = progress.warnings
     assert warning.startswith(f"{photo} is not learnt from: its pixels cannot be decoded (")
     assert broken.name not in warning
     whole_row = label_photos(found, options=OPTIONS)

@@ -18,11 +18,6 @@ from pomona.pipeline import RunOptions, run
 from pomona.survey import SurveyFolder
 
 
-@pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
-    return Fakes().install(monkeypatch)
-
-
 def test_an_empty_folder(fakes: Fakes, tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     with pytest.raises(InputError, match="holds no photo"):

@@ -142,10 +142,11 @@ class Exact(CirclesNetwork):
         return np.array(found, np.float32)
 
 
-class Told:
+class Told(Silent):
     """Progress that keeps what it was told."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.started: list[tuple[str, int | None]] = []
         self.advanced = 0
 
@@ -154,9 +155,6 @@ class Told:
 
     def advance(self, units: int = 1) -> None:
         self.advanced += units
-
-    def warn(self, message: str) -> None:
-        raise AssertionError(message)
 
 
 def test_photos_measure_fruits_whose_masks_do_not(tmp_path: Path) -> None:
@@ -169,6 +167,7 @@ def test_photos_measure_fruits_whose_masks_do_not(tmp_path: Path) -> None:
     looked = measure(fused, detections, CAMERAS, photos, network=Exact(), progress=progress)
     assert progress.started == [("measure", 6)]
     assert progress.advanced == 6
+    assert progress.warnings == []
     assert "hidden too far" in alone.reasons[2]
     assert looked.reasons == ("", "", "")
     nearest = np.linalg.norm(fused.fruits.centers_in_world[:, None] - CENTERS[None], axis=2).argmin(1)
@@ -232,15 +231,9 @@ def test_a_photo_that_cannot_be_decoded_measures_no_fruit_and_is_named(tmp_path:
     photos = photos_of(CAMERAS, tmp_path, CENTERS, 2 * RADII_M)
     detections = detections_of(CAMERAS, CENTERS, 2 * RADII_M)
     (tmp_path / CAMERAS.photos[2]).write_bytes(b"no photo any more")
-    heard: list[str] = []
-
-    class Listening(Told):
-        def warn(self, message: str) -> None:
-            heard.append(message)
-
-    progress = Listening()
+    progress = Told()
     measured = measure(fuse(detections, CAMERAS), detections, CAMERAS, photos, network=Exact(), progress=progress)
-    (warning,) = heard
+    (warning,) = progress.warnings
     assert warning.startswith(f"{CAMERAS.photos[2]} measures no fruit: its pixels cannot be decoded (")
     assert warning.count(CAMERAS.photos[2]) == 1
     assert progress.advanced == 6

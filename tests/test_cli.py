@@ -37,11 +37,6 @@ TRUTH = "id,x,y,z,diameter\n1,0,0,2,0.07\n2,1,0,2,0.07\n"
 
 
 @pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
-    return Fakes().install(monkeypatch)
-
-
-@pytest.fixture
 def photos(tmp_path: Path) -> Path:
     return make_photos(tmp_path / "photos")
 

@@ -22,11 +22,6 @@ NAMES = (
 )  # fmt: skip
 
 
-@pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
-    return Fakes().install(monkeypatch)
-
-
 def _named(folder: Path, names: tuple[str, ...]) -> Path:
     for made, name in zip(sorted(make_photos(folder, len(names)).iterdir()), names, strict=True):
         made.rename(made.with_name(name))

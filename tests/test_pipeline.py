@@ -33,11 +33,6 @@ ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter":
 
 
 @pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
-    return Fakes().install(monkeypatch)
-
-
-@pytest.fixture
 def photos(tmp_path: Path) -> Path:
     return make_photos(tmp_path / "photos")
 

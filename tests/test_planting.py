@@ -26,15 +26,6 @@ from pomona.values.fruits import FruitCloud, Fruits, Observations
 from pomona.values.trees import Trees, Trunks
 
 
-class Listening(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.warnings: list[str] = []
-
-    def warn(self, message: str) -> None:
-        self.warnings.append(message)
-
-
 def row(
     trees: int, spacing_m: float, *, per_tree: int = 40, spread: float = 0.2, seed: int = 0, turned_deg: float = 30.0
 ) -> tuple[Fruits, np.ndarray]:
@@ -146,12 +137,12 @@ def test_trees_are_found_where_bunches_gather(size: int) -> None:
 
 def test_a_wrong_distance_is_said() -> None:
     fruits, _ = row(8, 1.2)
-    progress = Listening()
+    progress = Silent()
     find_trunks(fruits, PlantingOptions(spacing_m=1.7), progress)
     assert len(progress.warnings) == 1
     assert "1.7 m apart" in progress.warnings[0]
     assert "every 1.2" in progress.warnings[0]
-    progress = Listening()
+    progress = Silent()
     find_trunks(fruits, PlantingOptions(spacing_m=1.21), progress)
     assert progress.warnings == []
 
@@ -184,7 +175,7 @@ def test_parts_that_are_not_joined_have_no_trees_but_those_of_a_table(spacing_m:
     )
 
     def found(tied: int, options: PlantingOptions) -> tuple[Trunks, list[str]]:
-        listening = Listening()
+        listening = Silent()
         placed = Placed(replace(Cameras.empty(), frame=frame), report=ScaleReport(pieces=pieces, tied_pieces=tied))
         measured = Fused(fruits, Observations.empty(), FruitCloud.empty())
         trunks = stage.compute(measured=measured, placed=placed, options=options, progress=listening)

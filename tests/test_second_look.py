@@ -318,16 +318,10 @@ def test_a_photo_that_cannot_be_decoded_is_left_out_with_a_warning(
     cameras, detections, photos = scene
     damaged = photos.names[2]
     next(photo for photo in photos if photo.name == damaged).path.write_bytes(b"no photo any more")
-    heard: list[str] = []
-
-    class Listening(Silent):
-        def warn(self, message: str) -> None:
-            heard.append(message)
-
-    fused = misplaced(detections, cameras)
-    looked = look_again(fused, detections, photos, cameras, network=Discs(), progress=Listening())
+    fused, progress = misplaced(detections, cameras), Silent()
+    looked = look_again(fused, detections, photos, cameras, network=Discs(), progress=progress)
     assert errors_m(looked).sum() < 0.5 * errors_m(fused).sum()
-    (warning,) = heard
+    (warning,) = progress.warnings
     assert warning.startswith(f"{damaged} is not looked at again: its pixels cannot be decoded (")
     assert warning.count(damaged) == 1
 

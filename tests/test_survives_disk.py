@@ -28,11 +28,6 @@ FEW = 8
 
 
 @pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
-    return Fakes().install(monkeypatch)
-
-
-@pytest.fixture
 def place() -> Iterator[Path]:
     """A folder in memory: these tests wait for the disk very often."""
     with scratch() as folder:

@@ -52,11 +52,6 @@ def row(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Photo], np.ndarr
     return photograph(tmp_path_factory.mktemp("row"), poses), poses
 
 
-@pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> Fakes:
-    return Fakes().install(monkeypatch)
-
-
 # Files that arrive
 
 

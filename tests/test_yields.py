@@ -31,15 +31,6 @@ METRES = WorldFrame(scale_source="markers", approximate=False, up_is_known=True)
 TRUNKS = Trunks(np.arange(1, 5), np.column_stack([np.arange(4) * 1.0, np.zeros(4)]))
 
 
-class Listening(Silent):
-    def __init__(self) -> None:
-        super().__init__()
-        self.warnings: list[str] = []
-
-    def warn(self, message: str) -> None:
-        self.warnings.append(message)
-
-
 def standing(sides: int, photos: int = 12) -> Cameras:
     """Cameras 0.3 m apart along x, 2.5 m from the row, on one side or on both."""
     lens = Intrinsics("SIMPLE_PINHOLE", 600, 800, np.array([500.0, 300, 400]))
@@ -457,7 +448,7 @@ def test_trees_add_up_to_the_row_with_two_hand_counts_too(tmp_path: Path) -> Non
 
 
 def test_counts_of_a_whole_orchard_are_named_in_few_words() -> None:
-    listening = Listening()
+    listening = Silent()
     every = HandCounts(np.arange(1, 1001), np.full(1000, 20.0))
     known = known_counts(every, np.arange(301, 321), listening)
     assert known.tree_ids.tolist() == list(range(301, 321))
@@ -494,7 +485,7 @@ def test_a_counted_tree_tells_what_one_side_does_not_show(tmp_path: Path) -> Non
 def test_hand_counts_of_trees_that_do_not_exist_are_named(tmp_path: Path) -> None:
     fruits, observations, cameras, _ = grown(12, 2)
     fruits = on_trees(fruits, TRUNKS)
-    trees, listening = trees_of(fruits, TRUNKS, STORY_APPLES), Listening()
+    trees, listening = trees_of(fruits, TRUNKS, STORY_APPLES), Silent()
     options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,40\n17,40\n"))
     found = estimate_crop(fruits, observations, cameras, trees, STORY_APPLES, options=options, progress=listening)
     assert found.crop is not None
@@ -511,7 +502,7 @@ def test_trees_of_the_table_that_photos_do_not_show_are_neither_counted_nor_empt
     bare = Trunks(np.append(TRUNKS.ids, 9), np.vstack([here, [(here[0] + here[1]) / 2]]))
 
     def found(trunks: Trunks, counts: str) -> tuple[Estimate, list[str]]:
-        planted, listening = on_trees(fruits, TRUNKS), Listening()
+        planted, listening = on_trees(fruits, TRUNKS), Silent()
         trees = trees_of(planted, trunks, STORY_APPLES)
         options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", counts) if counts else None)
         made = estimate_crop(
@@ -537,7 +528,7 @@ def test_trees_of_the_table_that_photos_do_not_show_are_neither_counted_nor_empt
 def test_hand_counts_without_trees_or_far_off_are_said(tmp_path: Path) -> None:
     fruits, observations, cameras, _ = grown(13, 2)
     options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,40\n"))
-    unknown, listening = trees_of(fruits, Trunks.unknown(), STORY_APPLES), Listening()
+    unknown, listening = trees_of(fruits, Trunks.unknown(), STORY_APPLES), Silent()
     found = estimate_crop(fruits, observations, cameras, unknown, STORY_APPLES, options=options, progress=listening)
     assert found.crop is not None
     assert "trees are not known" in listening.warnings[0]
@@ -603,7 +594,7 @@ def test_trees_that_bear_nothing_count() -> None:
     """Fruits that a neighbour's branches hold out over an empty tree are on that neighbour by hand."""
     trees = OnTrees(np.array([50.0, 6, 40]), np.array([40.0, 5, 33]), *[np.tile([50.0, 6, 40], (200, 1))] * 2)
     counts = HandCounts(np.array([1, 2, 3]), np.array([55.0, 0, 41]))
-    listening = Listening()
+    listening = Silent()
     by = calibration(counts, trees, np.random.default_rng(0), listening)
     assert by is not None
     assert by.ratio.value == pytest.approx(96 / 96)
@@ -617,7 +608,7 @@ def test_trees_that_bear_nothing_count() -> None:
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_a_count_far_off_all_others_is_left_out(typed: float, count: int) -> None:
     true = np.array([34, 30, 41, 28, 37, 33])[:count]
-    trees, listening = photographed(true, 1, shown=0.7), Listening()
+    trees, listening = photographed(true, 1, shown=0.7), Silent()
     counts = np.array([typed, *true[1:]])
     by = calibration(HandCounts(np.arange(11, 11 + count), counts), trees, np.random.default_rng(0), listening)
     assert ["Tree 11" in w and "left out" in w and "table of hand counts" in w for w in listening.warnings] == [True]
@@ -631,7 +622,7 @@ def test_a_count_far_off_all_others_is_left_out(typed: float, count: int) -> Non
 
 def test_trees_that_all_differ_from_the_photos_are_no_slips() -> None:
     """Photos show a third of what they believe: that is what hand counts are for, and is said once."""
-    true, listening = np.array([60, 52, 75, 44]), Listening()
+    true, listening = np.array([60, 52, 75, 44]), Silent()
     trees = photographed(true, 2, shown=0.25, believed=0.75)
     by = calibration(HandCounts(np.arange(1, 5), true.astype(float)), trees, np.random.default_rng(0), listening)
     assert by is not None
