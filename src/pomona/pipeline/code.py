@@ -53,7 +53,7 @@ def code_digest(module: str, package: Path = _PACKAGE) -> str:
 
 def engine_versions(module: str) -> dict[str, str]:
     """Return the versions of the outside packages that `module` reaches, without those of extras."""
-    return {name: version_of(name) for name in sorted(reach(module).engines - _OF_EXTRAS)}
+    return {name: version_of(name) for name in sorted(reach(module, _PACKAGE).engines - _OF_EXTRAS)}
 
 
 @cache
