@@ -220,7 +220,7 @@ def test_nothing_seen_is_a_result() -> None:
 def test_cameras_without_metres_are_refused() -> None:
     cameras = cameras_in_a_row(metric=False)
     detections = detections_of(cameras, np.zeros((1, 3)), diameters(1))
-    with pytest.raises(InputError, match="`markers`, `scale_bar` or `fruit_diameter_m`"):
+    with pytest.raises(InputError, match="cameras without a scale: `place_in_world` gives them one"):
         fuse(detections, cameras)
 
 

@@ -8,12 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fuse_scenes import cameras_in_a_row, detections_of
 from pomona.basics.geometry import Similarity
+from pomona.errors import InputError
+from pomona.pipeline.fuse import FUSE_BY_OBJECT
 from pomona.pipeline.scale import SCALE, ScaleChoice
 from pomona.pipeline.select import Selected
 from pomona.progress import Silent
+from pomona.stages.fuse.object import ObjectOptions
 from pomona.stages.scale import ScaleOptions
 from pomona.stages.scale.fruit_size import frame_by_fruits
 from pomona.stages.sfm.pieces import Piece, Reconstruction
@@ -85,3 +89,25 @@ def test_a_frame_on_its_side_does_not_say_what_is_up(row: tuple[Cameras, SurveyD
     frame = frame_by_fruits(turned, detections, DIAMETER_M)
     assert frame is not None
     assert not frame.up_is_known
+
+
+def test_cameras_that_look_elsewhere_are_named_as_the_reason_why_nothing_has_a_scale(
+    row: tuple[Cameras, SurveyDetections],
+) -> None:
+    cameras, detections = row
+    turned = Rotation.random(len(cameras), random_state=0).as_matrix() @ cameras.cam_from_world
+    elsewhere = replace(cameras, cam_from_world=turned, frame=WorldFrame())
+    progress, selected = Silent(), Selected(detections, detections, 0.5, 0.1)
+    placed = SCALE.compute(
+        reconstruction=Reconstruction((Piece("", elsewhere, float("nan")),)),
+        selected=selected,
+        photos=Photos(()),
+        options=ScaleChoice(scale=ScaleOptions(), association=None, cameras_given=True),
+        progress=progress,
+    )
+    (warning,) = progress.warnings
+    assert "axes, lenses or photo names of the cameras are not those of these photos" in warning
+    with pytest.raises(InputError, match="nothing gave these a scale") as refused:
+        FUSE_BY_OBJECT.compute(selected=selected, placed=placed, options=ObjectOptions(), progress=progress)
+    assert warning in str(refused.value)  # the scale's stage may be kept from an earlier run, and says nothing then
+    assert "fruit_diameter_m" not in str(refused.value)  # which has a value always, and helps nothing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pomona.errors import InputError
 from pomona.pipeline.dense import FRUIT_CLOUD
 from pomona.pipeline.fused_store import fused_store
 from pomona.pipeline.scale import SCALE
@@ -21,10 +22,26 @@ if TYPE_CHECKING:
 _NONE = Fused(Fruits.empty(), Observations.empty(), FruitCloud.empty())
 
 
+def _nothing_to_join(selected: Selected, placed: Placed) -> bool:
+    """Say whether there are no detections, or no cameras.
+
+    Raises `InputError` where there are both and the cameras have no scale: with all that the scale's stage said of it,
+    which is not said again where that stage is kept from an earlier run.
+    """
+    if selected.trusted.total == 0 or len(placed.cameras) == 0:
+        return True
+    if not placed.cameras.frame.metric:
+        raise InputError(
+            "Fruits can be joined only where cameras are in metres (as fruits have a size), and nothing gave these a "
+            f"scale. {'. '.join(placed.report.notes)}"
+        )
+    return False
+
+
 def _associate(selected: Selected, placed: Placed, *, options: ObjectOptions, progress: Progress) -> Fused:
     from pomona.stages.fuse import object
 
-    if selected.trusted.total == 0 or len(placed.cameras) == 0:
+    if _nothing_to_join(selected, placed):
         return _NONE
     return object.fuse(selected.trusted, placed.cameras, options=options, progress=progress)
 
@@ -34,7 +51,7 @@ def _by_the_paper(
 ) -> Fused:
     from pomona.stages.fuse import paper
 
-    if selected.trusted.total == 0 or len(placed.cameras) == 0:
+    if _nothing_to_join(selected, placed):
         return _NONE
     return paper.fuse(selected.trusted, placed.cameras, cloud, options=options, progress=progress)
 

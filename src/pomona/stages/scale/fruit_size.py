@@ -145,7 +145,10 @@ def fruit_size(cameras: Cameras, detections: SurveyDetections, *, least_fruits: 
 def _by_pairs(cameras: Cameras, detections: SurveyDetections) -> ApparentSize | str:
     found = diameter_by_pairs(cameras, detections)
     if found is None:
-        return "the cameras came without points that photos see, and too few whole fruits are seen by two photos"
+        return (
+            "the cameras came without points that photos see, and whole fruits seen by two photos give none: they are "
+            "too few, or the axes, lenses or photo names of the cameras are not those of these photos"
+        )
     return ApparentSize(*found, whole=True)
 
 

@@ -133,11 +133,11 @@ def _scale_by_distance(placement: Placement) -> None:
         if np.isfinite(_median_distance(placement.pieces[i].cameras))
     ]
     for idx in placement.unscaled():
-        own = _median_distance(placement.pieces[idx].cameras)
-        if not placement.is_main(idx) or not np.isfinite(own):
+        if not placement.is_main(idx):
             continue
+        own = _median_distance(placement.pieces[idx].cameras)
         failures = "; ".join(placement.failures.get(idx, []))
-        if known:
+        if known and np.isfinite(own):
             placement.set_scale(idx, "none", float(np.median(known)) / own)
             placement.warn(
                 f"{placement.name(idx)} has no scale of its own ({failures}): it was taken to be photographed from as "

@@ -87,7 +87,7 @@ def fuse(
     if not cameras.frame.metric:
         raise InputError(
             "Fruits can be joined only where cameras are in metres (as fruits have a size), found cameras without a "
-            "scale: give `markers`, `scale_bar` or `fruit_diameter_m`"
+            "scale: `place_in_world` gives them one, by markers, a scale bar, GNSS or the fruits' size"
         )
     size = fruit_ranges(detections, cameras, FruitSize(options.fruit_diameter_m)).size
     masks = mask_rays(detections, cameras.sorted_by_center(), rays_per_mask=options.rays_per_mask)

@@ -64,7 +64,7 @@ def _check(cameras: Cameras, options: PaperOptions) -> None:
     if not cameras.frame.metric:
         raise InputError(
             "The paper's method needs cameras in metres (its DBSCAN distance is 3 cm), found cameras without a scale: "
-            "give `markers`, `scale_bar` or `fruit_diameter_m`"
+            "`place_in_world` gives them one, by markers, a scale bar, GNSS or the fruits' size"
         )
     seen = np.bincount(cameras.track_photo_idx, minlength=len(cameras))
     if options.projection == "dlt" and len(cameras) and seen.max() < MIN_DLT_POINTS:
