@@ -119,6 +119,18 @@ SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
 
 
 @pytest.mark.parametrize(
+    "options",
+    ['markers = "markers.csv"\nmarkers-crs = "EPSG:25831"\ntrees = "trees.csv"\n',
+     'detections = "masks"\nclasses = ["apple"]\n', 'markers = "s3://farm/markers.csv"\nmarkers-crs = "EPSG:25831"\n'],
+)  # fmt: skip
+def test_options_that_say_what_a_file_means_go_with_the_file(tmp_path: Path, options: str) -> None:
+    (survey,) = read_orchard(written(tmp_path, SURVEY + options)).surveys
+    assert survey.options.get("markers_crs") == ("EPSG:25831" if "EPSG" in options else None)
+    (survey,) = read_orchard(written(tmp_path, "[defaults]\n" + options + SURVEY)).surveys
+    assert survey.options.get("classes") == (["apple"] if "apple" in options else None)
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("rows = [", "expected TOML"),
@@ -130,6 +142,10 @@ SURVEY = '[[survey]]\nrow = "1"\nphotos = "p"\n'
         ('[[survey]]\nrow = "1"\n', r"number 1 \(row 1\): expected `photos`"),
         ('[[survey]]\nrow = "1"\nphotos = [1]\n', "expected `photos`, a list of folders"),
         (SURVEY + 'date = "2026-07-01"\n', "without quotes, such as 2026-07-01, found '2026-07-01'"),
+        (SURVEY + 'markers-crs = "EPSG:25831"\n', r"\(row 1\): `markers_crs` EPSG:25831 is of `markers`, which is not"),
+        (SURVEY + 'markers = "m.csv"\ngcp = "gcp_list.txt"\n', r"\(row 1\): `gcp` and `markers`: give one of them"),
+        (SURVEY + 'classes = ["apple"]\n', r"\(row 1\): `classes` apple are those of `detections`, which is not given"),
+        (SURVEY + r'markers = "m\u0000.csv"', r"m\\x00.csv': expected the path .* a character that no path can have"),
         (SURVEY + "fruit-diameter = true\n", r"\(row 1\) fruit-diameter: expected a number, found True"),
         (SURVEY + "fruit_diameter = 0.07\n", "has 'fruit_diameter': expected fruit-diameter, or others of cameras, "),
         (SURVEY + "tree_spacing = 0.9\n", "has 'tree_spacing': expected tree-spacing, or others of cameras, "),

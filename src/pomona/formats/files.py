@@ -64,7 +64,7 @@ def is_there(path: Path) -> bool:
 def resolved(path: Path | str) -> Path:
     """Return the whole path that a person means: `~` is a home folder, and links are followed.
 
-    Raises `InputError` where there is no such home folder, or where links lead round in a circle.
+    Raises `InputError` where there is no such home folder, where links lead round in a circle, or of a NUL in it.
     """
     there, in_circle = from_home(path), False
     try:
@@ -73,6 +73,9 @@ def resolved(path: Path | str) -> Path:
             in_circle = found.is_symlink()  # from Python 3.13 on, which raises nothing
     except RuntimeError:
         in_circle = True
+    except ValueError:
+        expected = "expected the path of a file or a folder"
+        raise InputError(f"{str(path)!r}: {expected}, but it has a character that no path can have") from None
     if in_circle:
         raise InputError(f"{path}: expected the path of a file or a folder, but its links lead round in a circle")
     return found

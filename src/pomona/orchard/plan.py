@@ -224,12 +224,9 @@ def _count(parts: Sequence[Any]) -> str:
 
 def _check_values(where: str, options: Mapping[str, Any]) -> None:
     """Say what can be said before any survey is made: files are looked for where it is made."""
-    files = {name for name, kind in _kinds().items() if kind is Path}
-    values = {name: value for name, value in options.items() if name not in files}
-    if "detections" in options:
-        values.pop("classes", None)  # which are nothing without the file
+    kinds = _kinds()
     try:
-        chosen = RunOptions.from_json(values)
+        chosen = RunOptions(**{name: Path(value) if kinds[name] is Path else value for name, value in options.items()})
         if chosen.packing is not None:
             check_unit(packing_classes(chosen.packing))
     except (InputError, FormatError) as error:
