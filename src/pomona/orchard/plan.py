@@ -225,8 +225,9 @@ def _count(parts: Sequence[Any]) -> str:
 def _check_values(where: str, options: Mapping[str, Any]) -> None:
     """Say what can be said before any survey is made: files are looked for where it is made."""
     kinds = _kinds()
+    values: dict[str, Any] = {name: Path(v) if kinds[name] is Path else v for name, v in options.items()}
     try:
-        chosen = RunOptions(**{name: Path(value) if kinds[name] is Path else value for name, value in options.items()})
+        chosen = RunOptions(**values)
         if chosen.packing is not None:
             check_unit(packing_classes(chosen.packing))
     except (InputError, FormatError) as error:
