@@ -245,7 +245,7 @@ def test_other_labels_are_another_training(found: FoundFruits, tmp_path: Path, m
     learn = pytest.importorskip("pomona.learning.self_training.learn")
     # How well it finds fruits, and its file, are not asked for here, and take ten times as long as a step.
     monkeypatch.setattr("pomona.learning.train.center.CenterLearner.export", lambda *_: None)
-    for module in ("self_training.learn", "train.fit"):
+    for module in ("learning.self_training.learn", "learning.train.fit"):
         monkeypatch.setattr(f"pomona.{module}.check", lambda *_: learn.ValidationScores(0.5, 0.5, 0.5, 0.5, 0.4, 12))
     photo, place, _ = most_seen(found)
     quick = replace(OPTIONS, steps=1, batch=1, held_out=0.5, shares=(1.0,), threads=1)

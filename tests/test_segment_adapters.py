@@ -302,7 +302,10 @@ def test_entry_points_with_and_without_argument() -> None:
         ("lost", r"'lost' \(entry point no_such_package\.detector:make\) cannot be imported: ModuleNotFoundError"),
         ("gone", "cannot be imported: AttributeError"),
         ("number", "expected a function or class, found an object of type int"),
-        ("text", r"expected a pomona\.segment\.Segmenter \(name, traits, segment\), found an object of type str"),
+        (
+            "text",
+            r"expected a pomona\.stages\.segment\.Segmenter \(name, traits, segment\), found an object of type str",
+        ),
         ("mine:broken", "could not be made with the argument 'broken': RuntimeError: no such weights"),
         ("text:1", "could not be made with the argument '1': TypeError"),
         ("other:1", "one of the installed segmenters: gone, lost, mine, number, text"),

@@ -158,6 +158,7 @@ def test_inputs_that_are_always_zero_leave_weights_as_they_are_rounded() -> None
     np.testing.assert_array_equal(found.shortfalls, [[0.0]])
 
 
+@pytest.mark.slow
 def test_training_goes_on_from_what_a_file_of_eight_bits_stands_for(files: tuple[Path, Path]) -> None:
     learners = (CenterLearner.going_on_from(path) for path in files)
     floats, whole = (learner.build(start=True, progress=Silent()).eval() for learner in learners)
@@ -167,7 +168,7 @@ def test_training_goes_on_from_what_a_file_of_eight_bits_stands_for(files: tuple
             assert 0 < float((one - other).abs().mean()) < 0.1 * float(one.abs().mean()) + 0.1
 
 
-def test_what_is_of_eight_bits_already_is_refused(files: tuple[Path, Path], tmp_path: Path) -> None:
+def test_what_is_of_eight_bits_already_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"whole\.onnx: expected a network of floats, as `pomona train` exports it"):
-        in_eight_bits(files[1], tmp_path / "again.onnx", [discs(0, size=96)[0]])
+        in_eight_bits(SHIPPED_WEIGHTS, tmp_path / "again.onnx", [discs(0, size=96)[0]])
     assert not (tmp_path / "again.onnx").exists()
