@@ -169,6 +169,6 @@ def test_training_goes_on_from_what_a_file_of_eight_bits_stands_for(files: tuple
 
 
 def test_what_is_of_eight_bits_already_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match=r"whole\.onnx: expected a network of floats, as `pomona train` exports it"):
+    with pytest.raises(FormatError, match=r"fruit\.onnx: expected a network of floats, as `pomona train` exports it"):
         in_eight_bits(SHIPPED_WEIGHTS, tmp_path / "again.onnx", [discs(0, size=96)[0]])
     assert not (tmp_path / "again.onnx").exists()
