@@ -184,6 +184,7 @@ def test_colours_of_fruit_are_told_from_those_elsewhere() -> None:
     assert np.all(unknown == 0)
 
 
+@pytest.mark.slow
 def test_halves_agree_where_both_find_the_same_fruits(tmp_path: Path) -> None:
     survey = pomona.open(write_view_survey(tmp_path, per_side=16))
     options = RunOptions(filter_false_positives=False, second_look=False)
@@ -208,6 +209,7 @@ def test_too_few_confirmed_fruits_are_refused_with_what_to_do(found: FoundFruits
         learn.adapt([found], tmp_path / "mine.pt", options=OPTIONS)
 
 
+@pytest.mark.slow
 def test_a_larger_network_s_package_of_weights_is_asked_for_where_it_is_missing(
     found: FoundFruits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

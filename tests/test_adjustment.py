@@ -242,6 +242,7 @@ def test_a_zoom_that_exif_does_not_mention_is_found(factor: float) -> None:
     assert any("different focal lengths" in warning for warning in progress.warnings)
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_those_of_repeated_adjustments() -> None:
     focals, sds = [], []
     for seed in range(24):

@@ -82,7 +82,7 @@ def test_pfuji_size_names_the_wrong_line(apples: Path, line: str, says: str) -> 
         benchmark_pfuji_size(apples, Silent())
 
 
-@pytest.mark.parametrize("y_up", [False, True])
+@pytest.mark.parametrize("y_up", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_fruitnerf_scores_a_rendered_tree_whatever_its_units_and_axes(tmp_path: Path, y_up: bool) -> None:
     count = write_fruitnerf(tmp_path, y_up=y_up)
     result = benchmark_fruitnerf(tmp_path, tmp_path / "out", model=None, fruit_diameter_m=0.075, progress=Silent())

@@ -186,6 +186,7 @@ def interrupted(*_: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_features_that_were_added_do_not_stay_for_other_ways_of_matching_or_where_they_cannot_be_read(
     apart: tuple[Path, list[Photo], dict[tuple[int, int], np.ndarray]], tmp_path: Path
 ) -> None:

@@ -91,6 +91,7 @@ def test_masks_lie_where_the_picture_shows_the_fruit() -> None:
     assert np.abs(np.mean(off, axis=0)).max() < 0.05
 
 
+@pytest.mark.slow
 def test_masks_lie_in_the_whole_fruits_circles_and_a_run_goes_on(tmp_path: Path) -> None:
     options = QuickPictureOptions(kinds=("apple",), per_scene=2, size_px=256, fruit_px=(16, 20))
     try:
@@ -146,6 +147,7 @@ def test_a_rough_row_has_its_fruits_and_markers_where_the_cameras_see_them(tmp_p
     assert 4 <= seen <= 12  # plates, some of them cut by the photo's edge or behind leaves
 
 
+@pytest.mark.slow
 def test_wind_moves_leaves_and_leaves_fruits_where_they_are(tmp_path: Path) -> None:
     still, windy = (RowFolder(rough_row(tmp_path / f"{w}", wind_m=w)) for w in (0.0, 0.01))
     for name in ("east_000", "west_000"):

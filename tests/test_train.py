@@ -81,6 +81,7 @@ def test_nothing_found_has_no_scores(tmp_path: Path) -> None:
     assert np.isnan(result.f1)
 
 
+@pytest.mark.slow
 def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: list[Sample], tmp_path: Path) -> None:
     options = FitOptions(
         steps=16, batch=2, warm_up=5, check_every=8, checked_photos=2, workers=0, threads=1, augment=SMALL

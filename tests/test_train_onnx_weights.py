@@ -114,7 +114,9 @@ def test_files_that_are_no_such_export_are_refused(tmp_path: Path) -> None:
         fill_from_onnx(FruitNet(imagenet=False), tmp_path / "other.onnx")
 
 
-@pytest.mark.parametrize(("variant", "least", "most"), [("lite1", 3, 5), ("lite2", 4, 6)])
+@pytest.mark.parametrize(
+    ("variant", "least", "most"), [("lite1", 3, 5), pytest.param("lite2", 4, 6, marks=pytest.mark.slow)]
+)
 def test_larger_networks_are_exported_and_read_back(variant: str, least: int, most: int, tmp_path: Path) -> None:
     learner = CenterLearner(f"center-{variant}", weights="none")
     network = learner.build(start=True, progress=Silent()).eval()

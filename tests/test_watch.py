@@ -260,6 +260,7 @@ def test_a_run_finds_features_that_were_kept(
     assert np.allclose(one.centers_in_world, other.centers_in_world)
 
 
+@pytest.mark.slow
 def test_photos_are_taken_in_as_they_come_and_nothing_is_looked_for_twice(
     row: tuple[list[Photo], np.ndarray], fakes: Fakes, tmp_path: Path
 ) -> None:

@@ -88,7 +88,14 @@ def estimated(seed: int, sides: int, leaves: float = 1.0, **options: object) -> 
     return found, len(fruits), true
 
 
-@pytest.mark.parametrize(("sides", "leaves", "widest"), [(2, 1.0, 0.25), (2, 1.4, 0.5), (1, 0.7, 1.2)])
+@pytest.mark.parametrize(
+    ("sides", "leaves", "widest"),
+    [
+        (2, 1.0, 0.25),
+        pytest.param(2, 1.4, 0.5, marks=pytest.mark.slow),
+        pytest.param(1, 0.7, 1.2, marks=pytest.mark.slow),
+    ],
+)
 def test_the_interval_holds_the_true_number(sides: int, leaves: float, widest: float) -> None:
     held, ratios = [], []
     for seed in range(4):
