@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,43 @@ def test_the_interval_of_the_total_covers_the_truth_as_often_as_it_says() -> Non
         widths.append((total.high_kg - total.low_kg) / total.kg)
     assert 180 <= hits <= 199, hits
     assert 0.04 < np.median(widths) < 0.2
+
+
+@pytest.mark.parametrize("pairs", [5, 8, 100])
+def test_the_interval_covers_the_truth_however_few_pairs_there_are(pairs: int) -> None:
+    """So many fruits were measured exactly that the curve's error is nearly all there is."""
+    hits = 0
+    for seed in range(400):
+        allometry = fit_allometry(*drawn(pairs, seed + 1000), source="drawn")
+        true_mm, true_g = drawn(2000, seed + 5000)
+        total = total_weight(weigh(fruits_of((true_mm / 1000).tolist(), 0.0), allometry, METRES), allometry)
+        assert total is not None
+        hits += total.low_kg <= true_g.sum() / 1000 <= total.high_kg
+    assert 0.925 <= hits / 400 <= 0.975, hits
+
+
+@pytest.mark.parametrize("diameters_mm", [(62, 66, 70, 74, 78), (56, 58, 60), (80, 85, 90)])
+def test_a_wrong_slope_makes_small_fruits_too_light_where_it_makes_large_ones_too_heavy(
+    diameters_mm: tuple[int, ...],
+) -> None:
+    fruits = fruits_of([mm / 1000 for mm in diameters_mm], 0.0)
+    curve = replace(STORY_APPLES, scatter=0.0, weight_sd=0.0)
+    steeper = replace(curve, exponent=curve.exponent + 0.1 * curve.exponent_sd)
+    total, other = (total_weight(weigh(fruits, each, METRES), each) for each in (curve, steeper))
+    assert total is not None
+    assert other is not None
+    assert total.high_kg - total.kg == pytest.approx(1.96 * 10 * abs(other.kg - total.kg), rel=0.05)
+
+
+def test_fruits_that_were_not_measured_scatter_as_others_do() -> None:
+    """All are as large as each other, and the curve is exact: what differs is how heavy fruits of one size are."""
+    curve, hits = replace(STORY_APPLES, weight_sd=0.0, exponent_sd=0.0), 0
+    for seed in range(400):
+        true_g = curve.weights_g(np.full(60, 0.07)) * (1 + np.random.default_rng(seed).normal(0, curve.scatter, 60))
+        total = total_weight(weigh(fruits_of([0.07] * 6 + [np.nan] * 54, 0.0), curve, METRES), curve)
+        assert total is not None
+        hits += total.low_kg <= true_g.sum() / 1000 <= total.high_kg
+    assert 0.925 <= hits / 400 <= 0.975, hits
 
 
 def test_nothing_measured_weighs_nothing_known() -> None:

@@ -1,7 +1,9 @@
 """Weight from diameter: allometry of a kind of fruit, or of a person's own pairs of diameters and weights.
 
 Weight is a power of the calliper diameter, `w = a · d^b`, fitted by least squares on logarithms; the mean of what is
-scattered about it there is `exp(s² / 2)` higher (Baskerville 1972, doi:10.1139/x72-009).
+scattered about it there is `exp(s² / 2)` higher (Baskerville 1972, doi:10.1139/x72-009). The scatter of few pairs is
+hardly known: what is known of the curve is then wider than a normal distribution, Student's (Gelman et al. 2013,
+*Bayesian Data Analysis*, section 14.2), whose standard deviation is that of the curve here.
 """
 
 from __future__ import annotations
@@ -72,14 +74,22 @@ class Allometry:
         sds: FloatArray = np.hypot(self.weight_sd, self.exponent_sd * off)
         return sds
 
+    def shared_sd_of_all_g(self, diameters_m: FloatArray) -> float:
+        """Return the standard deviation of the curve in the weight of fruits (n,) together, in grams.
+
+        Where the curve is too steep, small fruits are too light and large ones too heavy, which cancels in part.
+        """
+        weights_g, off = self.weights_g(diameters_m), np.log(1000 * diameters_m / self.diameter_mm)
+        return float(np.hypot(self.weight_sd * weights_g.sum(), self.exponent_sd * (weights_g @ off)))
+
 
 STORY_APPLES = Allometry(
     diameter_mm=71.66,
     weight_g=174.2,
     exponent=3.295,
     scatter=0.1204,
-    weight_sd=0.0236,
-    exponent_sd=0.286,
+    weight_sd=0.0247,
+    exponent_sd=0.299,
     source="26 weighed apples (cultivar Story)",
 )
 """Fitted to the table of GRAP-UdL-AT/ak_sw_benchmarker (MIT licence); a test fits it again."""
@@ -143,14 +153,16 @@ def fit_allometry(diameters_mm: FloatArray, weights_g: FloatArray, *, source: st
     if exponent <= 0:
         raise InputError("expected weights that rise with the diameter, found ones that fall: are columns exchanged?")
     residuals = y - level - exponent * (x - x.mean())
-    scatter = float(np.sqrt((residuals**2).sum() / (len(x) - 2)))
+    freedom = len(x) - 2
+    scatter = float(np.sqrt((residuals**2).sum() / freedom))
+    students = (freedom / (freedom - 2)) ** 0.5
     return Allometry(
         diameter_mm=float(np.exp(x.mean())),
         weight_g=float(np.exp(level + scatter**2 / 2)),
         exponent=float(exponent),
         scatter=scatter,
-        weight_sd=scatter / len(x) ** 0.5,
-        exponent_sd=scatter / spread**0.5,
+        weight_sd=students * scatter / len(x) ** 0.5,
+        exponent_sd=students * scatter / spread**0.5,
         source=source,
     )
 
@@ -182,10 +194,12 @@ def total_weight(fruits: Fruits, allometry: Allometry) -> TotalWeight | None:
     weights_g = weighed.weights_g
     factor = len(fruits) / len(weighed)
     alone_g = weights_g * allometry.single_sds(weighed.diameters_m, np.nan_to_num(weighed.diameter_sds_m))
-    shared_g = float((weights_g * allometry.shared_sds(weighed.diameters_m)).sum())
+    shared_g = allometry.shared_sd_of_all_g(weighed.diameters_m)
     missing = len(fruits) - len(weighed)
     spread_g = float(weights_g.std(ddof=1)) if len(weighed) > 1 else float(weights_g[0])
-    of_missing_g2 = spread_g**2 * (missing + missing**2 / len(weighed))
+    # Each is off by how fruits differ, in size and at one size in weight, and all by the mean that they are given.
+    single_g = np.hypot(spread_g, allometry.scatter * weights_g.mean())
+    of_missing_g2 = missing * single_g**2 + missing**2 * spread_g**2 / len(weighed)
     sd_g = float(np.sqrt((alone_g**2).sum() + of_missing_g2 + (factor * shared_g) ** 2))
     total_g = factor * float(weights_g.sum())
     low_g = max(total_g - _WITHIN_95 * sd_g, 0.0)
