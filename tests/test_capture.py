@@ -821,6 +821,20 @@ def test_exif_position_and_time() -> None:
         assert parse_exif({}, details | {0xA210: 3, 0xA20E: resolution, 0xA20F: resolution}, {}).plane_width_mm is None
 
 
+@pytest.mark.parametrize(
+    ("reference", "altitude_m"),
+    [(None, 212.5), (0, 212.5), (b"\0", 212.5), (1, -212.5), (b"\1", -212.5), (2, 212.5), (b"\2", 212.5), (3, -212.5),
+     (b"\3", -212.5)],
+)  # fmt: skip
+def test_altitudes_are_above_or_below_as_every_version_of_exif_says_it(
+    reference: int | bytes | None, altitude_m: float
+) -> None:
+    gps = {1: "N", 2: (31.0, 30.0, 0.0), 3: "E", 4: (35.0, 30.0, 0.0), 6: 212.5}
+    gnss = parse_exif({}, {}, gps if reference is None else gps | {5: reference}).gnss
+    assert gnss is not None
+    assert gnss.altitude_m == altitude_m
+
+
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "heic"])
 def test_exif_is_read_from_every_format(tmp_path: Path, suffix: str) -> None:
     exif = Image.Exif()

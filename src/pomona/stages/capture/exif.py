@@ -20,6 +20,8 @@ _LENS_MODEL, _SERIAL = 0xA434, 0xA431
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _WIDTH_35MM_MM = 36.0
 _DIAGONAL_35MM_MM = math.hypot(_WIDTH_35MM_MM, 24.0)
+# Of GPSAltitudeRef: below the sea, or the ellipsoid (1), and since Exif 3.0 below the sea by name (3).
+_BELOW = (1, 3, b"\x01", b"\x03")
 _HIGHEST_M = 20_000.0  # of a photo's place, above the sea or below: more is no altitude
 # How far lenses are from their nominal focal length, and a sensor's imaged part from its nominal width: a share.
 _NOMINAL = 0.01
@@ -192,7 +194,7 @@ def _gnss(gps: Mapping[int, Any]) -> Gnss | None:
         altitude = float(gps[6])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return Gnss(latitude, longitude)
-    below = gps.get(5) in (1, b"\x01")
+    below = gps.get(5) in _BELOW
     known = math.isfinite(altitude) and abs(altitude) <= _HIGHEST_M
     return Gnss(latitude, longitude, (-altitude if below else altitude) if known else None)
 
