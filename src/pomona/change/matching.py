@@ -53,20 +53,11 @@ class Overlay:
     source_lost: BoolArray
     target_lost: BoolArray
 
-    def carried(self, points: FloatArray) -> FloatArray:
-        """Return where points (k, 3) of the source's frame are in the target's, as the fruits around them."""
-        laid = self.target_from_source.apply(points)
-        return laid + self._shifts_at(laid, self.placed - self.shifts)
-
     def carried_back(self, points: FloatArray) -> FloatArray:
         """Return where points (k, 3) of the target's frame are in the source's, as the fruits around them."""
-        return self.target_from_source.inverse().apply(points - self._shifts_at(points, self.placed))
-
-    def _shifts_at(self, points: FloatArray, places: FloatArray) -> FloatArray:
-        k = min(_AROUND, len(places))
-        idx = np.asarray(cKDTree(places).query(points, k=k)[1]).reshape(len(points), k)
-        shifts: FloatArray = np.median(self.shifts[idx], axis=1)
-        return shifts
+        around = min(_AROUND, len(self.placed))
+        idx = np.asarray(cKDTree(self.placed).query(points, k=around)[1]).reshape(len(points), around)
+        return self.target_from_source.inverse().apply(points - np.median(self.shifts[idx], axis=1))
 
 
 def lay_over(

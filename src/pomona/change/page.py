@@ -82,7 +82,7 @@ def _earlier(found: Comparison, after: ReportData) -> EarlierFruits:
         diameters=F32(packed(unit * sizes, "<f4")),
         later=later.tolist(),
         in_view=U8(packed(found.before_in_view, "u1")),
-        growth=F32(packed(growth, "<f4")),
+        growth=F32(packed(unit * growth, "<f4")),
     )
 
 

@@ -94,18 +94,22 @@ def _in_one_frame(before: SurveyReader, after: SurveyReader, overlay: Overlay) -
     new = after.fruits
     if new.tree_ids.any():
         return on_trees(old, _trunks(after)), new
-    return old, on_trees(new, _trunks(before, overlay)) if old.tree_ids.any() else new
+    if not fruits.tree_ids.any():
+        return old, new
+    # Where the survey is that knows trees: the other one may not know up, from where the nearest trunk is told.
+    there = replace(new, centers_in_world=overlay.carried_back(new.centers_in_world))
+    there = on_trees(there, _trunks(before))
+    return old, replace(new, tree_ids=there.tree_ids, other_tree_ids=there.other_tree_ids)
 
 
-def _trunks(survey: SurveyReader, overlay: Overlay | None = None) -> Trunks:
-    """Return a survey's trunks, in the other frame by `overlay`; none of a version without a table of trees."""
+def _trunks(survey: SurveyReader) -> Trunks:
+    """Return a survey's trunks; none of a version without a table of trees."""
     try:
         trees = survey.trees
     except MissingFileError:
         return Trunks.unknown()
     known = np.isfinite(trees.xy_in_world).all(axis=1)
-    feet = np.column_stack([trees.xy_in_world[known], np.zeros(int(known.sum()))])
-    return Trunks(trees.ids[known], (feet if overlay is None else overlay.carried(feet))[:, :2])
+    return Trunks(trees.ids[known], trees.xy_in_world[known])
 
 
 def _scaled(fruits: Fruits, factor: float) -> Fruits:
