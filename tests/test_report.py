@@ -555,6 +555,12 @@ def test_each_photo_has_one_number(data: ReportData) -> None:
     assert re.findall(r">(\d)</text>", photos(few).split("</rect>")[-1]) == ["1", "2", "3", "4", "5"]
 
 
+def test_a_fruit_of_which_a_photo_has_two_masks_is_seen_once_in_it(data: ReportData) -> None:
+    seen = data.observations
+    cut = data.observations[[*range(len(seen)), 0, 0]]
+    assert photos(replace(data, observations=cut)) == photos(data)
+
+
 def test_the_row_is_drawn_from_the_side_and_each_tree_has_a_bar(data: ReportData, text: str) -> None:
     drawing = text[text.index('<svg class="plot map"') :]
     drawing = drawing[: drawing.index("</svg>")]

@@ -157,7 +157,9 @@ def heights(data: ReportData) -> str:
 
 def photos(data: ReportData) -> str:
     """Return how many fruits each photo saw, photos in order, a colour for each side; many photos share bars."""
-    counts = Counter(data.observations.photo)
+    seen = data.observations
+    # Once each: of a fruit that a leaf cuts in two, a photo has two masks.
+    counts = Counter(photo for _, photo in {*zip(seen.fruit_id.tolist(), seen.photo, strict=True)})
     items = list(data.photos)
     if not items:
         return ""
