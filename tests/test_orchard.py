@@ -26,7 +26,7 @@ from pomona.cli import wording
 from pomona.cli.app import app
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.gpkg import read_layer
-from pomona.formats.tables import read_fruits, write_fruits, write_trees
+from pomona.formats.tables import read_fruits, write_fruits, write_segments, write_trees
 from pomona.orchard import Orchard, PlannedSurvey, WorkerOptions, orchard_status, read_orchard
 from pomona.orchard.folder import LAYERS, OrchardFolder
 from pomona.orchard.jobs import ComparisonJob, JobOutcome, Part, SurveyJob
@@ -43,6 +43,7 @@ from pomona.stages.fuse import Fused
 from pomona.stages.fuse.object import fuse
 from pomona.stages.report.html import NUMBERS_SCRIPT, script_digest
 from pomona.survey import SurveyFolder
+from pomona.values.crop import RowSegments
 from pomona.values.trees import Trees
 
 runner = CliRunner()
@@ -442,6 +443,7 @@ def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path
     folder = OrchardFolder(Place(orchard.out))
     bare = folder.survey("0001").path
     write_trees(bare / "trees.csv", Trees.empty())
+    write_segments(bare / "segments.csv", RowSegments.empty())
     manifest = json.loads((bare / "survey.json").read_text())
     manifest["stages"]["scale"]["info"]["frame"] = {"scale_source": "none", "approximate": True, "up_is_known": False}
     manifest["stages"]["results"]["info"] |= {"crop": None, "weight": None}
@@ -455,6 +457,7 @@ def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path
     assert "10 fruits found on each" in page
     assert "180 g each, without 41 in rows that have no weight" in page
     assert "intervals, added, of 1 of the rows" in page
+    assert "40 m, of 1 of them" in page
 
 
 def test_each_tree_of_a_table_of_the_whole_orchard_counts_once(tmp_path: Path) -> None:

@@ -48,8 +48,8 @@ class Totals:
     """Figures of all rows, each by its newest finished survey; `surveys` and those that `failed` or are `missing`.
 
     `all_fruits` are hidden ones too, of the `rows_estimated` where that could be estimated; the ends are the sums of
-    those of rows, as errors of one orchard's surveys are alike. Of the `fruits` found, `fruits_on_trees` are on trees
-    that are known, and `fruits_weighed` in rows that have a weight.
+    those of rows, as errors of one orchard's surveys are alike. `length_m` is that of the `rows_measured`. Of the
+    `fruits` found, `fruits_on_trees` are on trees that are known, and `fruits_weighed` in rows that have a weight.
     """
 
     rows: int
@@ -65,6 +65,7 @@ class Totals:
     weight_kg: float
     length_m: float
     rows_estimated: int
+    rows_measured: int
     fruits_on_trees: int
     fruits_weighed: int
 
@@ -105,7 +106,7 @@ def _totals(package: Path) -> Totals:
     names = ("photos", "trees", "fruits", "all_fruits", "all_low", "all_high", "weight_kg", "length_m")
     sums = dict.fromkeys(names, 0.0)
     counts = {"rows": 0, "surveys": 0, "failed": 0, "missing": 0}
-    known = {"rows_estimated": 0, "fruits_on_trees": 0, "fruits_weighed": 0}
+    known = {"rows_estimated": 0, "rows_measured": 0, "fruits_on_trees": 0, "fruits_weighed": 0}
     for row in read_layer(package, "rows"):
         counts["surveys"] += 1
         counts["rows"] += row["newest"]
@@ -114,6 +115,7 @@ def _totals(package: Path) -> Totals:
         if row["newest"]:
             sums = {name: value + (row[name] or 0) for name, value in sums.items()}
             known["rows_estimated"] += row["all_fruits"] is not None
+            known["rows_measured"] += row["length_m"] is not None
             known["fruits_on_trees"] += row["fruits_on_trees"] or 0
             known["fruits_weighed"] += row["fruits"] if row["weight_kg"] is not None else 0
     return Totals(
@@ -131,8 +133,12 @@ def _totals(package: Path) -> Totals:
 
 
 def _cards(totals: Totals) -> str:
+    length = "of unknown length"
+    if totals.length_m:
+        of_rows = "" if totals.rows_measured == totals.rows else f", of {_said(totals.rows_measured)} of them"
+        length = f"{_said(totals.length_m)} m{of_rows}"
     cards = [
-        card("Rows", _said(totals.rows), f"{_said(totals.length_m)} m" if totals.length_m else "of unknown length"),
+        card("Rows", _said(totals.rows), length),
         card("Fruits found", _said(totals.fruits), "by the newest survey of each row", "main"),
     ]
     if totals.all_fruits:
