@@ -167,6 +167,21 @@ def test_a_scale_bar_in_other_units_is_asked_about(monkeypatch: pytest.MonkeyPat
     assert sum("its length in metres?" in text for text in placed.report.contradictions) == named
 
 
+@pytest.mark.parametrize(("stretched", "named"), [(1.0, 0), (1.008, 0), (1.03, 2)])
+def test_a_scale_bar_beside_markers_checks_their_metres(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, stretched: float, named: int
+) -> None:
+    show_markers(monkeypatch, sighted([EAST, WEST], PLACES))
+    length = stretched * float(np.linalg.norm(np.subtract(PLACES[0], PLACES[5])))
+    options = ScaleOptions(markers=marker_table(tmp_path / "markers.csv"), scale_bar=(0, 5, length))
+    placed = place_in_world(BOTH, photos_of(EAST, WEST), options=options)
+    assert {piece.source for piece in placed.report.pieces} == {"markers"}
+    said = [text for text in placed.report.contradictions if "Metres are those of the table" in text]
+    assert len(said) == named
+    found = [re.search(rf"the scale bar is ([\d.]+) m long, not {length:g} m", text) for text in said]
+    assert all(match and float(match[1]) == pytest.approx(length / stretched, rel=3e-3) for match in found)
+
+
 # GNSS.
 
 

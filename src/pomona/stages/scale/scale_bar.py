@@ -23,6 +23,8 @@ from pomona.values.photos import Photo
 
 # The ends' places count for nothing where they are known to so many lengths of the bar only.
 _UNKNOWN_PLACE = 100.0
+# People measure bars and places in a table to this share of a length at least.
+_BAR_IS_OFF = 0.01
 # A bent piece has a marker at some places, too, but these give about one length.
 _SAME_LENGTH = 1.02
 
@@ -30,12 +32,15 @@ _SAME_LENGTH = 1.02
 def scale_by_bar(
     placement: Placement, sightings: Sequence[PlateSighting], photos: Mapping[str, Photo], options: ScaleOptions
 ) -> None:
-    """Give metres from the scale bar to every piece that sees both of its markers."""
+    """Give metres from the scale bar to every piece that sees both of its markers, and check those that have metres."""
     if options.scale_bar is None:
         return
-    for idx in placement.unscaled():
-        piece = placement.pieces[idx]
+    for idx, piece in enumerate(placement.pieces):
         found = _seen_bar(piece.cameras, sightings, photos, options.scale_bar)
+        if idx in placement.metres_per_unit:
+            if isinstance(found, _SeenBar):
+                _check_length(placement, idx, found, options.scale_bar[2])
+            continue
         if isinstance(found, str):
             placement.add_failure(idx, found)
             if placement.is_main(idx):
@@ -53,6 +58,17 @@ def scale_by_bar(
                 f"{placement.name(idx)}: by the scale bar the camera stood {distance_m:.3g} m from it; is "
                 f"{options.scale_bar[2]:g} its length in metres?"
             )
+
+
+def _check_length(placement: Placement, idx: int, bar: _SeenBar, length_m: float) -> None:
+    """Warn where the bar is not as long as it is said to be, in the metres that a piece has from a table of places."""
+    found_m = placement.metres_per_unit[idx] * bar.length
+    off = abs(found_m / length_m - 1)
+    if off > _BAR_IS_OFF + 3 * np.nan_to_num(np.hypot(bar.scale_sd, placement.scales[idx].scale_sd)):
+        placement.contradict(
+            f"{placement.name(idx)}: by the places in the table the scale bar is {found_m:.3f} m long, not "
+            f"{length_m:g} m. Metres are those of the table: check it, the bar's length and the ids of its plates"
+        )
 
 
 @dataclass(frozen=True, eq=False)
