@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pomona.basics.row_line import row_line
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.tables import read_segments, read_trees, write_segments, write_trees
 from pomona.progress import Silent
@@ -17,7 +18,7 @@ from pomona.stages.planting.summary import trees_of
 from pomona.stages.yields import Estimate, HandCounts, YieldOptions, estimate_crop, read_hand_counts
 from pomona.stages.yields.detectability import Detectability
 from pomona.stages.yields.encounters import encounters_of, kept_shares
-from pomona.stages.yields.estimate import _Draws
+from pomona.stages.yields.estimate import _Draws, _segments
 from pomona.stages.yields.hand_counts import Calibration, OnTrees, calibration, known_counts
 from pomona.survey.digest import plain
 from pomona.values.cameras import Cameras, WorldFrame
@@ -86,6 +87,19 @@ def estimated(seed: int, sides: int, leaves: float = 1.0, **options: object) -> 
         options=YieldOptions(draws=300, **options),  # type: ignore[arg-type]
     )
     return found, len(fruits), true
+
+
+@pytest.mark.parametrize(("last_m", "lengths_m"), [(3.0, [1, 1, 1]), (3.25, [1, 1, 1, 0.25]), (0.4, [0.4])])
+def test_no_segment_is_without_length(last_m: float, lengths_m: list[float]) -> None:
+    along = np.append(np.arange(0, last_m, 0.125), last_m)
+    n = len(along)
+    centers = np.column_stack([along, np.zeros(n), np.ones(n)])
+    fruits = Fruits(np.arange(n) + 1, centers, np.full(n, 0.07), np.ones(n), np.full(n, 3), np.full(n, 0.001))
+    draws = _Draws(np.ones(n), np.ones(n), np.ones((2, n), np.float32), np.ones((2, n), bool), np.zeros((2, n), bool))
+    segments = _segments(fruits, row_line(centers), draws, 1.0)
+    lengths = np.linalg.norm(segments.ends_in_world - segments.starts_in_world, axis=1)
+    np.testing.assert_allclose(lengths, lengths_m, atol=1e-6)
+    assert segments.fruits.sum() == n
 
 
 @pytest.mark.parametrize(

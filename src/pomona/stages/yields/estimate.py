@@ -34,6 +34,7 @@ _ALL = {
 }
 _CALIBRATED = ", calibrated on hand counts"
 _APART = "; parts of the survey are not joined, and fruits that two of them see count twice"
+_NOTHING_LEFT = 1e-6  # of a segment: a fruit at its very end hangs in it
 _AT_ONCE = 2000  # fruits: more are drawn part by part, in bounded memory
 _ENDS = (2.5, 97.5)
 
@@ -230,8 +231,9 @@ def _segments(fruits: Fruits, line: RowLine, draws: _Draws, length_m: float) -> 
     """Return parts of the row of one length, the last as long as what is left of it."""
     along_m, _ = line.along_across(fruits.centers_in_world)
     first = float(along_m.min())
-    number = ((along_m - first) / length_m).astype(int)
-    count = int(number.max()) + 1
+    share = (along_m - first) / length_m
+    count = max(1, int(np.ceil(share.max() - _NOTHING_LEFT)))
+    number = np.minimum(share.astype(int), count - 1)
     starts = first + length_m * np.arange(count)
     ends = np.minimum(starts + length_m, along_m.max())
     rows = []
