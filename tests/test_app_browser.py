@@ -389,3 +389,23 @@ def test_before_and_after_learning_stand_side_by_side(
     page.reload()
     page.wait_for_selector("text=so nothing was changed")
     assert page.locator(".pair").count() == 0
+
+
+def test_what_was_learnt_in_vain_is_told_when_learning_ends(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
+    survey = SurveyFolder.open(row)
+    learnt = Learnt(False, taught(survey), 40, (0.81, 0.8), 12, (0.5, 0.5), (0.8, 0.8), (50, 50), (300, 300))
+    write_learnt(survey, learnt)
+    written = tmp_path / "learnt.json"
+    survey.learnt.rename(written)
+    survey_id = server.service.add(str(row))
+    page.evaluate(f"location.hash = '#/survey/{survey_id}/teach'")
+    page.wait_for_selector("text=Learn from these")
+    # Learning that is not kept changes nothing that the report shows.
+    ends = f"import shutil; shutil.copy({str(written)!r}, {str(survey.learnt)!r})"
+    monkeypatch.setattr(server.service._jobs, "_command", (sys.executable, "-c", ends))
+    page.click("button:text-is('Learn from these')")
+    page.wait_for_selector("text=so nothing was changed")

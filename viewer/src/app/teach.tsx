@@ -83,7 +83,8 @@ export function Teach({ survey, canLearn, working }: { survey: SurveyView; canLe
   useEffect(() => void ask<PhotoSoFar[]>(`surveys/${survey.id}/photos`).then(setPhotos, () => setPhotos([])), [survey.id, survey.version]);
   useEffect(() => {
     if (marking === null) void ask<Teaching>(`surveys/${survey.id}/teaching`).then(setTeaching, (error: Error) => setProblem(error.message));
-  }, [survey.id, survey.version, marking === null]);
+    // What was learnt and not kept changes nothing of the survey: that learning has ended is the sign.
+  }, [survey.id, survey.version, working, marking === null]);
   if (!photos.length) return <p class="soft">{t.photosWait}</p>;
   const marks = new Map(teaching?.marks.map((each) => [each.photo, each]));
   const all = [...marks.values()].reduce((sum, each) => sum + each.marks, 0);

@@ -2394,6 +2394,7 @@ function Ct({ survey: e, canLearn: t, working: n }) {
 	}, [
 		e.id,
 		e.version,
+		n,
 		f === null
 	]), !i.length) return /* @__PURE__ */ J("p", {
 		class: "soft",
