@@ -346,6 +346,7 @@ def adapted(tmp_path_factory: pytest.TempPathFactory, sample_survey: Path) -> Su
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_a_run_that_adapts_ends_in_a_survey_of_its_own_model_and_keeps_the_first(adapted: SurveyFolder) -> None:
     truth = pomona.sample_folder() / "truth"
     after = pomona.open(adapted.folder)
