@@ -20,6 +20,8 @@ from pomona.errors import InputError, ReconstructionError
 from pomona.progress import Silent
 from pomona.stages.scale import Placed, ScaleOptions, place_in_world
 from pomona.stages.scale.gnss import fit_gnss, local_frame, positions_in_local
+from pomona.stages.scale.placement import Placement
+from pomona.stages.scale.scale_bar import _check_length, _SeenBar
 from pomona.stages.scale.upright import estimate_upright_similarity, leveling_rotation, row_frame, up_direction
 from pomona.stages.scale.world_frame import set_beside
 from pomona.stages.sfm import Piece, Reconstruction
@@ -180,6 +182,14 @@ def test_a_scale_bar_beside_markers_checks_their_metres(
     assert len(said) == named
     found = [re.search(rf"the scale bar is ([\d.]+) m long, not {length:g} m", text) for text in said]
     assert all(match and float(match[1]) == pytest.approx(length / stretched, rel=3e-3) for match in found)
+
+
+@pytest.mark.parametrize(("scale_sd", "named"), [(0.001, 1), (0.02, 0)])
+def test_a_scale_bar_that_is_seen_vaguely_contradicts_no_markers(scale_sd: float, named: int) -> None:
+    placement = Placement([as_piece(EAST, "east")], Silent())
+    placement.set_scale(0, "markers", 1.0)  # its standard deviation is not known yet
+    _check_length(placement, 0, _SeenBar((), 1.03, scale_sd, 2.0), 1.0)  # type: ignore[arg-type]
+    assert len(placement.contradictions) == named
 
 
 # GNSS.

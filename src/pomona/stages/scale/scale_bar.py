@@ -63,8 +63,9 @@ def scale_by_bar(
 def _check_length(placement: Placement, idx: int, bar: _SeenBar, length_m: float) -> None:
     """Warn where the bar is not as long as it is said to be, in the metres that a piece has from a table of places."""
     found_m = placement.metres_per_unit[idx] * bar.length
-    off = abs(found_m / length_m - 1)
-    if off > _BAR_IS_OFF + 3 * np.nan_to_num(np.hypot(bar.scale_sd, placement.scales[idx].scale_sd)):
+    # How exact metres of a table are may not be known yet. What is off independently adds up as squares do.
+    sd = np.hypot(*np.nan_to_num([bar.scale_sd, placement.scales[idx].scale_sd]))
+    if abs(found_m / length_m - 1) > np.hypot(_BAR_IS_OFF, 3 * sd):
         placement.contradict(
             f"{placement.name(idx)}: by the places in the table the scale bar is {found_m:.3f} m long, not "
             f"{length_m:g} m. Metres are those of the table: check it, the bar's length and the ids of its plates"
