@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from pomona.basics.arrays import FloatArray
 from pomona.errors import MissingExtraError
+from pomona.fruit.geometry.spheres import Spheres
 from pomona.fruit.traits.size import FruitSize, size_of_fruits
 from pomona.values.cameras import Cameras
 from pomona.values.fruits import FruitCloud, Fruits
@@ -34,9 +32,11 @@ def write_rerun(path: Path, cameras: Cameras, fruits: Fruits, cloud: FruitCloud)
     recording.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     recording.log("world/points", rerun.Points3D(cloud.points_in_world, colors=cloud.rgb), static=True)
     labels = [f"fruit {fruit_id}" for fruit_id in fruits.ids.tolist()]
+    usual_m = size_of_fruits(fruits.diameters_m, FruitSize()).diameter_m
+    spheres = Spheres.of_fruits(fruits.centers_in_world, fruits.likely_diameters_m, usual_m / 2)
     balls = rerun.Points3D(
-        fruits.centers_in_world,
-        radii=_shown_diameters_m(fruits) / 2,
+        spheres.centers_in_world,
+        radii=spheres.radii_m,
         colors=_FRUIT_RGB,
         labels=labels,
         show_labels=False,
@@ -52,11 +52,3 @@ def write_rerun(path: Path, cameras: Cameras, fruits: Fruits, cloud: FruitCloud)
         recording.log(place, pose, pinhole, static=True)
     recording.flush()
     recording.disconnect()
-
-
-def _shown_diameters_m(fruits: Fruits) -> FloatArray:
-    """How large fruits (n,) are shown: those not measured as they are likely to be, by what is seen of them, or as the
-    others are."""
-    usual_m = size_of_fruits(fruits.diameters_m, FruitSize()).diameter_m
-    rough_m = np.where(np.isfinite(fruits.rough_diameters_m), fruits.rough_diameters_m, usual_m)
-    return np.where(np.isfinite(fruits.diameters_m), fruits.diameters_m, rough_m)

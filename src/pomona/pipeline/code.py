@@ -68,7 +68,7 @@ def version_of(engine: str) -> str:
 
 
 @cache
-def reach(module: str, package: Path = _PACKAGE) -> Reach:
+def reach(module: str, package: Path) -> Reach:
     """Return what `module` (such as `pomona.pipeline.fuse`) reaches in the package in folder `package`."""
     root = package.name
     # Not followed: the packages that gather all there is, and the modules of other stages, whose results are inputs.

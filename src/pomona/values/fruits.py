@@ -206,6 +206,11 @@ class Fruits(OneLine):
         """
         return data_frame(self._columns(), none_is_0=_TREES)
 
+    @property
+    def likely_diameters_m(self) -> FloatArray:
+        """The diameters (n,), and of fruits that are not measured how large they are likely to be; NaN without both."""
+        return np.where(np.isfinite(self.diameters_m), self.diameters_m, self.rough_diameters_m)
+
     def to_geopandas(self, frame: WorldFrame | None = None) -> Any:
         """Return a `geopandas.GeoDataFrame` with a point a fruit and the columns of `fruits.csv`.
 

@@ -42,7 +42,7 @@ def without_doubles(measured: Fused, *, nearest_radii: float) -> Fused:
 def _which_are_one(fruits: Fruits, nearest_radii: float) -> IntArray:
     """Return the place (n,) of the fruit that each is: its own, or that of a likelier one in which it lies."""
     same = np.arange(len(fruits))
-    likely_m = np.where(np.isfinite(fruits.diameters_m), fruits.diameters_m, fruits.rough_diameters_m)
+    likely_m = fruits.likely_diameters_m
     known = np.isfinite(likely_m)
     if not known.any():
         return same

@@ -48,8 +48,7 @@ class CropSizes:
 
         Fruits without any likely size are taken to be like the others.
         """
-        measured = np.isfinite(fruits.diameters_m)
-        means_m = np.where(measured, fruits.diameters_m, fruits.rough_diameters_m)
+        measured, means_m = np.isfinite(fruits.diameters_m), fruits.likely_diameters_m
         sds_m = np.where(measured, fruits.diameter_sds_m, fruits.rough_diameter_sds_m)
         known = np.isfinite(means_m) & (fruits.stands_for > 0)
         if not (known & measured).any():
