@@ -68,7 +68,7 @@ def estimate_similarity(
 ) -> Similarity:
     """Return the least-squares `target_from_source` of n ≥ 3 point pairs, each (n, 3); `rigid`: of scale 1.
 
-    `weights` (n,) of the pairs are by default all the same. Source: Umeyama 1991, equations 40 to 43.
+    `weights` (n,) of the pairs are by default all the same. Source: Umeyama 1991.
 
     Raises `InputError` when fewer than three pairs are given or when the points lie on one line.
     """
@@ -78,13 +78,23 @@ def estimate_similarity(
     shares = np.full(len(source), 1 / len(source)) if weights is None else weights / weights.sum()
     source_mean, target_mean = shares @ source, shares @ target
     source_centred, target_centred = source - source_mean, target - target_mean
-    u, singular, vt = np.linalg.svd((target_centred * shares[:, None]).T @ source_centred)
-    if singular[1] <= 1e-9 * max(singular[0], 1e-300):
+    rotation, stretch, fixed = _turned_onto((target_centred * shares[:, None]).T @ source_centred)
+    if not fixed:
         raise InputError("A similarity needs points that do not lie on one line")
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    rotation = u @ np.diag(sign) @ vt
-    scale = 1.0 if rigid else float((singular * sign).sum() / (shares @ (source_centred**2).sum(1)))
+    scale = 1.0 if rigid else float(stretch / (shares @ (source_centred**2).sum(1)))
     return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)
+
+
+def _turned_onto(covariances: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """The rotations (..., 3, 3) of covariances (..., 3, 3) of target and source, scales times the source's variance.
+
+    And which (...) are fixed, as points do not lie on one line. Source: Umeyama 1991, equations 40 to 43.
+    """
+    u, singular, vt = np.linalg.svd(covariances)
+    signs = np.ones_like(singular)
+    signs[..., 2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    fixed = singular[..., 1] > 1e-9 * np.maximum(singular[..., 0], 1e-300)
+    return (u * signs[..., None, :]) @ vt, (singular * signs).sum(-1), fixed
 
 
 def robust_similarity(points_in_source: FloatArray, points_in_target: FloatArray) -> tuple[Similarity, BoolArray]:
@@ -148,12 +158,9 @@ def _residuals_of_triples(source: FloatArray, target: FloatArray, triples: IntAr
     a_sizes, b_sizes = np.linalg.norm(a, axis=(1, 2)), np.linalg.norm(b, axis=(1, 2))
     with np.errstate(divide="ignore", invalid="ignore"):
         lines = _are_on_lines(b, np.full(len(b), noise_m)) | _are_on_lines(a, noise_m * a_sizes / b_sizes)
-    u, singular, vt = np.linalg.svd(b.transpose(0, 2, 1) @ a)
-    fixed = (np.minimum(a_sizes, b_sizes) > 0) & ~lines & (singular[:, 1] > 1e-9 * singular[:, 0])
-    # Umeyama 1991, as in `estimate_similarity`.
-    signs = np.stack([np.ones(len(u)), np.ones(len(u)), np.sign(np.linalg.det(u) * np.linalg.det(vt))], axis=1)[fixed]
-    rotations = (u[fixed] * signs[:, None]) @ vt[fixed]
-    scales = (singular[fixed] * signs).sum(1) / a_sizes[fixed] ** 2
+    rotations, stretches, fixed = _turned_onto(b.transpose(0, 2, 1) @ a)
+    fixed &= (np.minimum(a_sizes, b_sizes) > 0) & ~lines
+    rotations, scales = rotations[fixed], stretches[fixed] / a_sizes[fixed] ** 2
     moved = scales[:, None, None] * (source - a_means[fixed, None]) @ rotations.transpose(0, 2, 1)
     return np.asarray(np.linalg.norm(moved + b_means[fixed, None] - target, axis=2))
 
