@@ -416,6 +416,27 @@ def test_tables_and_report_of_all_rows(tmp_path: Path) -> None:
     assert f"script-src '{script_digest(NUMBERS_SCRIPT)}'" in page
 
 
+def test_a_row_whose_last_survey_cannot_be_read_counts_by_the_one_before(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    days = [date(2026, 9, 30), date(2026, 7, 1), date(2026, 8, 15)]
+    surveys = tuple(PlannedSurvey(row="7", day=day, photos=("p",), options={}) for day in days)
+    orchard = Orchard(title="Three dates", out=str(tmp_path), surveys=surveys)
+    write_finished(orchard, fruits=30)
+    folder = OrchardFolder(Place(orchard.out))
+    (folder.survey(surveys[0].name).path / "fruits.csv").write_text("not a table\n")
+    into = tmp_path / "tables"
+    into.mkdir()
+    write_tables(orchard, folder, into, Silent())
+    rows = list(read_layer(into / "orchard.gpkg", "rows"))
+    assert [(row["date"], row["state"], row["newest"]) for row in rows] == [
+        ("2026-09-30", "failed", 0),
+        ("2026-07-01", "done", 0),
+        ("2026-08-15", "done", 1),
+    ]
+    totals = write_page(orchard, into / "orchard.gpkg", tmp_path / "report.html", Silent())
+    assert (totals.rows, totals.surveys, totals.failed, totals.fruits) == (1, 3, 1, rows[2]["fruits"])
+
+
 def test_numbers_of_the_report_are_in_the_language_of_its_reader(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
     orchard = planned_rows(tmp_path, 2)

@@ -56,8 +56,8 @@ class RowTables:
     fruits: Layer
 
 
-def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> RowTables:
-    """Return what a finished survey adds; `newest`: no later survey of its row is finished.
+def tables_of(survey: SurveyFolder, planned: PlannedSurvey) -> RowTables:
+    """Return what a finished survey adds.
 
     Places are WGS 84 where the survey has a place on Earth, and otherwise not known. Raises `MissingFileError` and
     `FormatError` for tables that are not there or damaged.
@@ -73,7 +73,7 @@ def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> 
     # Without a scale, sizes are in no unit.
     known = fruits.diameters_m[np.isfinite(fruits.diameters_m) & frame.metric]
     cells = {
-        **_head(planned, newest=newest),
+        **_head(planned),
         "state": "done",
         "reason": "",
         "photos": len(survey.get("photos", ())),
@@ -104,13 +104,13 @@ def tables_of(survey: SurveyFolder, planned: PlannedSurvey, *, newest: bool) -> 
 def row_without_survey(planned: PlannedSurvey, outcome: JobOutcome | None) -> Layer:
     """Return the line of a row whose survey failed or was not made, with the reason."""
     cells: dict[str, Any] = dict.fromkeys(ROW_COLUMNS)
-    cells |= _head(planned, newest=False)
+    cells |= _head(planned)
     cells |= {"state": outcome.state if outcome else "missing", "reason": outcome.reason if outcome else ""}
     return Layer("rows", ROW_COLUMNS, [cells], _NOWHERE, "all_per_metre")
 
 
-def change_layer(pair: tuple[PlannedSurvey, PlannedSurvey], outcome: JobOutcome, places: FloatArray | None) -> Layer:
-    """Return the line of a comparison; `places` (2, 2) are those of the row, None where it has none."""
+def change_layer(pair: tuple[PlannedSurvey, PlannedSurvey], outcome: JobOutcome, places: FloatArray) -> Layer:
+    """Return the line of a comparison; `places` (2, 2) are those of the row, NaN where it has none."""
     before, after = pair
     figures, cells = outcome.figures, dict.fromkeys(CHANGE_COLUMNS)
     cells |= {name: figures[name] for name in CHANGE_COLUMNS if isinstance(figures.get(name), int | float)}
@@ -123,12 +123,12 @@ def change_layer(pair: tuple[PlannedSurvey, PlannedSurvey], outcome: JobOutcome,
         "growth_high_mm": growth.get("high"),
     }
     cells |= {f"really_gone{end}": gone.get(key) for end, key in (("", "value"), ("_low", "low"), ("_high", "high"))}
-    line = _NOWHERE if places is None else places[None]
-    return Layer("changes", CHANGE_COLUMNS, [cells], line, "growth_mm")
+    return Layer("changes", CHANGE_COLUMNS, [cells], places[None], "growth_mm")
 
 
-def _head(planned: PlannedSurvey, *, newest: bool) -> dict[str, Any]:
-    return {"row": planned.row, "date": _day(planned), "survey": planned.name, "newest": int(newest)}
+def _head(planned: PlannedSurvey) -> dict[str, Any]:
+    # Which is the newest can be said once all surveys of the row have been read.
+    return {"row": planned.row, "date": _day(planned), "survey": planned.name, "newest": 0}
 
 
 def _day(planned: PlannedSurvey) -> str:

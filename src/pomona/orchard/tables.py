@@ -1,19 +1,17 @@
 """The orchard's tables, survey by survey: a GeoPackage with all layers, and a GeoParquet file of each.
 
-Each survey is read, written and forgotten, so that memory does not depend on the number of rows.
+Each survey is read, written and forgotten but for its one line of figures, so that memory hardly depends on the number
+of rows.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from pomona.basics.arrays import FloatArray
 from pomona.errors import PomonaError
 from pomona.formats.geoparquet import GeoParquet
 from pomona.formats.gpkg import GeoPackage
@@ -44,22 +42,26 @@ class _Tables:
 def write_tables(orchard: Orchard, folder: OrchardFolder, into: Path, progress: Progress) -> None:
     """Write `orchard.gpkg` and the GeoParquet files of all surveys and comparisons to the folder `into`.
 
-    A survey that cannot be read any more is a row that failed, with the reason.
+    A survey that cannot be read any more is a row that failed, with the reason; the newest of its row is then the one
+    before.
     """
-    newest = _newest(orchard, folder)
     progress.start("tables", len(orchard.surveys))
     with ExitStack() as stack:
         tables = _Tables(into, stack)
         pairs = {(before.name, after.name): (before, after) for before, after in orchard.comparisons}
         of_later = {after: pair for (_, after), pair in pairs.items()}
+        rows = []
         for planned in orchard.surveys:
-            places = _append_survey(tables, planned, folder, newest=newest.get(planned.row) == planned.name)
+            row = _append_survey(tables, planned, folder)
+            rows.append(row)
             pair = of_later.get(planned.name)
             if pair and all(is_done(folder, survey) for survey in pair):
                 outcome = folder.outcome("comparisons", comparison_name(*pair))
                 if outcome is not None:
-                    tables.append(change_layer(pair, outcome, places))
+                    tables.append(change_layer(pair, outcome, row.geometries[0]))
             progress.advance()
+        for row in _newest_marked(orchard.surveys, rows):
+            tables.append(row)
 
 
 def comparison_name(before: PlannedSurvey, after: PlannedSurvey) -> str:
@@ -73,32 +75,28 @@ def is_done(folder: OrchardFolder, survey: PlannedSurvey) -> bool:
     return outcome is not None and outcome.state == "done"
 
 
-def _append_survey(
-    tables: _Tables, planned: PlannedSurvey, folder: OrchardFolder, *, newest: bool
-) -> FloatArray | None:
-    """Write one survey; return where its row is (2, 2), longitude and latitude, None where that is not known."""
+def _append_survey(tables: _Tables, planned: PlannedSurvey, folder: OrchardFolder) -> Layer:
+    """Write the fruits and trees of one survey; return its row's line."""
     outcome = folder.outcome("surveys", planned.name)
     if outcome is None or outcome.state != "done":
-        tables.append(row_without_survey(planned, outcome))
-        return None
+        return row_without_survey(planned, outcome)
     try:
         with tempfile.TemporaryDirectory(prefix="pomona-") as scratch:
-            of_survey = tables_of(local_survey(folder.survey(planned.name), Path(scratch)), planned, newest=newest)
+            of_survey = tables_of(local_survey(folder.survey(planned.name), Path(scratch)), planned)
     except (PomonaError, KeyError) as error:
         reason = str(error) if isinstance(error, PomonaError) else f"its survey.json lacks {error}: make it again"
-        tables.append(row_without_survey(planned, replace(outcome, state="failed", reason=reason)))
-        return None
-    for layer in (of_survey.row, of_survey.trees, of_survey.fruits):
-        tables.append(layer)
-    places: FloatArray = of_survey.row.geometries[0]
-    return places if np.isfinite(places).all() else None
+        return row_without_survey(planned, replace(outcome, state="failed", reason=reason))
+    tables.append(of_survey.trees)
+    tables.append(of_survey.fruits)
+    return of_survey.row
 
 
-def _newest(orchard: Orchard, folder: OrchardFolder) -> Mapping[str, str]:
-    """The newest survey of each row that is done."""
+def _newest_marked(surveys: Sequence[PlannedSurvey], rows: Sequence[Layer]) -> Iterator[Layer]:
+    """The surveys' lines with `newest` 1 for the last of each row that is done, 0 for all others."""
     newest: dict[str, PlannedSurvey] = {}
-    for survey in orchard.surveys:
+    for survey, row in zip(surveys, rows, strict=True):
         before = newest.get(survey.row)
-        if (before is None or str(survey.day) > str(before.day)) and is_done(folder, survey):
+        if row.rows[0]["state"] == "done" and (before is None or str(survey.day) > str(before.day)):
             newest[survey.row] = survey
-    return {row: survey.name for row, survey in newest.items()}
+    for survey, row in zip(surveys, rows, strict=True):
+        yield replace(row, rows=[{**row.rows[0], "newest": int(newest.get(survey.row) is survey)}])
