@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import subprocess
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -360,6 +364,75 @@ def test_a_work_folder_with_a_damaged_file_is_begun_anew(tmp_path: Path, name: s
     }
     path.write_bytes(damaged[how])
     assert stored(Workspace(tmp_path / "w", photos(3), SfmOptions(), "code 1")) == ([0, 1, 2], 0)
+
+
+_ON_A_FULL_DISK = """
+import contextlib, resource, signal, sys
+from pathlib import Path
+import numpy as np
+from pomona.stages.sfm import SfmOptions, engine
+
+path = Path(sys.argv[1])
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # writes beyond the limit fail, as on a disk that is full
+limit = 40_000 if sys.argv[2] == "match" else path.stat().st_size // 2
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+with contextlib.suppress(Exception):
+    if sys.argv[2] == "match":
+        engine.match(path, [("0.jpg", "1.jpg"), ("0.jpg", "2.jpg"), ("1.jpg", "2.jpg")], SfmOptions())
+    elif sys.argv[2] == "clear":
+        engine.clear_matches(path)
+    else:
+        idx = np.repeat(np.arange(200)[:, None], 2, axis=1)
+        engine.write_further(path, {(i, j): idx for i in range(3) for j in range(i + 1, 3)}, SfmOptions())
+print("goes on")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="limits of files and room on disks are not known here")
+@pytest.mark.parametrize("what", ["match", "clear", "further"])
+def test_a_database_that_finds_no_room_does_not_end_the_program(tmp_path: Path, what: str) -> None:
+    """COLMAP ends it where its threads cannot write, and where it cannot write a whole database anew, as it does after
+    anything in it was deleted."""
+    workspace = matched_workspace(tmp_path / "w")
+    overlaps = engine.read_overlaps(workspace.database)
+    few = {(overlap.first, overlap.second): overlap.idx[:30] for overlap in overlaps}
+    engine.clear_matches(workspace.database)
+    if what != "match":
+        engine.write_verified(workspace.database, few, SfmOptions())
+    command = [sys.executable, "-c", _ON_A_FULL_DISK, str(workspace.database), what]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "goes on\n"), done.stderr
+    assert engine.is_whole(workspace.database)
+    assert stored(workspace)[0] == []
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="how much room a disk has is not asked here")
+def test_models_on_a_full_disk_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """COLMAP does not say that it could write a part of them only."""
+    assert engine.open_models(tmp_path) == []
+
+    def full(*of: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full)
+    with pytest.raises(OSError, match="No space left"):
+        engine.open_models(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_further_matches_take_the_place_of_fewer_alone(tmp_path: Path) -> None:
+    workspace = matched_workspace(tmp_path / "w")
+    of_all = {(overlap.first, overlap.second): overlap.idx for overlap in engine.read_overlaps(workspace.database)}
+    engine.clear_matches(workspace.database)
+    assert stored(workspace) == ([], 0)
+    few = {pair: idx[:30] if pair == (0, 1) else idx for pair, idx in of_all.items()}
+    engine.write_verified(workspace.database, few, SfmOptions())
+    further = {pair: idx if pair == (0, 1) else idx[:30] for pair, idx in of_all.items()}
+    engine.write_further(workspace.database, further, SfmOptions())
+    counted = engine.count_matches(workspace.database, list(of_all))
+    assert counted == [len(idx) for idx in of_all.values()]
+    assert len(engine.read_matched(workspace.database, [(0, 1)], SfmOptions())) == 1  # by those that were there first
+    assert not [path for path in workspace.folder.iterdir() if "better" in path.name]
 
 
 def test_damaged_features_are_found_anew(tmp_path: Path) -> None:

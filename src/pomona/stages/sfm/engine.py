@@ -7,6 +7,8 @@ pixels, mean the same for photos of any size; what comes out is in pixels of the
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +36,10 @@ _TRACKS_TO_START = 300
 _ADJUSTMENTS = 2
 # Solvers with several threads add up in the order in which these come to an end: each run would have other last digits.
 _MAPPING_THREADS = 1
+# What a verified match takes on the disk: twice two numbers of four bytes, and as much in the log of its transaction.
+_BYTES_OF_A_MATCH = 32
+# What is free on a disk that can be worked on: COLMAP writes through buffers that are much smaller.
+_LITTLE_BYTES = 1_000_000
 pycolmap.logging.minloglevel = 2
 pycolmap.logging.logtostderr = True
 
@@ -81,14 +87,36 @@ class TwoViews:
 
 def create_database(path: Path, cameras: Sequence[CameraEntry], images: Sequence[ImageEntry]) -> None:
     """Write a new database that knows cameras and photos; image i has id i + 1."""
-    path.unlink(missing_ok=True)
-    for suffix in ("-wal", "-shm"):
-        path.with_name(path.name + suffix).unlink(missing_ok=True)
+    _unlink(path)
     with pycolmap.Database.open(path) as database:
         for i, entry in enumerate(cameras):
             _write_camera(database, i, entry)
         for i, photo in enumerate(images):
             _write_image(database, i, photo)
+
+
+def _unlink(path: Path) -> None:
+    for suffix in ("", "-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
+
+
+def _need_room(folder: Path, size: int) -> None:
+    """Raise `OSError` where the disk, or a quota, has no room for so many bytes in `folder`.
+
+    COLMAP writes models without looking whether all of them arrived, and where its threads find no room for matches, it
+    ends the program.
+    """
+    if not hasattr(os, "posix_fallocate"):
+        return
+    place = folder / "room"
+    try:
+        with place.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # of some file systems, which say no more
+            raise
+    finally:
+        place.unlink(missing_ok=True)
 
 
 def is_whole(path: Path) -> bool:
@@ -213,8 +241,13 @@ def read_keypoints(path: Path, count: int) -> list[FloatArray]:
 def match(path: Path, pairs: Sequence[tuple[str, str]], options: SfmOptions) -> None:
     """Match and verify pairs of photos, on a GPU where there is one; what was matched before is left as it is.
 
-    Raises `KeyboardInterrupt` as soon as Ctrl-C is pressed: what was matched by then stays.
+    Raises `KeyboardInterrupt` as soon as Ctrl-C is pressed: what was matched by then stays. Raises `OSError` where the
+    disk may not have room for what is found.
     """
+    with pycolmap.Database.open(path) as database:
+        images = [image.image_id for image in database.read_all_images()]
+        most = max((database.num_descriptors_for_image(i) for i in images), default=0)
+    _need_room(path.parent, _LITTLE_BYTES + len(pairs) * most * _BYTES_OF_A_MATCH)
     listing = path.with_suffix(".pairs.txt")
     listing.write_text(
         "".join(f"{_colmap_name(first)} {_colmap_name(second)}\n" for first, second in pairs), encoding="utf-8"
@@ -247,11 +280,33 @@ def write_further(path: Path, matches: Mapping[tuple[int, int], IntArray], optio
 
     What the pairs were matched with first stays in the database, as `read_matched` returns it.
     """
+    better = {}
     with pycolmap.Database.open(path) as database:
         for (i, j), idx in matches.items():
             geometry = _verified(database, i, j, idx, options)
             if len(geometry.inlier_matches) > len(database.read_two_view_geometry(i + 1, j + 1).inlier_matches):
-                database.update_two_view_geometry(i + 1, j + 1, geometry)
+                better[i, j] = geometry
+    if better:
+        _replace_geometries(path, better)
+
+
+def _replace_geometries(path: Path, geometries: Mapping[tuple[int, int], Any]) -> None:
+    """Have pairs of photos other geometries: all of them, or none where the disk is full.
+
+    COLMAP writes the whole database anew when it closes one in which something was replaced or deleted, and where the
+    disk has no room for that it ends the program. So it writes these to a database of their own, from which they are
+    taken.
+    """
+    apart = path.with_name(f"{path.stem}-better.db")
+    _unlink(apart)
+    with pycolmap.Database.open(apart) as database:
+        for (i, j), geometry in geometries.items():
+            database.write_two_view_geometry(i + 1, j + 1, geometry)
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("ATTACH ? AS apart", (str(apart),))
+        with database:
+            database.execute("REPLACE INTO main.two_view_geometries SELECT * FROM apart.two_view_geometries")
+    _unlink(apart)
 
 
 def _verified(database: Any, i: int, j: int, idx: IntArray, options: SfmOptions) -> Any:
@@ -300,9 +355,10 @@ def _photos_of(pair_id: int) -> tuple[int, int]:
 
 def clear_matches(path: Path) -> None:
     """Forget all matches; cameras, photos and features stay."""
-    with pycolmap.Database.open(path) as database:
-        database.clear_two_view_geometries()
-        database.clear_matches()
+    # Not by COLMAP: see `_replace_geometries`.
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute("DELETE FROM two_view_geometries")
+        database.execute("DELETE FROM matches")
 
 
 def read_overlaps(path: Path) -> list[Overlap]:
@@ -486,7 +542,12 @@ def adjust_poses(
 
 
 def open_models(folder: Path) -> list[Any]:
-    """Return the models in `folder` as pycolmap's `Reconstruction` objects, in COLMAP's order."""
+    """Return the models in `folder` as pycolmap's `Reconstruction` objects, in COLMAP's order.
+
+    Raises `OSError` where the disk is full: they may be there in part only, which nothing in them says.
+    """
+    if folder.is_dir():
+        _need_room(folder, _LITTLE_BYTES)
     return [pycolmap.Reconstruction(sub) for sub in _model_folders(folder)]
 
 
