@@ -238,6 +238,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--left-out", type=Path, help="also write FOLDER/ROW.json, trained on the other rows")
     arguments = parser.parse_args()
+    if arguments.left_out and len(arguments.rows) == 1:
+        parser.error("--left-out: expected two rows or more, found one: nothing is left to train on")
     learnt = Learnt(arguments.method, arguments.variant, arguments.second_look, arguments.repeats)
     done: list[Example] = []
     for folder in arguments.rows:
