@@ -24,10 +24,11 @@ from pomona.progress import Silent
 from pomona.stages.fuse.paper.options import PaperOptions
 from pomona.stages.report import write_contact_sheet
 from pomona.stages.scale.report import PieceScale, ScaleReport
+from pomona.stages.segment import ReadingScales, scales_of
 from pomona.stages.segment.load import SHIPPED_WEIGHTS
 from pomona.survey import StageRecord, SurveyFolder
 from pomona.survey.events import run_status
-from pomona.values.photos import Photo
+from pomona.values.photos import Photo, Photos
 
 ONCE = {"sfm": 1, "scale": 1, "dense": 1, "fuse": 1, "second_look": 1, "filter": 1, "measure": 1, "report": 1}
 
@@ -193,6 +194,40 @@ def test_ctrl_c_while_segmenting_goes_on_with_the_next_photo(fakes: Fakes, photo
     assert fakes.calls["tiles"] == 5  # two photos, the one that was stopped, and the two that were left
     ids = [a["id"] for a in json.loads((tmp_path / "out" / "detections.json").read_text())["annotations"]]
     assert len(set(ids)) == 4
+
+
+def test_scales_of_photos_are_found_again_only_where_what_was_kept_is_damaged_or_photos_are_others(
+    fakes: Fakes, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[int] = []
+
+    def looking(of: Photos, *others: Any) -> ReadingScales:
+        looked.append(len(of))
+        return scales_of(of, *others)
+
+    def run_stopped_in_sfm() -> None:
+        if (tmp_path / "out").exists():  # as if it had been stopped while it segmented
+            manifest = tmp_path / "out" / "survey.json"
+            content = json.loads(manifest.read_text())
+            del content["stages"]["segment"]
+            manifest.write_text(json.dumps(content))
+        fakes.raising["sfm"] = fakes.calls["sfm"] + 1, KeyboardInterrupt()
+        with pytest.raises(KeyboardInterrupt):
+            run([photos], tmp_path / "out")
+
+    monkeypatch.setattr("pomona.stages.segment.scales_of", looking)
+    run_stopped_in_sfm()
+    tiles = fakes.calls["tiles"]
+    run_stopped_in_sfm()
+    assert looked == [4]
+    (kept,) = (tmp_path / "out" / "work" / "segment").rglob("*.scales")
+    kept.write_bytes(kept.read_bytes().replace(b"1.0", b"1.5", 1))
+    run_stopped_in_sfm()
+    assert looked == [4, 4]
+    assert fakes.calls["tiles"] == tiles
+    make_photos(photos, 5)
+    run_stopped_in_sfm()
+    assert looked == [4, 4, 5]
 
 
 def test_overwrite_keeps_the_results_where_the_photos_cannot_be_used(
