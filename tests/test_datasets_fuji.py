@@ -269,6 +269,7 @@ def test_a_rendered_row_in_the_published_formats_makes_all_tables(shared_data: P
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1500)
 def test_photos_alone_are_laid_over_the_boxes(shared_data: Path, tmp_path: Path) -> None:
     root = tmp_path / "fuji"
     write_miniature(root, shared_data / "orchard-dev")
