@@ -181,6 +181,44 @@ def test_ctrl_c_before_a_command_has_begun(monkeypatch: pytest.MonkeyPatch, caps
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to itself")
+def test_ctrl_c_while_a_module_is_imported_waits_for_it(tmp_path: Path) -> None:
+    (tmp_path / "compiled.py").write_text(
+        "import os, signal, time\n"
+        "try:\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(0.2)\n"
+        "except KeyboardInterrupt: raise ImportError('compiled failed to import') from None\n"
+        "print('imported', flush=True)"
+    )
+    code = (
+        "import sys, time, types, pomona.cli as cli\n"
+        "def app():\n"
+        "    import compiled\n"
+        "    time.sleep(10)\n"
+        "    print('went on')\n"
+        "sys.modules['pomona.cli.app'] = types.SimpleNamespace(app=app)\n"
+        "cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "imported\n", "Stopped: nothing was lost.\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to itself")
+def test_ctrl_c_while_arguments_are_read_says_that_nothing_was_lost() -> None:
+    code = (
+        "import os, signal, sys, time, typer, pomona.cli as cli, pomona.cli.app as commands\n"
+        "def read(value):\n"
+        "    os.kill(os.getpid(), signal.SIGINT); time.sleep(10)\n"
+        "@commands.app.command()\n"
+        "def slow(value: str = typer.Argument(callback=read)): print('went on')\n"
+        "sys.argv = ['pomona', 'slow', 'x']\n"
+        "cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "Stopped: nothing was lost.\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signals to itself")
 def test_ctrl_c_while_a_stopped_command_ends() -> None:
     code = (
         "import os, signal, sys, threading, time, types, pomona.cli as cli\n"

@@ -13,6 +13,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 STOPPED = 130
+IMPORT_LOOK_S = 0.02  # between two looks at whether what was being imported when Ctrl-C came still is
 
 
 def main() -> None:
@@ -32,6 +33,9 @@ def main() -> None:
         sys.exit(STOPPED)
     except SystemExit as ended:
         if ended.code == STOPPED:
+            if ended.__context__ is not None and isinstance(ended.__context__.__cause__, KeyboardInterrupt):
+                # While arguments were read: Typer ends then without a word.
+                print("Stopped: nothing was lost.", file=sys.stderr)
             _end_at_once_when_told_again()
         raise
 
@@ -84,6 +88,8 @@ def _stop_when_told() -> None:
     """End as by Ctrl-C at SIGTERM, which queues of clusters and a computer that shuts down send: the survey says where
     it was stopped. Processes that are forked off end silently."""
     signal.signal(signal.SIGTERM, _stop)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _stop)
     if sys.platform != "win32":
         # Held back meanwhile: a new process that is told before it has its own way of ending would go on.
         told = {signal.SIGTERM}
@@ -113,8 +119,21 @@ def _end_silently() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
-def _stop(number: int, frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt
+def _stop(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, once nothing is being imported: NumPy and others make an `ImportError` of it."""
+    if sys.platform != "win32" and _is_importing(frame):
+        signal.signal(signal.SIGALRM, _stop)
+        signal.setitimer(signal.ITIMER_REAL, IMPORT_LOOK_S)
+    else:
+        raise KeyboardInterrupt
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _speak_utf8() -> None:
