@@ -9,12 +9,12 @@ it in those of the processor.
 """
 
 import multiprocessing
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from command_line import parser_of
 from pomona.stages.fuse.object import fuse
 from pomona.values.cameras import Cameras, WorldFrame
 from pomona.values.detections import Detections, Mask, SurveyDetections
@@ -76,9 +76,11 @@ def measured(photos: int) -> str:
 
 
 def main() -> None:
-    lengths = [int(word) for word in sys.argv[1:]] or [75, 150, 300, 600]
+    parser = parser_of(__doc__)
+    parser.add_argument("photos", type=int, nargs="*", default=[75, 150, 300, 600])
+    args = parser.parse_args()
     print(table_head("photos | detections | fruits | found | seconds | of processor | of that ms a photo | peak MB"))
-    for photos in lengths:
+    for photos in args.photos:
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
             print(pool.submit(measured, photos).result(), flush=True)
 

@@ -12,9 +12,10 @@ python benchmarks/render_rows.py bundle OUT/demo TO          the sample as the p
 """
 
 import shutil
-import sys
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from command_line import parser_of
 from pomona.learning.synth import RowOptions, render_row
 from pomona.learning.synth.presets import (
     DEMO,
@@ -33,11 +34,29 @@ SCENES = {
 }  # fmt: skip
 
 
-def wanted(kind: str, numbers: list[str]) -> dict[str, RowOptions]:
-    if of_number := SCENES.get(kind):
-        first, last = (int(n) for n in numbers)
-        return {f"s{n:03d}": of_number(n) for n in range(first, last + 1)}
-    return {"demo": {"demo": DEMO}, "rows": ROWS, "held-out": HELD_OUT}[kind]
+SETS = {"demo": {"demo": DEMO}, "rows": ROWS, "held-out": HELD_OUT}
+
+
+def parser() -> ArgumentParser:
+    made = parser_of(__doc__)
+    kinds = made.add_subparsers(dest="kind", required=True)
+    for kind in SCENES:
+        of_kind = kinds.add_parser(kind)
+        of_kind.add_argument("out", type=Path)
+        of_kind.add_argument("first", type=int)
+        of_kind.add_argument("last", type=int)
+    for kind in SETS:
+        kinds.add_parser(kind).add_argument("out", type=Path)
+    bundling = kinds.add_parser("bundle")
+    bundling.add_argument("row", type=Path)
+    bundling.add_argument("to", type=Path)
+    return made
+
+
+def wanted(args: Namespace) -> dict[str, RowOptions]:
+    if of_number := SCENES.get(args.kind):
+        return {f"s{n:03d}": of_number(n) for n in range(args.first, args.last + 1)}
+    return SETS[args.kind]
 
 
 def bundle(row: Path, to: Path) -> None:
@@ -51,12 +70,12 @@ def bundle(row: Path, to: Path) -> None:
 
 
 def main() -> None:
-    kind, out, *numbers = sys.argv[1:]
-    if kind == "bundle":
-        bundle(Path(out), Path(numbers[0]))
+    args = parser().parse_args()
+    if args.kind == "bundle":
+        bundle(args.row, args.to)
         return
-    for name, options in wanted(kind, numbers).items():
-        folder = Path(out) / name
+    for name, options in wanted(args).items():
+        folder = args.out / name
         if not folder.exists():
             folder.parent.mkdir(parents=True, exist_ok=True)
             print(render_row(options, folder), flush=True)
