@@ -52,17 +52,19 @@ def samples(tmp_path: Path) -> list[Sample]:
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An untrained network proposes a thousand fruits and finds hundreds, and two thirds of its weights are in one head
-    of boxes: that takes seconds."""
+    """An untrained network proposes a thousand fruits and finds hundreds, and most of its weights and of its work are
+    in the heads of boxes and masks: that takes seconds."""
     build = detectors.build_mask_rcnn
 
     def small(arch: str, classes: int) -> Any:
-        faster_rcnn = torchvision.models.detection.faster_rcnn
+        faster_rcnn, mask_rcnn = (getattr(torchvision.models.detection, name) for name in ("faster_rcnn", "mask_rcnn"))
         network = build(arch, classes)
         network.rpn._post_nms_top_n = {"training": 50, "testing": 50}
         network.roi_heads.detections_per_img = 8
         network.roi_heads.box_head = faster_rcnn.TwoMLPHead(256 * 7 * 7, 64)
         network.roi_heads.box_predictor = faster_rcnn.FastRCNNPredictor(64, classes)
+        network.roi_heads.mask_head = mask_rcnn.MaskRCNNHeads(256, (64,), 1)
+        network.roi_heads.mask_predictor = mask_rcnn.MaskRCNNPredictor(64, 64, classes)
         return network
 
     monkeypatch.setattr(detectors, "build_mask_rcnn", small)
