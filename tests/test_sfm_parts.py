@@ -420,7 +420,7 @@ def test_models_on_a_full_disk_are_not_read(tmp_path: Path, monkeypatch: pytest.
     assert not list(tmp_path.iterdir())
 
 
-def test_further_matches_take_the_place_of_fewer_alone(tmp_path: Path) -> None:
+def test_further_matches_take_the_place_of_fewer_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace = matched_workspace(tmp_path / "w")
     of_all = {(overlap.first, overlap.second): overlap.idx for overlap in engine.read_overlaps(workspace.database)}
     engine.clear_matches(workspace.database)
@@ -431,7 +431,15 @@ def test_further_matches_take_the_place_of_fewer_alone(tmp_path: Path) -> None:
     engine.write_further(workspace.database, further, SfmOptions())
     counted = engine.count_matches(workspace.database, list(of_all))
     assert counted == [len(idx) for idx in of_all.values()]
-    assert len(engine.read_matched(workspace.database, [(0, 1)], SfmOptions())) == 1  # by those that were there first
+    verified, verify = [], engine.pycolmap.estimate_two_view_geometry
+
+    def spy(*views: Any) -> Any:
+        verified.append(len(views[4]))
+        return verify(*views)
+
+    monkeypatch.setattr("pycolmap.estimate_two_view_geometry", spy)
+    assert len(engine.read_matched(workspace.database, list(of_all), SfmOptions())) == len(of_all)
+    assert verified == [30]  # by those that were there first; what took nobody's place is not verified again
     assert not [path for path in workspace.folder.iterdir() if "better" in path.name]
 
 

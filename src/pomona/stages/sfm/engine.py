@@ -20,6 +20,7 @@ import numpy as np
 
 from pomona.basics.arrays import Array, ByteArray, FloatArray, IntArray
 from pomona.basics.gpu import own_signals, what_colmap_lacks
+from pomona.basics.threads import cores, in_order
 from pomona.stages.sfm.epipolar import DescribedPoints
 from pomona.stages.sfm.options import SfmOptions
 
@@ -270,9 +271,9 @@ def matched_pairs(path: Path) -> set[tuple[int, int]]:
 def write_verified(path: Path, matches: Mapping[tuple[int, int], IntArray], options: SfmOptions) -> None:
     """Verify the matches (k, 2) of pairs of photos, as `match` does, and store them."""
     with pycolmap.Database.open(path) as database:
-        for (i, j), idx in matches.items():
-            database.write_matches(i + 1, j + 1, idx.astype(np.uint32))
-            database.write_two_view_geometry(i + 1, j + 1, _verified(database, i, j, idx, options))
+        for (i, j), geometry in _verified(database, matches, options).items():
+            database.write_matches(i + 1, j + 1, matches[i, j].astype(np.uint32))
+            database.write_two_view_geometry(i + 1, j + 1, geometry)
 
 
 def write_further(path: Path, matches: Mapping[tuple[int, int], IntArray], options: SfmOptions) -> None:
@@ -282,8 +283,7 @@ def write_further(path: Path, matches: Mapping[tuple[int, int], IntArray], optio
     """
     better = {}
     with pycolmap.Database.open(path) as database:
-        for (i, j), idx in matches.items():
-            geometry = _verified(database, i, j, idx, options)
+        for (i, j), geometry in _verified(database, matches, options).items():
             if len(geometry.inlier_matches) > len(database.read_two_view_geometry(i + 1, j + 1).inlier_matches):
                 better[i, j] = geometry
     if better:
@@ -309,12 +309,27 @@ def _replace_geometries(path: Path, geometries: Mapping[tuple[int, int], Any]) -
     _unlink(apart)
 
 
-def _verified(database: Any, i: int, j: int, idx: IntArray, options: SfmOptions) -> Any:
-    cameras = [database.read_camera(database.read_image(k + 1).camera_id) for k in (i, j)]
-    points = [np.asarray(database.read_keypoints(k + 1), float)[:, :2] for k in (i, j)]
-    return pycolmap.estimate_two_view_geometry(
-        cameras[0], points[0], cameras[1], points[1], idx.astype(np.uint32), _verification(options)
-    )
+def _verified(
+    database: Any, matches: Mapping[tuple[int, int], IntArray], options: SfmOptions
+) -> dict[tuple[int, int], Any]:
+    """Return the geometry of each pair that its matches (k, 2) have, as `match` does."""
+    settings = _verification(options)
+
+    def seen() -> Iterator[tuple[Any, ...]]:
+        for pair, idx in matches.items():
+            of_each = [
+                (
+                    database.read_camera(database.read_image(photo + 1).camera_id),
+                    np.asarray(database.read_keypoints(photo + 1), float)[:, :2],
+                )
+                for photo in pair
+            ]
+            yield *of_each[0], *of_each[1], idx.astype(np.uint32)
+
+    def verified(views: tuple[Any, ...]) -> Any:
+        return pycolmap.estimate_two_view_geometry(*views, settings)
+
+    return dict(zip(matches, in_order(verified, seen(), options.threads or cores()), strict=True))
 
 
 def read_two_views(path: Path) -> list[TwoViews]:
@@ -330,11 +345,26 @@ def read_two_views(path: Path) -> list[TwoViews]:
 
 def read_matched(path: Path, pairs: Sequence[tuple[int, int]], options: SfmOptions) -> list[TwoViews]:
     """Return those of the pairs whose matches, as they were first written, pass verification."""
+    kept, replaced = {}, {}
     with pycolmap.Database.open(path) as database:
-        matches = {(i, j): np.asarray(database.read_matches(i + 1, j + 1), np.int64) for i, j in pairs}
-        enough = {pair: idx for pair, idx in matches.items() if len(idx) >= options.min_matches}
-        geometries = {(i, j): _verified(database, i, j, idx, options) for (i, j), idx in enough.items()}
+        for i, j in pairs:
+            idx = np.asarray(database.read_matches(i + 1, j + 1), np.int64)
+            if len(idx) < options.min_matches:
+                continue
+            kept[i, j] = database.read_two_view_geometry(i + 1, j + 1)
+            if not _is_of(kept[i, j], idx):
+                replaced[i, j] = idx
+        geometries = kept | _verified(database, replaced, options)
     return [_two_views(i, j, geometry) for (i, j), geometry in geometries.items() if len(geometry.inlier_matches)]
+
+
+def _is_of(geometry: Any, matches: IntArray) -> bool:
+    """Say whether a geometry is of these matches (k, 2), not of further ones or of none."""
+    if geometry.config == pycolmap.TwoViewGeometryConfiguration.UNDEFINED:
+        return False
+    inliers = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
+    ours, theirs = (pairs[:, 0] << 32 | pairs[:, 1] for pairs in (inliers, matches))
+    return bool(np.isin(ours, theirs).all())
 
 
 def _two_views(first: int, second: int, geometry: Any) -> TwoViews:
