@@ -318,6 +318,16 @@ def test_empty_folder_says_what_was_looked_for_and_found(tmp_path: Path) -> None
         load_photos([tmp_path])
 
 
+@pytest.mark.parametrize(
+    ("file", "advice"), [("DCIM/100CANON/IMG_1.CR3", "export them as JPEG"), ("100GOPRO/G1.MP4", "the video file")]
+)
+def test_a_card_without_photos_says_what_was_found_in_its_folders(tmp_path: Path, file: str, advice: str) -> None:
+    (tmp_path / file).parent.mkdir(parents=True)
+    (tmp_path / file).write_bytes(b"no photo")
+    with pytest.raises(InputError, match=rf"found 1 × {Path(file).suffix.lower()}\. .*{advice}"):
+        load_photos([tmp_path])
+
+
 def test_photos_and_videos_that_are_left_out_are_told_of(tmp_path: Path) -> None:
     def said(folder: Path) -> list[str]:
         progress = Silent()

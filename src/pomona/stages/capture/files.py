@@ -99,6 +99,11 @@ class _Folder:
         found = [folder.photos or (levels > 1 and folder.further_down(levels - 1)) for folder in self.folders]
         return [photo for photos in found if photos for photo in photos]
 
+    def files_below(self, levels: int = _MOST_LEVELS) -> list[Path]:
+        """Return the files of the folder, and of those in it as far down as photos are looked for."""
+        below = [file for folder in self.folders for file in folder.files_below(levels - 1)] if levels else []
+        return [*self.files, *below]
+
 
 def _kind_of(entry: os.DirEntry[str]) -> str:
     try:
@@ -200,7 +205,7 @@ def _notes_of_links(folder: _Folder) -> list[str]:
 def _nothing_found(folder: _Folder) -> str:
     if lost := _notes_of_links(folder):
         return lost[0]
-    found = Counter(p.suffix.lower() or "no suffix" for p in folder.files)
+    found = Counter(p.suffix.lower() or "no suffix" for p in folder.files_below())
     listed = ", ".join(f"{count} × {suffix}" for suffix, count in found.most_common(5)) or "no files"
     message = (
         f"{folder.path} holds no photo: looked for JPEG, PNG, TIFF and HEIC files, also in folders below; found "
