@@ -587,12 +587,26 @@ def test_command_finds_photos_elsewhere(scene: Scene, survey: Path, tmp_path: Pa
     arguments = (survey, "--truth", tmp_path / "truth", "--pictures", tmp_path / "page")
     result = pomona(*arguments)
     assert result.exit_code == 1
-    assert "say where they are with --photos" in result.stderr
+    said = " ".join(result.stderr.split())
+    assert f"The photos of {survey} were not found in {tmp_path / 'gone'}, {tmp_path / 'truth'}: say where" in said
+    assert "say where they are with --photos" in said
     (moved / "west_002.jpg").unlink()
     result = pomona(*arguments, "--photos", moved)
     assert result.exit_code == 0, result.stderr
     assert "Photos that were not found have no crops: west_002.jpg" in result.stderr
     assert pomona(survey, "--truth", scene.folder, "--pictures", tmp_path / "page").exit_code == 0  # beside the truth
+
+
+def test_command_takes_the_key_frames_that_a_survey_has_of_a_video_that_is_elsewhere(
+    scene: Scene, survey: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(scene.folder / "images", survey / "work" / "frames")
+    shutil.copytree(scene.folder / "truth", tmp_path / "truth")
+    manifest = json.loads((survey / "survey.json").read_text())
+    (survey / "survey.json").write_text(json.dumps({**manifest, "sources": [str(tmp_path / "gone.mp4")]}))
+    result = pomona(survey, "--truth", tmp_path / "truth", "--pictures", tmp_path / "page")
+    assert result.exit_code == 0, result.stderr
+    assert "have no crops" not in result.stderr
 
 
 def test_command_says_what_a_survey_lacks(scene: Scene, survey: Path, tmp_path: Path) -> None:

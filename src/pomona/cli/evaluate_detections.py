@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from rich.console import Console
 
 from pomona.basics.arrays import counted
 from pomona.cli.progress import TerminalProgress
-from pomona.errors import InputError
+from pomona.errors import InputError, MissingFileError
 from pomona.survey import SurveyFolder
 from pomona.survey.manifest import MANIFEST
 
@@ -109,14 +110,17 @@ def _file_of(source: Path) -> Path:
 def find_photos(source: Path, truth: Path, names: Sequence[str], folder: Path | None) -> dict[str, Photo]:
     """Return the photos of `names` that can be found: in `folder`, where the survey says they are, or beside the truth.
 
-    Raises `InputError` where none is found.
+    Raises `InputError` where none is found, naming all these places.
     """
     from pomona.evaluate.detections.pictures import photos_beside
     from pomona.survey.photos import photos_of
 
+    places: list[Path] = []
     if folder is None and source.is_dir():
         survey = SurveyFolder.open(source)
         places = [Path(place) for place in survey.get("sources") or ()]
-        if places and all(place.exists() for place in places) and (found := photos_of(survey, names)):
-            return found.by_name()
-    return photos_beside(truth, names, folder)
+        # Where the places are gone, too: of a video, the survey has the key frames.
+        with suppress(InputError, MissingFileError):
+            if places and (found := photos_of(survey, names)):
+                return found.by_name()
+    return photos_beside(truth, names, folder, of=source, elsewhere=places)

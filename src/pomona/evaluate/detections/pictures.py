@@ -175,10 +175,13 @@ def _with_key(picture: ByteArray, counts: Mapping[str, int], missed: int, confid
     return sheet
 
 
-def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None) -> dict[str, Photo]:
+def photos_beside(
+    truth: Path, names: Sequence[str], folder: Path | None = None, *, of: Path, elsewhere: Sequence[Path] = ()
+) -> dict[str, Photo]:
     """Return the photos of `names` in `folder`, or else in `images/` beside the truth, or beside it.
 
-    Names that fit no photo are left out; raises `InputError` where none does.
+    Names that fit no photo are left out; raises `InputError` where none does, which says whose photos they are (`of`)
+    and that they were not found `elsewhere`, either.
     """
     from pomona.stages.capture import load_photos
 
@@ -195,7 +198,5 @@ def photos_beside(truth: Path, names: Sequence[str], folder: Path | None = None)
             continue
         if known := photos_named(photos, names):
             return known.by_name()
-    raise InputError(
-        f"The photos named in {truth} were not found in {', '.join(map(str, tried)) or place}: "
-        "say where they are with `photos`"
-    )
+    places = dict.fromkeys(map(str, [*elsewhere, *(tried or [place])]))
+    raise InputError(f"The photos of {of} were not found in {', '.join(places)}: say where they are with `photos`")
