@@ -261,8 +261,10 @@ def test_nothing_is_known_of_unknown_trees() -> None:
         ("id,x (mm),y (mm)\n1,500,0\n", "x, y missing"),
         ("id,x,y\n", "at least one tree below the header"),
         ("id,x,y\n1,zero,0\n", "line 2, column x: expected a number, found 'zero'"),
-        ('id,x,y\n1,"512,345",0\n', "line 2, column x: expected a number, found '512,345'"),
-        ("id;x;y\n1;1,234;0.5\n", "line 2, column x: expected a number, found '1,234'"),
+        ('id,x,y\n1,"512,345",0\n', "line 2, column x: expected a number, found '512,345': decimal commas are"),
+        ("id;x;y\n1;1,234;0.5\n", "column x: expected a number, found '1,234': decimal .* no cell has a decimal point"),
+        ("id;x;y\n1;512.345,5;0\n", r"found '512\.345,5': write numbers without anything between thousands"),
+        ("id;x;y\n1;0,5;4.612.345\n", r"found '4\.612\.345': write numbers without anything between thousands"),
         (
             "id,x,y\n1,2,0\n2,0,5,1\n",
             "line 3: expected 3 cells, as in the first line, found 4: a decimal comma needs cells parted by semicolons",
@@ -286,10 +288,13 @@ def test_a_table_of_trunks_that_cannot_be_is_refused(tmp_path: Path, text: str, 
         "id\tx\ty\n1\t0.5\t2\n2\t1.5\t-2.25\n".encode("utf-16"),
         "id,x,y,who\n1,0.5,2,Jürg\n2,1.5,-2.25,\n".encode("cp1252"),
         b"ID,x (m),Y [m]\n1,0.5,2\n2,1.5,-2.25\n",
+        "İD;X;Y\n1;0,5;2\n2;1,5;-2,25\n".encode(),
+        "İD;X;Y\n1;0,5;2\n2;1,5;-2,25\n".encode("cp1254"),
+        "ıd;x;y\n1;0,5;2\n2;1,5;-2,25\n".encode(),
         b"id,x_m,y_m,fruits,diameter_m\n1,0.5,2,63,0.074\n2,1.5,-2.25,48,0.075\n",
         b"id,x_m,x,y,\n1,9,0.5,2,\n2,9,1.5,-2.25,,,leans\n",
     ],
-    ids=["emptied rows", "sep", "UTF-16", "Windows", "units", "of a survey", "notes"],
+    ids=["emptied rows", "sep", "UTF-16", "Windows", "units", "Turkish", "as Windows", "small i", "a survey", "notes"],
 )
 def test_tables_of_spreadsheets_are_read(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "trees.csv").write_bytes(content)

@@ -24,6 +24,10 @@ _UNIT = re.compile(r"[\s_]*[(\[]\s*(\w+|°)\s*[)\]]$")  # x (m), diameter [mm]
 _UNITS_OF = {"yaw": ("_rad",), "latitude": ("_deg", "_°"), "longitude": ("_deg", "_°")}
 _POINT = re.compile(r"[-+]?\d*\.\d*")
 _WHOLE = re.compile(r"[-+]?\d+")
+_WITH_COMMA = re.compile(r"[-+]?\d*,\d+")
+_IN_THOUSANDS = re.compile(r"[-+]?\d{1,3}(([.,' \u00a0\u202f]\d{3})+[.,]\d+|([.,' \u00a0\u202f]\d{3}){2,})")
+# The I of Turkish in capitals and in small letters; also as its text of Windows looks where it is read as Western.
+_DOTS_OF_I = str.maketrans("İıÝý", "iiii")
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,17 @@ class SmallTable:
         except ValueError:
             value = math.nan
         if not abs(value) <= _GREATEST:
-            raise FormatError(f"{self._at(line, column)}: expected a number, found {cell!r}")
+            raise FormatError(f"{self._at(line, column)}: expected a number, found {cell!r}{_advice(cell)}")
         return value
+
+
+def _advice(cell: str) -> str:
+    """What to do about a cell that is a number to a person."""
+    if _IN_THOUSANDS.fullmatch(cell):
+        return ": write numbers without anything between thousands"
+    if _WITH_COMMA.fullmatch(cell):
+        return ": decimal commas are read where semicolons or tabs part the cells, and no cell has a decimal point"
+    return ""
 
 
 def read_small_table(
@@ -140,14 +153,15 @@ def read_small_table(
 
 def _named(header: Sequence[str], wanted: Set[str]) -> list[str]:
     """The names of columns in lower case; with a unit behind it, one of the `wanted` where none is called just so."""
-    plain = [cell.strip().lower() for cell in header]
+    given = [cell.strip().lower() for cell in header]
+    plain = [cell.strip().translate(_DOTS_OF_I).lower() for cell in header]
     names = []
-    for name in plain:
+    for as_given, name in zip(given, plain, strict=True):
         with_unit = _UNIT.sub(r"_\1", name)
         bare, mark, unit = with_unit.rpartition("_")
         meant = [with_unit, *([bare] if mark + unit in _UNITS_OF.get(bare, ("_m",)) else [])]
         meant = [each for each in meant if each in wanted and each not in plain]
-        names.append(name if name in wanted or not meant else meant[0])
+        names.append(name if name in wanted else meant[0] if meant else as_given)
     return names
 
 
