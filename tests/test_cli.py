@@ -151,6 +151,27 @@ def test_ctrl_c_says_how_to_go_on(fakes: Fakes, photos: Path, tmp_path: Path) ->
     assert fakes.calls["sfm"] == 1
 
 
+def test_ctrl_c_while_learning_names_what_is_kept_if_anything_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch", reason="needs the train extra")
+
+    def stopped(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pomona.api.adapt", stopped)
+    monkeypatch.setattr("pomona.learning.train.train", stopped)
+    kept = tmp_path / "mine.training"
+    for command in ("adapt", "train"):
+        result = pomona(command, tmp_path, "--out", tmp_path / "mine.onnx")
+        assert result.exit_code == 130
+        assert "Stopped: nothing had been learnt yet; the same command begins again." in result.stderr
+        kept.mkdir()
+        result = pomona(command, tmp_path, "--out", tmp_path / "mine.onnx")
+        assert f"what was learnt is kept in {kept}; the same command goes on." in " ".join(result.stderr.split())
+        kept.rmdir()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
 def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
     code = (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pomona import api
-from pomona.cli.failures import WRONG_INPUT, Stopped, say
+from pomona.cli.failures import WRONG_INPUT, say, stopped_learning
 from pomona.cli.progress import TerminalProgress
 from pomona.evaluate.rates import written
 from pomona.learning.self_training.options import AdaptOptions
@@ -36,7 +36,7 @@ def adapt(
             options = replace(AdaptOptions(), steps=steps)
             outcome = api.adapt(list(surveys), out, model=model, options=options, progress=progress)
     except KeyboardInterrupt:
-        raise Stopped(f"what was learnt is kept in {out.with_suffix('.training')}; the same command goes on.") from None
+        raise stopped_learning(out.with_suffix(".training")) from None
     typer.echo(
         f"{outcome.confirmed} fruits in {outcome.photos} photos: {outcome.detected} labels that were found, "
         f"{outcome.missed} where a fruit was missed" + (f", {outcome.marked} that you marked" if outcome.marked else "")

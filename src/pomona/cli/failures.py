@@ -29,6 +29,13 @@ class Stopped(KeyboardInterrupt):
     """Ctrl-C, with what to tell the person."""
 
 
+def stopped_learning(kept: Path) -> Stopped:
+    """Return what is said where learning was stopped, whose state is in the folder `kept`, if it came so far."""
+    if kept.is_dir():
+        return Stopped(f"what was learnt is kept in {kept}; the same command goes on.")
+    return Stopped("nothing had been learnt yet; the same command begins again.")
+
+
 def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
     """Return `command`, which prints its errors and warnings as messages and exits with their status."""
 

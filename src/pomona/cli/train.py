@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pomona.basics.arrays import counted
-from pomona.cli.failures import Stopped
+from pomona.cli.failures import stopped_learning
 from pomona.cli.progress import TerminalProgress
 from pomona.errors import InputError, MissingExtraError
 from pomona.evaluate.rates import written
@@ -92,7 +92,7 @@ def train(
         with TerminalProgress() as progress:
             scores = train_segmenter(data, out, options=options, progress=progress)
     except KeyboardInterrupt:
-        raise Stopped(f"what was learnt is kept in {out.with_suffix('.training')}; the same command goes on.") from None
+        raise stopped_learning(out.with_suffix(".training")) from None
     typer.echo(f"{out}: on {counted(scores.fruits, 'fruit')} of photos held out, {_in_words(scores)}")
 
 
