@@ -13,6 +13,7 @@ pytest.importorskip("torch", reason="needs the train extra")
 
 from PIL import Image
 
+import pomona
 from pomona.errors import FormatError, InputError, MissingFileError
 from pomona.formats.detections.label_sets import LabelSet, read_label_set
 from pomona.formats.detections.labelled import LabelledFruit, LabelledPhoto
@@ -24,6 +25,7 @@ from pomona.learning.train.samples import IGNORED, Sample, boxes_of, group_of, s
 from pomona.progress import Silent
 from pomona.stages.capture.images import size_of
 from pomona.values.detections import Mask
+from view_scenes import write_view_survey
 
 
 def write_photo(path: Path, width: int, height: int, discs: Sequence[tuple[float, float, float]] = ()) -> None:
@@ -278,6 +280,15 @@ def test_sets_of_several_kinds_together_and_classes(tmp_path: Path) -> None:
         gather([data], tmp_path / "cache", 0.3, classes=["pear"])
     with pytest.raises(InputError, match=r"boxes: expected fruits of the classes leaf, found only apple"):
         gather([data], tmp_path / "cache", 0.3, classes=["leaf"])
+
+
+def test_a_survey_is_no_labels_and_its_exported_ones_beside_its_photos_are(tmp_path: Path) -> None:
+    survey, photos = write_view_survey(tmp_path / "row"), tmp_path / "row" / "photos"
+    with pytest.raises(InputError, match=r"is a survey.*`pomona export .* --to coco --out PHOTOS/labels\.json`"):
+        gather([survey], tmp_path / "cache", 0.3)
+    pomona.open(survey).export("coco", photos / "labels.json")
+    training, validation = gather([photos], tmp_path / "cache", 0.3)
+    assert sum(len(sample.boxes_px) for sample in training + validation) > 24
 
 
 def test_photos_of_a_rendered_row_stay_together(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from pomona.learning.train.label_images import samples_of, typical_fruit_px
 from pomona.learning.train.samples import RENDERED, Sample, split
 from pomona.progress import Progress, Silent, track
 from pomona.stages.capture.images import size_of
+from pomona.survey.commands import command_line
+from pomona.survey.manifest import MANIFEST
 
 SPLITS = ("folders", "photos")
 
@@ -74,6 +76,12 @@ def gather(
 
 
 def _read(root: Path, progress: Progress) -> list[_ReadSet]:
+    if (root / MANIFEST).is_file():  # its detections.json is what was found, doubtful and uncorrected
+        export = command_line(["pomona", "export", root, "--to", "coco", "--out", "PHOTOS/labels.json"])
+        raise InputError(
+            f"{root} is a survey: expected labelled photos. `{export}` writes its fruits as labels, where PHOTOS is "
+            "the folder of its photos; then give that folder"
+        )
     found = []
     for one in track(find_label_sets(root), progress, f"Reading labels in {root.name}"):
         photos = read_label_set(one, size_of)
