@@ -93,3 +93,16 @@ def test_a_locale_without_utf8_changes_nothing(tmp_path: Path) -> None:
     assert "1 fruit found" in done.stdout
     assert str(out) in done.stdout
     assert len(_photos_in(out)) == 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="lscpu is a program of Linux")
+def test_other_programs_are_asked_in_utf8_too_where_the_locale_is_another(tmp_path: Path) -> None:
+    """NumPy, as SciPy imports it, asks lscpu, which answers in the language and the encoding of the locale."""
+    lscpu = tmp_path / "lscpu"
+    lscpu.write_text("""#!/bin/sh\n[ "$(locale charmap)" = UTF-8 ] || printf '\\335ndirect\\n'\n""")
+    lscpu.chmod(0o755)
+    code = "import pomona.cli, os; pomona.cli._speak_utf8(); import numpy.testing; print(os.environ['LC_MESSAGES'])"
+    paths = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": os.pathsep.join(sys.path)}
+    plain = {**os.environ, **paths, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run([sys.executable, "-c", code], env=plain, capture_output=True, encoding="utf-8", check=False)
+    assert (done.stdout, done.stderr) == ("C\n", "")

@@ -141,6 +141,10 @@ def _speak_utf8() -> None:
     if sys.platform != "win32" and sys.getfilesystemencoding() != "utf-8":
         # Only a new interpreter can do so, and the processes that it starts.
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
-        os.execve(sys.executable, arguments, {**os.environ, "PYTHONUTF8": "1"})
+        # Programs that are asked for something (NumPy asks lscpu) answer in UTF-8 then, too, in the same language.
+        language = {name: value for name, value in os.environ.items() if name != "LC_ALL"}
+        if all_of_it := os.environ.get("LC_ALL"):
+            language["LANG"] = language["LC_MESSAGES"] = all_of_it
+        os.execve(sys.executable, arguments, {**language, "LC_CTYPE": "C.UTF-8", "PYTHONUTF8": "1"})
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
