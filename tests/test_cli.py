@@ -389,6 +389,19 @@ def test_a_stage_of_a_survey_whose_photos_were_moved_says_how_to_go_on(
     assert fakes.calls["sfm"] == 1
 
 
+def test_a_stage_of_a_survey_that_lost_a_photo_says_that_its_results_are_those_of_the_others(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    pomona("run", photos, "--out", out)
+    (photos / "IMG_0001.jpg").rename(photos / "renamed.jpg")
+    assert "no longer there" not in pomona("report", out).stderr
+    (photos / "IMG_0002.jpg").unlink()
+    said = " ".join(pomona("report", out).stderr.split())
+    assert f"1 of the 4 photos that {out} was made of is no longer there (IMG_0002.jpg): its results become" in said
+    assert "no longer there" not in pomona("report", out).stderr
+
+
 def test_what_is_not_there_is_not_called_something_else(photos: Path, tmp_path: Path) -> None:
     assert "nowhere does not exist: expected a survey" in pomona("view", tmp_path / "nowhere").stderr
     (tmp_path / "tables").mkdir()

@@ -195,15 +195,23 @@ def _check_same_row(
 
     Photos are the same by their contents, wherever they lie and whatever they are called; those that were edited where
     they lie, by their names. A video is the same by its place: how its frames are chosen may have changed. Warns where
-    photos from elsewhere are some of the survey's and others are left out, such as one side of two.
+    photos are some of the survey's and others are left out, such as one side of two, or are no longer there.
     """
     before = {entry["name"]: entry["digest"] for entry in survey.get("photos") or () if entry.get("digest")}
     if not before or not any(record.finished for record in survey.records.values()):
         return
     in_place = [path.as_posix() for path in paths] == survey.get("sources")
-    if in_place and (photos.from_video or before.keys() & set(photos.names)):
-        return
     given = set(digests.values())
+    if in_place and (photos.from_video or before.keys() & set(photos.names)):
+        there = {*photos.names, *(file.name for file in photos.skipped)}
+        gone = [name for name, digest in before.items() if name not in there and digest not in given]
+        if gone and not photos.from_video:
+            progress.warn(
+                f"{len(gone)} of the {len(before)} photos that {survey.folder} was made of "
+                f"{'is' if len(gone) == 1 else 'are'} no longer there ({few(gone, 2)}): its results become those of "
+                "the others"
+            )
+        return
     if not set(before.values()) & given:
         raise SurveyError(
             f"{survey.folder} is a survey of other photos ({few([*before], 2)}): expected some of these, found "
