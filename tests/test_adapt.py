@@ -232,9 +232,16 @@ def test_what_finds_fruits_worse_is_not_kept(found: FoundFruits, tmp_path: Path)
     out = tmp_path / "mine.onnx"
     out.write_bytes(b"of an earlier training")
 
-    ruined = replace(OPTIONS, steps=2, batch=1, learning_rate=3.0, held_out=0.5, shares=(1.0,), threads=1)
-    outcome = learn.adapt([found], out, options=ruined)
+    class Told(Silent):
+        def start(self, label: str, total: int | None = None) -> None:
+            begun.append(label)
 
+    begun: list[str] = []
+    ruined = replace(OPTIONS, steps=2, batch=1, learning_rate=3.0, held_out=0.5, shares=(1.0,), threads=1)
+    outcome = learn.adapt([found], out, options=ruined, progress=Told())
+
+    steps = ["scoring the segmenter as it is", "training", "scoring what was learnt"]
+    assert begun == ["looking again", "labelling photos", f"preparing {found.name}", *steps]
     assert outcome.path is None
     assert outcome.share == 1.0
     assert outcome.before.f1 > 0.5

@@ -24,7 +24,7 @@ from pomona.learning.train.network import FruitNet
 from pomona.learning.train.options import FitOptions
 from pomona.learning.train.samples import Sample, write_split
 from pomona.learning.train.validate import ValidationScores, check
-from pomona.progress import Progress, Silent
+from pomona.progress import Progress, Silent, track
 from pomona.stages.segment.load import SHIPPED_WEIGHTS
 
 _AVERAGE = 0.97  # of the running mean of weights: a training this short has no time for a longer one
@@ -87,22 +87,27 @@ def adapt(
     training, held_out, held_by_hand = _samples(surveys, labels, work / "labels", options, progress)
     write_split(work / "split.json", training, held_out)
     learner, start = _begun(model or SHIPPED_WEIGHTS, progress)
-    before = check(learner, start, held_out)
+
+    def scored(network: FruitNet, samples: list[Sample], what: str = "what was learnt") -> ValidationScores:
+        return check(learner, network, track(samples, progress, f"scoring {what}"))
+
+    before = scored(start, held_out, "the segmenter as it is")
     folder = _folder_of(work, [*training, *held_out])
     fit_options = _fit_options(options)
     learnt = fit(learner, training, held_out, folder, options=fit_options, progress=progress)
     tried = [(share, blended(start, learnt, share)) for share in options.shares]
-    scores = [check(learner, network, held_out) for _, network in tried]
+    scores = [scored(network, held_out) for _, network in tried]
     best = int(np.argmax([np.nan_to_num(each.f1, nan=-1.0) for each in scores]))
     # A network that finds none of them has no F1: anything that finds some is better.
     better = np.isfinite(scores[best].f1) and not scores[best].f1 < before.f1
     if better:
         fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
         settings = ModelSettings(scores[best].threshold, fruit_px)
+        progress.start("writing the model")
         learner.export(tried[best][1], out, settings, partial(some_crops, training, learner, fit_options))
     by_hand = None
     if held_by_hand:
-        by_hand = check(learner, start, held_by_hand), check(learner, tried[best][1], held_by_hand)
+        by_hand = scored(start, held_by_hand), scored(tried[best][1], held_by_hand)
     return Adapted(
         out if better else None,
         before,

@@ -19,7 +19,7 @@ from pomona.learning.train.mask_rcnn import MaskRcnnLearner
 from pomona.learning.train.options import FitOptions, TrainOptions
 from pomona.learning.train.samples import Sample, write_split
 from pomona.learning.train.validate import ValidationScores, check
-from pomona.progress import Progress, Silent
+from pomona.progress import Progress, Silent, track
 
 _UNMEASURED_THRESHOLD = 0.5
 
@@ -51,13 +51,14 @@ def train(
     write_split(work / "split.json", training, validation)
     fit_options = _in_steps(options, len(training))
     network = fit(learner, training, validation, work, options=fit_options, progress=progress)
-    scores = check(learner, network, validation)
+    scores = check(learner, network, track(validation, progress, "scoring what was learnt"))
     threshold = scores.threshold
     if not math.isfinite(threshold):
         threshold = _UNMEASURED_THRESHOLD
         progress.warn(f"{out}: finds no fruit on the photos held out; train for longer, or look at the labels")
     weak = all(sample.weak for sample in training if len(sample.boxes_px))
     settings = ModelSettings(threshold, _fruit_px(options, training), weak)
+    progress.start("writing the model")
     learner.export(network, out, settings, partial(some_crops, training, learner, fit_options))
     return scores
 

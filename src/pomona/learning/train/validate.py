@@ -40,7 +40,7 @@ def validate(samples: Iterable[Sample], segment: Segment) -> ValidationScores:
     return ValidationScores(scores.ap50, best.f1, best.precision, best.recall, best.confidence, scores.true_fruits)
 
 
-def check(learner: Learner, network: nn.Module, samples: list[Sample]) -> ValidationScores:
+def check(learner: Learner, network: nn.Module, samples: Iterable[Sample]) -> ValidationScores:
     """Score the network on samples whole, at their own size."""
     network.eval()
     return validate(samples, lambda pixels: learner.segment(network, pixels))
