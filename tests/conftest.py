@@ -32,11 +32,12 @@ os.fsync = lambda handle: None
 # Files whose slow tests take longest, first: what begins last should be short, or one core waits for the other.
 LONGEST_FIRST = (
     "test_app_browser.py",
+    "test_sfm.py",
     "test_datasets_fuji.py",
     "test_watch.py",
-    "test_adapt.py",
-    "test_sfm.py",
     "test_orchard_dev.py",
+    "test_camera_bed.py",
+    "test_adapt.py",
 )
 
 REPOSITORY = Path(__file__).resolve().parent.parent
