@@ -57,10 +57,9 @@ def test_pairs_of_photos_contradict_a_size_that_is_far_off(assumed_m: float, exp
 
 
 def test_fruits_as_far_from_each_other_as_rulers_have_it_leave_the_size_as_assumed() -> None:
-    cameras = taken_by()
+    cameras, assumed = taken_by(), FruitSize(0.075)
     for without in ((), (1, 12)):
-        ranges = fruit_ranges(masks_of(cameras, without=without), cameras, FruitSize(0.075))
-        assert ranges.size == FruitSize(0.075)
+        assert fruit_ranges(masks_of(cameras, without=without), cameras, assumed).size is assumed
     # Neighbours taken for one have as many votes for another size as the fruits themselves.
     by_pairs = diameter_by_pairs(cameras, masks_of(cameras, without=(1, 12)))
     assert by_pairs is not None
