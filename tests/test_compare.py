@@ -432,7 +432,7 @@ def test_without_a_scale_nothing_is_in_millimetres(tmp_path: Path, capsys: pytes
     assert "mm" not in shown
     assert ">growth units<" in shown
     words = re.sub("<[^>]+>", "", shown)
-    low, high = re.search(r"(0\.00\d+) to (0\.00\d+) units \(95 %\)", words).groups()
+    low, high = re.search(r"(0\.00\d+) to (0\.00\d+) units \(95\s%\)", words).groups()
     assert 0.0035 < float(low) < 0.0045 < float(high) < 0.0055
     _show(comparison)
     assert "growth         no scale" in capsys.readouterr().out

@@ -476,9 +476,9 @@ def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path
     write_page(orchard, into / "orchard.gpkg", tmp_path / "report.html", Silent())
     page = (tmp_path / "report.html").read_text()
     assert "10 fruits found on each" in page
-    assert "180 g each, without 41 in rows that have no weight" in page
+    assert "180\N{NO-BREAK SPACE}g each, without 41 in rows that have no weight" in page
     assert "intervals, added, of 1 of the rows" in page
-    assert "40 m, of 1 of them" in page
+    assert "40\N{NO-BREAK SPACE}m, of 1 of them" in page
 
 
 def test_each_tree_of_a_table_of_the_whole_orchard_counts_once(tmp_path: Path) -> None:

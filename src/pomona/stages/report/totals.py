@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from html import escape
 
@@ -15,6 +16,8 @@ from pomona.values.cameras import METRES_FROM
 from pomona.values.fruits import BOTH_SIDES
 
 _BROUGHT_TOGETHER = {"markers": "", "gnss": "", "fruits": ", which brought the sides into one frame"}
+# Spaces between a number and its unit or sign, at which a card breaks no line.
+_BESIDE_NUMBERS = re.compile(r"(?<=[\d>]) (?=(?:%|mm|m|kg|g)(?![\w/]))|(?<=±) ")
 _MOST_WARNINGS_SHOWN = 8  # more are folded away, so that the view stays on the first screen
 
 
@@ -36,6 +39,7 @@ def totals(data: ReportData) -> str:
 def card(label: str, figure: str, more: str, kind: str = "") -> str:
     """A card; `figure` and `more` are HTML."""
     named = f"sheet total {kind}".strip()
+    more = _BESIDE_NUMBERS.sub("\N{NO-BREAK SPACE}", more)
     return (
         f'<div class="{named}"><div class="label">{escape(label)}</div>'
         f'<div class="figure">{figure}</div><div class="more">{more}</div></div>'
