@@ -19,7 +19,9 @@ from pomona.basics.geometry import estimate_similarity
 from pomona.learning.synth.truth import RowFolder
 from pomona.progress import Silent
 from pomona.stages.capture import load_photos
-from pomona.stages.sfm import SfmOptions, engine
+from pomona.stages.sfm import SfmOptions
+from pomona.stages.sfm.colmap.database import read_keypoints
+from pomona.stages.sfm.colmap.two_views import read_overlaps, write_verified
 from pomona.stages.sfm.features import Features
 from pomona.stages.sfm.one_lens import with_one_lens
 from pomona.stages.sfm.pieces import Piece
@@ -43,17 +45,17 @@ def workspace_of(walk: list[int], source: Path, photos: Photos, folder: Path, op
     shutil.rmtree(folder, ignore_errors=True)
     items = [replace(photos.items[k], name=f"{i:04d}.jpg", side="") for i, k in enumerate(walk)]
     workspace = Workspace(folder, items, options)
-    keypoints = engine.read_keypoints(source, len(photos))
+    keypoints = read_keypoints(source, len(photos))
     for i, k in enumerate(walk):
         xy = np.column_stack([keypoints[k], np.ones(len(keypoints[k])), np.zeros(len(keypoints[k]))])
         blank = np.zeros((0, 128), np.uint8), np.zeros((len(xy), 3), np.uint8)
         workspace.save_features({i: Features(xy.astype(np.float32), *blank, 1.0)})
-    known = {(o.first, o.second): o.idx for o in engine.read_overlaps(source)}
+    known = {(o.first, o.second): o.idx for o in read_overlaps(source)}
     known |= {(j, i): idx[:, ::-1] for (i, j), idx in known.items()}
     reach = 2 * options.window
     pairs = [(i, j) for i in range(len(walk)) for j in range(i + 1, min(i + reach + 1, len(walk)))]
     found = {(i, j): known[walk[i], walk[j]] for i, j in pairs if (walk[i], walk[j]) in known}
-    engine.write_verified(workspace.database, found, options)
+    write_verified(workspace.database, found, options)
     return workspace
 
 

@@ -176,7 +176,7 @@ def test_ctrl_c_while_learning_names_what_is_kept_if_anything_is(
 def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
     code = (
         "import multiprocessing, os, signal, time, pomona.cli as cli; cli._stop_when_told(); "
-        "import pomona.stages.sfm.engine\n"
+        "import pomona.stages.sfm.colmap.mapping\n"
         "other = multiprocessing.get_context('fork').Process(target=time.sleep, args=(10,)); other.start(); "
         "other.terminate(); other.join(); print(other.exitcode, flush=True)\n"
         "try: os.kill(os.getpid(), signal.SIGTERM); time.sleep(10)\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pomona.basics.geometry import Similarity
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.colmap.two_views import Overlap
 from pomona.stages.sfm.joining import Group, MatchedPhotos, join_groups
 from pomona.stages.sfm.models import Model
 from pomona.stages.sfm.seams import parted

@@ -12,12 +12,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
 
 from pomona.basics.gpu import reason_against
-from pomona.stages.sfm import SfmOptions, engine
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm import SfmOptions
+from pomona.stages.sfm.colmap.database import is_whole, missing_features
+from pomona.stages.sfm.colmap.mapping import open_models
+from pomona.stages.sfm.colmap.two_views import (
+    Overlap,
+    clear_matches,
+    count_matches,
+    match_pairs,
+    read_matched,
+    read_overlaps,
+    write_further,
+    write_verified,
+)
 from pomona.stages.sfm.features import Features, extract, root_sift
 from pomona.stages.sfm.kept_features import KeptFeatures
 from pomona.stages.sfm.models import Model
@@ -294,9 +306,7 @@ def test_reasons(found: RegistrationEvidence, words: str) -> None:
 
 def stored(workspace: Workspace) -> tuple[list[int], int]:
     """Which photos have no features, and how many pairs have matches."""
-    return engine.missing_features(workspace.database, len(workspace.photos)), len(
-        engine.read_overlaps(workspace.database)
-    )
+    return missing_features(workspace.database, len(workspace.photos)), len(read_overlaps(workspace.database))
 
 
 def matched_workspace(folder: Path) -> Workspace:
@@ -308,7 +318,7 @@ def matched_workspace(folder: Path) -> Workspace:
     for i in range(3):
         keypoints = np.column_stack([xy[:, 0] + 10 * i, xy[:, 1], np.ones(200), np.zeros(200)]).astype(np.float32)
         workspace.save_features({i: Features(keypoints, descriptors, np.zeros((200, 3), np.uint8), 1.0)})
-    engine.match(workspace.database, [("0.jpg", "1.jpg"), ("0.jpg", "2.jpg"), ("1.jpg", "2.jpg")], SfmOptions())
+    match_pairs(workspace.database, [("0.jpg", "1.jpg"), ("0.jpg", "2.jpg"), ("1.jpg", "2.jpg")], SfmOptions())
     return workspace
 
 
@@ -370,7 +380,8 @@ _ON_A_FULL_DISK = """
 import contextlib, resource, signal, sys
 from pathlib import Path
 import numpy as np
-from pomona.stages.sfm import SfmOptions, engine
+from pomona.stages.sfm import SfmOptions
+from pomona.stages.sfm.colmap import two_views
 
 path = Path(sys.argv[1])
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # writes beyond the limit fail, as on a disk that is full
@@ -378,12 +389,12 @@ limit = 40_000 if sys.argv[2] == "match" else path.stat().st_size // 2
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 with contextlib.suppress(Exception):
     if sys.argv[2] == "match":
-        engine.match(path, [("0.jpg", "1.jpg"), ("0.jpg", "2.jpg"), ("1.jpg", "2.jpg")], SfmOptions())
+        two_views.match_pairs(path, [("0.jpg", "1.jpg"), ("0.jpg", "2.jpg"), ("1.jpg", "2.jpg")], SfmOptions())
     elif sys.argv[2] == "clear":
-        engine.clear_matches(path)
+        two_views.clear_matches(path)
     else:
         idx = np.repeat(np.arange(200)[:, None], 2, axis=1)
-        engine.write_further(path, {(i, j): idx for i in range(3) for j in range(i + 1, 3)}, SfmOptions())
+        two_views.write_further(path, {(i, j): idx for i in range(3) for j in range(i + 1, 3)}, SfmOptions())
 print("goes on")
 """
 
@@ -394,51 +405,51 @@ def test_a_database_that_finds_no_room_does_not_end_the_program(tmp_path: Path, 
     """COLMAP ends it where its threads cannot write, and where it cannot write a whole database anew, as it does after
     anything in it was deleted."""
     workspace = matched_workspace(tmp_path / "w")
-    overlaps = engine.read_overlaps(workspace.database)
+    overlaps = read_overlaps(workspace.database)
     few = {(overlap.first, overlap.second): overlap.idx[:30] for overlap in overlaps}
-    engine.clear_matches(workspace.database)
+    clear_matches(workspace.database)
     if what != "match":
-        engine.write_verified(workspace.database, few, SfmOptions())
+        write_verified(workspace.database, few, SfmOptions())
     command = [sys.executable, "-c", _ON_A_FULL_DISK, str(workspace.database), what]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, "goes on\n"), done.stderr
-    assert engine.is_whole(workspace.database)
+    assert is_whole(workspace.database)
     assert stored(workspace)[0] == []
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="how much room a disk has is not asked here")
 def test_models_on_a_full_disk_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """COLMAP does not say that it could write a part of them only."""
-    assert engine.open_models(tmp_path) == []
+    assert open_models(tmp_path) == []
 
     def full(*of: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("os.posix_fallocate", full)
     with pytest.raises(OSError, match="No space left"):
-        engine.open_models(tmp_path)
+        open_models(tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_further_matches_take_the_place_of_fewer_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace = matched_workspace(tmp_path / "w")
-    of_all = {(overlap.first, overlap.second): overlap.idx for overlap in engine.read_overlaps(workspace.database)}
-    engine.clear_matches(workspace.database)
+    of_all = {(overlap.first, overlap.second): overlap.idx for overlap in read_overlaps(workspace.database)}
+    clear_matches(workspace.database)
     assert stored(workspace) == ([], 0)
     few = {pair: idx[:30] if pair == (0, 1) else idx for pair, idx in of_all.items()}
-    engine.write_verified(workspace.database, few, SfmOptions())
+    write_verified(workspace.database, few, SfmOptions())
     further = {pair: idx if pair == (0, 1) else idx[:30] for pair, idx in of_all.items()}
-    engine.write_further(workspace.database, further, SfmOptions())
-    counted = engine.count_matches(workspace.database, list(of_all))
+    write_further(workspace.database, further, SfmOptions())
+    counted = count_matches(workspace.database, list(of_all))
     assert counted == [len(idx) for idx in of_all.values()]
-    verified, verify = [], engine.pycolmap.estimate_two_view_geometry
+    verified, verify = [], pycolmap.estimate_two_view_geometry
 
     def spy(*views: Any) -> Any:
         verified.append(len(views[4]))
         return verify(*views)
 
     monkeypatch.setattr("pycolmap.estimate_two_view_geometry", spy)
-    assert len(engine.read_matched(workspace.database, list(of_all), SfmOptions())) == len(of_all)
+    assert len(read_matched(workspace.database, list(of_all), SfmOptions())) == len(of_all)
     assert verified == [30]  # by those that were there first; what took nobody's place is not verified again
     assert not [path for path in workspace.folder.iterdir() if "better" in path.name]
 

@@ -12,7 +12,9 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from pomona.progress import Silent
-from pomona.stages.sfm import SfmOptions, engine, wide_matching
+from pomona.stages.sfm import SfmOptions, wide_matching
+from pomona.stages.sfm.colmap.database import missing_features, read_keypoints
+from pomona.stages.sfm.colmap.two_views import read_overlaps
 from pomona.stages.sfm.epipolar import Clear, DescribedPoints, matches_anywhere
 from pomona.stages.sfm.features import extract
 from pomona.stages.sfm.matching import match_photos
@@ -123,15 +125,15 @@ def test_lonely_photos_are_compared_with_their_neighbours_and_with_what_overlaps
 
 def matched(folder: Path, photos: list[Photo], options: SfmOptions) -> dict[tuple[int, int], np.ndarray]:
     workspace = Workspace(folder, photos, options)
-    missing = engine.missing_features(workspace.database, len(photos))
+    missing = missing_features(workspace.database, len(photos))
     workspace.save_features({i: extract(photos[i], options) for i in missing})
     match_photos(workspace, "", Silent())
     return overlaps(workspace)
 
 
 def overlaps(workspace: Workspace) -> dict[tuple[int, int], np.ndarray]:
-    found = {(o.first, o.second): o.idx for o in engine.read_overlaps(workspace.database)}
-    keypoints = engine.read_keypoints(workspace.database, len(workspace.photos))
+    found = {(o.first, o.second): o.idx for o in read_overlaps(workspace.database)}
+    keypoints = read_keypoints(workspace.database, len(workspace.photos))
     for i, points in enumerate(keypoints):
         assert len(workspace.colours(i)) == len(points)
     for (i, j), idx in found.items():
@@ -154,7 +156,7 @@ def test_photos_far_apart_overlap(apart: tuple[Path, list[Photo], dict[tuple[int
     folder, photos, found = apart
     assert len(found[0, 1]) >= 40
     poses = compressed(20, 1.0), compressed(20, 3.0)
-    xy = [points[found[0, 1][:, k]] for k, points in enumerate(engine.read_keypoints(folder / "features.db", 2))]
+    xy = [points[found[0, 1][:, k]] for k, points in enumerate(read_keypoints(folder / "features.db", 2))]
     on_board = np.linalg.solve(poses[0][:, :2], (xy[0] - 0.5 - poses[0][:, 2]).T).T
     off_px = np.linalg.norm(on_board @ poses[1][:, :2].T + poses[1][:, 2] - (xy[1] - 0.5), axis=1)
     assert np.median(off_px) < 1
@@ -194,8 +196,8 @@ def test_features_that_were_added_do_not_stay_for_other_ways_of_matching_or_wher
     other = shutil.copytree(folder, tmp_path / "other")
     assert Workspace(other, photos, SfmOptions()).wide_matches.is_file()
     assert not Workspace(other, photos, SfmOptions(min_matches=25)).wide_matches.is_file()
-    assert engine.missing_features(other / "features.db", 2) == [0, 1]
+    assert missing_features(other / "features.db", 2) == [0, 1]
     damaged = shutil.copytree(folder, tmp_path / "damaged")
     (damaged / "wide.npz").write_bytes(b"nothing")
     assert not Workspace(damaged, photos, SfmOptions()).wide_matches.is_file()
-    assert engine.missing_features(damaged / "features.db", 2) == [0, 1]
+    assert missing_features(damaged / "features.db", 2) == [0, 1]

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from pomona.basics.arrays import ByteArray
-from pomona.stages.sfm import engine
-from pomona.stages.sfm.engine import CameraEntry, ImageEntry
+from pomona.stages.sfm.colmap.database import CameraEntry, ImageEntry, add_to_database, create_database, write_features
+from pomona.stages.sfm.colmap.two_views import count_matches, match_pairs
 from pomona.stages.sfm.features import Features
 from pomona.stages.sfm.mapping_process import MappingProcess
 from pomona.stages.sfm.models import read_models
@@ -59,7 +59,7 @@ class GrowingSide:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         self._database = folder / "growing.db"
-        engine.create_database(self._database, (), ())
+        create_database(self._database, (), ())
         self._cameras: dict[tuple[str, int, int], CameraEntry] = {}
         self._names: list[str] = []
         self._colours: list[ByteArray] = []
@@ -73,8 +73,8 @@ class GrowingSide:
         known = key in self._cameras
         entry = self._cameras.setdefault(key, camera_entry([photo], self._options))
         image = ImageEntry(photo.name, list(self._cameras).index(key))
-        engine.add_to_database(self._database, i, image, None if known else entry)
-        engine.write_features(self._database, {i: few})
+        add_to_database(self._database, i, image, None if known else entry)
+        write_features(self._database, {i: few})
         self._names.append(photo.name)
         self._colours.append(few.rgb)
         near = range(max(0, i - self._options.window), i)
@@ -129,8 +129,8 @@ class GrowingSide:
         pairs = [(self._names[j], self._names[i]) for j in others]
         if not pairs:
             return {}
-        engine.match(self._database, pairs, self._options)
-        counts = engine.count_matches(self._database, [(j, i) for j in others])
+        match_pairs(self._database, pairs, self._options)
+        counts = count_matches(self._database, [(j, i) for j in others])
         return {self._names[j]: count for j, count in zip(others, counts, strict=True) if count}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from pomona.basics.arrays import Array, FloatArray, IntArray
 from pomona.basics.geometry import Similarity
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.colmap.two_views import Overlap
 from pomona.stages.sfm.models import Model
 from pomona.stages.sfm.selection import FULL_WEIGHT, TOLERANCE_PX, sampson_distance
 

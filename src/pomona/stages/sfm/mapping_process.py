@@ -78,19 +78,19 @@ class MappingProcess:
 
 def main(arguments: list[str]) -> None:
     """Run one task (TASK DATABASE OUT OPTIONS_JSON DETAILS_FILE), printing a line for each photo that it places."""
-    from pomona.stages.sfm import engine
+    from pomona.stages.sfm.colmap.mapping import adjust_poses, map_further, map_global, map_incremental
 
     task, database, out, options_json, told = arguments
     values, details = json.loads(options_json), json.loads(Path(told).read_text(encoding="utf-8"))
     options = SfmOptions(**{**values, "mappers": tuple(values["mappers"])})
     if task == "global":
-        engine.map_global(Path(database), Path(out), options)
+        map_global(Path(database), Path(out), options)
     elif task == "incremental":
-        engine.map_incremental(Path(database), Path(out), options, details, lambda: print("photo", flush=True))
+        map_incremental(Path(database), Path(out), options, details, lambda: print("photo", flush=True))
     elif task == "growing":
         before = Path(details["before"]) if details["before"] else None
-        engine.map_further(Path(database), Path(out), options, details["names"], before)
+        map_further(Path(database), Path(out), options, details["names"], before)
     else:
         poses = {photo: np.array(pose) for photo, pose in details["poses"]}
         params = {camera: np.array(numbers) for camera, numbers in details["params"]}
-        engine.adjust_poses(Path(database), Path(out), poses, params, options)
+        adjust_poses(Path(database), Path(out), poses, params, options)

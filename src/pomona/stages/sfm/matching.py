@@ -18,8 +18,16 @@ from threadpoolctl import threadpool_limits
 from pomona.basics.arrays import IntArray, batches
 from pomona.basics.threads import cores, in_order
 from pomona.progress import Progress
-from pomona.stages.sfm import engine
-from pomona.stages.sfm.engine import TwoViews
+from pomona.stages.sfm.colmap.database import count_features, iter_descriptors, read_points
+from pomona.stages.sfm.colmap.two_views import (
+    TwoViews,
+    match_pairs,
+    matched_pairs,
+    read_matched,
+    read_two_views,
+    write_further,
+    write_verified,
+)
 from pomona.stages.sfm.epipolar import matches_along_lines
 from pomona.stages.sfm.pairs import Pair, candidate_pairs
 from pomona.stages.sfm.wide_matching import match_wide, wide_pairs
@@ -36,7 +44,7 @@ _ENOUGH_PARTNERS = 3
 def match_photos(workspace: Workspace, label: str, progress: Progress) -> None:
     """Match the photos of a side and verify their matches; what was done before a stop is not done again."""
     options = workspace.options
-    pairs = candidate_pairs(workspace.photos, engine.iter_descriptors(workspace.database), options)
+    pairs = candidate_pairs(workspace.photos, iter_descriptors(workspace.database), options)
     progress.start(f"Matching{label}", len(pairs))
     seen = _first_look(workspace, pairs, progress)
     known = [views for views in seen if views.fundamental is not None]
@@ -50,9 +58,9 @@ def match_photos(workspace: Workspace, label: str, progress: Progress) -> None:
 
 def _wide_candidates(workspace: Workspace, pairs: Sequence[Pair]) -> list[Pair]:
     count = len(workspace.photos)
-    overlapping = {(views.first, views.second) for views in engine.read_two_views(workspace.database)}
+    overlapping = {(views.first, views.second) for views in read_two_views(workspace.database)}
     lonely = set(np.flatnonzero(partners_of(overlapping, count) < _ENOUGH_PARTNERS).tolist())
-    features = engine.count_features(workspace.database, count)
+    features = count_features(workspace.database, count)
     possible = [(i, j) for i, j in pairs if features[i] and features[j]]
     return wide_pairs(possible, overlapping, lonely)
 
@@ -61,25 +69,25 @@ def _first_look(workspace: Workspace, pairs: Sequence[Pair], progress: Progress)
     """Match the largest features of all pairs; return the pairs that overlap, with their geometry."""
     database = workspace.first_look_database()
     for chunk in batches(pairs, _PAIRS_AT_ONCE):
-        engine.match(database, workspace.named(chunk), workspace.options)
+        match_pairs(database, workspace.named(chunk), workspace.options)
         progress.advance(len(chunk))
-    return engine.read_two_views(database)
+    return read_two_views(database)
 
 
 def _match_along_lines(workspace: Workspace, overlapping: Sequence[TwoViews], label: str, progress: Progress) -> None:
     """Match all features of pairs whose epipolar geometry is known."""
-    done = engine.matched_pairs(workspace.database)
+    done = matched_pairs(workspace.database)
     missing = [views for views in overlapping if (views.first, views.second) not in done]
     progress.start(f"Matching what overlaps{label}", len(missing))
     for chunk in batches(missing, _PAIRS_AT_ONCE):
-        engine.write_verified(workspace.database, _along_lines(workspace, chunk), workspace.options)
+        write_verified(workspace.database, _along_lines(workspace, chunk), workspace.options)
         progress.advance(len(chunk))
 
 
 def _along_lines(workspace: Workspace, overlapping: Sequence[TwoViews]) -> dict[Pair, IntArray]:
     def matched(views: TwoViews) -> IntArray:
         assert views.fundamental is not None
-        one, other = (engine.read_points(workspace.database, photo) for photo in (views.first, views.second))
+        one, other = (read_points(workspace.database, photo) for photo in (views.first, views.second))
         return matches_along_lines(one, other, views.fundamental, _TOLERANCE_PX)
 
     # Pairs share the processors out among them: what NumPy calls must not take them all for each.
@@ -113,7 +121,7 @@ def _match_all(workspace: Workspace, pairs: Sequence[Pair], label: str, progress
     database, options = workspace.database, workspace.options
     progress.start(f"Matching what holds photos{label}", len(pairs))
     for chunk in batches(pairs, _PAIRS_AT_ONCE):
-        engine.match(database, workspace.named(chunk), options)
-        known = [views for views in engine.read_matched(database, chunk, options) if views.fundamental is not None]
-        engine.write_further(database, _along_lines(workspace, known), options)
+        match_pairs(database, workspace.named(chunk), options)
+        known = [views for views in read_matched(database, chunk, options) if views.fundamental is not None]
+        write_further(database, _along_lines(workspace, known), options)
         progress.advance(len(chunk))

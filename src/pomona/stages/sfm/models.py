@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pomona.basics.arrays import Array, ByteArray, FloatArray, IntArray, groups
-from pomona.stages.sfm.engine import CAMERA_MODEL, CameraEntry, open_models, photo_name
+from pomona.stages.sfm.colmap.database import CAMERA_MODEL, CameraEntry, photo_name
+from pomona.stages.sfm.colmap.mapping import open_models
 from pomona.values.cameras import Cameras
 from pomona.values.intrinsics import Intrinsics
 

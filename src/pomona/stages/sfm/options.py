@@ -38,7 +38,7 @@ class SfmOptions:
     `good_enough`: a result with this share of the support that pairs of photos have by themselves (see `selection`)
     ends the search for a better one.
     `focal_prior`: focal length as a multiple of the longer side, where neither EXIF nor the matches tell it.
-    `threads` of features and matching: None takes all processors. Mapping takes one (see `engine`).
+    `threads` of features and matching: None takes all processors. Mapping takes one (see `colmap/mapping.py`).
     """
 
     max_side_px: int = 1296

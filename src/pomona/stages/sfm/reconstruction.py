@@ -15,8 +15,9 @@ from pomona.basics.arrays import FloatArray, batches, counted
 from pomona.basics.threads import cores
 from pomona.errors import DamagedPhotoError, InputError, MissingFileError, ReconstructionError
 from pomona.progress import Progress, Silent
-from pomona.stages.sfm import engine
-from pomona.stages.sfm.engine import CAMERA_MODEL, Overlap
+from pomona.stages.sfm.colmap.database import CAMERA_MODEL, missing_features, read_keypoints
+from pomona.stages.sfm.colmap.mapping import seed_cameras
+from pomona.stages.sfm.colmap.two_views import Overlap, read_overlaps
 from pomona.stages.sfm.features import Features, extract
 from pomona.stages.sfm.joining import Group, MatchedPhotos, join_groups
 from pomona.stages.sfm.kept_features import KeptFeatures
@@ -106,7 +107,7 @@ def _find_features(workspace: Workspace, kept: KeptFeatures, label: str, progres
     Nobody is warned of these here: who looks for fruits in them is, and they are among the photos without a place.
     """
     photos, unreadable = workspace.photos, {}
-    missing = engine.missing_features(workspace.database, len(photos))
+    missing = missing_features(workspace.database, len(photos))
     progress.start(f"Features{label}", len(photos))
     progress.advance(len(photos) - len(missing))
     threads = workspace.options.threads or cores()
@@ -134,9 +135,9 @@ def _map(
 ) -> tuple[list[Model], RegistrationEvidence]:
     """Run the mappers, and keep the result whose cameras explain most; see `selection.explained`."""
     count = len(workspace.photos)
-    overlaps = engine.read_overlaps(workspace.database)
+    overlaps = read_overlaps(workspace.database)
     scale = [workspace.cameras[image.camera_idx].scale for image in workspace.images]
-    in_working_px = engine.read_keypoints(workspace.database, count)
+    in_working_px = read_keypoints(workspace.database, count)
     keypoints = [xy / s for xy, s in zip(in_working_px, scale, strict=True)]
     enough = workspace.options.good_enough * support(explicable(overlaps, in_working_px), overlaps)
     best: list[Model] = []
@@ -264,7 +265,7 @@ def _run_mappers(workspace: Workspace, overlaps: Sequence[Overlap], label: str, 
             progress.warn(f"The {mapper} mapper failed{label}: {failure}")
             continue
         if mapper == "global":
-            fixed = engine.seed_cameras(database, process.out, workspace.cameras)
+            fixed = seed_cameras(database, process.out, workspace.cameras)
         yield process.out
 
 

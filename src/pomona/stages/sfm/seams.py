@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
 from pomona.basics.arrays import BoolArray, FloatArray, IntArray
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.colmap.two_views import Overlap
 from pomona.stages.sfm.joining import LEAST_DEPTHS
 from pomona.stages.sfm.models import Model
 from pomona.stages.sfm.selection import FULL_WEIGHT, take

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pomona.basics.arrays import BoolArray, FloatArray
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.colmap.two_views import Overlap
 from pomona.stages.sfm.models import Model
 from pomona.values.cameras import Cameras
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from pomona.basics.arrays import BoolArray, IntArray
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.colmap.two_views import Overlap
 
 # Tracks longer than this are not preferred further: the longest are those of what is far away.
 _LONG_ENOUGH = 6

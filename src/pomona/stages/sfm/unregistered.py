@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pomona.basics.arrays import FloatArray, IntArray
-from pomona.stages.sfm.engine import Overlap
+from pomona.stages.sfm.colmap.two_views import Overlap
 from pomona.stages.sfm.pieces import Unregistered
 from pomona.values.photos import Photo
 

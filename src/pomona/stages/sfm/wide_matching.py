@@ -22,7 +22,8 @@ from pomona.basics.threads import cores, in_order
 from pomona.errors import PomonaError
 from pomona.formats.npz import read_npz, write_npz
 from pomona.progress import Progress
-from pomona.stages.sfm import engine
+from pomona.stages.sfm.colmap.database import read_points
+from pomona.stages.sfm.colmap.two_views import read_overlaps, write_further
 from pomona.stages.sfm.epipolar import Clear, matches_along_lines, matches_anywhere
 from pomona.stages.sfm.pairs import Pair
 from pomona.stages.sfm.tilted_views import TiltedFeatures, tilted_features
@@ -79,8 +80,8 @@ class _Wide:
 
 
 def _found(workspace: Workspace, pairs: Sequence[Pair], progress: Progress) -> _Wide:
-    known = {(o.first, o.second): o for o in engine.read_overlaps(workspace.database)}
-    places = {photo: _Places(engine.read_points(workspace.database, photo).xy_px) for pair in pairs for photo in pair}
+    known = {(o.first, o.second): o for o in read_overlaps(workspace.database)}
+    places = {photo: _Places(read_points(workspace.database, photo).xy_px) for pair in pairs for photo in pair}
     least = workspace.options.min_matches
 
     def matched(pair: _TiltedPair) -> IntArray:
@@ -245,7 +246,7 @@ def _take_over(workspace: Workspace, wide: _Wide) -> None:
     workspace.add_features({photo: (wide.keypoints[rows], wide.rgb[rows]) for photo, rows in added.items()})
     pairs = np.unique(wide.of_pair, axis=0).tolist()
     matches = {(i, j): wide.idx[(wide.of_pair == [i, j]).all(1)] for i, j in pairs}
-    engine.write_further(workspace.database, matches, workspace.options)
+    write_further(workspace.database, matches, workspace.options)
 
 
 def _write(path: Path, wide: _Wide) -> None:

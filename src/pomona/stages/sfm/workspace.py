@@ -19,8 +19,19 @@ import numpy as np
 from pomona.basics.arrays import Array, ByteArray
 from pomona.errors import PomonaError
 from pomona.formats.npz import read_npz, write_npz
-from pomona.stages.sfm import engine
-from pomona.stages.sfm.engine import CameraEntry, ImageEntry, Overlap
+from pomona.stages.sfm.colmap.database import (
+    CameraEntry,
+    ImageEntry,
+    add_keypoints,
+    copy_largest,
+    count_features,
+    create_database,
+    is_whole,
+    missing_features,
+    write_features,
+)
+from pomona.stages.sfm.colmap.mapping import create_mapping_database
+from pomona.stages.sfm.colmap.two_views import Overlap, clear_matches
 from pomona.stages.sfm.features import Features, working_scale
 from pomona.stages.sfm.kept_features import FEATURE_OPTIONS, known_of
 from pomona.stages.sfm.options import SfmOptions
@@ -59,22 +70,22 @@ class Workspace:
             return
         # Features that the third step of matching added are not those that the other steps began with.
         if stored.get("features") == settings["features"] and not self.wide_matches.is_file():
-            engine.clear_matches(self.database)
+            clear_matches(self.database)
             self._first_look.unlink(missing_ok=True)
         else:
             shutil.rmtree(folder, ignore_errors=True)
             (folder / "features").mkdir(parents=True)
-            engine.create_database(self.database, self.cameras, self.images)
+            create_database(self.database, self.cameras, self.images)
         # Written last: without it, the folder is begun anew.
         path.write_text(json.dumps(settings, indent=1), encoding="utf-8")
 
     def _is_whole(self) -> bool:
         """Whether what an earlier run left can be read: the disk may have lost some of it with its power."""
-        if not self.database.is_file() or not engine.is_whole(self.database):
+        if not self.database.is_file() or not is_whole(self.database):
             return False
-        if self._first_look.is_file() and not engine.is_whole(self._first_look):
+        if self._first_look.is_file() and not is_whole(self._first_look):
             self._first_look.unlink()
-        done = set(range(len(self.photos))) - set(engine.missing_features(self.database, len(self.photos)))
+        done = set(range(len(self.photos))) - set(missing_features(self.database, len(self.photos)))
         try:
             for i in done:
                 self._stored(i)
@@ -91,10 +102,10 @@ class Workspace:
     def first_look_database(self) -> Path:
         """Return the path of the database of the largest features alone; made where it is not there yet."""
         count = len(self.photos)
-        without = set(engine.missing_features(self.database, count))
-        if not self._first_look.is_file() or without != set(engine.missing_features(self._first_look, count)):
-            engine.create_database(self._first_look, self.cameras, self.images)
-            engine.copy_largest(self.database, self._first_look, count, self.options.first_look_features)
+        without = set(missing_features(self.database, count))
+        if not self._first_look.is_file() or without != set(missing_features(self._first_look, count)):
+            create_database(self._first_look, self.cameras, self.images)
+            copy_largest(self.database, self._first_look, count, self.options.first_look_features)
         return self._first_look
 
     @property
@@ -109,23 +120,23 @@ class Workspace:
     def mapping_database(self, overlaps: Sequence[Overlap]) -> Path:
         """Write the database that the mappers read, with these overlaps alone; return its path."""
         path = self.folder / "mapping.db"
-        engine.create_mapping_database(self.database, path, self.cameras, self.images, overlaps)
+        create_mapping_database(self.database, path, self.cameras, self.images, overlaps)
         return path
 
     def save_features(self, batch: dict[int, Features]) -> None:
         """Store the features of some photos, by photo index."""
         for i, features in batch.items():
             write_npz(self._features_path(i), {"rgb": features.rgb, "sharpness": np.asarray(features.sharpness)})
-        engine.write_features(self.database, batch)
+        write_features(self.database, batch)
 
     def add_features(self, added: Mapping[int, tuple[Array, ByteArray]]) -> None:
         """Put keypoints (n, 4) and their colours (n, 3) behind the features that photos had at first."""
-        at_first = engine.count_features(self.database, len(self.photos))
+        at_first = count_features(self.database, len(self.photos))
         for i, (_, rgb) in added.items():
             stored = self._stored(i)
             first = stored["rgb"][: at_first[i]]
             write_npz(self._features_path(i), stored | {"rgb": np.concatenate([first, rgb])})
-        engine.add_keypoints(self.database, {i: keypoints for i, (keypoints, _) in added.items()})
+        add_keypoints(self.database, {i: keypoints for i, (keypoints, _) in added.items()})
 
     def colours(self, i: int) -> ByteArray:
         """Return the colours (n, 3) of the keypoints of photo i."""
