@@ -172,6 +172,11 @@ def test_ctrl_c_while_learning_names_what_is_kept_if_anything_is(
         kept.rmdir()
 
 
+def run_code(code: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run Python code in a process of its own, which a test can send signals to."""
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=50)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
 def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
     code = (
@@ -182,7 +187,7 @@ def test_a_program_that_is_told_to_end_stops_as_by_ctrl_c() -> None:
         "try: os.kill(os.getpid(), signal.SIGTERM); time.sleep(10)\n"
         "except KeyboardInterrupt: print('stopped')"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = run_code(code)
     assert (done.stdout.split(), done.stderr, done.returncode) == (["-15", "stopped"], "", 0)
 
 
@@ -220,7 +225,7 @@ def test_ctrl_c_while_a_module_is_imported_waits_for_it(tmp_path: Path) -> None:
         "sys.modules['pomona.cli.app'] = types.SimpleNamespace(app=app)\n"
         "cli.main()"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = run_code(code, tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (130, "imported\n", "Stopped: nothing was lost.\n")
 
 
@@ -235,7 +240,7 @@ def test_ctrl_c_while_arguments_are_read_says_that_nothing_was_lost() -> None:
         "sys.argv = ['pomona', 'slow', 'x']\n"
         "cli.main()"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = run_code(code)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "Stopped: nothing was lost.\n")
 
 
@@ -253,7 +258,7 @@ def test_ctrl_c_while_a_stopped_command_ends() -> None:
         "sys.modules['pomona.cli.app'] = types.SimpleNamespace(app=app)\n"
         "cli.main()"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=50)
+    done = run_code(code)
     assert (done.returncode, done.stderr) == (130, "")
 
 

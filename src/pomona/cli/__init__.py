@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 STOPPED = 130
-IMPORT_LOOK_S = 0.02  # between two looks at whether what was being imported when Ctrl-C came still is
+_IMPORT_LOOK_S = 0.02  # between two looks at whether what was being imported when Ctrl-C came still is
 
 
 def main() -> None:
@@ -28,16 +28,19 @@ def main() -> None:
         app()
     except KeyboardInterrupt:
         # Before a command has begun, which says itself what was kept; or once more, while it says so.
-        print("Stopped: nothing was lost.", file=sys.stderr)
+        _say_stopped()
         _end_at_once_when_told_again()
         sys.exit(STOPPED)
     except SystemExit as ended:
         if ended.code == STOPPED:
             if ended.__context__ is not None and isinstance(ended.__context__.__cause__, KeyboardInterrupt):
-                # While arguments were read: Typer ends then without a word.
-                print("Stopped: nothing was lost.", file=sys.stderr)
+                _say_stopped()  # while arguments were read: Typer ends then without a word
             _end_at_once_when_told_again()
         raise
+
+
+def _say_stopped() -> None:
+    print("Stopped: nothing was lost.", file=sys.stderr)
 
 
 def _refuse_empty_arguments() -> None:
@@ -123,7 +126,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
     """Raise `KeyboardInterrupt`, once nothing is being imported: NumPy and others make an `ImportError` of it."""
     if sys.platform != "win32" and _is_importing(frame):
         signal.signal(signal.SIGALRM, _stop)
-        signal.setitimer(signal.ITIMER_REAL, IMPORT_LOOK_S)
+        signal.setitimer(signal.ITIMER_REAL, _IMPORT_LOOK_S)
     else:
         raise KeyboardInterrupt
 
