@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from pomona.adjustment.bundle import adjust, can_be_adjusted, feature_noise_px
 from pomona.adjustment.lenses import frames_of, known_focals, lens_votes, lenses_apart, share_lenses
-from pomona.adjustment.normal_equations import derivatives
+from pomona.adjustment.normal_equations import derivatives, normal_equations
 from pomona.adjustment.steadiness import middles, wandering_middles
+from pomona.adjustment.weights import Landmark, weighted
 from pomona.basics.arrays import FloatArray
 from pomona.basics.geometry import estimate_similarity
 from pomona.progress import Silent
@@ -146,6 +147,21 @@ def test_points_behind_a_camera_have_no_derivatives() -> None:
     of_photo, _, of_point, off_px = derivatives(behind, 0, np.array([5, 6]))
     assert not any(part[0].any() for part in (of_photo, of_point, off_px))
     assert of_photo[1].any()
+
+
+@pytest.mark.parametrize("models", [("SIMPLE_RADIAL",), ("OPENCV", "SIMPLE_PINHOLE")])
+def test_eliminated_points_leave_the_equations_of_all_at_once(models: tuple[str, ...]) -> None:
+    scene = concatenate([with_lens(side, model) for side, model in zip((EAST, WEST), models, strict=False)], EAST.frame)
+    of_first = scene.track_point_idx == 0
+    seen_by, seen_px = scene.track_photo_idx[of_first], scene.track_xy_px[of_first]
+    marker = Landmark(scene.points_in_world[0], 0.005, seen_by, seen_px, np.full(len(seen_by), 0.2))
+    equations = normal_equations(*weighted(scene, noise_px=NOISE_PX, landmarks=[marker]))
+    p = len(equations.prior)
+    derivatives_of_all = np.hstack([equations.by_kept.toarray(), equations.by_point.toarray()])
+    normal = derivatives_of_all.T @ derivatives_of_all
+    normal[:p, :p] += np.diag(equations.prior)
+    wanted = normal[:p, :p] - normal[:p, p:] @ np.linalg.pinv(normal[p:, p:], hermitian=True) @ normal[p:, :p]
+    assert equations.reduced().toarray() == pytest.approx(wanted, rel=1e-6, abs=1e-9 * np.abs(normal[:p, :p]).max())
 
 
 def test_sides_vote_for_one_focal_length() -> None:
