@@ -33,6 +33,9 @@ from pomona.stages.report import ReportData
 from pomona.stages.scale.report import Placed
 from pomona.stages.sfm.pieces import Unregistered
 from pomona.survey import SurveyFolder
+from pomona.values.crop import Crop
+from pomona.values.fruits import TotalWeight
+from pomona.values.intervals import CropInterval
 
 TRUTH = "id,x,y,z,diameter\n1,0,0,2,0.07\n2,1,0,2,0.07\n"
 
@@ -615,6 +618,17 @@ def test_stages_that_took_no_time_are_not_listed(fakes: Fakes, photos: Path, tmp
     )
     at_once = text_of(replace(summary, stages=(SettledStage("select", 0.004, None, kept=False),)))
     assert "time        0.0 s\n" in at_once
+
+
+def test_weights_of_tonnes_and_a_thousand_a_metre_are_written_out(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
+    summary = run([photos], tmp_path / "out")
+    every = CropInterval(61_234.0, 58_000.0, 65_000.0, "all fruit")
+    crop = Crop(seen=every, fruits=every, per_metre=every.times(1 / 50), weight_kg=None, sides=2)
+    text = text_of(replace(summary, weight=TotalWeight(1234.5, 999.6, 12_345.6, 180.0, 6000, "pairs"), crop=crop))
+    assert "weight      1,234 kg (1,000 to 12,346, 95 %), estimated from pairs\n" in text
+    assert "61,234 (58,000 to 65,000, 95 %; 1,225 a metre of row (1,160 to 1,300)): all fruit\n" in text
+    few = text_of(replace(summary, weight=TotalWeight(12.84, 0.951, 999.4, 180.0, 60, "pairs")))
+    assert "weight      12.8 kg (0.951 to 999, 95 %), estimated from pairs\n" in few
 
 
 def _fail_in_a_stage(progress: TerminalProgress) -> None:

@@ -71,7 +71,8 @@ def _weight(summary: Summary) -> str:
     total = summary.weight
     if total is None:
         return ""
-    return f"{total.kg:.3g} kg ({total.low_kg:.3g} to {total.high_kg:.3g}, 95 %), estimated from {total.source}"
+    ends = f"{_about(total.low_kg)} to {_about(total.high_kg)}"
+    return f"{_about(total.kg)} kg ({ends}, 95 %), estimated from {total.source}"
 
 
 def _crop(summary: Summary) -> str:
@@ -80,8 +81,13 @@ def _crop(summary: Summary) -> str:
         return ""
     every = crop.fruits
     metre = crop.per_metre
-    along = f"; {metre.value:.3g} a metre of row ({metre.low:.3g} to {metre.high:.3g})" if metre else ""
+    along = f"; {_about(metre.value)} a metre of row ({_about(metre.low)} to {_about(metre.high)})" if metre else ""
     return f"{every.value:,.0f} ({every.low:,.0f} to {every.high:,.0f}, 95 %{along}): {every.covers}"
+
+
+def _about(value: float) -> str:
+    """A number to three digits that count, or to a whole one."""
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:,.0f}"
 
 
 def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:

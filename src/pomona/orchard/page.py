@@ -259,7 +259,8 @@ def _line(row: Row, shown: _Map, classes: FloatArray) -> str:
         colour = f' stroke="{_COLOURS[k]}"'
     fruits = f"{row['fruits']} fruit{'s' * (row['fruits'] != 1)}"  # no mark between thousands: no script writes it
     said = f"{row['row']} {row['date']}".strip() + f": {fruits} found"
-    said += f", {value:.3g} a metre with hidden ones" if value is not None else ""
+    if value is not None:
+        said += f", {value:.{'3g' if value < 999.5 else '0f'}} a metre with hidden ones"
     return (
         f'<line{colour} stroke-width="4" x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}">'
         f"<title>{escape(said)}</title></line>"
