@@ -325,7 +325,8 @@ def interval_by_all_fruits(fruits: Fruits, tree: int) -> tuple[int, int]:
     share = np.where(here, np.where(fruits.other_tree_ids > 0, 0.5, 1.0), 0.0) + np.where(maybe & ~here, 0.5, 0.0)
     values = share * fruits.scores
     mean, sd = values.sum(), np.sqrt((values * (1 - values)).sum())
-    return max(min(here.sum(), int(np.floor(mean - 1.96 * sd))), 0), max(here.sum(), int(np.ceil(mean + 1.96 * sd)))
+    high = min((here | maybe).sum(), int(np.ceil(mean + 1.96 * sd)))
+    return max(min(here.sum(), int(np.floor(mean - 1.96 * sd))), 0), max(here.sum(), high)
 
 
 def test_trees_have_the_intervals_of_their_own_fruits() -> None:

@@ -244,6 +244,17 @@ def test_a_tree_without_fruits_has_none_and_weighs_nothing() -> None:
     assert np.isnan(trees.diameters_m[1])
 
 
+def test_no_tree_has_more_fruits_than_were_found_on_it_and_beside_it() -> None:
+    fruits = Fruits(
+        np.arange(1, 8), np.zeros((7, 3)), np.full(7, 0.07), np.full(7, 0.9), np.full(7, 3),
+        tree_ids=np.array([1, 2, 2, 2, 2, 2, 3]), other_tree_ids=np.array([0, 0, 0, 0, 0, 3, 0]),
+    )  # fmt: skip
+    trees = trees_of(fruits, Trunks(np.array([1, 2, 3]), np.eye(3)[:, :2]), STORY_APPLES)
+    assert trees.fruits.tolist() == [1, 5, 1]
+    assert trees.fruits_low.tolist() == [0, 2, 0]
+    assert trees.fruits_high.tolist() == [1, 5, 2]  # one of the second tree's may hang on the third
+
+
 def test_nothing_is_known_of_unknown_trees() -> None:
     fruits, _ = row(3, 1.0)
     assert len(trees_of(fruits, Trunks.unknown(), STORY_APPLES)) == 0

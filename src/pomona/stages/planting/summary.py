@@ -57,7 +57,10 @@ def _one(
 
 
 def _interval(own: Fruits, beside: Fruits) -> tuple[int, int]:
-    """The 95 % interval of the true fruits among those on a tree, and of those between it and a neighbour."""
+    """The 95 % interval of the true fruits among those on a tree, and of those between it and a neighbour.
+
+    There are no more than all of these, of which the normal distribution knows nothing.
+    """
     share = np.concatenate([np.where(own.other_tree_ids > 0, 0.5, 1.0), np.full(len(beside), 0.5)])
     scores = np.concatenate([own.scores, beside.scores])
     # A fruit without a score was put there by a person.
@@ -65,4 +68,5 @@ def _interval(own: Fruits, beside: Fruits) -> tuple[int, int]:
     mean, sd = float(probabilities.sum()), float(np.sqrt((probabilities * (1 - probabilities)).sum()))
     count = len(own)
     low = min(count, int(np.floor(mean - _WITHIN_95 * sd)))
-    return max(low, 0), max(count, int(np.ceil(mean + _WITHIN_95 * sd)))
+    high = min(len(scores), int(np.ceil(mean + _WITHIN_95 * sd)))
+    return max(low, 0), max(count, high)
