@@ -153,9 +153,8 @@ def _sides(data: ReportData) -> str:
         return ""
     tie = max(ties, key=lambda tie: tie.fruits)
     seen_from_both = sum(side == BOTH_SIDES for side in data.fruits.sides)
-    more = (
-        f"{amount_of(seen_from_both, 'fruit')} seen from both, {amount(tie.fruits)} of them placed by each side alone"
-    )
+    # Of the first fusion: of the fruits that there are now, a filter or a person may have taken some of them.
+    more = f"{amount_of(tie.fruits, 'fruit')} placed by each side alone, {amount(seen_from_both)} seen from both"
     return card("Sides agree to", f"{tie.median_mm:.0f} <small>mm</small>", more + _BROUGHT_TOGETHER[tie.tied_by])
 
 
