@@ -17,8 +17,10 @@ from pomona.corrections.log import Added, Correction, Deleted, Mark, Merged, Mov
 from pomona.corrections.training import LabelledMasks, write_training
 from pomona.errors import FormatError, InputError
 from pomona.formats.detections.coco_file import parse_coco
+from pomona.stages.planting import on_trees
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.trees import Trunks
 
 
 @pytest.fixture(scope="module")
@@ -217,6 +219,19 @@ def test_two_that_are_merged_hang_where_the_one_of_known_tree_does(found: Found)
         assert how == "merged"
         mine = done.fruits[done.fruits.ids == id_]
         assert (mine.tree_ids.tolist(), mine.other_tree_ids.tolist()) == ([1], [beside])
+
+
+@pytest.mark.parametrize("diameter_m", [None, 0.07])
+def test_an_added_fruit_hangs_on_the_nearest_trunk(found: Found, diameter_m: float | None) -> None:
+    trunks = Trunks(np.array([1, 2]), np.array([[-1.0, 0.0], [0.6, 0.0]]))
+    planted = replace(found, fruits=on_trees(found.fruits, trunks), trunks=trunks)
+    hangs = []
+    for x in (-0.5, -0.25, 0.4, 5.0):  # that at -0.25 is between trees, and the fruit nearest to it on the other one
+        place = np.array([x, 0.0, 2.3])
+        done = apply([Added(at=at(place), marks=two_marks(found, place), diameter_m=diameter_m)], planted)
+        new = done.fruits[done.fruits.ids > found.fruits.ids.max()]
+        hangs.append((new.tree_ids.tolist(), new.other_tree_ids.tolist()))
+    assert hangs == [([1], [0]), ([1], [2]), ([2], [0]), ([0], [0])]
 
 
 def every_kind(found: Found) -> list[Correction]:

@@ -119,7 +119,7 @@ def _new(survey: EditedSurvey, place: FloatArray, diameter: float | None, sd: fl
     if diameter is None:
         return survey.of_typical_size(survey.new_id(), place)
     one = Fruits(np.array([survey.new_id()]), place[None], np.array([diameter]), np.ones(1), np.zeros(1, np.int64))
-    return replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd]), tree_ids=survey.tree_near(place))
+    return survey.on_its_tree(replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd])))
 
 
 def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:

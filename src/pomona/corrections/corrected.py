@@ -12,9 +12,11 @@ from pomona.basics.arrays import FloatArray
 from pomona.corrections.log import Correction, in_words
 from pomona.fruit.traits.size import DEFAULT_DIAMETER_M, FruitSize, size_of_fruits
 from pomona.stages.measure import MeasureOptions
+from pomona.stages.planting import PlantingOptions
 from pomona.values.cameras import Cameras
 from pomona.values.detections import SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations
+from pomona.values.trees import Trunks
 
 LOST = "A correction cannot be applied any more and is kept"
 """How warnings begin of corrections that match nothing, or make no sense."""
@@ -29,7 +31,8 @@ class Found:
     """A survey's fruits as they were found and measured, and what they were found with.
 
     `detections` are all of the file; those below `least_score` can become no fruit. `side_of` says of which side each
-    photo is. `fruit_diameter_m` is what a fruit is taken to be where none was measured.
+    photo is. `fruit_diameter_m` is what a fruit is taken to be where none was measured. What is added hangs on the
+    `trunks` as `planting` says.
     """
 
     fruits: Fruits
@@ -40,6 +43,8 @@ class Found:
     least_score: float = 0.0
     measure: MeasureOptions = field(default_factory=MeasureOptions)
     fruit_diameter_m: float = DEFAULT_DIAMETER_M
+    trunks: Trunks = field(default_factory=Trunks.unknown)
+    planting: PlantingOptions = field(default_factory=PlantingOptions)
 
     @property
     def size(self) -> FruitSize:

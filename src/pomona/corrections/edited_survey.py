@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from pomona.basics.arrays import BoolArray, FloatArray, IntArray
+from pomona.basics.arrays import BoolArray, FloatArray
 from pomona.corrections.corrected import Found, How, MadeMask
 from pomona.corrections.log import Mark, Place
 from pomona.corrections.masks import drawn_mask, free_detection
 from pomona.stages.fuse import Fused
 from pomona.stages.measure import MeasureOptions, measure
+from pomona.stages.planting import on_trees
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations, side_of
 
@@ -178,26 +179,31 @@ class EditedSurvey:
         return replace(options, kind=kind, ratio_sd=_SAME_SHAPE, single_ratio_sd=_SAME_SHAPE)
 
     def of_typical_size(self, fruit_id: int, place: FloatArray, like: Fruits | None = None) -> Fruits:
-        """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or of its neighbour."""
+        """Return a fruit (1 row) at a place, as large as the survey's, on the tree of `like` or on its own."""
         size = self.found.size
-        return Fruits(
+        fruit = Fruits(
             np.array([fruit_id]),
             place[None],
             np.array([size.diameter_m]),
             np.ones(1),  # a person saw it
             np.zeros(1, np.int64),
             np.array([size.sd_m]),
-            tree_ids=self.tree_near(place) if like is None else like.tree_ids,
-            sides=("",) if like is None else like.sides,
         )
+        if like is None:
+            return self.on_its_tree(fruit)
+        return replace(fruit, tree_ids=like.tree_ids, other_tree_ids=like.other_tree_ids, sides=like.sides)
 
-    def tree_near(self, place: FloatArray) -> IntArray:
-        """Return the tree (1,) of the fruit nearest to a place."""
+    def on_its_tree(self, fruit: Fruits) -> Fruits:
+        """Return a fruit (1 row) on the tree of the nearest trunk; of trees that a person named, of the nearest fruit.
+
+        Those have no trunks.
+        """
+        if len(self.found.trunks):
+            return on_trees(fruit, self.found.trunks, self.found.planting)
         if not len(self.fruits):
-            return np.zeros(1, np.int64)
-        away = np.linalg.norm(self.fruits.centers_in_world - place, axis=1)
-        nearest: IntArray = self.fruits.tree_ids[away.argmin()][None]
-        return nearest
+            return fruit
+        away = np.linalg.norm(self.fruits.centers_in_world - fruit.centers_in_world, axis=1)
+        return replace(fruit, tree_ids=self.fruits.tree_ids[away.argmin()][None])
 
 
 def joined_fruits(parts: Sequence[Fruits]) -> Fruits:

@@ -12,11 +12,13 @@ from pomona.pipeline.segment import SEGMENT, Segmented
 from pomona.pipeline.select import SELECT
 from pomona.pipeline.stage import CORRECTIONS, SIDES, Fact, Stage
 from pomona.values.fruits import FruitCloud
+from pomona.values.trees import Trunks
 
 if TYPE_CHECKING:
     from pomona.pipeline.options import StageOptions
     from pomona.stages.fuse.fused import Fused
     from pomona.stages.measure.options import MeasureOptions
+    from pomona.stages.planting.options import PlantingOptions
     from pomona.stages.scale.report import Placed
 
 
@@ -30,14 +32,17 @@ class FoundWithCloud:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundOptions:
-    """What corrected fruits are measured by, and how wide a fruit is taken to be where none was measured."""
+    """What corrected fruits are measured by, how wide one is taken to be where none was measured, how they hang."""
 
     measure: MeasureOptions
     fruit_diameter_m: float
+    planting: PlantingOptions
 
 
 def _options(options: StageOptions) -> FoundOptions:
-    return FoundOptions(measure=options.measure, fruit_diameter_m=options.run.usual_diameter_m)
+    return FoundOptions(
+        measure=options.measure, fruit_diameter_m=options.run.usual_diameter_m, planting=options.planting
+    )
 
 
 def _found(
@@ -46,6 +51,7 @@ def _found(
     placed: Placed,
     side_of: Mapping[str, str],
     least_score: float,
+    trunks: Trunks,
     *,
     options: FoundOptions,
 ) -> FoundWithCloud:
@@ -58,6 +64,8 @@ def _found(
         least_score=least_score,
         measure=options.measure,
         fruit_diameter_m=options.fruit_diameter_m,
+        trunks=trunks,
+        planting=options.planting,
     )
     return FoundWithCloud(found, measured.cloud)
 
@@ -66,8 +74,8 @@ def _correct(found: FoundWithCloud, corrections: Corrections) -> Corrected:
     return apply(corrections.done, found.found)
 
 
-def found_stage(measured: Stage[Fused]) -> Stage[FoundWithCloud]:
-    """Return the fruits of `measured` with all that correcting them takes."""
+def found_stage(measured: Stage[Fused], trunks: Stage[Trunks]) -> Stage[FoundWithCloud]:
+    """Return the fruits of `measured`, on trees of `trunks`, with all that correcting them takes."""
     return Stage(
         name="found",
         inputs={
@@ -76,6 +84,7 @@ def found_stage(measured: Stage[Fused]) -> Stage[FoundWithCloud]:
             "placed": SCALE,
             "side_of": SIDES,
             "least_score": Fact(SELECT, "least_score"),
+            "trunks": trunks,
         },
         options=_options,
         compute=_found,

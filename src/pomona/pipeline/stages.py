@@ -52,7 +52,7 @@ def stages_of(method: str, *, corrected: bool) -> Stages:
     with_points = measured if method == "paper" else sphere_cloud_stage(measured)
     dense: Stage[Any] = FRUIT_CLOUD if method == "paper" else with_points
     shown = planted_stage(with_points, trunks)
-    found = found_stage(shown)
+    found = found_stage(shown, trunks)
     by_person = correct_stage(found) if corrected else None
     results = results_stage(fuse[-1], shown, trunks, by_person)
     report = report_stage(results, by_person)
