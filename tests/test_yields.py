@@ -546,6 +546,25 @@ def test_trees_of_the_table_that_photos_do_not_show_are_neither_counted_nor_empt
     assert warnings == []
 
 
+@pytest.mark.parametrize(("metres", "shown"), [(False, 20), (True, 9)])
+def test_hand_counts_where_nothing_is_estimated_are_said(tmp_path: Path, metres: bool, shown: int) -> None:
+    fruits, observations, cameras, _ = grown(3, 2)
+    fruits = fruits[:shown]
+    observations = observations[np.isin(observations.fruit_id, fruits.ids)]
+    cameras = cameras if metres else replace(cameras, frame=WorldFrame())
+    said = {}
+    for counts in (None, counted(tmp_path / "c.csv", "2,40\n")):
+        listening = Silent()
+        options = YieldOptions(draws=300, hand_counts=counts)
+        trees = trees_of(fruits, TRUNKS, STORY_APPLES)
+        found = estimate_crop(fruits, observations, cameras, trees, STORY_APPLES, options=options, progress=listening)
+        assert found.crop is None
+        said[counts] = listening.warnings
+    without, given = said.values()
+    assert without == []
+    assert ["which takes metres and 10 fruits" in warning for warning in given] == [True]
+
+
 def test_hand_counts_without_trees_or_far_off_are_said(tmp_path: Path) -> None:
     fruits, observations, cameras, _ = grown(13, 2)
     options = YieldOptions(draws=300, hand_counts=counted(tmp_path / "c.csv", "2,40\n"))

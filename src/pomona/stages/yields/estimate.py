@@ -72,6 +72,11 @@ def estimate_crop(
     options, progress = options or YieldOptions(), progress or Silent()
     counts = None if options.hand_counts is None else read_hand_counts(options.hand_counts)
     if not cameras.frame.metric or len(np.unique(observations.fruit_id)) < options.fewest_fruits:
+        if counts is not None:
+            progress.warn(
+                "Hand counts were left out: they calibrate the estimate of all fruit, which takes metres and "
+                f"{options.fewest_fruits} fruits that photos show"
+            )
         return Estimate(None, fruits, trees, RowSegments.empty())
     line = row_line(fruits.centers_in_world, walk_of(cameras.centers_in_world))
     encounters = encounters_of(fruits, observations, cameras, candidate_views, options)
