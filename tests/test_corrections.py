@@ -244,6 +244,18 @@ def every_kind(found: Found) -> list[Correction]:
     ]
 
 
+def test_what_is_not_known_of_a_corrected_fruit_has_a_reason(found: Found) -> None:
+    ripe = np.full(len(found.fruits), 0.9)
+    measured = replace(found, fruits=replace(found.fruits, visibilities=ripe, heights_m=ripe * DIAMETER_M))
+    done = apply([*every_kind(found), Added(at=(2.0, 0.0, 2.0), diameter_m=0.06)], measured)
+    fruits, said = done.fruits, np.array([bool(reason) for reason in done.fruits.reasons])
+    known = np.stack([fruits.diameters_m, fruits.visibilities, fruits.heights_m, fruits.weights_g])
+    assert said.tolist() == (~np.isfinite(known).all(axis=0)).tolist()
+    by_person = [reason for reason in fruits.reasons if "by a person" in reason]
+    assert any("as large as it was clicked" in reason for reason in by_person)
+    assert any("as large as the others" in reason for reason in by_person)
+
+
 def test_after_another_run_with_other_numbers_all_is_found_again_by_place(found: Found) -> None:
     log = every_kind(found)
     first = apply(log, found)

@@ -20,6 +20,7 @@ from pomona.values.detections import Mask, SurveyDetections
 from pomona.values.fruits import Fruits, Observations
 
 _NOTHING_THERE = "there is no fruit"
+_OF_CLICKED_SIZE = "put there by a person: as large as it was clicked"
 _FARTHEST_MERGED = 1.5  # usual diameters: what hangs farther apart is two fruits, and one of its width would be none
 
 
@@ -119,7 +120,8 @@ def _new(survey: EditedSurvey, place: FloatArray, diameter: float | None, sd: fl
     if diameter is None:
         return survey.of_typical_size(survey.new_id(), place)
     one = Fruits(np.array([survey.new_id()]), place[None], np.array([diameter]), np.ones(1), np.zeros(1, np.int64))
-    return survey.on_its_tree(replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd])))
+    one = replace(one, diameter_sds_m=np.array([np.nan if sd is None else sd]), reasons=(_OF_CLICKED_SIZE,))
+    return survey.on_its_tree(one)
 
 
 def _merge(survey: EditedSurvey, correction: Merged) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from pomona.stages.planting import on_trees
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations, side_of
 
+OF_USUAL_SIZE = "put there by a person: as large as the others usually are"
 _SAME_SHAPE = 0.005  # the spread of height to width, as a share, where the shape is taken to be the survey's
 
 
@@ -188,6 +189,7 @@ class EditedSurvey:
             np.ones(1),  # a person saw it
             np.zeros(1, np.int64),
             np.array([size.sd_m]),
+            reasons=(OF_USUAL_SIZE,),
         )
         if like is None:
             return self.on_its_tree(fruit)
