@@ -32,7 +32,7 @@ from pomona.progress import Silent
 from pomona.values.cameras import WorldFrame
 from pomona.values.fruits import Fruits, Observations
 from pomona.values.photos import Photos
-from pomona.values.trees import Trees
+from pomona.values.trees import Trees, Trunks
 from report_scenes import LENS, observe, row_cameras, row_photos, row_report
 from view_scenes import write_view_survey
 
@@ -67,7 +67,7 @@ def somewhere(scale: float = 1.0) -> Similarity:
 
 
 MARKERS = WorldFrame("markers", approximate=False, up_is_known=True)
-NO_PHOTOS, NO_TREES = Photos(()), Trees.empty()
+NO_PHOTOS, NO_TREES, NO_TRUNKS = Photos(()), Trees.empty(), Trunks.unknown()
 
 
 @dataclass
@@ -79,6 +79,7 @@ class Survey:
     frame: WorldFrame = MARKERS
     photos: Photos = NO_PHOTOS
     trees: Trees = NO_TREES
+    trunks: Trunks = NO_TRUNKS
 
     @property
     def poses(self):
@@ -397,6 +398,36 @@ def test_fruits_are_on_the_trees_of_the_earlier_survey_where_the_later_one_does_
     known = dict(comparison.tree_growth())
     assert set(known) == {1, 2, 3}
     assert all(growth.value == pytest.approx(0.015, abs=0.003) for growth in known.values())
+
+
+@pytest.mark.parametrize("moved_in", ["before", "after"])
+def test_a_tree_that_a_person_named_takes_no_fruits_from_those_that_have_trunks(moved_in: str) -> None:
+    """One fruit was moved to a tree 7, which has no trunk: it stands in the table of trees where that fruit hangs."""
+    fruits = {"before": found(EARLY, 1), "after": found(LATE, 2)}
+    mine = fruits[moved_in]
+    both = np.isin(mine.ids, fruits["after" if moved_in == "before" else "before"].ids)
+    k = int(np.flatnonzero(both & (mine.tree_ids == 2))[0])
+    planted = trunks_beneath(mine)
+    trees = mine.tree_ids.copy()
+    trees[k] = 7
+    fruits[moved_in] = replace(mine, tree_ids=trees)
+    if moved_in == "before":
+        fruits["after"] = replace(fruits["after"], tree_ids=np.zeros(len(fruits["after"]), np.int64))
+    surveys = {
+        name: on_day(Survey(Path(name), each), day) for day, (name, each) in zip((0, 40), fruits.items(), strict=True)
+    }
+    trunks = Trunks(planted.ids, planted.xy_in_world)
+    surveys[moved_in] = replace(surveys[moved_in], trees=trunks_beneath(fruits[moved_in]), trunks=trunks)
+    comparison = compare_surveys(surveys["before"], surveys["after"])
+    table = {name: np.asarray(values).tolist() for name, values in comparison.tree_columns().items()}
+    assert table["id"] == [1, 2, 3, 7]
+    assert (table["fruits_before"][3], table["fruits_after"][3], table["same"][3]) == (1, 1, 1)
+    assert all(20 <= count <= 30 for count in table["fruits_before"][:3])
+    assert all(12 <= count <= 26 for count in table["fruits_after"][:3])
+    for before, after, same, gone, away, new in zip(
+        *(table[name] for name in ("fruits_before", "fruits_after", "same", "gone", "out_of_view", "new")), strict=True
+    ):
+        assert (before, after) == (same + gone + away, same + new)
 
 
 def test_the_page_shows_growth_in_the_unit_of_its_diameters() -> None:

@@ -88,22 +88,38 @@ def _metres_per_unit(before: SurveyReader, after: SurveyReader, overlay: Overlay
 
 
 def _in_one_frame(before: SurveyReader, after: SurveyReader, overlay: Overlay) -> tuple[Fruits, Fruits]:
-    """Return both surveys' fruits in the frame of the second, on the trees of the one that knows trees."""
-    fruits = before.fruits
+    """Return both surveys' fruits in the frame of the second, on the trees of the one that knows trees.
+
+    Those that are the same hang on the same tree, wherever a person moved them.
+    """
+    fruits, pairs = before.fruits, overlay.pairs
     old = replace(_scaled(fruits, overlay.target_from_source.scale), centers_in_world=overlay.placed)
     new = after.fruits
     if new.tree_ids.any():
-        return on_trees(old, _trunks(after)), new
+        return _as_the_same(on_trees(old, _trunks(after)), new, pairs), new
     if not fruits.tree_ids.any():
         return old, new
     # Where the survey is that knows trees: the other one may not know up, from where the nearest trunk is told.
     there = replace(new, centers_in_world=overlay.carried_back(new.centers_in_world))
     there = on_trees(there, _trunks(before))
-    return old, replace(new, tree_ids=there.tree_ids, other_tree_ids=there.other_tree_ids)
+    new = replace(new, tree_ids=there.tree_ids, other_tree_ids=there.other_tree_ids)
+    return old, _as_the_same(new, old, pairs[:, ::-1])
+
+
+def _as_the_same(fruits: Fruits, others: Fruits, pairs: IntArray) -> Fruits:
+    """Return fruits (n) on the trees of those of others (m) that are the same by `pairs` (k, 2) of both."""
+    tree_ids, beside = fruits.tree_ids.copy(), fruits.other_tree_ids.copy()
+    tree_ids[pairs[:, 0]], beside[pairs[:, 0]] = others.tree_ids[pairs[:, 1]], others.other_tree_ids[pairs[:, 1]]
+    return replace(fruits, tree_ids=tree_ids, other_tree_ids=beside)
 
 
 def _trunks(survey: SurveyReader) -> Trunks:
-    """Return a survey's trunks; none of a version without a table of trees."""
+    """Return a survey's trunks; of one that knows none, the middles of the trees that a person named.
+
+    Beside trunks, those are left out: such a tree may be one fruit.
+    """
+    if len(survey.trunks):
+        return survey.trunks
     try:
         trees = survey.trees
     except MissingFileError:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pomona.pipeline.scale import SCALE
 from pomona.pipeline.stage import Stage, Store, SurveyContext
 from pomona.progress import Progress
@@ -40,8 +38,7 @@ def _save(trunks: Trunks, context: SurveyContext) -> Mapping[str, Any]:
 
 
 def _load(info: Mapping[str, Any], context: SurveyContext) -> Trunks:
-    xy_in_world = np.array(info["xy_in_world"], float).reshape(-1, 2)
-    return Trunks(np.array(info["ids"], np.int64), xy_in_world, info["source"])
+    return Trunks.from_json(info)
 
 
 def planting_stage(measured: Stage[Fused]) -> Stage[Trunks]:

@@ -20,7 +20,7 @@ from pomona.values.crop import Crop, RowSegments
 from pomona.values.detections import SurveyDetections
 from pomona.values.fruits import FruitCloud, Fruits, Observations
 from pomona.values.photos import Photos, Skipped
-from pomona.values.trees import Trees
+from pomona.values.trees import Trees, Trunks
 
 if TYPE_CHECKING:
     from pomona.stages.scale.report import ScaleReport
@@ -89,6 +89,12 @@ class SurveyReader:
 
         self.files.need(self.files.trees)
         return read_trees(self.files.trees)
+
+    @property
+    def trunks(self) -> Trunks:
+        """Where trunks stand; none where they are not known. `trees` has those, too, that only a person named."""
+        record = self._finished("planting")
+        return self._fact(record, "ids", lambda _: Trunks.from_json(record.info)) if record else Trunks.unknown()
 
     @cached_property
     def segments(self) -> RowSegments:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -52,6 +53,12 @@ class Trunks(OneLine):
     def unknown(cls) -> Trunks:
         """Return no trunks: trees are not known."""
         return cls(np.zeros(0, np.int64), np.zeros((0, 2)), "none")
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Trunks:
+        """Return the trunks of which the facts of the stage `planting` hold the entries."""
+        xy_in_world = np.array(values["xy_in_world"], float).reshape(-1, 2)
+        return cls(np.array(values["ids"], np.int64), xy_in_world, values["source"])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
