@@ -32,7 +32,7 @@ from pomona.progress import Silent
 from pomona.values.cameras import WorldFrame
 from pomona.values.fruits import Fruits, Observations
 from pomona.values.photos import Photos
-from pomona.values.trees import Trees, Trunks
+from pomona.values.trees import Trunks
 from report_scenes import LENS, observe, row_cameras, row_photos, row_report
 from view_scenes import write_view_survey
 
@@ -67,7 +67,7 @@ def somewhere(scale: float = 1.0) -> Similarity:
 
 
 MARKERS = WorldFrame("markers", approximate=False, up_is_known=True)
-NO_PHOTOS, NO_TREES, NO_TRUNKS = Photos(()), Trees.empty(), Trunks.unknown()
+NO_PHOTOS, NO_TRUNKS = Photos(()), Trunks.unknown()
 
 
 @dataclass
@@ -78,7 +78,6 @@ class Survey:
     fruits: Fruits
     frame: WorldFrame = MARKERS
     photos: Photos = NO_PHOTOS
-    trees: Trees = NO_TREES
     trunks: Trunks = NO_TRUNKS
 
     @property
@@ -378,12 +377,10 @@ def test_an_approximate_scale_takes_the_metres_of_the_other() -> None:
     assert comparison.metric
 
 
-def trunks_beneath(fruits: Fruits) -> Trees:
-    """Trees of which the trunks stand beneath the middle of their fruits."""
+def trunks_beneath(fruits: Fruits) -> Trunks:
+    """Trunks that stand beneath the middle of their trees' fruits."""
     ids = np.unique(fruits.tree_ids)
-    xy = np.array([fruits.centers_in_world[fruits.tree_ids == tree, :2].mean(axis=0) for tree in ids])
-    none, nothing = np.zeros(len(ids), np.int64), np.zeros(len(ids))
-    return Trees(ids, xy, none, none, none, nothing, nothing, nothing, nothing)
+    return Trunks(ids, np.array([fruits.centers_in_world[fruits.tree_ids == tree, :2].mean(axis=0) for tree in ids]))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.3])
@@ -391,7 +388,7 @@ def test_fruits_are_on_the_trees_of_the_earlier_survey_where_the_later_one_does_
     high = Similarity(1.0, np.eye(3), np.array([0.0, 0.0, 250.0]))  # heights are altitudes
     before, after = moved(found(EARLY, 1), high), found(LATE, 2)
     bare = replace(after, tree_ids=np.zeros(len(after), np.int64))
-    earlier = on_day(Survey(Path("a"), before, trees=trunks_beneath(before)), 0)
+    earlier = on_day(Survey(Path("a"), before, trunks=trunks_beneath(before)), 0)
     frame = MARKERS if scale == 1 else WorldFrame("none")
     comparison = compare_surveys(earlier, on_day(Survey(Path("b"), moved(bare, somewhere(scale)), frame), 40))
     assert np.mean(comparison.after.tree_ids == after.tree_ids) > 0.95
@@ -400,34 +397,45 @@ def test_fruits_are_on_the_trees_of_the_earlier_survey_where_the_later_one_does_
     assert all(growth.value == pytest.approx(0.015, abs=0.003) for growth in known.values())
 
 
+def bare(fruits: Fruits) -> Fruits:
+    return replace(fruits, tree_ids=np.zeros(len(fruits), np.int64))
+
+
 @pytest.mark.parametrize("moved_in", ["before", "after"])
-def test_a_tree_that_a_person_named_takes_no_fruits_from_those_that_have_trunks(moved_in: str) -> None:
-    """One fruit was moved to a tree 7, which has no trunk: it stands in the table of trees where that fruit hangs."""
+@pytest.mark.parametrize("trunks_in", ["before", "after"])
+def test_a_tree_that_a_person_named_takes_no_fruits_from_those_that_have_trunks(moved_in: str, trunks_in: str) -> None:
+    """One fruit was moved to a tree 7, which has no trunk."""
     fruits = {"before": found(EARLY, 1), "after": found(LATE, 2)}
+    trunks = trunks_beneath(fruits[trunks_in])
+    fruits = {name: each if name == trunks_in else bare(each) for name, each in fruits.items()}
     mine = fruits[moved_in]
-    both = np.isin(mine.ids, fruits["after" if moved_in == "before" else "before"].ids)
-    k = int(np.flatnonzero(both & (mine.tree_ids == 2))[0])
-    planted = trunks_beneath(mine)
+    in_both = np.isin(mine.ids, np.intersect1d(fruits["before"].ids, fruits["after"].ids))
     trees = mine.tree_ids.copy()
-    trees[k] = 7
+    trees[np.flatnonzero(in_both)[0]] = 7
     fruits[moved_in] = replace(mine, tree_ids=trees)
-    if moved_in == "before":
-        fruits["after"] = replace(fruits["after"], tree_ids=np.zeros(len(fruits["after"]), np.int64))
-    surveys = {
-        name: on_day(Survey(Path(name), each), day) for day, (name, each) in zip((0, 40), fruits.items(), strict=True)
+    before, after = (
+        on_day(Survey(Path(name), fruits[name], trunks=trunks if name == trunks_in else NO_TRUNKS), day)
+        for name, day in (("before", 0), ("after", 40))
+    )
+    table = {
+        name: np.asarray(values).tolist() for name, values in compare_surveys(before, after).tree_columns().items()
     }
-    trunks = Trunks(planted.ids, planted.xy_in_world)
-    surveys[moved_in] = replace(surveys[moved_in], trees=trunks_beneath(fruits[moved_in]), trunks=trunks)
-    comparison = compare_surveys(surveys["before"], surveys["after"])
-    table = {name: np.asarray(values).tolist() for name, values in comparison.tree_columns().items()}
-    assert table["id"] == [1, 2, 3, 7]
-    assert (table["fruits_before"][3], table["fruits_after"][3], table["same"][3]) == (1, 1, 1)
-    assert all(20 <= count <= 30 for count in table["fruits_before"][:3])
-    assert all(12 <= count <= 26 for count in table["fruits_after"][:3])
-    for before, after, same, gone, away, new in zip(
-        *(table[name] for name in ("fruits_before", "fruits_after", "same", "gone", "out_of_view", "new")), strict=True
-    ):
-        assert (before, after) == (same + gone + away, same + new)
+    named = [7] if moved_in == trunks_in else []  # where the other survey knows trunks, those say where a fruit hangs
+    assert table["id"] == [1, 2, 3, *named]
+    names = ("fruits_before", "fruits_after", "same", "gone", "out_of_view", "new")
+    for tree, old, new, same, gone, away, more in zip(table["id"], *(table[name] for name in names), strict=True):
+        assert (old, new) == (same + gone + away, same + more)
+        assert (old, new, same) == (1, 1, 1) if tree == 7 else (20 <= old <= 30 and 12 <= new <= 26)
+
+
+def test_where_trees_are_not_known_one_that_a_person_named_has_that_fruit_alone() -> None:
+    before, after = bare(found(EARLY, 1)), bare(found(LATE, 2))
+    k = int(np.flatnonzero(np.isin(after.ids, before.ids))[0])
+    after = replace(after, tree_ids=np.where(np.arange(len(after)) == k, 7, 0))
+    comparison = compared(before, after)
+    table = comparison.tree_columns()
+    assert (table["id"].tolist(), table["fruits_after"], table["same"]) == ([7], [1], [1])
+    assert 1 <= table["fruits_before"][0] <= 3  # and those that hung beside it and are gone
 
 
 def test_the_page_shows_growth_in_the_unit_of_its_diameters() -> None:

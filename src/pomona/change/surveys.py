@@ -6,18 +6,18 @@ from dataclasses import replace
 from datetime import date, datetime
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pomona.basics.arrays import BoolArray, FloatArray, IntArray, counted
 from pomona.basics.geometry import estimate_similarity
 from pomona.change.comparison import Comparison
 from pomona.change.matching import Overlay, lay_over
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError
 from pomona.fruit.geometry.near_photos import in_view
 from pomona.stages.planting import on_trees
 from pomona.survey.reader import SurveyReader
 from pomona.values.cameras import Cameras
 from pomona.values.fruits import Fruits
-from pomona.values.trees import Trunks
 
 # As many fruits have to be the same for two surveys to be laid over each other.
 _LEAST_COMMON = 8
@@ -95,13 +95,14 @@ def _in_one_frame(before: SurveyReader, after: SurveyReader, overlay: Overlay) -
     fruits, pairs = before.fruits, overlay.pairs
     old = replace(_scaled(fruits, overlay.target_from_source.scale), centers_in_world=overlay.placed)
     new = after.fruits
-    if new.tree_ids.any():
-        return _as_the_same(on_trees(old, _trunks(after)), new, pairs), new
+    # A person may have named trees of a few fruits where none are known.
+    if len(after.trunks) or (new.tree_ids.any() and not len(before.trunks)):
+        return _as_the_same(_on_trees_of(after, old), new, pairs), new
     if not fruits.tree_ids.any():
         return old, new
     # Where the survey is that knows trees: the other one may not know up, from where the nearest trunk is told.
     there = replace(new, centers_in_world=overlay.carried_back(new.centers_in_world))
-    there = on_trees(there, _trunks(before))
+    there = _on_trees_of(before, there)
     new = replace(new, tree_ids=there.tree_ids, other_tree_ids=there.other_tree_ids)
     return old, _as_the_same(new, old, pairs[:, ::-1])
 
@@ -113,19 +114,16 @@ def _as_the_same(fruits: Fruits, others: Fruits, pairs: IntArray) -> Fruits:
     return replace(fruits, tree_ids=tree_ids, other_tree_ids=beside)
 
 
-def _trunks(survey: SurveyReader) -> Trunks:
-    """Return a survey's trunks; of one that knows none, the middles of the trees that a person named.
+def _on_trees_of(survey: SurveyReader, fruits: Fruits) -> Fruits:
+    """Return fruits, in a survey's frame, on the tree of its nearest trunk.
 
-    Beside trunks, those are left out: such a tree may be one fruit.
+    Of trees that a person named alone, which have no trunks and may be one fruit, on that of its nearest fruit.
     """
     if len(survey.trunks):
-        return survey.trunks
-    try:
-        trees = survey.trees
-    except MissingFileError:
-        return Trunks.unknown()
-    known = np.isfinite(trees.xy_in_world).all(axis=1)
-    return Trunks(trees.ids[known], trees.xy_in_world[known])
+        return on_trees(fruits, survey.trunks)
+    own = survey.fruits
+    nearest = np.asarray(cKDTree(own.centers_in_world).query(fruits.centers_in_world)[1])
+    return replace(fruits, tree_ids=own.tree_ids[nearest], other_tree_ids=own.other_tree_ids[nearest])
 
 
 def _scaled(fruits: Fruits, factor: float) -> Fruits:
