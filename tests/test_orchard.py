@@ -481,6 +481,28 @@ def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path
     assert "40\N{NO-BREAK SPACE}m, of 1 of them" in page
 
 
+@pytest.mark.parametrize("drawn", [True, False])
+def test_why_rows_are_not_on_the_map_is_said(tmp_path: Path, drawn: bool) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    orchard = planned_rows(tmp_path, 4)
+    write_finished(orchard)
+    folder = OrchardFolder(Place(orchard.out))
+    for name in ("0001", "0002", "0003", *(() if drawn else ("0000",))):  # too little was found, or sides are apart
+        write_segments(folder.survey(name).path / "segments.csv", RowSegments.empty())
+    bare = folder.survey("0003").path / "survey.json"
+    manifest = json.loads(bare.read_text())
+    manifest["stages"]["scale"]["info"]["frame"] |= {"crs": None, "origin": None}
+    bare.write_text(json.dumps(manifest))
+    into = tmp_path / "tables"
+    into.mkdir()
+    write_tables(orchard, folder, into, Silent())
+    write_page(orchard, into / "orchard.gpkg", tmp_path / "report.html", Silent())
+    page = (tmp_path / "report.html").read_text()
+    assert "1 row has no place on Earth" in page
+    assert f"{2 if drawn else 3} rows have a place on Earth, but no line" in page
+    assert ('class="map"' in page) is drawn
+
+
 def test_each_tree_of_a_table_of_the_whole_orchard_counts_once(tmp_path: Path) -> None:
     """Each of three rows is given all 12 trees; its photos look at four, on one of which nothing hangs."""
     pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")

@@ -6,6 +6,7 @@ The page is written from the orchard's GeoPackage, line by line, so that memory 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
@@ -184,13 +185,11 @@ class _Map:
 
 def _write_map(file: TextIO, package: Path) -> None:
     """Write the newest survey of each row as a line, coloured by fruits a metre; what has no place is said."""
-    extent, density, placed, nowhere, letters = _extent(package)
+    extent, density, placed, letters = _extent(package)
     file.write('<section class="sheet"><h2>Map</h2>')
     if extent is None:
-        file.write(
-            '<p class="note">No row has a place on Earth: photos with GNSS, markers with a coordinate system or ground '
-            "control points give one.</p></section>\n"
-        )
+        none = '<p class="note">No survey is finished.</p>'
+        file.write(f"{_not_on_map(package) or none}</section>\n")
         return
     named = placed <= _MOST_NAMES
     shown = _map_of(extent, max(_MARGIN, 14 + _LETTER * min(letters, _MOST_LETTERS)) if named else _MARGIN)
@@ -210,23 +209,34 @@ def _write_map(file: TextIO, package: Path) -> None:
             for k, colour in enumerate(_COLOURS)
         )
         file.write(f'<ul class="legend"><li>Fruits a metre of row, hidden ones too:</li>{"".join(entries)}</ul>')
-    if nowhere:
-        file.write(f'<p class="note">{_said(nowhere)} row{"s have" if nowhere > 1 else " has"} no place on Earth.</p>')
-    file.write("</section>\n")
+    file.write(f"{_not_on_map(package)}</section>\n")
+
+
+def _not_on_map(package: Path) -> str:
+    """Say how many rows the map lacks, and why; nothing where it has all."""
+    on_earth = Counter(bool(row["crs"]) for row in _newest(package) if row["places"] is None)
+    reasons = (
+        (False, "no place on Earth, which photos with GNSS, markers with a coordinate system or control points give"),
+        (True, "a place on Earth, but no line: too few fruits were found, or sides are not joined"),
+    )
+    return "".join(
+        f'<p class="note">{_said(on_earth[known])} row{"s have" if on_earth[known] > 1 else " has"} {reason}.</p>'
+        for known, reason in reasons
+        if on_earth[known]
+    )
 
 
 def _newest(package: Path) -> Iterator[dict[str, Any]]:
     return (row for row in read_layer(package, "rows") if row["newest"])
 
 
-def _extent(package: Path) -> tuple[FloatArray | None, FloatArray, int, int, int]:
-    """West, south, east, north of all rows (None: none has a place), fruits a metre, rows with and without a place, and
-    letters of the longest name."""
-    extent, placed, nowhere, letters = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0, 0, 0
+def _extent(package: Path) -> tuple[FloatArray | None, FloatArray, int, int]:
+    """West, south, east, north of all rows (None: none has a place), fruits a metre, rows with a place, and letters of
+    the longest name."""
+    extent, placed, letters = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0, 0
     density: list[float] = []
     for row in _newest(package):
         if row["places"] is None:
-            nowhere += 1
             continue
         placed += 1
         letters = max(letters, len(row["row"]))
@@ -234,7 +244,7 @@ def _extent(package: Path) -> tuple[FloatArray | None, FloatArray, int, int, int
         extent[2:] = np.maximum(extent[2:], row["places"].max(0))
         if row["all_per_metre"] is not None and len(density) < _MOST_COUNTED:
             density.append(row["all_per_metre"])
-    return (extent if np.isfinite(extent).all() else None), np.array(density), placed, nowhere, letters
+    return (extent if np.isfinite(extent).all() else None), np.array(density), placed, letters
 
 
 def _map_of(extent: FloatArray, room: float) -> _Map:
