@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pomona.basics.arrays import counted, places_within, some_subsets
+from pomona.basics.arrays import counted, places_within, some_subsets, to_digits
 from pomona.basics.geometry import Similarity, estimate_similarity
 from pomona.errors import InputError, PomonaError
 from pomona.values.cameras import Cameras, WorldFrame, concatenate
@@ -51,6 +51,14 @@ def random_cameras(rng: np.random.Generator, model: str = "OPENCV") -> Cameras:
 
 def points_in_front(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.stack([rng.uniform(-0.4, 0.4, n), rng.uniform(-0.3, 0.3, n), np.ones(n)], 1) * rng.uniform(1, 5, (n, 1))
+
+
+def test_numbers_have_the_digits_that_count_and_no_exponent() -> None:
+    assert [to_digits(value, 3) for value in (0, 0.12345, 99.96, 999.4, 999.6, 12345.6)] == [
+        "0", "0.123", "100", "999", "1,000", "12,346",
+    ]  # fmt: skip
+    assert to_digits(-1234.5, 4, mark="") == "-1234"
+    assert to_digits(20000.0, 4, mark="") == "20000"
 
 
 def test_what_is_counted_is_one_or_more_with_separators() -> None:

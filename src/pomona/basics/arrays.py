@@ -105,6 +105,11 @@ def counted(n: int, one: str) -> str:
     return f"{n:,} {one}{'' if n == 1 else 's'}"
 
 
+def to_digits(value: float, digits: int, *, mark: str = ",") -> str:
+    """Return a number to so many digits that count, or to a whole one: of three, 0.123, 12.3, 1,234; no 1.23e+03."""
+    return f"{value:.{digits}g}" if abs(value) < 10**digits - 0.5 else f"{value:{mark}.0f}"
+
+
 def batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
     """Yield items in turn, `size` at once; the last ones may be fewer."""
     for start in range(0, len(items), size):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from pomona.basics.arrays import counted
+from pomona.basics.arrays import counted, to_digits
 from pomona.cli.wording import all_with_options, with_options
 from pomona.fruit.traits.kinds import fruit_kind
 from pomona.pipeline import Summary
@@ -71,23 +71,21 @@ def _weight(summary: Summary) -> str:
     total = summary.weight
     if total is None:
         return ""
-    ends = f"{_about(total.low_kg)} to {_about(total.high_kg)}"
-    return f"{_about(total.kg)} kg ({ends}, 95 %), estimated from {total.source}"
+    middle, low, high = (to_digits(kg, 3) for kg in (total.kg, total.low_kg, total.high_kg))
+    return f"{middle} kg ({low} to {high}, 95 %), estimated from {total.source}"
 
 
 def _crop(summary: Summary) -> str:
     crop = summary.crop
     if crop is None:
         return ""
-    every = crop.fruits
-    metre = crop.per_metre
-    along = f"; {_about(metre.value)} a metre of row ({_about(metre.low)} to {_about(metre.high)})" if metre else ""
+    every, along = crop.fruits, ""
+    if crop.per_metre:
+        middle, low, high = (
+            to_digits(each, 3) for each in (crop.per_metre.value, crop.per_metre.low, crop.per_metre.high)
+        )
+        along = f"; {middle} a metre of row ({low} to {high})"
     return f"{every.value:,.0f} ({every.low:,.0f} to {every.high:,.0f}, 95 %{along}): {every.covers}"
-
-
-def _about(value: float) -> str:
-    """A number to three digits that count, or to a whole one."""
-    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:,.0f}"
 
 
 def _listed(name: str, entries: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from pomona.basics.arrays import FloatArray
+from pomona.basics.arrays import FloatArray, to_digits
 
 _COLOURS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))  # viridis: little to much
 _GREY = (150, 150, 150)
@@ -25,9 +25,9 @@ def graduated_style(
     """Return the QML that colours features by the numbers (n,) of a column; grey where `some_unknown` have none."""
     known = values[np.isfinite(values)]
     ends = np.percentile(known, np.linspace(0, 100, len(_COLOURS) + 1)) if len(known) else np.zeros(len(_COLOURS) + 1)
+    said = [to_digits(end, 4, mark="") for end in ends]
     classes = [
-        (float(ends[k]), float(ends[k + 1]), f"{ends[k]:.4g} - {ends[k + 1]:.4g}", colour)
-        for k, colour in enumerate(_COLOURS)
+        (float(ends[k]), float(ends[k + 1]), f"{said[k]} - {said[k + 1]}", colour) for k, colour in enumerate(_COLOURS)
     ]
     attribute = column
     if some_unknown:

@@ -20,7 +20,7 @@ from urllib.parse import quote
 import numpy as np
 
 from pomona import __version__
-from pomona.basics.arrays import FloatArray
+from pomona.basics.arrays import FloatArray, to_digits
 from pomona.formats.gpkg import read_layer
 from pomona.orchard.plan import Orchard
 from pomona.progress import Progress
@@ -267,10 +267,10 @@ def _line(row: Row, shown: _Map, classes: FloatArray) -> str:
     if value is not None and len(classes):
         k = min(int(np.searchsorted(classes[1:-1], value, side="right")), len(_COLOURS) - 1)
         colour = f' stroke="{_COLOURS[k]}"'
-    fruits = f"{row['fruits']} fruit{'s' * (row['fruits'] != 1)}"  # no mark between thousands: no script writes it
+    # No mark between thousands: no script writes it.
+    fruits = f"{row['fruits']} fruit{'s' * (row['fruits'] != 1)}"
     said = f"{row['row']} {row['date']}".strip() + f": {fruits} found"
-    if value is not None:
-        said += f", {value:.{'3g' if value < 999.5 else '0f'}} a metre with hidden ones"
+    said += f", {to_digits(value, 3, mark='')} a metre with hidden ones" if value is not None else ""
     return (
         f'<line{colour} stroke-width="4" x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}">'
         f"<title>{escape(said)}</title></line>"
