@@ -461,17 +461,28 @@ def test_the_page_follows_by_addresses_of_each_answer() -> None:
         assert b"data/survey.bin" in get(server, "/at/1/")[2]
         assert get(server, "/at/1/data/survey.bin")[0] == 200
         assert get(server, "/at/0/data/survey.bin")[0] == 200  # somebody may still be loading it
-        for path in ("/at/7/", "/at/-1/", "/at/1/../../etc/passwd", "/data/survey.bin", "/at/1/photos/0/1024.jpg"):
+        data_of_none = ("/data/survey.bin", "/at/7/data/survey.bin", "/at/1/photos/0/1024.jpg")
+        for path in (*data_of_none, "/at/-1/", "/at/1/../../etc/passwd"):
             assert get(server, path)[0] == 404
         for revision in (2, 3):
             server.show(data, revision)
-        assert get(server, "/at/0/")[0] == 404
+        assert get(server, "/at/0/data/survey.bin")[0] == 404
         server.tell(_state())
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
         connection.request("GET", "/events")
         line = connection.getresponse().readline()
         assert json.loads(line.removeprefix(b"data: "))["wellSeen"] == 0.5
         connection.close()
+
+
+@pytest.mark.parametrize("path", ["/at/0/", "/at/7/"])  # of long ago, and of a watch before this one
+def test_a_page_whose_answer_is_gone_is_that_of_the_newest(path: str) -> None:
+    data = ReportData(title="row", photos=Photos(()), cameras=row_cameras(4), fruits=row_fruits(6))
+    with running(WatchServer("row")) as server:
+        for revision in (1, 2, 3):
+            server.show(data, revision)
+        status, headers, _ = get(server, path)
+        assert (status, headers["Location"]) == (303, "/")
 
 
 def test_only_its_own_page_stops_it() -> None:

@@ -87,3 +87,23 @@ def test_the_fruit_that_was_selected_stays_it_though_numbers_change(browser: Any
         assert page.inner_text("#card h3") == f"Fruit {numbers[chosen]}"
         assert page.inner_text("#card dl") == before
         page.close()
+
+
+def test_the_page_goes_on_with_a_watch_that_was_begun_anew(browser: Any, tmp_path: Path) -> None:
+    data = read_survey(write_view_survey(tmp_path))
+    with running(WatchServer("row")) as server:
+        port = server.port
+        server.show(data, 5)
+        server.tell(state(revision=5))
+        page = browser.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(server.url)
+        page.wait_for_selector("text=0 of 3 photos have a place")
+        assert page.url.endswith("/at/5/")
+    page.wait_for_selector("text=The watch does not answer")
+    with running(WatchServer("row", port=port)) as server:
+        server.show(data, 1)
+        server.tell(state(revision=1, placed=2))
+        page.wait_for_url("**/at/1/")
+        page.wait_for_selector("text=2 of 3 photos have a place")
+        page.close()

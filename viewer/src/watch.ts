@@ -75,7 +75,8 @@ class Following {
   /** Go to the page of the newest answer, as soon as that disturbs nobody. */
   private follow(): void {
     window.clearTimeout(this.timer);
-    if (!this.newest || this.newest.revision <= this.revision) return;
+    // A watch that was begun anew counts anew.
+    if (!this.newest || this.newest.revision === this.revision) return;
     const busy = document.hidden || document.querySelector("dialog[open]") || performance.now() < STAYS_MS || Date.now() - this.touched < STILL_MS;
     if (busy) {
       this.timer = window.setTimeout(() => this.follow(), STILL_MS);

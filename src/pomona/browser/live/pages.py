@@ -76,7 +76,12 @@ class WatchServer(PageServer):
         return Response(status_code=HTTPStatus.NO_CONTENT)
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        page = self._pages.get(scope["path_params"]["revision"])
-        if page is None:
+        revision = scope["path_params"]["revision"]
+        page = self._pages.get(revision)
+        if page is not None:
+            await page({**scope, "path_params": {}}, receive, send)
+        elif scope["path"].endswith(f"/at/{revision}/"):
+            # A phone loads its page again when it is taken out of the pocket, where it may have been for long.
+            await RedirectResponse("/", HTTPStatus.SEE_OTHER)(scope, receive, send)
+        else:
             raise HTTPException(HTTPStatus.NOT_FOUND, "There is a later answer: load the page again")
-        await page({**scope, "path_params": {}}, receive, send)
