@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import json
+import os
 import shlex
 import shutil
 import sys
@@ -157,6 +158,19 @@ def test_folders_are_listed_with_what_is_in_them(tmp_path: Path, surveyed: Path)
     inner = folders.listing(tmp_path / "surveys")
     assert inner.parent == str(tmp_path)
     assert [place.is_survey for place in inner.places] == [True]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs names of any bytes")
+def test_a_folder_is_listed_though_a_name_in_it_is_not_utf_8(tmp_path: Path) -> None:
+    (tmp_path / "row").mkdir()
+    (tmp_path / os.fsdecode(b"M\xfcller")).mkdir()
+    folders = Folders([tmp_path])
+    listing = folders.listing(tmp_path)
+    as_json(listing).encode("utf-8")
+    odd, row = listing.places
+    assert (odd.name, row.name) == ("M\\udcfcller", "row")
+    with pytest.raises(MissingFileError, match="not UTF-8: rename it"):
+        folders.listing(Path(odd.path))
 
 
 def test_nothing_outside_of_the_roots_is_listed(tmp_path: Path) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pomona.browser.app.contract import Listing, Place
-from pomona.errors import InputError, MissingFileError
+from pomona.errors import InputError, MissingFileError, as_text
 from pomona.formats.files import from_home, resolved
 from pomona.stages.capture.files import VIDEO_SUFFIXES, natural_key
 from pomona.values.photos import PHOTO_SUFFIXES
@@ -16,6 +17,8 @@ from pomona.values.photos import PHOTO_SUFFIXES
 _MOUNTS = ("/media", "/mnt", "/run/media", "/Volumes")
 # A folder with more entries is listed up to here: a page with more of them helps nobody.
 _MOST_PLACES = 2000
+# Names that are not UTF-8, as they are shown.
+_ODD = re.compile(r"\\udc[0-9a-f]{2}")
 
 
 class Folders:
@@ -46,6 +49,8 @@ class Folders:
             inside = ", ".join(map(str, self.roots))
             advice = "begin with `pomona app --photos FOLDER` to have another one shown"
             raise InputError(f"{path} is outside of the folders that are shown here ({inside}): {advice}")
+        if not exists and _ODD.search(str(path)):
+            raise MissingFileError(f"{path} cannot be opened from here: its name is not UTF-8: rename it")
         if not exists:
             raise MissingFileError(f"{path} does not exist (any more)")
         return resolved
@@ -78,7 +83,7 @@ class Folders:
             except OSError:
                 names = []
         photos, videos = _count(names)
-        return Place(path.name, str(path), photos, videos, is_folder, "survey.json" in names)
+        return Place(as_text(path.name), as_text(str(path)), photos, videos, is_folder, "survey.json" in names)
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:
