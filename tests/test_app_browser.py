@@ -191,6 +191,26 @@ def test_dropped_photos_are_copied_and_checked(page: Any, server: AppServer, tmp
     assert {path.name: path.read_bytes() for path in drop.iterdir()} == {p.name: p.read_bytes() for p in photos}
 
 
+def test_a_pomona_that_has_ended_is_told_of(browser: Any, tmp_path: Path) -> None:
+    homes = Homes(tmp_path / "data" / "surveys.json", tmp_path / "surveys", tmp_path / "surveys" / "photos")
+    page = browser.new_page(locale="en-GB")
+    page.set_default_timeout(PATIENCE_MS)
+    with running(AppServer(homes, Folders([tmp_path]))) as server:
+        port = server.port
+        page.goto(server.url)
+        page.wait_for_selector("h2:text-is('No surveys yet')")
+    page.wait_for_selector(".lost:has-text('Pomona does not answer')")
+    page.click("text=Try it with the sample")
+    assert page.inner_text(".problem p").startswith("Pomona does not answer.")
+    page.click("a:text-is('New survey') >> nth=0")
+    page.set_input_files("input[type=file]", str(SAMPLE / "east" / "east_003.jpg"))
+    page.wait_for_selector(".problem:has-text('Pomona does not answer.')")
+    # Another one does not know the token of this page.
+    with running(AppServer(homes, Folders([tmp_path]), port=port)):
+        page.wait_for_selector(".lost:has-text('Go on in the page that opened when it was started again')")
+        page.close()
+
+
 def test_texts_are_in_the_language_of_the_browser_and_can_be_switched(
     browser: Any,
     server: AppServer,

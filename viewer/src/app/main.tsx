@@ -8,7 +8,7 @@ import { chooseLanguage, current, texts } from "./language";
 import { List } from "./list";
 import { New } from "./new";
 import { Dialog, Doing } from "./parts";
-import { listen, tell } from "./server";
+import { listen, tell, type Answers } from "./server";
 import { Survey } from "./survey";
 import { LANGUAGES } from "./texts";
 
@@ -20,12 +20,12 @@ function switchLight(): void {
 
 function App() {
   const [everything, setEverything] = useState<Everything | null>(null);
-  const [lost, setLost] = useState(false);
+  const [answers, setAnswers] = useState<Answers>("yes");
   const [place, setPlace] = useState(location.hash);
   const [language, setLanguage] = useState(current());
   const [closing, setClosing] = useState(false);
   const [closed, setClosed] = useState(false);
-  useEffect(() => (closed ? undefined : listen(setEverything, setLost)), [closed]);
+  useEffect(() => (closed ? undefined : listen(setEverything, setAnswers)), [closed]);
   useEffect(() => {
     const move = () => setPlace(location.hash);
     addEventListener("hashchange", move);
@@ -88,9 +88,9 @@ function App() {
           </button>
         </span>
       </header>
-      {lost && (
+      {answers !== "yes" && (
         <p class="lost" role="alert">
-          {t.lost}
+          {answers === "no" ? t.lost : t.ended}
         </p>
       )}
       {page()}

@@ -3,6 +3,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { texts } from "./language";
+import { NO_ANSWER } from "./server";
 
 /** Text in which `code` stands in backticks, as Pomona's messages have it. */
 export function Said({ text }: { text: string }) {
@@ -14,7 +15,7 @@ export function Problem({ text, title }: { text: string; title?: string }) {
     <div class="problem" role="alert">
       <strong>{title ?? texts().problem}</strong>
       <p>
-        <Said text={text} />
+        <Said text={text === NO_ANSWER ? texts().noAnswer : text} />
       </p>
     </div>
   );

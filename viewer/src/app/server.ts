@@ -2,6 +2,17 @@
 
 import type { Everything, Refusal } from "./contract";
 
+/** The message of an error where nobody answers, whatever the browser calls that; it is shown in words. */
+export const NO_ANSWER = "no answer";
+
+async function reach(path: string, init?: RequestInit): Promise<Response> {
+  try {
+    return await fetch(`api/${path}`, init);
+  } catch {
+    throw new Error(NO_ANSWER);
+  }
+}
+
 async function answer<T>(response: Response): Promise<T> {
   if (response.ok) return response.status === 204 ? (undefined as T) : ((await response.json()) as T);
   const text = await response.text();
@@ -15,17 +26,17 @@ async function answer<T>(response: Response): Promise<T> {
 }
 
 export async function ask<T>(path: string): Promise<T> {
-  return answer<T>(await fetch(`api/${path}`));
+  return answer<T>(await reach(path));
 }
 
 export async function tell<T>(path: string, values: unknown = {}): Promise<T> {
   const body = JSON.stringify(values);
-  return answer<T>(await fetch(`api/${path}`, { method: "POST", headers: { "Content-Type": "application/json" }, body }));
+  return answer<T>(await reach(path, { method: "POST", headers: { "Content-Type": "application/json" }, body }));
 }
 
 /** Save a file that the server makes, under the name that it gives. */
 export async function download(path: string): Promise<void> {
-  const response = await fetch(`api/${path}`);
+  const response = await reach(path);
   if (!response.ok) await answer(response);
   const name = fileName(response.headers.get("Content-Disposition") ?? "");
   const link = document.createElement("a");
@@ -47,7 +58,7 @@ export function send(path: string, file: File, onSent: (bytes: number) => void):
     const request = new XMLHttpRequest();
     request.open("PUT", `api/${path}`);
     request.upload.onprogress = (event) => onSent(event.loaded);
-    request.onerror = () => reject(new Error("network"));
+    request.onerror = () => reject(new Error(NO_ANSWER));
     request.onload = () => {
       try {
         const values = JSON.parse(request.responseText) as string | Refusal;
@@ -61,13 +72,16 @@ export function send(path: string, file: File, onSent: (bytes: number) => void):
   });
 }
 
+/** Whether the server answers; `ended`: another one does, which does not know this page's token. */
+export type Answers = "yes" | "no" | "ended";
+
 /** Be told the list of surveys, now and whenever it changes. Returns what ends it. */
-export function listen(onNews: (everything: Everything) => void, onLost: (lost: boolean) => void): () => void {
+export function listen(onNews: (everything: Everything) => void, onAnswers: (answers: Answers) => void): () => void {
   const source = new EventSource("api/events");
   source.onmessage = (event) => {
-    onLost(false);
+    onAnswers("yes");
     onNews(JSON.parse(event.data as string) as Everything);
   };
-  source.onerror = () => onLost(true);
+  source.onerror = () => onAnswers(source.readyState === EventSource.CLOSED ? "ended" : "no");
   return () => source.close();
 }

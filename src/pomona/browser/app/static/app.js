@@ -277,21 +277,21 @@ e = f.slice, t = { __e: function(e, t, n, r) {
 	return e.__v.__b - t.__v.__b;
 }, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = j(!1), u = j(!0);
 // node_modules/preact/hooks/dist/hooks.module.js
-var z, B, ne, re, V = 0, ie = [], H = t, ae = H.__b, oe = H.__r, se = H.diffed, ce = H.__c, le = H.unmount, ue = H.__;
-function de(e, t) {
-	H.__h && H.__h(B, e, V || t), V = 0;
+var z, B, ne, V, H = 0, re = [], U = t, ie = U.__b, ae = U.__r, oe = U.diffed, se = U.__c, ce = U.unmount, le = U.__;
+function ue(e, t) {
+	U.__h && U.__h(B, e, H || t), H = 0;
 	var n = B.__H || (B.__H = {
 		__: [],
 		__h: []
 	});
 	return e >= n.__.length && n.__.push({}), n.__[e];
 }
-function U(e) {
-	return V = 1, fe(be, e);
+function W(e) {
+	return H = 1, de(ye, e);
 }
-function fe(e, t, n) {
-	var r = de(z++, 2);
-	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : be(void 0, t), function(e) {
+function de(e, t, n) {
+	var r = ue(z++, 2);
+	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : ye(void 0, t), function(e) {
 		var t = r.__N ? r.__N[0] : r.__[0], n = r.t(t, e);
 		t !== n && (r.__N = [n, r.__[1]], r.__c.setState({}));
 	}], r.__c = B, !B.__f)) {
@@ -323,89 +323,89 @@ function fe(e, t, n) {
 	}
 	return r.__N || r.__;
 }
-function W(e, t) {
-	var n = de(z++, 3);
-	!H.__s && ye(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
+function G(e, t) {
+	var n = ue(z++, 3);
+	!U.__s && ve(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
 }
-function G(e) {
-	return V = 5, pe(function() {
+function K(e) {
+	return H = 5, fe(function() {
 		return { current: e };
 	}, []);
 }
-function pe(e, t) {
-	var n = de(z++, 7);
-	return ye(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
+function fe(e, t) {
+	var n = ue(z++, 7);
+	return ve(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
 }
-function me() {
-	for (var e; e = ie.shift();) if (e.__P && e.__H) try {
-		e.__H.__h.forEach(_e), e.__H.__h.forEach(ve), e.__H.__h = [];
+function pe() {
+	for (var e; e = re.shift();) if (e.__P && e.__H) try {
+		e.__H.__h.forEach(ge), e.__H.__h.forEach(_e), e.__H.__h = [];
 	} catch (t) {
-		e.__H.__h = [], H.__e(t, e.__v);
+		e.__H.__h = [], U.__e(t, e.__v);
 	}
 }
-H.__b = function(e) {
-	B = null, ae && ae(e);
-}, H.__ = function(e, t) {
-	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), ue && ue(e, t);
-}, H.__r = function(e) {
-	oe && oe(e), z = 0;
+U.__b = function(e) {
+	B = null, ie && ie(e);
+}, U.__ = function(e, t) {
+	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), le && le(e, t);
+}, U.__r = function(e) {
+	ae && ae(e), z = 0;
 	var t = (B = e.__c).__H;
 	t && (ne === B ? (t.__h = [], B.__h = [], t.__.forEach(function(e) {
 		e.__N && (e.__ = e.__N), e.u = e.__N = void 0;
-	})) : (t.__h.forEach(_e), t.__h.forEach(ve), t.__h = [], z = 0)), ne = B;
-}, H.diffed = function(e) {
-	se && se(e);
+	})) : (t.__h.forEach(ge), t.__h.forEach(_e), t.__h = [], z = 0)), ne = B;
+}, U.diffed = function(e) {
+	oe && oe(e);
 	var t = e.__c;
-	t && t.__H && (t.__H.__h.length && (ie.push(t) !== 1 && re === H.requestAnimationFrame || ((re = H.requestAnimationFrame) || ge)(me)), t.__H.__.forEach(function(e) {
+	t && t.__H && (t.__H.__h.length && (re.push(t) !== 1 && V === U.requestAnimationFrame || ((V = U.requestAnimationFrame) || he)(pe)), t.__H.__.forEach(function(e) {
 		e.u && (e.__H = e.u), e.u = void 0;
 	})), ne = B = null;
-}, H.__c = function(e, t) {
+}, U.__c = function(e, t) {
 	t.some(function(e) {
 		try {
-			e.__h.forEach(_e), e.__h = e.__h.filter(function(e) {
-				return !e.__ || ve(e);
+			e.__h.forEach(ge), e.__h = e.__h.filter(function(e) {
+				return !e.__ || _e(e);
 			});
 		} catch (n) {
 			t.some(function(e) {
 				e.__h &&= [];
-			}), t = [], H.__e(n, e.__v);
+			}), t = [], U.__e(n, e.__v);
 		}
-	}), ce && ce(e, t);
-}, H.unmount = function(e) {
-	le && le(e);
+	}), se && se(e, t);
+}, U.unmount = function(e) {
+	ce && ce(e);
 	var t, n = e.__c;
 	n && n.__H && (n.__H.__.forEach(function(e) {
 		try {
-			_e(e);
+			ge(e);
 		} catch (e) {
 			t = e;
 		}
-	}), n.__H = void 0, t && H.__e(t, n.__v));
+	}), n.__H = void 0, t && U.__e(t, n.__v));
 };
-var he = typeof requestAnimationFrame == "function";
-function ge(e) {
+var me = typeof requestAnimationFrame == "function";
+function he(e) {
 	var t, n = function() {
-		clearTimeout(r), he && cancelAnimationFrame(t), setTimeout(e);
+		clearTimeout(r), me && cancelAnimationFrame(t), setTimeout(e);
 	}, r = setTimeout(n, 35);
-	he && (t = requestAnimationFrame(n));
+	me && (t = requestAnimationFrame(n));
 }
-function _e(e) {
+function ge(e) {
 	var t = B, n = e.__c;
 	typeof n == "function" && (e.__c = void 0, n()), B = t;
 }
-function ve(e) {
+function _e(e) {
 	var t = B;
 	e.__c = e.__(), B = t;
 }
-function ye(e, t) {
+function ve(e, t) {
 	return !e || e.length !== t.length || t.some(function(t, n) {
 		return t !== e[n];
 	});
 }
-function be(e, t) {
+function ye(e, t) {
 	return typeof t == "function" ? t(e) : t;
 }
-var xe = {
+var be = {
 	en: {
 		language: "English",
 		title: "Pomona",
@@ -417,6 +417,8 @@ var xe = {
 		closed: "Pomona has ended. You can close this window.",
 		closedHow: "Start it again with the command pomona app.",
 		lost: "Pomona does not answer. If you ended it, start it again; otherwise this page goes on by itself.",
+		noAnswer: "Pomona does not answer. If you ended it, start it again; otherwise try once more.",
+		ended: "This page is of a Pomona that has ended. Go on in the page that opened when it was started again.",
 		cancel: "Cancel",
 		back: "Back",
 		none: "No surveys yet",
@@ -677,6 +679,8 @@ var xe = {
 		closed: "Pomona ist beendet. Dieses Fenster kann geschlossen werden.",
 		closedHow: "Neu starten mit dem Befehl pomona app.",
 		lost: "Pomona antwortet nicht. Wurde es beendet, bitte neu starten; sonst geht es von selbst weiter.",
+		noAnswer: "Pomona antwortet nicht. Wurde es beendet, bitte neu starten; sonst bitte noch einmal versuchen.",
+		ended: "Das Pomona dieser Seite wurde beendet. Weiter geht es auf der Seite, die sich beim neuen Start geöffnet hat.",
 		cancel: "Abbrechen",
 		back: "Zurück",
 		none: "Noch keine Aufnahmen",
@@ -958,49 +962,105 @@ var xe = {
 		markersPicture: "Gedruckte Marken stehen entlang der Reihe",
 		theme: "Hell oder dunkel"
 	}
-}, Se = "pomona-language";
-function Ce(e) {
-	return e.map((e) => e.split("-")[0]).find((e) => e in xe) ?? "en";
+}, xe = "pomona-language";
+function Se(e) {
+	return e.map((e) => e.split("-")[0]).find((e) => e in be) ?? "en";
 }
-var we = Ce([localStorage.getItem(Se) ?? "", ...navigator.languages]);
-function Te(e) {
-	we = e, localStorage.setItem(Se, e), document.documentElement.lang = e;
+var Ce = Se([localStorage.getItem(xe) ?? "", ...navigator.languages]);
+function we(e) {
+	Ce = e, localStorage.setItem(xe, e), document.documentElement.lang = e;
+}
+function Te() {
+	return Ce;
+}
+function q() {
+	return be[Ce];
 }
 function Ee() {
-	return we;
+	return navigator.languages.find((e) => e.split("-")[0] === Ce) ?? Ce;
 }
-function K() {
-	return xe[we];
-}
-function De() {
-	return navigator.languages.find((e) => e.split("-")[0] === we) ?? we;
-}
-function q(e, t = 0) {
-	return new Intl.NumberFormat(De(), {
+function J(e, t = 0) {
+	return new Intl.NumberFormat(Ee(), {
 		minimumFractionDigits: t,
 		maximumFractionDigits: t
 	}).format(e);
 }
-function Oe(e) {
-	return new Intl.DateTimeFormat(De(), {
+function De(e) {
+	return new Intl.DateTimeFormat(Ee(), {
 		dateStyle: "medium",
 		timeZone: e.length === 10 ? "UTC" : void 0
 	}).format(new Date(e));
 }
-function ke(e) {
-	let t = K();
+function Oe(e) {
+	let t = q();
 	if (e < 55) return t.seconds(Math.max(1, e < 10 ? Math.ceil(e) : Math.round(e / 5) * 5));
 	let n = Math.round(e / 60);
 	return n < 60 ? t.minutes(n) : t.hours(Math.floor(n / 60), n % 60);
 }
-function Ae(e) {
+function ke(e) {
 	let [, t, n] = /^(.*?)( \(.*)?$/.exec(e);
-	return `${K().steps[t] ?? t}${n ?? ""}`;
+	return `${q().steps[t] ?? t}${n ?? ""}`;
+}
+// src/app/server.ts
+var Ae = "no answer";
+async function je(e, t) {
+	try {
+		return await fetch(`api/${e}`, t);
+	} catch {
+		throw Error(Ae);
+	}
+}
+async function Me(e) {
+	if (e.ok) return e.status === 204 ? void 0 : await e.json();
+	let t = await e.text(), n = t;
+	try {
+		n = JSON.parse(t).message;
+	} catch {}
+	throw Error(n || `${e.status}`);
+}
+async function Y(e) {
+	return Me(await je(e));
+}
+async function X(e, t = {}) {
+	return Me(await je(e, {
+		method: "POST",
+		headers: { "Content-Type": "application/json" },
+		body: JSON.stringify(t)
+	}));
+}
+async function Ne(e) {
+	let t = await je(e);
+	t.ok || await Me(t);
+	let n = Pe(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
+	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
+}
+function Pe(e) {
+	let t = /filename\*=utf-8''([^;]+)/i.exec(e)?.[1];
+	return t ? decodeURIComponent(t) : /filename="?([^";]+)/.exec(e)?.[1] ?? "pomona";
+}
+function Fe(e, t, n) {
+	return new Promise((r, i) => {
+		let a = new XMLHttpRequest();
+		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error(Ae)), a.onload = () => {
+			try {
+				let e = JSON.parse(a.responseText);
+				a.status === 200 ? r(e) : i(Error(e.message));
+			} catch {
+				i(Error(a.responseText || String(a.status)));
+			}
+		}, a.send(t);
+	});
+}
+function Ie(e, t) {
+	let n = new EventSource("api/events");
+	return n.onmessage = (n) => {
+		t("yes"), e(JSON.parse(n.data));
+	}, n.onerror = () => t(n.readyState === EventSource.CLOSED ? "ended" : "no"), () => n.close();
 }
 // node_modules/preact/jsx-runtime/dist/jsxRuntime.module.js
-var je = 0;
+var Le = 0;
 Array.isArray;
-function J(e, n, r, i, a, o) {
+function Z(e, n, r, i, a, o) {
 	n ||= {};
 	var s, c, l = n;
 	if ("ref" in l) for (c in l = {}, n) c == "ref" ? s = n[c] : l[c] = n[c];
@@ -1015,7 +1075,7 @@ function J(e, n, r, i, a, o) {
 		__e: null,
 		__c: null,
 		constructor: void 0,
-		__v: --je,
+		__v: --Le,
 		__i: -1,
 		__u: 0,
 		__source: a,
@@ -1025,19 +1085,19 @@ function J(e, n, r, i, a, o) {
 	return t.vnode && t.vnode(u), u;
 }
 // src/app/parts.tsx
-function Me({ text: e }) {
-	return /* @__PURE__ */ J(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ J("code", { children: e }, t) : e) });
+function Re({ text: e }) {
+	return /* @__PURE__ */ Z(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ Z("code", { children: e }, t) : e) });
 }
-function Y({ text: e, title: t }) {
-	return /* @__PURE__ */ J("div", {
+function Q({ text: e, title: t }) {
+	return /* @__PURE__ */ Z("div", {
 		class: "problem",
 		role: "alert",
-		children: [/* @__PURE__ */ J("strong", { children: t ?? K().problem }), /* @__PURE__ */ J("p", { children: /* @__PURE__ */ J(Me, { text: e }) })]
+		children: [/* @__PURE__ */ Z("strong", { children: t ?? q().problem }), /* @__PURE__ */ Z("p", { children: /* @__PURE__ */ Z(Re, { text: e === "no answer" ? q().noAnswer : e }) })]
 	});
 }
-function X({ onDo: e, class: t, disabled: n, children: r }) {
-	let [i, a] = U(!1), [o, s] = U(""), c = G(!0);
-	return W(() => () => void (c.current = !1), []), /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("button", {
+function $({ onDo: e, class: t, disabled: n, children: r }) {
+	let [i, a] = W(!1), [o, s] = W(""), c = K(!0);
+	return G(() => () => void (c.current = !1), []), /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("button", {
 		type: "button",
 		class: t,
 		disabled: i || n,
@@ -1051,165 +1111,116 @@ function X({ onDo: e, class: t, disabled: n, children: r }) {
 			c.current && a(!1);
 		},
 		children: r
-	}), o && /* @__PURE__ */ J(Y, { text: o })] });
+	}), o && /* @__PURE__ */ Z(Q, { text: o })] });
 }
-function Ne({ title: e, onClose: t, wide: n, children: r }) {
-	let i = G(null);
-	return W(() => i.current?.showModal(), []), /* @__PURE__ */ J("dialog", {
+function ze({ title: e, onClose: t, wide: n, children: r }) {
+	let i = K(null);
+	return G(() => i.current?.showModal(), []), /* @__PURE__ */ Z("dialog", {
 		ref: i,
 		class: n ? "wide" : void 0,
 		"aria-label": e,
 		onClose: t,
-		children: [/* @__PURE__ */ J("div", {
+		children: [/* @__PURE__ */ Z("div", {
 			class: "bar",
-			children: [/* @__PURE__ */ J("h2", { children: e }), /* @__PURE__ */ J("button", {
+			children: [/* @__PURE__ */ Z("h2", { children: e }), /* @__PURE__ */ Z("button", {
 				type: "button",
 				class: "plain",
-				"aria-label": K().cancel,
+				"aria-label": q().cancel,
 				onClick: t,
 				children: "×"
 			})]
 		}), r]
 	});
 }
-function Z({ text: e }) {
-	let [t, n] = U(!1);
-	return /* @__PURE__ */ J("div", {
+function Be({ text: e }) {
+	let [t, n] = W(!1);
+	return /* @__PURE__ */ Z("div", {
 		class: "copyable",
-		children: [/* @__PURE__ */ J("pre", {
+		children: [/* @__PURE__ */ Z("pre", {
 			tabIndex: 0,
 			children: e
-		}), /* @__PURE__ */ J("button", {
+		}), /* @__PURE__ */ Z("button", {
 			type: "button",
 			onClick: async () => {
 				await navigator.clipboard.writeText(e), n(!0);
 			},
-			children: t ? K().copied : K().copy
+			children: t ? q().copied : q().copy
 		})]
 	});
 }
-// src/app/server.ts
-async function Pe(e) {
-	if (e.ok) return e.status === 204 ? void 0 : await e.json();
-	let t = await e.text(), n = t;
-	try {
-		n = JSON.parse(t).message;
-	} catch {}
-	throw Error(n || `${e.status}`);
-}
-async function Q(e) {
-	return Pe(await fetch(`api/${e}`));
-}
-async function $(e, t = {}) {
-	let n = JSON.stringify(t);
-	return Pe(await fetch(`api/${e}`, {
-		method: "POST",
-		headers: { "Content-Type": "application/json" },
-		body: n
-	}));
-}
-async function Fe(e) {
-	let t = await fetch(`api/${e}`);
-	t.ok || await Pe(t);
-	let n = Ie(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
-	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
-}
-function Ie(e) {
-	let t = /filename\*=utf-8''([^;]+)/i.exec(e)?.[1];
-	return t ? decodeURIComponent(t) : /filename="?([^";]+)/.exec(e)?.[1] ?? "pomona";
-}
-function Le(e, t, n) {
-	return new Promise((r, i) => {
-		let a = new XMLHttpRequest();
-		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error("network")), a.onload = () => {
-			try {
-				let e = JSON.parse(a.responseText);
-				a.status === 200 ? r(e) : i(Error(e.message));
-			} catch {
-				i(Error(a.responseText || String(a.status)));
-			}
-		}, a.send(t);
-	});
-}
-function Re(e, t) {
-	let n = new EventSource("api/events");
-	return n.onmessage = (n) => {
-		t(!1), e(JSON.parse(n.data));
-	}, n.onerror = () => t(!0), () => n.close();
-}
 // src/app/chooser.tsx
-function ze(e) {
-	let t = K();
-	return [e.photos ? t.photos(e.photos, q(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
+function Ve(e) {
+	let t = q();
+	return [e.photos ? t.photos(e.photos, J(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
 }
-function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
-	let o = K(), [s, c] = U(null), [l, u] = U(""), d = async (e) => {
+function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+	let o = q(), [s, c] = W(null), [l, u] = W(""), d = async (e) => {
 		try {
-			c(await Q(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
+			c(await Y(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
 		} catch (t) {
 			u(t.message), e !== r[0] && !s && await d(r[0]);
 		}
 	};
-	W(() => void d(n), []);
+	G(() => void d(n), []);
 	let f = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
-	return /* @__PURE__ */ J(Ne, {
+	return /* @__PURE__ */ Z(ze, {
 		title: e,
 		onClose: a,
 		children: [
-			s && /* @__PURE__ */ J("div", {
+			s && /* @__PURE__ */ Z("div", {
 				class: "bar",
 				children: [
-					/* @__PURE__ */ J("select", {
+					/* @__PURE__ */ Z("select", {
 						"aria-label": o.roots,
 						value: r.filter((e) => s.path.startsWith(e)).sort((e, t) => t.length - e.length)[0],
 						onChange: (e) => d(e.currentTarget.value),
-						children: r.map((e, t) => /* @__PURE__ */ J("option", {
+						children: r.map((e, t) => /* @__PURE__ */ Z("option", {
 							value: e,
 							children: t ? e : o.home
 						}, e))
 					}),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						disabled: !s.parent,
 						onClick: () => d(s.parent),
 						children: o.up
 					}),
-					/* @__PURE__ */ J("span", {
+					/* @__PURE__ */ Z("span", {
 						class: "path",
 						children: s.path
 					})
 				]
 			}),
-			l && /* @__PURE__ */ J(Y, { text: l }),
-			/* @__PURE__ */ J("ul", {
+			l && /* @__PURE__ */ Z(Q, { text: l }),
+			/* @__PURE__ */ Z("ul", {
 				class: "places",
-				children: s?.places.map((e) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("button", {
+				children: s?.places.map((e) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
 					type: "button",
 					onClick: () => f(e),
 					children: [
-						/* @__PURE__ */ J("svg", {
+						/* @__PURE__ */ Z("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
-							children: e.isFolder ? /* @__PURE__ */ J("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ J("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
+							children: e.isFolder ? /* @__PURE__ */ Z("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ Z("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
 						}),
-						/* @__PURE__ */ J("span", { children: e.name }),
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", { children: e.name }),
+						/* @__PURE__ */ Z("span", {
 							class: "soft",
-							children: e.isSurvey ? o.aSurvey : ze(e)
+							children: e.isSurvey ? o.aSurvey : Ve(e)
 						})
 					]
 				}) }, e.path))
 			}),
-			s && !s.places.length && /* @__PURE__ */ J("p", {
+			s && !s.places.length && /* @__PURE__ */ Z("p", {
 				class: "soft inside",
-				children: ze(s) || o.emptyFolder
+				children: Ve(s) || o.emptyFolder
 			}),
-			t === "photos" && s && /* @__PURE__ */ J("div", {
+			t === "photos" && s && /* @__PURE__ */ Z("div", {
 				class: "bar foot",
-				children: [/* @__PURE__ */ J("span", {
+				children: [/* @__PURE__ */ Z("span", {
 					class: "soft",
-					children: ze(s)
-				}), /* @__PURE__ */ J("button", {
+					children: Ve(s)
+				}), /* @__PURE__ */ Z("button", {
 					type: "button",
 					class: "main",
 					onClick: () => i(s.path),
@@ -1220,109 +1231,109 @@ function Be({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 	});
 }
 // src/app/list.tsx
-function Ve(e) {
+function Ue(e) {
 	location.hash = e;
 }
-function He(e) {
-	let t = K();
+function We(e) {
+	let t = q();
 	if (e.fruits === null) return "";
 	let n = t.fruitNames[e.fruit];
-	return n && e.fruits !== 1 ? `${q(e.fruits)} ${n}` : t.fruits(e.fruits, q(e.fruits));
+	return n && e.fruits !== 1 ? `${J(e.fruits)} ${n}` : t.fruits(e.fruits, J(e.fruits));
 }
-function Ue(e) {
+function Ge(e) {
 	if (e.state !== "running" || !e.run) return null;
 	let { stages: t, done: n, total: r } = e.run;
 	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
 }
-function We({ survey: e }) {
-	let t = K(), n = Ue(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
-	return /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("a", {
+function Ke({ survey: e }) {
+	let t = q(), n = Ge(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+	return /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("a", {
 		class: "card",
 		href: `#/survey/${e.id}`,
-		children: [/* @__PURE__ */ J("span", {
+		children: [/* @__PURE__ */ Z("span", {
 			class: "picture",
-			children: e.photos ? /* @__PURE__ */ J("img", {
+			children: e.photos ? /* @__PURE__ */ Z("img", {
 				src: `api/surveys/${e.id}/photos/${r}/320.jpg?${e.version}`,
 				alt: "",
 				loading: "lazy",
 				onError: (e) => e.currentTarget.hidden = !0
 			}) : null
-		}), /* @__PURE__ */ J("span", {
+		}), /* @__PURE__ */ Z("span", {
 			class: "about",
 			children: [
-				/* @__PURE__ */ J("strong", { children: e.name }),
-				/* @__PURE__ */ J("span", {
+				/* @__PURE__ */ Z("strong", { children: e.name }),
+				/* @__PURE__ */ Z("span", {
 					class: `state ${e.state}`,
 					children: t.states[e.state]
 				}),
-				n !== null && /* @__PURE__ */ J("progress", {
+				n !== null && /* @__PURE__ */ Z("progress", {
 					value: n,
 					max: 1,
 					"aria-label": t.progress
 				}),
-				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ J("span", {
+				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ Z("span", {
 					class: "soft",
-					children: t.left(ke(e.run.leftS))
+					children: t.left(Oe(e.run.leftS))
 				}),
-				e.fruits !== null && /* @__PURE__ */ J("span", {
+				e.fruits !== null && /* @__PURE__ */ Z("span", {
 					class: "figure",
-					children: He(e)
+					children: We(e)
 				}),
-				/* @__PURE__ */ J("span", {
+				/* @__PURE__ */ Z("span", {
 					class: "soft",
-					children: [e.photos === null ? "" : t.photos(e.photos, q(e.photos)), e.day ? t.taken(Oe(e.day)) : Oe(e.changed)].filter(Boolean).join(" · ")
+					children: [e.photos === null ? "" : t.photos(e.photos, J(e.photos)), e.day ? t.taken(De(e.day)) : De(e.changed)].filter(Boolean).join(" · ")
 				})
 			]
 		})]
 	}) });
 }
-function Ge({ everything: e }) {
-	let t = K(), [n, r] = U(!1), [i, a] = U(""), o = async (e) => {
+function qe({ everything: e }) {
+	let t = q(), [n, r] = W(!1), [i, a] = W(""), o = async (e) => {
 		r(!1), a("");
 		try {
-			Ve(`/survey/${await $("surveys/add", { folder: e })}`);
+			Ue(`/survey/${await X("surveys/add", { folder: e })}`);
 		} catch (e) {
 			a(e.message);
 		}
-	}, s = /* @__PURE__ */ J(X, {
-		onDo: async () => Ve(`/survey/${await $("surveys/sample")}`),
+	}, s = /* @__PURE__ */ Z($, {
+		onDo: async () => Ue(`/survey/${await X("surveys/sample")}`),
 		children: t.trySample
 	});
-	return /* @__PURE__ */ J("main", { children: [
-		/* @__PURE__ */ J("div", {
+	return /* @__PURE__ */ Z("main", { children: [
+		/* @__PURE__ */ Z("div", {
 			class: "head",
-			children: [/* @__PURE__ */ J("h1", { children: t.surveys }), /* @__PURE__ */ J("span", {
+			children: [/* @__PURE__ */ Z("h1", { children: t.surveys }), /* @__PURE__ */ Z("span", {
 				class: "end",
-				children: [/* @__PURE__ */ J("button", {
+				children: [/* @__PURE__ */ Z("button", {
 					type: "button",
 					onClick: () => r(!0),
 					children: t.openSurvey
-				}), /* @__PURE__ */ J("a", {
+				}), /* @__PURE__ */ Z("a", {
 					class: "button main",
 					href: "#/new",
 					children: t.newSurvey
 				})]
 			})]
 		}),
-		i && /* @__PURE__ */ J(Y, { text: i }),
-		e.surveys.length ? /* @__PURE__ */ J("ul", {
+		i && /* @__PURE__ */ Z(Q, { text: i }),
+		e.surveys.length ? /* @__PURE__ */ Z("ul", {
 			class: "cards",
-			children: e.surveys.map((e) => /* @__PURE__ */ J(We, { survey: e }, e.id))
-		}) : /* @__PURE__ */ J("div", {
+			children: e.surveys.map((e) => /* @__PURE__ */ Z(Ke, { survey: e }, e.id))
+		}) : /* @__PURE__ */ Z("div", {
 			class: "sheet empty",
 			children: [
-				/* @__PURE__ */ J("h2", { children: t.none }),
-				/* @__PURE__ */ J("p", { children: t.noneText }),
-				/* @__PURE__ */ J("p", {
+				/* @__PURE__ */ Z("h2", { children: t.none }),
+				/* @__PURE__ */ Z("p", { children: t.noneText }),
+				/* @__PURE__ */ Z("p", {
 					class: "line",
 					children: [
-						/* @__PURE__ */ J("a", {
+						/* @__PURE__ */ Z("a", {
 							class: "button main",
 							href: "#/new",
 							children: t.newSurvey
 						}),
 						s,
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "soft",
 							children: t.sampleText
 						})
@@ -1330,7 +1341,7 @@ function Ge({ everything: e }) {
 				})
 			]
 		}),
-		n && /* @__PURE__ */ J(Be, {
+		n && /* @__PURE__ */ Z(He, {
 			title: t.openSurvey,
 			kind: "survey",
 			start: e.facts.surveysFolder,
@@ -1341,11 +1352,11 @@ function Ge({ everything: e }) {
 	] });
 }
 // src/app/dropping.ts
-var Ke = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
-function qe(e) {
-	return Ke.test(e) && !e.split("/").some((e) => e.startsWith("."));
+var Je = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function Ye(e) {
+	return Je.test(e) && !e.split("/").some((e) => e.startsWith("."));
 }
-async function Je(e, t) {
+async function Xe(e, t) {
 	let n = t + e.name;
 	if (e.isFile) return [{
 		name: n,
@@ -1355,109 +1366,109 @@ async function Je(e, t) {
 	for (;;) {
 		let e = await new Promise((e, t) => r.readEntries(e, t));
 		if (!e.length) return i;
-		for (let t of e) i.push(...await Je(t, `${n}/`));
+		for (let t of e) i.push(...await Xe(t, `${n}/`));
 	}
 }
-async function Ye(e) {
+async function Ze(e) {
 	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
-	return (await Promise.all(t.map((e) => Je(e, "")))).flat();
+	return (await Promise.all(t.map((e) => Xe(e, "")))).flat();
 }
-function Xe(e) {
+function Qe(e) {
 	return [...e].map((e) => ({
 		name: e.webkitRelativePath || e.name,
 		file: e
 	}));
 }
-function Ze(e) {
+function $e(e) {
 	let t = e[0]?.name.split("/")[0];
-	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? Ze(e.map(({ name: e, file: n }) => ({
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? $e(e.map(({ name: e, file: n }) => ({
 		name: e.slice(t.length + 1),
 		file: n
 	}))) : e;
 }
-async function Qe(e, t) {
-	let n = await $("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
-	for (let [o, { name: s, file: c }] of e.entries()) i = await Le(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
+async function et(e, t) {
+	let n = await X("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
+	for (let [o, { name: s, file: c }] of e.entries()) i = await Fe(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
 // src/app/numbers.ts
-function $e(e, t) {
+function tt(e, t) {
 	let n = e.trim().replace(RegExp(`\\s*${t}$`, "i"), "");
 	return e.trim() ? /^\d+([.,]\d*)?$|^[.,]\d+$/.test(n) ? Number(n.replace(",", ".")) : NaN : null;
 }
 // src/app/new.tsx
-var et = [
+var nt = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function tt(e) {
+function rt(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
-function nt({ check: e }) {
-	let t = K(), n = [
+function it({ check: e }) {
+	let t = q(), n = [
 		"gap",
 		"blurred",
 		"dark",
 		"bright"
 	], r = [
-		e.photos ? t.photos(e.photos, q(e.photos)) + (e.day ? `, ${t.taken(Oe(e.day))}` : "") : t.checkVideo,
-		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${q(e.photos)})`).join(", ")) : "",
-		e.photos ? e.positions ? t.checkPositions(q(e.positions)) : t.checkNoPositions : "",
-		e.lookedAt < e.photos ? t.checkOf(q(e.lookedAt), q(e.photos)) : ""
+		e.photos ? t.photos(e.photos, J(e.photos)) + (e.day ? `, ${t.taken(De(e.day))}` : "") : t.checkVideo,
+		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${J(e.photos)})`).join(", ")) : "",
+		e.photos ? e.positions ? t.checkPositions(J(e.positions)) : t.checkNoPositions : "",
+		e.lookedAt < e.photos ? t.checkOf(J(e.lookedAt), J(e.photos)) : ""
 	];
-	return /* @__PURE__ */ J("div", {
+	return /* @__PURE__ */ Z("div", {
 		class: "check",
 		role: "status",
 		children: [
-			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ J("p", {
+			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ Z("p", {
 				class: "good",
 				children: ["✓ ", t.checkGood]
 			}),
-			/* @__PURE__ */ J("p", {
+			/* @__PURE__ */ Z("p", {
 				class: "soft",
 				children: r.filter(Boolean).join(" · ")
 			}),
 			n.map((n) => {
 				let r = e.problems.filter((e) => e.kind === n).map((e) => e.photo);
-				return r.length > 0 && /* @__PURE__ */ J("div", {
+				return r.length > 0 && /* @__PURE__ */ Z("div", {
 					class: "warning",
 					children: [
-						/* @__PURE__ */ J("strong", { children: [
+						/* @__PURE__ */ Z("strong", { children: [
 							t.problems[n],
 							": ",
-							t.photos(r.length, q(r.length))
+							t.photos(r.length, J(r.length))
 						] }),
-						/* @__PURE__ */ J("p", { children: t.problemDo[n] }),
-						/* @__PURE__ */ J("p", {
+						/* @__PURE__ */ Z("p", { children: t.problemDo[n] }),
+						/* @__PURE__ */ Z("p", {
 							class: "soft names",
 							children: r.slice(0, 12).join(", ") + (r.length > 12 ? " …" : "")
 						})
 					]
 				}, n);
 			}),
-			e.warnings.map((e) => /* @__PURE__ */ J("p", {
+			e.warnings.map((e) => /* @__PURE__ */ Z("p", {
 				class: "warning",
-				children: /* @__PURE__ */ J(Me, { text: e })
+				children: /* @__PURE__ */ Z(Re, { text: e })
 			}, e))
 		]
 	});
 }
-function rt({ kind: e }) {
-	let t = K(), n = e === "markers" ? [
+function at({ kind: e }) {
+	let t = q(), n = e === "markers" ? [
 		30,
 		95,
 		160
 	] : e === "scale-bar" ? [70, 120] : [];
-	return /* @__PURE__ */ J("svg", {
+	return /* @__PURE__ */ Z("svg", {
 		class: "picture-of",
 		viewBox: "0 0 190 70",
 		role: "img",
 		"aria-label": n.length ? t.markersPicture : t.metresKinds[e],
 		children: [
-			/* @__PURE__ */ J("path", {
+			/* @__PURE__ */ Z("path", {
 				d: "M0 62H190",
 				class: "ground"
 			}),
@@ -1466,64 +1477,64 @@ function rt({ kind: e }) {
 				62,
 				104,
 				146
-			].map((e) => /* @__PURE__ */ J("g", { children: [
-				/* @__PURE__ */ J("path", {
+			].map((e) => /* @__PURE__ */ Z("g", { children: [
+				/* @__PURE__ */ Z("path", {
 					d: `M${e + 12} 62V34`,
 					class: "trunk"
 				}),
-				/* @__PURE__ */ J("circle", {
+				/* @__PURE__ */ Z("circle", {
 					cx: e + 12,
 					cy: "24",
 					r: "17",
 					class: "crown"
 				}),
-				/* @__PURE__ */ J("circle", {
+				/* @__PURE__ */ Z("circle", {
 					cx: e + 6,
 					cy: "20",
 					r: "3",
 					class: "apple"
 				}),
-				/* @__PURE__ */ J("circle", {
+				/* @__PURE__ */ Z("circle", {
 					cx: e + 17,
 					cy: "27",
 					r: "3",
 					class: "apple"
 				})
 			] }, e)),
-			n.map((e) => /* @__PURE__ */ J("g", { children: [
-				/* @__PURE__ */ J("rect", {
+			n.map((e) => /* @__PURE__ */ Z("g", { children: [
+				/* @__PURE__ */ Z("rect", {
 					x: e - 6,
 					y: "44",
 					width: "12",
 					height: "12",
 					class: "marker"
 				}),
-				/* @__PURE__ */ J("path", {
+				/* @__PURE__ */ Z("path", {
 					d: `M${e - 3} 47h4v4h-4zM${e + 1} 51h3v3h-3z`,
 					class: "code"
 				}),
-				/* @__PURE__ */ J("path", {
+				/* @__PURE__ */ Z("path", {
 					d: `M${e} 56V62`,
 					class: "trunk"
 				})
 			] }, e)),
-			e === "scale-bar" && /* @__PURE__ */ J("path", {
+			e === "scale-bar" && /* @__PURE__ */ Z("path", {
 				d: "M76 50H114",
 				class: "bar"
 			}),
-			e === "gnss" && /* @__PURE__ */ J("path", {
+			e === "gnss" && /* @__PURE__ */ Z("path", {
 				d: "M150 8l8 4-8 4zM158 12h14",
 				class: "bar"
 			})
 		]
 	});
 }
-function it({ facts: e }) {
-	let t = K(), [n, r] = U([]), [i, a] = U(""), [o, s] = U(null), [c, l] = U(0), [u, d] = U(!1), [f, p] = U(null), [m, h] = U(!1), [g, _] = U(""), [v, y] = U(!1), [b, x] = U(""), [S, C] = U(""), [w, T] = U("gnss"), [E, D] = U(""), [O, k] = U([
+function ot({ facts: e }) {
+	let t = q(), [n, r] = W([]), [i, a] = W(""), [o, s] = W(null), [c, l] = W(0), [u, d] = W(!1), [f, p] = W(null), [m, h] = W(!1), [g, _] = W(""), [v, y] = W(!1), [b, x] = W(""), [S, C] = W(""), [w, T] = W("gnss"), [E, D] = W(""), [O, k] = W([
 		"0",
 		"1",
 		""
-	]), [A, j] = U(""), [M, N] = U(!1), [P, F] = U(""), [ee, I] = U(null), [L, R] = U(""), te = G(null), z = $e(S, "mm"), B = $e(A, "m"), ne = w === "scale-bar" ? O.map((e, t) => $e(e, t === 2 ? "m" : "")) : [], re = [
+	]), [A, j] = W(""), [M, N] = W(!1), [P, F] = W(""), [ee, I] = W(null), [L, R] = W(""), te = K(null), z = tt(S, "mm"), B = tt(A, "m"), ne = w === "scale-bar" ? O.map((e, t) => tt(e, t === 2 ? "m" : "")) : [], V = [
 		S,
 		A,
 		...O
@@ -1531,7 +1542,7 @@ function it({ facts: e }) {
 		z,
 		B,
 		...ne
-	][t])), V = {
+	][t])), H = {
 		name: P.trim(),
 		photos: n,
 		oneSide: v,
@@ -1543,33 +1554,33 @@ function it({ facts: e }) {
 		treeSpacingM: B,
 		learn: M
 	};
-	W(() => {
+	G(() => {
 		if (!n.length) {
 			p(null);
 			return;
 		}
 		let e = !0;
-		return h(!0), _(""), $("check", {
+		return h(!0), _(""), X("check", {
 			photos: n,
 			oneSide: v
 		}).then((t) => e && p(t)).catch((t) => {
 			e && (p(null), _(t.message));
 		}).finally(() => e && h(!1)), () => void (e = !1);
-	}, [n.join("\n"), v]), W(() => {
-		if (I(null), R(""), !n.length || !V.name || re.length) return;
+	}, [n.join("\n"), v]), G(() => {
+		if (I(null), R(""), !n.length || !H.name || V.length) return;
 		let e = setTimeout(() => {
-			$("equal", V).then(I, (e) => R(e.message));
+			X("equal", H).then(I, (e) => R(e.message));
 		}, 300);
 		return () => clearTimeout(e);
-	}, [JSON.stringify(V), re.join("\n")]);
-	let ie = (e) => {
-		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(tt(e).replace(/\.[^.]+$/, "")));
-	}, H = async (e) => {
-		let t = Ze(e.filter((e) => qe(e.name)));
+	}, [JSON.stringify(H), V.join("\n")]);
+	let re = (e) => {
+		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(rt(e).replace(/\.[^.]+$/, "")));
+	}, U = async (e) => {
+		let t = $e(e.filter((e) => Ye(e.name)));
 		if (l(e.length - t.length), t.length) {
 			_(""), r([]);
 			try {
-				r([await Qe(t, (e, n, r) => s({
+				r([await et(t, (e, n, r) => s({
 					done: e,
 					files: t.length,
 					bytes: n,
@@ -1580,56 +1591,56 @@ function it({ facts: e }) {
 			}
 			s(null);
 		}
-	}, ae = async () => {
+	}, ie = async () => {
 		R("");
 		try {
-			Ve(`/survey/${await $("surveys", V)}`);
+			Ue(`/survey/${await X("surveys", H)}`);
 		} catch (e) {
 			R(e.message);
 		}
-	}, oe = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
-	return /* @__PURE__ */ J("main", { children: [
-		/* @__PURE__ */ J("div", {
+	}, ae = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	return /* @__PURE__ */ Z("main", { children: [
+		/* @__PURE__ */ Z("div", {
 			class: "head",
-			children: /* @__PURE__ */ J("h1", { children: t.newSurvey })
+			children: /* @__PURE__ */ Z("h1", { children: t.newSurvey })
 		}),
-		/* @__PURE__ */ J("section", {
+		/* @__PURE__ */ Z("section", {
 			class: "sheet",
 			"aria-labelledby": "step-photos",
 			children: [
-				/* @__PURE__ */ J("h2", {
+				/* @__PURE__ */ Z("h2", {
 					id: "step-photos",
 					children: ["1. ", t.step1]
 				}),
-				/* @__PURE__ */ J("div", {
+				/* @__PURE__ */ Z("div", {
 					class: `drop ${u ? "over" : ""}`,
 					onDragOver: (e) => {
 						e.preventDefault(), d(!0);
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Ye(e.dataTransfer).then(H);
+						e.preventDefault(), d(!1), e.dataTransfer && Ze(e.dataTransfer).then(U);
 					},
-					children: [/* @__PURE__ */ J("p", {
+					children: [/* @__PURE__ */ Z("p", {
 						class: "line",
-						children: [/* @__PURE__ */ J("button", {
+						children: [/* @__PURE__ */ Z("button", {
 							type: "button",
 							class: "main",
 							onClick: () => a("photos"),
 							children: n.length === 1 ? t.secondSide : t.chooseFolder
-						}), /* @__PURE__ */ J("span", {
+						}), /* @__PURE__ */ Z("span", {
 							class: "soft",
 							children: t.chooseText
 						})]
-					}), /* @__PURE__ */ J("p", {
+					}), /* @__PURE__ */ Z("p", {
 						class: "line",
 						children: [
-							/* @__PURE__ */ J("button", {
+							/* @__PURE__ */ Z("button", {
 								type: "button",
 								onClick: () => te.current?.click(),
 								children: t.chooseFiles
 							}),
-							/* @__PURE__ */ J("span", {
+							/* @__PURE__ */ Z("span", {
 								class: "soft",
 								children: [
 									t.dropHere,
@@ -1637,183 +1648,183 @@ function it({ facts: e }) {
 									t.dropText
 								]
 							}),
-							/* @__PURE__ */ J("input", {
+							/* @__PURE__ */ Z("input", {
 								ref: te,
 								type: "file",
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: (e) => e.currentTarget.files && void H(Xe(e.currentTarget.files))
+								onChange: (e) => e.currentTarget.files && void U(Qe(e.currentTarget.files))
 							})
 						]
 					})]
 				}),
-				o && /* @__PURE__ */ J("p", {
+				o && /* @__PURE__ */ Z("p", {
 					role: "status",
 					children: [
-						/* @__PURE__ */ J("progress", {
+						/* @__PURE__ */ Z("progress", {
 							value: o.bytes,
 							max: o.all,
-							"aria-label": t.copying(q(o.done), q(o.files))
+							"aria-label": t.copying(J(o.done), J(o.files))
 						}),
 						" ",
-						t.copying(q(o.done), q(o.files))
+						t.copying(J(o.done), J(o.files))
 					]
 				}),
-				c > 0 && /* @__PURE__ */ J("p", {
+				c > 0 && /* @__PURE__ */ Z("p", {
 					class: "soft",
 					children: t.skipped(c)
 				}),
-				n.length > 0 && /* @__PURE__ */ J("ul", {
+				n.length > 0 && /* @__PURE__ */ Z("ul", {
 					class: "chosen",
 					"aria-label": t.chosen,
-					children: n.map((e) => /* @__PURE__ */ J("li", { children: [/* @__PURE__ */ J("span", {
+					children: n.map((e) => /* @__PURE__ */ Z("li", { children: [/* @__PURE__ */ Z("span", {
 						class: "path",
 						children: e
-					}), /* @__PURE__ */ J("button", {
+					}), /* @__PURE__ */ Z("button", {
 						type: "button",
 						"aria-label": `${t.remove}: ${e}`,
 						onClick: () => r(n.filter((t) => t !== e)),
 						children: t.remove
 					})] }, e))
 				}),
-				m && /* @__PURE__ */ J("p", {
+				m && /* @__PURE__ */ Z("p", {
 					role: "status",
 					children: [
-						/* @__PURE__ */ J("progress", { "aria-label": t.checking }),
+						/* @__PURE__ */ Z("progress", { "aria-label": t.checking }),
 						" ",
 						t.checking
 					]
 				}),
-				g && /* @__PURE__ */ J(Y, { text: g }),
-				f && !m && /* @__PURE__ */ J(nt, { check: f })
+				g && /* @__PURE__ */ Z(Q, { text: g }),
+				f && !m && /* @__PURE__ */ Z(it, { check: f })
 			]
 		}),
-		/* @__PURE__ */ J("section", {
+		/* @__PURE__ */ Z("section", {
 			class: "sheet",
 			"aria-labelledby": "step-known",
 			children: [
-				/* @__PURE__ */ J("h2", {
+				/* @__PURE__ */ Z("h2", {
 					id: "step-known",
 					children: ["2. ", t.step2]
 				}),
-				/* @__PURE__ */ J("div", {
+				/* @__PURE__ */ Z("div", {
 					class: "fields",
 					children: [
-						/* @__PURE__ */ J("label", { children: [
+						/* @__PURE__ */ Z("label", { children: [
 							t.fruit,
-							/* @__PURE__ */ J("select", {
+							/* @__PURE__ */ Z("select", {
 								value: b,
 								onChange: (e) => x(e.currentTarget.value),
-								children: [/* @__PURE__ */ J("option", {
+								children: [/* @__PURE__ */ Z("option", {
 									value: "",
 									children: t.fruitOther
-								}), e.fruits.map((e) => /* @__PURE__ */ J("option", {
+								}), e.fruits.map((e) => /* @__PURE__ */ Z("option", {
 									value: e.name,
 									children: t.fruitNames[e.name] ?? e.name
 								}, e.name))]
 							}),
-							/* @__PURE__ */ J("span", {
+							/* @__PURE__ */ Z("span", {
 								class: "soft",
 								children: t.fruitText
 							})
 						] }),
-						/* @__PURE__ */ J("label", { children: [
+						/* @__PURE__ */ Z("label", { children: [
 							t.size,
-							/* @__PURE__ */ J("input", {
+							/* @__PURE__ */ Z("input", {
 								inputMode: "decimal",
 								value: S,
-								placeholder: q(oe),
+								placeholder: J(ae),
 								onInput: (e) => C(e.currentTarget.value)
 							}),
-							/* @__PURE__ */ J("span", {
+							/* @__PURE__ */ Z("span", {
 								class: "soft",
-								children: t.sizeText(q(oe))
+								children: t.sizeText(J(ae))
 							})
 						] }),
-						/* @__PURE__ */ J("label", { children: [t.sides, /* @__PURE__ */ J("select", {
+						/* @__PURE__ */ Z("label", { children: [t.sides, /* @__PURE__ */ Z("select", {
 							value: v ? "one" : "auto",
 							onChange: (e) => y(e.currentTarget.value === "one"),
-							children: [/* @__PURE__ */ J("option", {
+							children: [/* @__PURE__ */ Z("option", {
 								value: "auto",
 								children: t.sidesAuto
-							}), /* @__PURE__ */ J("option", {
+							}), /* @__PURE__ */ Z("option", {
 								value: "one",
 								children: t.sidesOne
 							})]
 						})] }),
-						/* @__PURE__ */ J("label", { children: [
+						/* @__PURE__ */ Z("label", { children: [
 							t.spacing,
-							/* @__PURE__ */ J("input", {
+							/* @__PURE__ */ Z("input", {
 								inputMode: "decimal",
 								value: A,
 								onInput: (e) => j(e.currentTarget.value)
 							}),
-							/* @__PURE__ */ J("span", {
+							/* @__PURE__ */ Z("span", {
 								class: "soft",
 								children: t.spacingText
 							})
 						] })
 					]
 				}),
-				/* @__PURE__ */ J("fieldset", { children: [
-					/* @__PURE__ */ J("legend", { children: t.metres }),
-					/* @__PURE__ */ J("div", {
+				/* @__PURE__ */ Z("fieldset", { children: [
+					/* @__PURE__ */ Z("legend", { children: t.metres }),
+					/* @__PURE__ */ Z("div", {
 						class: "kinds",
-						children: et.map((e) => /* @__PURE__ */ J("label", {
+						children: nt.map((e) => /* @__PURE__ */ Z("label", {
 							class: `kind ${w === e ? "on" : ""}`,
 							children: [
-								/* @__PURE__ */ J("span", {
+								/* @__PURE__ */ Z("span", {
 									class: "line",
-									children: [/* @__PURE__ */ J("input", {
+									children: [/* @__PURE__ */ Z("input", {
 										type: "radio",
 										name: "metres",
 										checked: w === e,
 										onChange: () => T(e)
-									}), /* @__PURE__ */ J("strong", { children: t.metresKinds[e] })]
+									}), /* @__PURE__ */ Z("strong", { children: t.metresKinds[e] })]
 								}),
-								/* @__PURE__ */ J(rt, { kind: e }),
-								/* @__PURE__ */ J("span", {
+								/* @__PURE__ */ Z(at, { kind: e }),
+								/* @__PURE__ */ Z("span", {
 									class: "soft",
 									children: t.metresText[e]
 								})
 							]
 						}, e))
 					}),
-					w === "markers" && /* @__PURE__ */ J("p", {
+					w === "markers" && /* @__PURE__ */ Z("p", {
 						class: "line",
-						children: [/* @__PURE__ */ J("button", {
+						children: [/* @__PURE__ */ Z("button", {
 							type: "button",
 							onClick: () => a("table"),
 							children: [t.markersFile, "…"]
-						}), /* @__PURE__ */ J("span", {
+						}), /* @__PURE__ */ Z("span", {
 							class: "path",
 							children: E
 						})]
 					}),
-					w === "scale-bar" && /* @__PURE__ */ J("div", {
+					w === "scale-bar" && /* @__PURE__ */ Z("div", {
 						class: "fields",
 						children: [
 							t.barOne,
 							t.barOther,
 							t.barLength
-						].map((e, t) => /* @__PURE__ */ J("label", { children: [e, /* @__PURE__ */ J("input", {
+						].map((e, t) => /* @__PURE__ */ Z("label", { children: [e, /* @__PURE__ */ Z("input", {
 							inputMode: "decimal",
 							value: O[t],
 							onInput: (e) => k(O.map((n, r) => r === t ? e.currentTarget.value : n))
 						})] }, e))
 					})
 				] }),
-				e.canLearn && /* @__PURE__ */ J("label", {
+				e.canLearn && /* @__PURE__ */ Z("label", {
 					class: "line",
-					children: [/* @__PURE__ */ J("input", {
+					children: [/* @__PURE__ */ Z("input", {
 						type: "checkbox",
 						checked: M,
 						onChange: (e) => N(e.currentTarget.checked)
-					}), /* @__PURE__ */ J("span", { children: [
+					}), /* @__PURE__ */ Z("span", { children: [
 						t.learnToo,
 						" ",
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "soft",
 							children: t.learnTooText
 						})
@@ -1821,67 +1832,67 @@ function it({ facts: e }) {
 				})
 			]
 		}),
-		/* @__PURE__ */ J("section", {
+		/* @__PURE__ */ Z("section", {
 			class: "sheet",
 			"aria-labelledby": "step-start",
 			children: [
-				/* @__PURE__ */ J("h2", {
+				/* @__PURE__ */ Z("h2", {
 					id: "step-start",
 					children: ["3. ", t.step3]
 				}),
-				/* @__PURE__ */ J("div", {
+				/* @__PURE__ */ Z("div", {
 					class: "fields",
-					children: /* @__PURE__ */ J("label", { children: [
+					children: /* @__PURE__ */ Z("label", { children: [
 						t.name,
-						/* @__PURE__ */ J("input", {
+						/* @__PURE__ */ Z("input", {
 							value: P,
 							placeholder: t.namePlaceholder,
 							maxLength: 100,
 							onInput: (e) => F(e.currentTarget.value)
 						}),
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "soft path",
 							children: t.nameText(`${e.surveysFolder}/${P.trim()}`)
 						})
 					] })
 				}),
-				re.map((e) => /* @__PURE__ */ J(Y, { text: t.noNumber(e) }, e)),
-				L && /* @__PURE__ */ J(Y, { text: L }),
-				/* @__PURE__ */ J("p", {
+				V.map((e) => /* @__PURE__ */ Z(Q, { text: t.noNumber(e) }, e)),
+				L && /* @__PURE__ */ Z(Q, { text: L }),
+				/* @__PURE__ */ Z("p", {
 					class: "line",
-					children: [/* @__PURE__ */ J("button", {
+					children: [/* @__PURE__ */ Z("button", {
 						type: "button",
 						class: "main",
-						disabled: !n.length || !P.trim() || o !== null || re.length > 0,
-						onClick: ae,
+						disabled: !n.length || !P.trim() || o !== null || V.length > 0,
+						onClick: ie,
 						children: t.start
-					}), /* @__PURE__ */ J("a", {
+					}), /* @__PURE__ */ Z("a", {
 						class: "button",
 						href: "#/",
 						children: t.cancel
 					})]
 				}),
-				ee && /* @__PURE__ */ J("details", { children: [
-					/* @__PURE__ */ J("summary", { children: t.equal }),
-					/* @__PURE__ */ J("h3", { children: t.equalCommand }),
-					/* @__PURE__ */ J(Z, { text: ee.command }),
-					/* @__PURE__ */ J("h3", { children: t.equalPython }),
-					/* @__PURE__ */ J(Z, { text: ee.python })
+				ee && /* @__PURE__ */ Z("details", { children: [
+					/* @__PURE__ */ Z("summary", { children: t.equal }),
+					/* @__PURE__ */ Z("h3", { children: t.equalCommand }),
+					/* @__PURE__ */ Z(Be, { text: ee.command }),
+					/* @__PURE__ */ Z("h3", { children: t.equalPython }),
+					/* @__PURE__ */ Z(Be, { text: ee.python })
 				] })
 			]
 		}),
-		i && /* @__PURE__ */ J(Be, {
+		i && /* @__PURE__ */ Z(He, {
 			title: i === "photos" ? t.chooseFolder : t.markersFile,
 			kind: i,
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
 			roots: e.roots,
 			onClose: () => a(""),
-			onChoose: ie
+			onChoose: re
 		})
 	] });
 }
 // src/app/scene.tsx
-function at(e) {
+function st(e) {
 	let t = e.length / 3, n = [
 		0,
 		1,
@@ -1894,12 +1905,12 @@ function at(e) {
 	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
 	return [n, r || 1];
 }
-function ot(e, t, n) {
+function ct(e, t, n) {
 	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
 	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
 	let a = e.getContext("2d");
 	if (!a || !r.width) return;
-	let [o, s] = at(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+	let [o, s] = st(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
 		Math.cos(n.turn),
 		Math.sin(n.turn),
 		Math.cos(n.tilt),
@@ -1927,17 +1938,17 @@ function ot(e, t, n) {
 		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
 	}
 }
-function st({ survey: e }) {
-	let t = K(), [n, r] = U(null), i = G({
+function lt({ survey: e }) {
+	let t = q(), [n, r] = W(null), i = K({
 		turn: 0,
 		tilt: .35,
 		zoom: 1
-	}), a = G(null), o = () => a.current && n && ot(a.current, n, i.current);
-	if (W(() => void Q(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), W(() => {
+	}), a = K(null), o = () => a.current && n && ct(a.current, n, i.current);
+	if (G(() => void Y(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), G(() => {
 		o();
 		let e = new ResizeObserver(o);
 		return a.current && e.observe(a.current), () => e.disconnect();
-	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ J("p", {
+	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: t.sceneWait
 	});
@@ -1958,7 +1969,7 @@ function st({ survey: e }) {
 		ArrowUp: [0, .1],
 		ArrowDown: [0, -.1]
 	};
-	return /* @__PURE__ */ J("figure", { children: [/* @__PURE__ */ J("canvas", {
+	return /* @__PURE__ */ Z("figure", { children: [/* @__PURE__ */ Z("canvas", {
 		ref: a,
 		class: "scene",
 		tabIndex: 0,
@@ -1974,14 +1985,14 @@ function st({ survey: e }) {
 			let t = l[e.key];
 			t && (e.preventDefault(), s(...t));
 		}
-	}), /* @__PURE__ */ J("figcaption", {
+	}), /* @__PURE__ */ Z("figcaption", {
 		class: "soft",
-		children: t.sceneText(q(n.cameras.length / 3), q(n.fruits.length / 4))
+		children: t.sceneText(J(n.cameras.length / 3), J(n.fruits.length / 4))
 	})] });
 }
 // src/app/marks.ts
-var ct = 3;
-function lt(e, [t, n], [r, i], [a, o]) {
+var ut = 3;
+function dt(e, [t, n], [r, i], [a, o]) {
 	let [s, c, l, u] = [
 		Math.min(t, r),
 		Math.min(n, i),
@@ -1998,7 +2009,7 @@ function lt(e, [t, n], [r, i], [a, o]) {
 			e,
 			a,
 			o
-		].map(gt), [s, c, l, u] = [
+		].map(vt), [s, c, l, u] = [
 			e - o,
 			a - o,
 			e + o,
@@ -2010,20 +2021,20 @@ function lt(e, [t, n], [r, i], [a, o]) {
 		Math.max(0, c),
 		Math.min(a, l),
 		Math.min(o, u)
-	].map(gt);
-	return f[2] - f[0] < ct || f[3] - f[1] < ct ? null : {
+	].map(vt);
+	return f[2] - f[0] < ut || f[3] - f[1] < ut ? null : {
 		box: f,
 		circle: d
 	};
 }
-function ut(e, [t, n], r) {
+function ft(e, [t, n], r) {
 	let [i, a] = [-1, r];
 	return e.forEach(({ box: e, circle: r }, o) => {
-		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : dt(e, t, n);
+		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : pt(e, t, n);
 		s <= a && ([i, a] = [o, s]);
 	}), i;
 }
-function dt(e, t, n) {
+function pt(e, t, n) {
 	let [r, i, a, o] = [
 		e[0] - t,
 		e[1] - n,
@@ -2032,7 +2043,7 @@ function dt(e, t, n) {
 	], s = [Math.max(r, a, 0), Math.max(i, o, 0)];
 	return s[0] || s[1] ? Math.hypot(...s) : -Math.max(r, i, a, o);
 }
-function ft(e, t, n = e.complete) {
+function mt(e, t, n = e.complete) {
 	return {
 		marks: t,
 		complete: n,
@@ -2042,23 +2053,23 @@ function ft(e, t, n = e.complete) {
 		}]
 	};
 }
-function pt(e) {
+function ht(e) {
 	let t = e.before.at(-1);
 	return t ? {
 		...t,
 		before: e.before.slice(0, -1)
 	} : e;
 }
-function mt([e, t, n, r], i, [a, o], [s, c]) {
+function gt([e, t, n, r], i, [a, o], [s, c]) {
 	let l = Math.min(Math.max(1 / i, s / 30 / n), Math.max(s / n, c / r));
-	return ht([
+	return _t([
 		a - (a - e) * l,
 		o - (o - t) * l,
 		n * l,
 		r * l
 	], [s, c]);
 }
-function ht([e, t, n, r], [i, a]) {
+function _t([e, t, n, r], [i, a]) {
 	return [
 		Math.min(Math.max(e, -n / 2), i - n / 2),
 		Math.min(Math.max(t, -r / 2), a - r / 2),
@@ -2066,25 +2077,25 @@ function ht([e, t, n, r], [i, a]) {
 		r
 	];
 }
-function gt(e) {
+function vt(e) {
 	return Math.round(e * 10) / 10;
 }
 // src/app/marking.tsx
-var _t = 7, vt = 12, yt = 4;
-function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
-	let a = K(), [o, s] = U(null), [c, l] = U({
+var yt = 7, bt = 12, xt = 4;
+function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
+	let a = q(), [o, s] = W(null), [c, l] = W({
 		marks: [],
 		complete: !1,
 		before: []
-	}), [u, d] = U("circle"), [f, p] = U(null), [m, h] = U(null), [g, _] = U(-1), [v, y] = U(!0), [b, x] = U([
+	}), [u, d] = W("circle"), [f, p] = W(null), [m, h] = W(null), [g, _] = W(-1), [v, y] = W(!0), [b, x] = W([
 		0,
 		0,
 		1,
 		1
-	]), [S, C] = U(""), w = G(null), T = G(null), E = G(Promise.resolve()), D = `surveys/${e}/photos/${t}`;
-	if (W(() => {
+	]), [S, C] = W(""), w = K(null), T = K(null), E = K(Promise.resolve()), D = `surveys/${e}/photos/${t}`;
+	if (G(() => {
 		let e = !0;
-		return s(null), p(null), _(-1), C(""), Q(`${D}/marks`).then((t) => {
+		return s(null), p(null), _(-1), C(""), Y(`${D}/marks`).then((t) => {
 			e && (s(t), l({
 				marks: t.marks,
 				complete: t.complete,
@@ -2096,10 +2107,10 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 				t.height
 			]));
 		}, (t) => e && C(t.message)), () => void (e = !1);
-	}, [D]), !o) return /* @__PURE__ */ J(Ne, {
+	}, [D]), !o) return /* @__PURE__ */ Z(ze, {
 		title: a.mark,
 		onClose: i,
-		children: S ? /* @__PURE__ */ J(Y, { text: S }) : /* @__PURE__ */ J("progress", { "aria-label": a.mark })
+		children: S ? /* @__PURE__ */ Z(Q, { text: S }) : /* @__PURE__ */ Z("progress", { "aria-label": a.mark })
 	});
 	let O = [o.width, o.height], k = (e) => {
 		l(e), _(-1), C("");
@@ -2107,19 +2118,19 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 			complete: e.complete,
 			marks: e.marks
 		};
-		E.current = E.current.then(() => $(`${D}/marks`, t)).catch((e) => C(e.message));
+		E.current = E.current.then(() => X(`${D}/marks`, t)).catch((e) => C(e.message));
 	}, A = (e) => {
 		let t = new DOMPoint(e.clientX, e.clientY).matrixTransform(w.current.getScreenCTM().inverse());
 		return [t.x, t.y];
 	}, j = () => 1 / (w.current?.getScreenCTM()?.a || 1), M = (e) => {
 		if (f) {
-			let t = lt(u, f, e, O);
-			p(null), t && k(ft(c, [...c.marks, t]));
+			let t = dt(u, f, e, O);
+			p(null), t && k(mt(c, [...c.marks, t]));
 			return;
 		}
-		let t = ut(c.marks, e, _t * j());
+		let t = ft(c.marks, e, yt * j());
 		_(t), t < 0 && p(e);
-	}, N = () => g >= 0 && k(ft(c, c.marks.filter((e, t) => t !== g))), P = () => c.before.length && k(pt(c)), F = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(mt(b, e, t, O)), ee = () => void E.current.then(i), I = (e) => {
+	}, N = () => g >= 0 && k(mt(c, c.marks.filter((e, t) => t !== g))), P = () => c.before.length && k(ht(c)), F = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(gt(b, e, t, O)), ee = () => void E.current.then(i), I = (e) => {
 		let t = {
 			ArrowLeft: [-1, 0],
 			ArrowRight: [1, 0],
@@ -2127,7 +2138,7 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 			ArrowDown: [0, 1]
 		}[e.key], n = m ?? [b[0] + b[2] / 2, b[1] + b[3] / 2];
 		if (t) {
-			let r = (e.shiftKey ? 1 : vt) * j();
+			let r = (e.shiftKey ? 1 : bt) * j();
 			h([Math.min(Math.max(n[0] + t[0] * r, 0), O[0]), Math.min(Math.max(n[1] + t[1] * r, 0), O[1])]);
 		} else if (e.key === "Enter" || e.key === " ") M(n);
 		else if (e.key === "+" || e.key === "-") F(e.key === "+" ? 1.4 : 1 / 1.4, n);
@@ -2136,51 +2147,51 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 		else if (e.key === "Escape" && f) p(null);
 		else return;
 		e.preventDefault();
-	}, L = 1.6 * j(), R = f && m ? lt(u, f, m, O) : null;
-	return /* @__PURE__ */ J(Ne, {
-		title: a.photoOf(o.name, a.marksOf(c.marks.length, q(c.marks.length))),
+	}, L = 1.6 * j(), R = f && m ? dt(u, f, m, O) : null;
+	return /* @__PURE__ */ Z(ze, {
+		title: a.photoOf(o.name, a.marksOf(c.marks.length, J(c.marks.length))),
 		onClose: ee,
 		wide: !0,
 		children: [
-			/* @__PURE__ */ J("div", {
+			/* @__PURE__ */ Z("div", {
 				class: "line tools",
 				role: "toolbar",
 				"aria-label": a.mark,
 				children: [
-					["circle", "box"].map((e) => /* @__PURE__ */ J("button", {
+					["circle", "box"].map((e) => /* @__PURE__ */ Z("button", {
 						type: "button",
 						"aria-pressed": u === e,
 						onClick: () => d(e),
 						children: a.shapes[e]
 					}, e)),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						disabled: !c.before.length,
 						onClick: P,
 						children: a.undo
 					}),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						disabled: g < 0,
 						onClick: N,
 						children: a.deleteMark
 					}),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						"aria-label": a.nearer,
 						onClick: () => F(1.5),
 						children: "+"
 					}),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						"aria-label": a.farther,
 						onClick: () => F(1 / 1.5),
 						children: "−"
 					}),
-					/* @__PURE__ */ J("label", {
+					/* @__PURE__ */ Z("label", {
 						class: "line",
 						children: [
-							/* @__PURE__ */ J("input", {
+							/* @__PURE__ */ Z("input", {
 								type: "checkbox",
 								checked: v,
 								onChange: (e) => y(e.currentTarget.checked)
@@ -2189,15 +2200,15 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 							a.showFound
 						]
 					}),
-					/* @__PURE__ */ J("span", {
+					/* @__PURE__ */ Z("span", {
 						class: "end",
-						children: [/* @__PURE__ */ J("button", {
+						children: [/* @__PURE__ */ Z("button", {
 							type: "button",
 							disabled: t === 0,
 							"aria-label": a.photoBefore,
 							onClick: () => r(t - 1),
 							children: "‹"
-						}), /* @__PURE__ */ J("button", {
+						}), /* @__PURE__ */ Z("button", {
 							type: "button",
 							disabled: t === n - 1,
 							"aria-label": a.photoAfter,
@@ -2207,8 +2218,8 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					})
 				]
 			}),
-			S && /* @__PURE__ */ J(Y, { text: S }),
-			/* @__PURE__ */ J("svg", {
+			S && /* @__PURE__ */ Z(Q, { text: S }),
+			/* @__PURE__ */ Z("svg", {
 				ref: w,
 				class: "marking",
 				tabindex: 0,
@@ -2231,7 +2242,7 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					let t = T.current;
 					if (h(A(e)), !t || !e.buttons) return;
 					let [n, r] = [e.clientX - t.x, e.clientY - t.y];
-					t.moved ||= Math.hypot(n, r) > yt, t.moved && x(ht([
+					t.moved ||= Math.hypot(n, r) > xt, t.moved && x(_t([
 						t.view[0] - n * j(),
 						t.view[1] - r * j(),
 						t.view[2],
@@ -2242,13 +2253,13 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					T.current && !T.current.moved && M(A(e)), T.current = null;
 				},
 				children: [
-					/* @__PURE__ */ J("image", {
+					/* @__PURE__ */ Z("image", {
 						href: `api/${D}/whole.jpg`,
 						width: o.width,
 						height: o.height,
 						preserveAspectRatio: "none"
 					}),
-					v && Array.from({ length: o.found.length / 4 }, (e, t) => o.found.slice(4 * t, 4 * t + 4)).map(([e, t, n, r], i) => /* @__PURE__ */ J("rect", {
+					v && Array.from({ length: o.found.length / 4 }, (e, t) => o.found.slice(4 * t, 4 * t + 4)).map(([e, t, n, r], i) => /* @__PURE__ */ Z("rect", {
 						class: "found",
 						x: e,
 						y: t,
@@ -2258,13 +2269,13 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					}, `found-${i}`)),
 					[...c.marks, ...R ? [R] : []].map(({ box: e, circle: t }, n) => {
 						let r = n === g ? "mark on" : n === c.marks.length ? "mark started" : "mark";
-						return t ? /* @__PURE__ */ J("circle", {
+						return t ? /* @__PURE__ */ Z("circle", {
 							class: r,
 							cx: t[0],
 							cy: t[1],
 							r: t[2],
 							"stroke-width": 1.5 * L
-						}, n) : /* @__PURE__ */ J("rect", {
+						}, n) : /* @__PURE__ */ Z("rect", {
 							class: r,
 							x: e[0],
 							y: e[1],
@@ -2273,32 +2284,32 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 							"stroke-width": 1.5 * L
 						}, n);
 					}),
-					m && /* @__PURE__ */ J("path", {
+					m && /* @__PURE__ */ Z("path", {
 						class: "cross",
 						d: `M${m[0] - 9 * j()} ${m[1]}h${18 * j()}M${m[0]} ${m[1] - 9 * j()}v${18 * j()}`,
 						"stroke-width": L
 					})
 				]
 			}),
-			/* @__PURE__ */ J("p", {
+			/* @__PURE__ */ Z("p", {
 				class: "line",
-				children: /* @__PURE__ */ J("label", {
+				children: /* @__PURE__ */ Z("label", {
 					class: "line",
-					children: [/* @__PURE__ */ J("input", {
+					children: [/* @__PURE__ */ Z("input", {
 						type: "checkbox",
 						checked: c.complete,
-						onChange: (e) => k(ft(c, c.marks, e.currentTarget.checked))
-					}), /* @__PURE__ */ J("span", { children: [
+						onChange: (e) => k(mt(c, c.marks, e.currentTarget.checked))
+					}), /* @__PURE__ */ Z("span", { children: [
 						a.complete,
 						" ",
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "soft",
 							children: a.completeText
 						})
 					] })]
 				})
 			}),
-			/* @__PURE__ */ J("p", {
+			/* @__PURE__ */ Z("p", {
 				class: "soft",
 				children: f ? a.markSecond[u] : a.markFirst[u]
 			})
@@ -2306,80 +2317,80 @@ function bt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	});
 }
 // src/app/teach.tsx
-var xt = 24;
-function St({ survey: e, learnt: t, photos: n }) {
-	let r = K(), [i, a] = U(Math.floor(n.length / 4)), o = [
+var Ct = 24;
+function wt({ survey: e, learnt: t, photos: n }) {
+	let r = q(), [i, a] = W(Math.floor(n.length / 4)), o = [
 		[
 			r.learntRows.f1,
 			t.f1,
-			(e) => q(e, 3)
+			(e) => J(e, 3)
 		],
 		[
-			r.learntRows.byHand(q(t.byHand)),
+			r.learntRows.byHand(J(t.byHand)),
 			t.byHandF1,
-			(e) => q(e, 3)
+			(e) => J(e, 3)
 		],
 		[
 			r.learntRows.halves,
 			t.halves,
-			(e) => q(100 * e) + " %"
+			(e) => J(100 * e) + " %"
 		],
 		[
 			r.learntRows.detections,
 			t.detections,
-			(e) => q(e)
+			(e) => J(e)
 		],
 		[
 			r.learntRows.fruits,
 			t.fruits,
-			(e) => q(e)
+			(e) => J(e)
 		]
 	], s = n[i]?.name ?? "", c = (t) => `api/surveys/${e.id}/${t}/${i}/1280.jpg?${e.version}`;
-	return /* @__PURE__ */ J("section", {
+	return /* @__PURE__ */ Z("section", {
 		class: "learnt",
 		"aria-label": r.learntTitle,
 		children: [
-			/* @__PURE__ */ J("h3", { children: r.learntTitle }),
-			/* @__PURE__ */ J("p", { children: t.kept ? r.learnt : r.learntNot }),
-			/* @__PURE__ */ J("table", { children: [/* @__PURE__ */ J("thead", { children: /* @__PURE__ */ J("tr", { children: [
-				/* @__PURE__ */ J("td", {}),
-				/* @__PURE__ */ J("th", {
+			/* @__PURE__ */ Z("h3", { children: r.learntTitle }),
+			/* @__PURE__ */ Z("p", { children: t.kept ? r.learnt : r.learntNot }),
+			/* @__PURE__ */ Z("table", { children: [/* @__PURE__ */ Z("thead", { children: /* @__PURE__ */ Z("tr", { children: [
+				/* @__PURE__ */ Z("td", {}),
+				/* @__PURE__ */ Z("th", {
 					scope: "col",
 					children: r.before
 				}),
-				/* @__PURE__ */ J("th", {
+				/* @__PURE__ */ Z("th", {
 					scope: "col",
 					children: r.after
 				})
-			] }) }), /* @__PURE__ */ J("tbody", { children: o.filter(([, e]) => e.length === 2).map(([e, t, n]) => /* @__PURE__ */ J("tr", { children: [
-				/* @__PURE__ */ J("th", {
+			] }) }), /* @__PURE__ */ Z("tbody", { children: o.filter(([, e]) => e.length === 2).map(([e, t, n]) => /* @__PURE__ */ Z("tr", { children: [
+				/* @__PURE__ */ Z("th", {
 					scope: "row",
 					children: e
 				}),
-				/* @__PURE__ */ J("td", { children: n(t[0]) }),
-				/* @__PURE__ */ J("td", { children: n(t[1]) })
+				/* @__PURE__ */ Z("td", { children: n(t[0]) }),
+				/* @__PURE__ */ Z("td", { children: n(t[1]) })
 			] }, e)) })] }),
-			/* @__PURE__ */ J("p", {
+			/* @__PURE__ */ Z("p", {
 				class: "soft",
 				children: r.learntHonest
 			}),
-			t.kept && n.length > 0 && /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("label", {
+			t.kept && n.length > 0 && /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("label", {
 				class: "line",
-				children: [r.photosTab, /* @__PURE__ */ J("select", {
+				children: [r.photosTab, /* @__PURE__ */ Z("select", {
 					value: i,
 					onChange: (e) => a(Number(e.currentTarget.value)),
-					children: n.map((e, t) => /* @__PURE__ */ J("option", {
+					children: n.map((e, t) => /* @__PURE__ */ Z("option", {
 						value: t,
 						children: e.name
 					}, e.name))
 				})]
-			}), /* @__PURE__ */ J("div", {
+			}), /* @__PURE__ */ Z("div", {
 				class: "pair",
-				children: ["before", "photos"].map((e) => /* @__PURE__ */ J("figure", { children: [/* @__PURE__ */ J("img", {
+				children: ["before", "photos"].map((e) => /* @__PURE__ */ Z("figure", { children: [/* @__PURE__ */ Z("img", {
 					src: c(e),
 					alt: `${s}, ${e === "before" ? r.before : r.after}`,
 					loading: "lazy"
-				}), /* @__PURE__ */ J("figcaption", {
+				}), /* @__PURE__ */ Z("figcaption", {
 					class: "soft",
 					children: e === "before" ? r.before : r.after
 				})] }, e))
@@ -2387,91 +2398,91 @@ function St({ survey: e, learnt: t, photos: n }) {
 		]
 	});
 }
-function Ct({ survey: e, canLearn: t, working: n }) {
-	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(xt), [f, p] = U(null);
-	if (W(() => void Q(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), W(() => {
-		f === null && Q(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
+function Tt({ survey: e, canLearn: t, working: n }) {
+	let r = q(), [i, a] = W([]), [o, s] = W(null), [c, l] = W(""), [u, d] = W(Ct), [f, p] = W(null);
+	if (G(() => void Y(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), G(() => {
+		f === null && Y(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
 	}, [
 		e.id,
 		e.version,
 		n,
 		f === null
-	]), !i.length) return /* @__PURE__ */ J("p", {
+	]), !i.length) return /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: r.photosWait
 	});
 	let m = new Map(o?.marks.map((e) => [e.photo, e])), h = [...m.values()].reduce((e, t) => e + t.marks, 0), g = [...m.values()].filter((e) => e.complete).length, _ = (e) => {
 		let t = m.get(e);
-		return t ? `${r.marksOf(t.marks, q(t.marks))}${t.complete ? ` · ${r.allMarked}` : ""}` : "";
+		return t ? `${r.marksOf(t.marks, J(t.marks))}${t.complete ? ` · ${r.allMarked}` : ""}` : "";
 	}, v = i.map((e, t) => [e, t]).sort((e, t) => Number(m.has(t[0].name)) - Number(m.has(e[0].name)));
-	return /* @__PURE__ */ J(y, { children: [
-		/* @__PURE__ */ J("p", { children: r.teachText }),
-		c && /* @__PURE__ */ J(Y, { text: c }),
-		o?.learnt && /* @__PURE__ */ J(St, {
+	return /* @__PURE__ */ Z(y, { children: [
+		/* @__PURE__ */ Z("p", { children: r.teachText }),
+		c && /* @__PURE__ */ Z(Q, { text: c }),
+		o?.learnt && /* @__PURE__ */ Z(wt, {
 			survey: e,
 			learnt: o.learnt,
 			photos: i
 		}),
-		/* @__PURE__ */ J("h3", { children: r.mark }),
-		/* @__PURE__ */ J("p", {
+		/* @__PURE__ */ Z("h3", { children: r.mark }),
+		/* @__PURE__ */ Z("p", {
 			class: "soft",
 			children: r.teachHow
 		}),
-		/* @__PURE__ */ J("ul", {
+		/* @__PURE__ */ Z("ul", {
 			class: "photos",
-			children: v.slice(0, u).map(([t, n]) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("button", {
+			children: v.slice(0, u).map(([t, n]) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
 				type: "button",
 				class: m.has(t.name) ? "marked" : "",
 				onClick: () => p(n),
 				"aria-label": `${r.mark}: ${t.name} ${_(t.name)}`,
 				children: [
-					/* @__PURE__ */ J("img", {
+					/* @__PURE__ */ Z("img", {
 						src: `api/surveys/${e.id}/photos/${n}/320.jpg?${t.found ?? ""}-${e.version}`,
 						alt: "",
 						loading: "lazy"
 					}),
-					/* @__PURE__ */ J("span", {
+					/* @__PURE__ */ Z("span", {
 						class: "path",
 						children: t.name
 					}),
-					/* @__PURE__ */ J("span", {
+					/* @__PURE__ */ Z("span", {
 						class: "soft",
 						children: _(t.name)
 					})
 				]
 			}) }, t.name))
 		}),
-		i.length > u && /* @__PURE__ */ J("button", {
+		i.length > u && /* @__PURE__ */ Z("button", {
 			type: "button",
 			onClick: () => d(i.length),
-			children: r.more(q(i.length - u))
+			children: r.more(J(i.length - u))
 		}),
-		/* @__PURE__ */ J("h3", { children: r.learn }),
-		/* @__PURE__ */ J("p", {
+		/* @__PURE__ */ Z("h3", { children: r.learn }),
+		/* @__PURE__ */ Z("p", {
 			role: "status",
-			children: r.taught(r.marksOf(h, q(h)), r.photos(m.size, q(m.size)), q(g), q(o?.corrections ?? 0))
+			children: r.taught(r.marksOf(h, J(h)), r.photos(m.size, J(m.size)), J(g), J(o?.corrections ?? 0))
 		}),
-		/* @__PURE__ */ J("p", {
+		/* @__PURE__ */ Z("p", {
 			class: "soft",
 			children: r.learnText
 		}),
-		t ? /* @__PURE__ */ J(X, {
+		t ? /* @__PURE__ */ Z($, {
 			class: "main",
 			disabled: n,
-			onDo: () => $(`surveys/${e.id}/learn`),
+			onDo: () => X(`surveys/${e.id}/learn`),
 			children: r.learnFromThese
-		}) : /* @__PURE__ */ J("p", {
+		}) : /* @__PURE__ */ Z("p", {
 			class: "warning",
 			children: r.learnMissing
 		}),
-		o?.equal && /* @__PURE__ */ J("details", { children: [
-			/* @__PURE__ */ J("summary", { children: r.equal }),
-			/* @__PURE__ */ J("h3", { children: r.equalCommand }),
-			/* @__PURE__ */ J(Z, { text: o.equal.command }),
-			/* @__PURE__ */ J("h3", { children: r.equalPython }),
-			/* @__PURE__ */ J(Z, { text: o.equal.python })
+		o?.equal && /* @__PURE__ */ Z("details", { children: [
+			/* @__PURE__ */ Z("summary", { children: r.equal }),
+			/* @__PURE__ */ Z("h3", { children: r.equalCommand }),
+			/* @__PURE__ */ Z(Be, { text: o.equal.command }),
+			/* @__PURE__ */ Z("h3", { children: r.equalPython }),
+			/* @__PURE__ */ Z(Be, { text: o.equal.python })
 		] }),
-		f !== null && /* @__PURE__ */ J(bt, {
+		f !== null && /* @__PURE__ */ Z(St, {
 			survey: e.id,
 			index: f,
 			photos: i.length,
@@ -2481,11 +2492,11 @@ function Ct({ survey: e, canLearn: t, working: n }) {
 	] });
 }
 // src/app/survey.tsx
-var wt = [
+var Et = [
 	"queued",
 	"running",
 	"stopping"
-], Tt = 24, Et = [
+], Dt = 24, Ot = [
 	"report.html",
 	"fruits.csv",
 	"trees.csv",
@@ -2500,120 +2511,120 @@ var wt = [
 	"metashape",
 	"geoparquet"
 ];
-function Dt({ survey: e }) {
-	let t = K();
-	if (e.run?.byOther) return /* @__PURE__ */ J("p", {
+function kt({ survey: e }) {
+	let t = q();
+	if (e.run?.byOther) return /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: t.byOther
 	});
-	let n = (t) => () => $(`surveys/${e.id}/${t}`);
-	if (e.state === "queued") return /* @__PURE__ */ J(X, {
+	let n = (t) => () => X(`surveys/${e.id}/${t}`);
+	if (e.state === "queued") return /* @__PURE__ */ Z($, {
 		onDo: n("stop"),
 		children: t.unqueue
 	});
-	if (e.state === "running") return /* @__PURE__ */ J(X, {
+	if (e.state === "running") return /* @__PURE__ */ Z($, {
 		onDo: n("stop"),
 		children: t.stop
 	});
-	if (e.state === "stopping") return /* @__PURE__ */ J("span", {
+	if (e.state === "stopping") return /* @__PURE__ */ Z("span", {
 		class: "line",
 		children: [
-			/* @__PURE__ */ J(X, {
+			/* @__PURE__ */ Z($, {
 				onDo: n("stop"),
 				children: t.stopNow
 			}),
 			" ",
-			/* @__PURE__ */ J("span", {
+			/* @__PURE__ */ Z("span", {
 				class: "soft",
 				children: t.stoppingText
 			})
 		]
 	});
-	if (e.state === "missing") return /* @__PURE__ */ J("p", {
+	if (e.state === "missing") return /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: t.missingText
 	});
 	let r = e.state === "finished";
-	return /* @__PURE__ */ J(X, {
+	return /* @__PURE__ */ Z($, {
 		class: r ? "" : "main",
 		onDo: n("go-on"),
 		children: r ? t.again : t.goOn
 	});
 }
-function Ot({ survey: e }) {
-	let t = K(), n = e.run;
+function At({ survey: e }) {
+	let t = q(), n = e.run;
 	if (!n) return null;
-	let r = Ue(e), i = n.stages.find((e) => e.state === "now");
-	return /* @__PURE__ */ J("section", {
+	let r = Ge(e), i = n.stages.find((e) => e.state === "now");
+	return /* @__PURE__ */ Z("section", {
 		class: "sheet",
 		"aria-label": t.progress,
 		children: [
-			r !== null && /* @__PURE__ */ J("div", {
+			r !== null && /* @__PURE__ */ Z("div", {
 				class: "now",
 				role: "status",
-				children: [/* @__PURE__ */ J("span", {
+				children: [/* @__PURE__ */ Z("span", {
 					class: "line",
 					children: [
-						/* @__PURE__ */ J("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
+						/* @__PURE__ */ Z("span", {
 							class: "soft",
 							children: [
-								Ae(n.label),
+								ke(n.label),
 								" ",
-								n.total ? t.of(q(n.done), q(n.total)) : ""
+								n.total ? t.of(J(n.done), J(n.total)) : ""
 							]
 						}),
-						n.leftS !== null && /* @__PURE__ */ J("span", {
+						n.leftS !== null && /* @__PURE__ */ Z("span", {
 							class: "end",
-							children: t.left(ke(n.leftS))
+							children: t.left(Oe(n.leftS))
 						})
 					]
-				}), /* @__PURE__ */ J("progress", {
+				}), /* @__PURE__ */ Z("progress", {
 					value: r,
 					max: 1,
 					"aria-label": t.progress
 				})]
 			}),
-			/* @__PURE__ */ J("ol", {
+			/* @__PURE__ */ Z("ol", {
 				class: "stages",
-				children: n.stages.map((e) => /* @__PURE__ */ J("li", {
+				children: n.stages.map((e) => /* @__PURE__ */ Z("li", {
 					class: e.state,
 					"aria-current": e.state === "now" ? "step" : void 0,
 					children: [
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "name",
 							children: t.stages[e.name] ?? e.name
 						}),
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "soft",
-							children: e.seconds === null ? "" : ke(e.seconds)
+							children: e.seconds === null ? "" : Oe(e.seconds)
 						}),
-						/* @__PURE__ */ J("span", {
+						/* @__PURE__ */ Z("span", {
 							class: "hidden",
 							children: t.stageStates[e.state]
 						})
 					]
 				}, e.name))
 			}),
-			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J(Y, {
+			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z(Q, {
 				title: t.failed,
 				text: n.message
-			}), /* @__PURE__ */ J("p", {
+			}), /* @__PURE__ */ Z("p", {
 				class: "soft",
 				children: t.failedDo
 			})] }),
-			n.warnings.length > 0 && /* @__PURE__ */ J("div", {
+			n.warnings.length > 0 && /* @__PURE__ */ Z("div", {
 				class: "warnings",
 				children: [
-					/* @__PURE__ */ J("h3", { children: t.warnings }),
-					t.english && /* @__PURE__ */ J("p", {
+					/* @__PURE__ */ Z("h3", { children: t.warnings }),
+					t.english && /* @__PURE__ */ Z("p", {
 						class: "soft",
 						children: t.english
 					}),
-					/* @__PURE__ */ J("ul", { children: n.warnings.map((e) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(Me, { text: e }) }, e)) })
+					/* @__PURE__ */ Z("ul", { children: n.warnings.map((e) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z(Re, { text: e }) }, e)) })
 				]
 			}),
-			n.log.length > 0 && /* @__PURE__ */ J("details", { children: [/* @__PURE__ */ J("summary", { children: t.log }), /* @__PURE__ */ J("pre", {
+			n.log.length > 0 && /* @__PURE__ */ Z("details", { children: [/* @__PURE__ */ Z("summary", { children: t.log }), /* @__PURE__ */ Z("pre", {
 				class: "log",
 				tabIndex: 0,
 				children: n.log.join("\n")
@@ -2621,50 +2632,50 @@ function Ot({ survey: e }) {
 		]
 	});
 }
-function kt({ survey: e }) {
-	let t = K(), [n, r] = U([]), [i, a] = U(Tt), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
-	if (W(() => void Q(`surveys/${e.id}/photos`).then(r, () => r([])), [
+function jt({ survey: e }) {
+	let t = q(), [n, r] = W([]), [i, a] = W(Dt), [o, s] = W(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+	if (G(() => void Y(`surveys/${e.id}/photos`).then(r, () => r([])), [
 		e.id,
 		e.version,
 		c
-	]), !n.length) return /* @__PURE__ */ J("p", {
+	]), !n.length) return /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: t.photosWait
 	});
-	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, q(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
-	return /* @__PURE__ */ J(y, { children: [
-		/* @__PURE__ */ J("ul", {
+	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, J(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
+	return /* @__PURE__ */ Z(y, { children: [
+		/* @__PURE__ */ Z("ul", {
 			class: "photos",
-			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J("button", {
+			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
 				type: "button",
 				onClick: () => s(n),
 				"aria-label": t.photoOf(e.name, l(e)),
 				children: [
-					/* @__PURE__ */ J("img", {
+					/* @__PURE__ */ Z("img", {
 						src: u(n, 320),
 						alt: "",
 						loading: "lazy"
 					}),
-					/* @__PURE__ */ J("span", {
+					/* @__PURE__ */ Z("span", {
 						class: "path",
 						children: e.name
 					}),
-					/* @__PURE__ */ J("span", {
+					/* @__PURE__ */ Z("span", {
 						class: "soft",
 						children: l(e)
 					})
 				]
 			}) }, e.name))
 		}),
-		n.length > i && /* @__PURE__ */ J("button", {
+		n.length > i && /* @__PURE__ */ Z("button", {
 			type: "button",
 			onClick: () => a(n.length),
-			children: t.more(q(n.length - i))
+			children: t.more(J(n.length - i))
 		}),
-		d && o !== null && /* @__PURE__ */ J(Ne, {
+		d && o !== null && /* @__PURE__ */ Z(ze, {
 			title: t.photoOf(d.name, l(d)),
 			onClose: () => s(null),
-			children: /* @__PURE__ */ J("img", {
+			children: /* @__PURE__ */ Z("img", {
 				class: "large",
 				src: u(o, 1280),
 				alt: t.photoOf(d.name, l(d))
@@ -2672,84 +2683,84 @@ function kt({ survey: e }) {
 		})
 	] });
 }
-function At({ survey: e }) {
-	let t = K(), [n, r] = U(null), [i, a] = U("");
-	return W(() => void Q(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ J(Y, { text: i }) : n ? n.length ? /* @__PURE__ */ J("div", {
+function Mt({ survey: e }) {
+	let t = q(), [n, r] = W(null), [i, a] = W("");
+	return G(() => void Y(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ Z(Q, { text: i }) : n ? n.length ? /* @__PURE__ */ Z("div", {
 		class: "scroll",
 		tabIndex: 0,
 		role: "region",
 		"aria-label": t.treesTab,
-		children: /* @__PURE__ */ J("table", { children: [/* @__PURE__ */ J("thead", { children: /* @__PURE__ */ J("tr", { children: [
+		children: /* @__PURE__ */ Z("table", { children: [/* @__PURE__ */ Z("thead", { children: /* @__PURE__ */ Z("tr", { children: [
 			t.tree,
 			t.fruitsHead,
 			t.between,
 			`${t.diameter} (mm)`,
 			`${t.weight} (kg)`
-		].map((e) => /* @__PURE__ */ J("th", {
+		].map((e) => /* @__PURE__ */ Z("th", {
 			scope: "col",
 			children: e
-		}, e)) }) }), /* @__PURE__ */ J("tbody", { children: n.map((e) => /* @__PURE__ */ J("tr", { children: [
-			/* @__PURE__ */ J("th", {
+		}, e)) }) }), /* @__PURE__ */ Z("tbody", { children: n.map((e) => /* @__PURE__ */ Z("tr", { children: [
+			/* @__PURE__ */ Z("th", {
 				scope: "row",
 				children: e.id
 			}),
-			/* @__PURE__ */ J("td", { children: q(e.fruits) }),
-			/* @__PURE__ */ J("td", { children: e.low === null || e.high === null ? "" : `${q(e.low)} – ${q(e.high)}` }),
-			/* @__PURE__ */ J("td", { children: e.diameterMm === null ? "" : q(e.diameterMm, 1) }),
-			/* @__PURE__ */ J("td", { children: e.weightKg === null ? "" : q(e.weightKg, 2) })
+			/* @__PURE__ */ Z("td", { children: J(e.fruits) }),
+			/* @__PURE__ */ Z("td", { children: e.low === null || e.high === null ? "" : `${J(e.low)} – ${J(e.high)}` }),
+			/* @__PURE__ */ Z("td", { children: e.diameterMm === null ? "" : J(e.diameterMm, 1) }),
+			/* @__PURE__ */ Z("td", { children: e.weightKg === null ? "" : J(e.weightKg, 2) })
 		] }, e.id)) })] })
-	}) : /* @__PURE__ */ J("p", {
+	}) : /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: t.noTrees
-	}) : /* @__PURE__ */ J("progress", { "aria-label": t.treesTab });
+	}) : /* @__PURE__ */ Z("progress", { "aria-label": t.treesTab });
 }
-function jt({ survey: e, everything: t }) {
-	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U("");
-	return r.length ? /* @__PURE__ */ J(y, { children: [
-		/* @__PURE__ */ J("p", {
+function Nt({ survey: e, everything: t }) {
+	let n = q(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = W(r[0]?.id ?? ""), [o, s] = W("");
+	return r.length ? /* @__PURE__ */ Z(y, { children: [
+		/* @__PURE__ */ Z("p", {
 			class: "soft",
 			children: n.compareText
 		}),
-		/* @__PURE__ */ J("p", {
+		/* @__PURE__ */ Z("p", {
 			class: "line",
-			children: [/* @__PURE__ */ J("label", {
+			children: [/* @__PURE__ */ Z("label", {
 				class: "line",
-				children: [n.compareWith, /* @__PURE__ */ J("select", {
+				children: [n.compareWith, /* @__PURE__ */ Z("select", {
 					value: i,
 					onChange: (e) => a(e.currentTarget.value),
-					children: r.map((e) => /* @__PURE__ */ J("option", {
+					children: r.map((e) => /* @__PURE__ */ Z("option", {
 						value: e.id,
 						children: e.name
 					}, e.id))
 				})]
-			}), /* @__PURE__ */ J(X, {
+			}), /* @__PURE__ */ Z($, {
 				class: "main",
-				onDo: async () => s(await $(`surveys/${e.id}/compare`, { before: i })),
+				onDo: async () => s(await X(`surveys/${e.id}/compare`, { before: i })),
 				children: n.compare
 			})]
 		}),
-		o && /* @__PURE__ */ J("iframe", {
+		o && /* @__PURE__ */ Z("iframe", {
 			class: "view",
 			src: o.slice(1),
 			title: n.compareTab
 		})
-	] }) : /* @__PURE__ */ J("p", {
+	] }) : /* @__PURE__ */ Z("p", {
 		class: "soft",
 		children: n.compareNone
 	});
 }
-function Mt({ survey: e, everything: t }) {
-	let n = K(), r = Et.filter((e) => e.includes(".") || t.facts.exports.includes(e));
-	return /* @__PURE__ */ J(y, { children: [
-		/* @__PURE__ */ J("h2", { children: n.files }),
-		/* @__PURE__ */ J("ul", {
+function Pt({ survey: e, everything: t }) {
+	let n = q(), r = Ot.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+	return /* @__PURE__ */ Z(y, { children: [
+		/* @__PURE__ */ Z("h2", { children: n.files }),
+		/* @__PURE__ */ Z("ul", {
 			class: "files",
-			children: r.map((t) => /* @__PURE__ */ J("li", { children: /* @__PURE__ */ J(X, {
-				onDo: () => Fe(`surveys/${e.id}/files/${t}`),
+			children: r.map((t) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z($, {
+				onDo: () => Ne(`surveys/${e.id}/files/${t}`),
 				children: n.fileNames[t] ?? t
 			}) }, t))
 		}),
-		/* @__PURE__ */ J("p", {
+		/* @__PURE__ */ Z("p", {
 			class: "soft path",
 			children: [
 				n.folder,
@@ -2759,20 +2770,20 @@ function Mt({ survey: e, everything: t }) {
 		})
 	] });
 }
-function Nt({ survey: e }) {
-	let t = K(), [n, r] = U(null);
-	return /* @__PURE__ */ J("details", {
+function Ft({ survey: e }) {
+	let t = q(), [n, r] = W(null);
+	return /* @__PURE__ */ Z("details", {
 		class: "sheet",
-		onToggle: () => void Q(`surveys/${e.id}/equal`).then(r, () => r(null)),
-		children: [/* @__PURE__ */ J("summary", { children: t.equal }), n && /* @__PURE__ */ J(y, { children: [
-			/* @__PURE__ */ J("h3", { children: t.equalCommand }),
-			/* @__PURE__ */ J(Z, { text: n.command }),
-			/* @__PURE__ */ J("h3", { children: t.equalPython }),
-			/* @__PURE__ */ J(Z, { text: n.python })
+		onToggle: () => void Y(`surveys/${e.id}/equal`).then(r, () => r(null)),
+		children: [/* @__PURE__ */ Z("summary", { children: t.equal }), n && /* @__PURE__ */ Z(y, { children: [
+			/* @__PURE__ */ Z("h3", { children: t.equalCommand }),
+			/* @__PURE__ */ Z(Be, { text: n.command }),
+			/* @__PURE__ */ Z("h3", { children: t.equalPython }),
+			/* @__PURE__ */ Z(Be, { text: n.python })
 		] })]
 	});
 }
-var Pt = [
+var It = [
 	"photos",
 	"scene",
 	"result",
@@ -2781,8 +2792,8 @@ var Pt = [
 	"teach",
 	"files"
 ];
-function Ft({ survey: e, everything: t, place: n }) {
-	let r = K(), i = e.state === "finished" && !wt.includes(e.state), a = Pt.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
+function Lt({ survey: e, everything: t, place: n }) {
+	let r = q(), i = e.state === "finished" && !Et.includes(e.state), a = It.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
@@ -2791,43 +2802,43 @@ function Ft({ survey: e, everything: t, place: n }) {
 		teach: r.teachTab,
 		files: r.exportTab
 	};
-	return /* @__PURE__ */ J("main", { children: [
-		/* @__PURE__ */ J("div", {
+	return /* @__PURE__ */ Z("main", { children: [
+		/* @__PURE__ */ Z("div", {
 			class: "head",
 			children: [
-				/* @__PURE__ */ J("a", {
+				/* @__PURE__ */ Z("a", {
 					class: "button plain",
 					href: "#/",
 					"aria-label": r.back,
 					children: "‹"
 				}),
-				/* @__PURE__ */ J("h1", { children: e.name }),
-				/* @__PURE__ */ J("span", {
+				/* @__PURE__ */ Z("h1", { children: e.name }),
+				/* @__PURE__ */ Z("span", {
 					class: `state ${e.state}`,
 					children: r.states[e.state]
 				}),
-				/* @__PURE__ */ J("span", {
+				/* @__PURE__ */ Z("span", {
 					class: "end",
-					children: /* @__PURE__ */ J(Dt, { survey: e })
+					children: /* @__PURE__ */ Z(kt, { survey: e })
 				})
 			]
 		}),
-		/* @__PURE__ */ J("p", {
+		/* @__PURE__ */ Z("p", {
 			class: "soft",
 			children: [
-				He(e),
-				e.weightKg === null ? "" : `${q(e.weightKg, 1)} kg`,
-				e.photos === null ? "" : r.photos(e.photos, q(e.photos)),
-				e.day ? r.taken(Oe(e.day)) : ""
+				We(e),
+				e.weightKg === null ? "" : `${J(e.weightKg, 1)} kg`,
+				e.photos === null ? "" : r.photos(e.photos, J(e.photos)),
+				e.day ? r.taken(De(e.day)) : ""
 			].filter(Boolean).join(" · ")
 		}),
-		!i && /* @__PURE__ */ J(Ot, { survey: e }),
-		/* @__PURE__ */ J("section", {
+		!i && /* @__PURE__ */ Z(At, { survey: e }),
+		/* @__PURE__ */ Z("section", {
 			class: "sheet results",
-			children: [/* @__PURE__ */ J("div", {
+			children: [/* @__PURE__ */ Z("div", {
 				class: "tabs",
 				role: "tablist",
-				children: Pt.map((t) => /* @__PURE__ */ J("a", {
+				children: It.map((t) => /* @__PURE__ */ Z("a", {
 					role: "tab",
 					id: `tab-${t}`,
 					"aria-selected": a === t,
@@ -2837,53 +2848,53 @@ function Ft({ survey: e, everything: t, place: n }) {
 					onKeyDown: (n) => {
 						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
 						if (!r) return;
-						let i = Pt[(Pt.indexOf(t) + r + Pt.length) % Pt.length];
-						Ve(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
+						let i = It[(It.indexOf(t) + r + It.length) % It.length];
+						Ue(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
 					},
 					children: o[t]
 				}, t))
-			}), /* @__PURE__ */ J("div", {
+			}), /* @__PURE__ */ Z("div", {
 				id: "panel",
 				role: "tabpanel",
 				"aria-labelledby": `tab-${a}`,
-				children: a === "photos" ? /* @__PURE__ */ J(kt, { survey: e }) : a === "scene" ? /* @__PURE__ */ J(st, { survey: e }) : a === "teach" ? /* @__PURE__ */ J(Ct, {
+				children: a === "photos" ? /* @__PURE__ */ Z(jt, { survey: e }) : a === "scene" ? /* @__PURE__ */ Z(lt, { survey: e }) : a === "teach" ? /* @__PURE__ */ Z(Tt, {
 					survey: e,
 					canLearn: t.facts.canLearn,
-					working: wt.includes(e.state) || !!e.run?.byOther
-				}) : i ? a === "trees" ? /* @__PURE__ */ J(At, { survey: e }) : a === "compare" ? /* @__PURE__ */ J(jt, {
+					working: Et.includes(e.state) || !!e.run?.byOther
+				}) : i ? a === "trees" ? /* @__PURE__ */ Z(Mt, { survey: e }) : a === "compare" ? /* @__PURE__ */ Z(Nt, {
 					survey: e,
 					everything: t
-				}) : a === "files" ? /* @__PURE__ */ J(Mt, {
+				}) : a === "files" ? /* @__PURE__ */ Z(Pt, {
 					survey: e,
 					everything: t
-				}) : /* @__PURE__ */ J(y, { children: [/* @__PURE__ */ J("p", {
+				}) : /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("p", {
 					class: "line",
-					children: /* @__PURE__ */ J("button", {
+					children: /* @__PURE__ */ Z("button", {
 						type: "button",
 						class: "end",
 						onClick: () => document.querySelector("iframe.view")?.contentWindow?.print(),
 						children: r.print
 					})
-				}), /* @__PURE__ */ J("iframe", {
+				}), /* @__PURE__ */ Z("iframe", {
 					class: "view",
 					src: `surveys/${e.id}/view/`,
 					title: r.viewTitle
-				}, e.id)] }) : /* @__PURE__ */ J("p", {
+				}, e.id)] }) : /* @__PURE__ */ Z("p", {
 					class: "soft",
 					children: r.resultWait
 				})
 			})]
 		}),
-		i && /* @__PURE__ */ J(Ot, { survey: e }),
-		e.photos !== null && /* @__PURE__ */ J(Nt, { survey: e }),
-		!wt.includes(e.state) && /* @__PURE__ */ J("p", {
+		i && /* @__PURE__ */ Z(At, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ Z(Ft, { survey: e }),
+		!Et.includes(e.state) && /* @__PURE__ */ Z("p", {
 			class: "line",
-			children: [/* @__PURE__ */ J(X, {
+			children: [/* @__PURE__ */ Z($, {
 				onDo: async () => {
-					await $(`surveys/${e.id}/forget`), Ve("/");
+					await X(`surveys/${e.id}/forget`), Ue("/");
 				},
 				children: r.forget
-			}), /* @__PURE__ */ J("span", {
+			}), /* @__PURE__ */ Z("span", {
 				class: "soft",
 				children: r.forgetText
 			})]
@@ -2891,71 +2902,71 @@ function Ft({ survey: e, everything: t, place: n }) {
 	] });
 }
 // src/app/main.tsx
-function It() {
+function Rt() {
 	let e = document.documentElement, t = e.dataset.theme ? e.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 	e.dataset.theme = t ? "light" : "dark";
 }
-function Lt() {
-	let [e, t] = U(null), [n, r] = U(!1), [i, a] = U(location.hash), [o, s] = U(Ee()), [c, l] = U(!1), [u, d] = U(!1);
-	W(() => u ? void 0 : Re(t, r), [u]), W(() => {
+function zt() {
+	let [e, t] = W(null), [n, r] = W("yes"), [i, a] = W(location.hash), [o, s] = W(Te()), [c, l] = W(!1), [u, d] = W(!1);
+	G(() => u ? void 0 : Ie(t, r), [u]), G(() => {
 		let e = () => a(location.hash);
 		return addEventListener("hashchange", e), () => removeEventListener("hashchange", e);
-	}, []), W(() => {
+	}, []), G(() => {
 		document.documentElement.lang = o;
 	}, [o]);
-	let f = K();
-	if (u) return /* @__PURE__ */ J("main", {
+	let f = q();
+	if (u) return /* @__PURE__ */ Z("main", {
 		class: "closed",
-		children: [/* @__PURE__ */ J("h1", { children: f.closed }), /* @__PURE__ */ J("p", { children: f.closedHow })]
+		children: [/* @__PURE__ */ Z("h1", { children: f.closed }), /* @__PURE__ */ Z("p", { children: f.closedHow })]
 	});
 	let [, p, m, h] = i.replace(/^#/, "").split("/"), g = e?.surveys.find((e) => e.id === m);
-	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ J(y, { children: [
-		/* @__PURE__ */ J("header", {
+	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ Z(y, { children: [
+		/* @__PURE__ */ Z("header", {
 			class: "top",
-			children: [/* @__PURE__ */ J("a", {
+			children: [/* @__PURE__ */ Z("a", {
 				href: "#/",
 				class: "brand",
-				children: [/* @__PURE__ */ J("svg", {
+				children: [/* @__PURE__ */ Z("svg", {
 					viewBox: "0 0 16 16",
 					"aria-hidden": "true",
-					children: [/* @__PURE__ */ J("circle", {
+					children: [/* @__PURE__ */ Z("circle", {
 						cx: "8",
 						cy: "9",
 						r: "6",
 						fill: "#b8322a"
-					}), /* @__PURE__ */ J("path", {
+					}), /* @__PURE__ */ Z("path", {
 						d: "M8 4q0-3 3-3",
 						fill: "none",
 						stroke: "#4f7d5a",
 						"stroke-width": "1.6"
 					})]
 				}), f.title]
-			}), /* @__PURE__ */ J("span", {
+			}), /* @__PURE__ */ Z("span", {
 				class: "end",
 				children: [
-					/* @__PURE__ */ J("select", {
+					/* @__PURE__ */ Z("select", {
 						"aria-label": "Language, Sprache",
 						value: o,
 						onChange: (e) => {
-							Te(e.currentTarget.value), s(e.currentTarget.value);
+							we(e.currentTarget.value), s(e.currentTarget.value);
 						},
-						children: Object.entries(xe).map(([e, t]) => /* @__PURE__ */ J("option", {
+						children: Object.entries(be).map(([e, t]) => /* @__PURE__ */ Z("option", {
 							value: e,
 							children: t.language
 						}, e))
 					}),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						"aria-label": f.theme,
 						title: f.theme,
-						onClick: It,
-						children: /* @__PURE__ */ J("svg", {
+						onClick: Rt,
+						children: /* @__PURE__ */ Z("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
-							children: [/* @__PURE__ */ J("path", {
+							children: [/* @__PURE__ */ Z("path", {
 								d: "M8 2a6 6 0 1 0 0 12z",
 								fill: "currentColor"
-							}), /* @__PURE__ */ J("circle", {
+							}), /* @__PURE__ */ Z("circle", {
 								cx: "8",
 								cy: "8",
 								r: "6",
@@ -2964,7 +2975,7 @@ function Lt() {
 							})]
 						})
 					}),
-					/* @__PURE__ */ J("button", {
+					/* @__PURE__ */ Z("button", {
 						type: "button",
 						onClick: () => l(!0),
 						children: f.close
@@ -2972,28 +2983,28 @@ function Lt() {
 				]
 			})]
 		}),
-		n && /* @__PURE__ */ J("p", {
+		n !== "yes" && /* @__PURE__ */ Z("p", {
 			class: "lost",
 			role: "alert",
-			children: f.lost
+			children: n === "no" ? f.lost : f.ended
 		}),
-		e ? p === "new" ? /* @__PURE__ */ J(it, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ J(Ft, {
+		e ? p === "new" ? /* @__PURE__ */ Z(ot, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ Z(Lt, {
 			survey: g,
 			everything: e,
 			place: h ?? ""
-		}, g.id) : /* @__PURE__ */ J(Ge, { everything: e }) : /* @__PURE__ */ J("main", { children: /* @__PURE__ */ J("progress", { "aria-label": f.surveys }) }),
-		c && /* @__PURE__ */ J(Ne, {
+		}, g.id) : /* @__PURE__ */ Z(qe, { everything: e }) : /* @__PURE__ */ Z("main", { children: /* @__PURE__ */ Z("progress", { "aria-label": f.surveys }) }),
+		c && /* @__PURE__ */ Z(ze, {
 			title: f.close,
 			onClose: () => l(!1),
-			children: [/* @__PURE__ */ J("p", { children: f.closeSure }), /* @__PURE__ */ J("p", {
+			children: [/* @__PURE__ */ Z("p", { children: f.closeSure }), /* @__PURE__ */ Z("p", {
 				class: "line",
-				children: [/* @__PURE__ */ J(X, {
+				children: [/* @__PURE__ */ Z($, {
 					class: "main",
 					onDo: async () => {
-						await $("close"), d(!0);
+						await X("close"), d(!0);
 					},
 					children: f.close
-				}), /* @__PURE__ */ J("button", {
+				}), /* @__PURE__ */ Z("button", {
 					type: "button",
 					onClick: () => l(!1),
 					children: f.cancel
@@ -3002,4 +3013,4 @@ function Lt() {
 		})
 	] });
 }
-te(/* @__PURE__ */ J(Lt, {}), document.getElementById("app"));
+te(/* @__PURE__ */ Z(zt, {}), document.getElementById("app"));
