@@ -191,6 +191,41 @@ def test_dropped_photos_are_copied_and_checked(page: Any, server: AppServer, tmp
     assert {path.name: path.read_bytes() for path in drop.iterdir()} == {p.name: p.read_bytes() for p in photos}
 
 
+def test_the_keyboard_goes_on_where_a_window_was_opened(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def at(selector: str) -> None:
+        page_until(page, "each => document.activeElement.matches(each)", arg=selector)
+
+    Fakes().install(monkeypatch)
+    photos = make_photos(tmp_path / "photos")
+    run([photos], tmp_path / "surveys" / "row", RunOptions())
+    server.service.add(str(tmp_path / "surveys" / "row"))
+    page.reload()
+    page.click("a:text-is('New survey')")
+    page.focus(".drop .main")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("dialog .places button")
+    page.focus("dialog .places button:has(span:text-is('photos'))")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(f"dialog .path:text-is('{photos}')")
+    at("dialog .foot .main")  # no folder is in there: it is chosen by the same key
+    page.keyboard.press("Enter")
+    page.wait_for_selector("dialog", state="detached")
+    at(".drop .main")
+    page.goto(page.url.partition("#")[0] + f"#/survey/{server.service.everything().surveys[0].id}/teach")
+    page.focus(".photos li:nth-child(1) button")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("svg.marking")
+    page.focus("button[aria-label='Photo after']")
+    page.keyboard.press("Enter")
+    at("svg.marking")
+    page.focus("dialog .plain")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("dialog", state="detached")
+    at(".photos li:nth-child(1) button")
+
+
 def test_a_pomona_that_has_ended_is_told_of(browser: Any, tmp_path: Path) -> None:
     homes = Homes(tmp_path / "data" / "surveys.json", tmp_path / "surveys", tmp_path / "surveys" / "photos")
     page = browser.new_page(locale="en-GB")

@@ -1,6 +1,6 @@
 /** Folders and files of this computer to choose from, as the server lists them. */
 
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import type { Listing, Place } from "./contract";
 import { number, texts } from "./language";
 import { Dialog, Problem } from "./parts";
@@ -28,6 +28,14 @@ export function Chooser({ title, kind, start, roots, onChoose, onClose }: { titl
     }
   };
   useEffect(() => void open(start), []);
+  const list = useRef<HTMLUListElement>(null);
+  useEffect(() => {
+    // The folder whose button was pressed is open now: the keyboard goes on with what is in it.
+    if (document.activeElement !== document.body) return;
+    const dialog = list.current?.closest("dialog");
+    const next = [".places button", ".foot button", ".bar button:enabled:not(.plain)"].map((each) => dialog?.querySelector<HTMLElement>(each));
+    next.find(Boolean)?.focus();
+  }, [listing]);
   const chosen = (place: Place) => (!place.isFolder || (kind === "survey" && place.isSurvey) ? onChoose(place.path) : void open(place.path));
   return (
     <Dialog title={title} onClose={onClose}>
@@ -47,7 +55,7 @@ export function Chooser({ title, kind, start, roots, onChoose, onClose }: { titl
         </div>
       )}
       {problem && <Problem text={problem} />}
-      <ul class="places">
+      <ul class="places" ref={list}>
         {listing?.places.map((place) => (
           <li key={place.path}>
             <button type="button" onClick={() => chosen(place)}>

@@ -45,6 +45,11 @@ export function MarkPhoto({ survey, index, photos, onPhoto, onClose }: { survey:
     return () => void (there = false);
   }, [address]);
 
+  useEffect(() => {
+    // The button that led to another photo was away while that was loaded.
+    if (photo && document.activeElement === document.body) svg.current?.focus();
+  }, [photo]);
+
   if (!photo) {
     return (
       <Dialog title={t.mark} onClose={onClose}>

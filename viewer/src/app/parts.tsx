@@ -47,12 +47,20 @@ export function Doing({ onDo, class: kind, disabled, children }: { onDo: () => P
   );
 }
 
-/** A window over the page, closed by Escape. */
+/** A window over the page, closed by Escape; the keyboard goes back to what opened it. */
 export function Dialog({ title, onClose, wide, children }: { title: string; onClose: () => void; wide?: boolean; children: ComponentChildren }) {
   const dialog = useRef<HTMLDialogElement>(null);
-  useEffect(() => dialog.current?.showModal(), []);
+  const there = useRef(true);
+  useEffect(() => {
+    const shown = dialog.current!;
+    shown.showModal();
+    return () => {
+      there.current = false;
+      shown.close();
+    };
+  }, []);
   return (
-    <dialog ref={dialog} class={wide ? "wide" : undefined} aria-label={title} onClose={onClose}>
+    <dialog ref={dialog} class={wide ? "wide" : undefined} aria-label={title} onClose={() => there.current && onClose()}>
       <div class="bar">
         <h2>{title}</h2>
         <button type="button" class="plain" aria-label={texts().cancel} onClick={onClose}>

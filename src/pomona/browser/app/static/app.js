@@ -1114,12 +1114,17 @@ function $({ onDo: e, class: t, disabled: n, children: r }) {
 	}), o && /* @__PURE__ */ Z(Q, { text: o })] });
 }
 function ze({ title: e, onClose: t, wide: n, children: r }) {
-	let i = K(null);
-	return G(() => i.current?.showModal(), []), /* @__PURE__ */ Z("dialog", {
+	let i = K(null), a = K(!0);
+	return G(() => {
+		let e = i.current;
+		return e.showModal(), () => {
+			a.current = !1, e.close();
+		};
+	}, []), /* @__PURE__ */ Z("dialog", {
 		ref: i,
 		class: n ? "wide" : void 0,
 		"aria-label": e,
-		onClose: t,
+		onClose: () => a.current && t(),
 		children: [/* @__PURE__ */ Z("div", {
 			class: "bar",
 			children: [/* @__PURE__ */ Z("h2", { children: e }), /* @__PURE__ */ Z("button", {
@@ -1162,7 +1167,17 @@ function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 		}
 	};
 	G(() => void d(n), []);
-	let f = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
+	let f = K(null);
+	G(() => {
+		if (document.activeElement !== document.body) return;
+		let e = f.current?.closest("dialog");
+		[
+			".places button",
+			".foot button",
+			".bar button:enabled:not(.plain)"
+		].map((t) => e?.querySelector(t)).find(Boolean)?.focus();
+	}, [s]);
+	let p = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
 	return /* @__PURE__ */ Z(ze, {
 		title: e,
 		onClose: a,
@@ -1194,9 +1209,10 @@ function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 			l && /* @__PURE__ */ Z(Q, { text: l }),
 			/* @__PURE__ */ Z("ul", {
 				class: "places",
+				ref: f,
 				children: s?.places.map((e) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
 					type: "button",
-					onClick: () => f(e),
+					onClick: () => p(e),
 					children: [
 						/* @__PURE__ */ Z("svg", {
 							viewBox: "0 0 16 16",
@@ -2107,7 +2123,9 @@ function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 				t.height
 			]));
 		}, (t) => e && C(t.message)), () => void (e = !1);
-	}, [D]), !o) return /* @__PURE__ */ Z(ze, {
+	}, [D]), G(() => {
+		o && document.activeElement === document.body && w.current?.focus();
+	}, [o]), !o) return /* @__PURE__ */ Z(ze, {
 		title: a.mark,
 		onClose: i,
 		children: S ? /* @__PURE__ */ Z(Q, { text: S }) : /* @__PURE__ */ Z("progress", { "aria-label": a.mark })
