@@ -189,6 +189,20 @@ def test_dropped_photos_are_copied_and_checked(page: Any, server: AppServer, tmp
     page.wait_for_selector(".check .good")
     (drop,) = (tmp_path / "surveys" / "photos").iterdir()
     assert {path.name: path.read_bytes() for path in drop.iterdir()} == {p.name: p.read_bytes() for p in photos}
+    assert page.input_value("input[type=file]") == ""  # else a browser does not tell that they are chosen again
+
+
+def test_photos_dropped_one_side_after_the_other_are_both_sides(page: Any, server: AppServer, tmp_path: Path) -> None:
+    page.click("a:text-is('New survey') >> nth=0")
+    sides = [[str(path) for path in sorted((SAMPLE / side).glob("*.jpg"))[:3]] for side in ("east", "west")]
+    for photos in sides:  # the second before the first are copied
+        page.set_input_files("input[type=file]", photos)
+    page.wait_for_selector(".chosen li:nth-child(2)")
+    page.wait_for_selector(".check:has-text('6 photos')")
+    drops = [Path(path) for path in page.locator(".chosen .path").all_inner_texts()]
+    assert [sorted(photo.name for photo in drop.iterdir()) for drop in drops] == [
+        [Path(photo).name for photo in photos] for photos in sides
+    ]
 
 
 def test_the_keyboard_goes_on_where_a_window_was_opened(

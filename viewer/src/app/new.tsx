@@ -103,6 +103,7 @@ export function New({ facts }: { facts: Facts }) {
   const [equal, setEqual] = useState<Equal | null>(null);
   const [refused, setRefused] = useState("");
   const picker = useRef<HTMLInputElement>(null);
+  const copied = useRef<Promise<void>>(Promise.resolve());
 
   // What is typed into a field that is shown; what is no number would be asked for as if nothing had been typed.
   const size = numberIn(diameter, "mm");
@@ -152,27 +153,37 @@ export function New({ facts }: { facts: Facts }) {
     return () => clearTimeout(soon);
   }, [JSON.stringify(asked), unclear.join("\n")]);
 
+  // Where the photos of one side are chosen, the next ones are those of the other.
+  const addPhotos = (path: string) => setPhotos((had) => (had.length === 1 && had[0] !== path ? [...had, path] : [path]));
   const take = (path: string) => {
     setChoosing("");
     if (choosing === "table") {
       setMarkers(path);
       return;
     }
-    setPhotos(photos.length === 1 && photos[0] !== path ? [...photos, path] : [path]);
+    addPhotos(path);
     if (!name) setName(lastOf(path).replace(/\.[^.]+$/, ""));
   };
-  const dropped = async (files: Dropped[]) => {
-    const fit = withoutCommon(files.filter((each) => isFit(each.name)));
-    setLeft(files.length - fit.length);
-    if (!fit.length) return;
+  const copyOver = async (fit: Dropped[]) => {
     setProblem("");
-    setPhotos([]);
+    setCopying({ done: 0, files: fit.length, bytes: 0, all: 1 });
     try {
-      setPhotos([await copy(fit, (done, bytes, all) => setCopying({ done, files: fit.length, bytes, all }))]);
+      addPhotos(await copy(fit, (done, bytes, all) => setCopying({ done, files: fit.length, bytes, all })));
     } catch (error) {
       setProblem((error as Error).message);
     }
     setCopying(null);
+  };
+  const dropped = (files: Dropped[]) => {
+    const fit = withoutCommon(files.filter((each) => isFit(each.name)));
+    setLeft(files.length - fit.length);
+    // What is dropped while others are copied waits for these.
+    if (fit.length) copied.current = copied.current.then(() => copyOver(fit));
+  };
+  const choseFiles = ({ currentTarget: input }: { currentTarget: HTMLInputElement }) => {
+    dropped(ofInput(input.files!));
+    // Browsers do not tell that the same files are chosen again, as after a disk was full.
+    input.value = "";
   };
   const start = async () => {
     setRefused("");
@@ -201,7 +212,7 @@ export function New({ facts }: { facts: Facts }) {
           onDrop={(event) => {
             event.preventDefault();
             setOver(false);
-            if (event.dataTransfer) void ofDrop(event.dataTransfer).then(dropped);
+            if (event.dataTransfer) void ofDrop(event.dataTransfer).then(dropped, (error: Error) => setProblem(error.message));
           }}
         >
           <p class="line">
@@ -217,7 +228,7 @@ export function New({ facts }: { facts: Facts }) {
             <span class="soft">
               {t.dropHere}. {t.dropText}
             </span>
-            <input ref={picker} type="file" multiple hidden aria-label={t.chooseFiles} onChange={(event) => event.currentTarget.files && void dropped(ofInput(event.currentTarget.files))} />
+            <input ref={picker} type="file" multiple hidden aria-label={t.chooseFiles} onChange={choseFiles} />
           </p>
         </div>
         {copying && (

@@ -277,9 +277,9 @@ e = f.slice, t = { __e: function(e, t, n, r) {
 	return e.__v.__b - t.__v.__b;
 }, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = j(!1), u = j(!0);
 // node_modules/preact/hooks/dist/hooks.module.js
-var z, B, ne, V, H = 0, re = [], U = t, ie = U.__b, ae = U.__r, oe = U.diffed, se = U.__c, ce = U.unmount, le = U.__;
+var z, B, ne, re, V = 0, H = [], U = t, ie = U.__b, ae = U.__r, oe = U.diffed, se = U.__c, ce = U.unmount, le = U.__;
 function ue(e, t) {
-	U.__h && U.__h(B, e, H || t), H = 0;
+	U.__h && U.__h(B, e, V || t), V = 0;
 	var n = B.__H || (B.__H = {
 		__: [],
 		__h: []
@@ -287,7 +287,7 @@ function ue(e, t) {
 	return e >= n.__.length && n.__.push({}), n.__[e];
 }
 function W(e) {
-	return H = 1, de(ye, e);
+	return V = 1, de(ye, e);
 }
 function de(e, t, n) {
 	var r = ue(z++, 2);
@@ -328,7 +328,7 @@ function G(e, t) {
 	!U.__s && ve(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
 }
 function K(e) {
-	return H = 5, fe(function() {
+	return V = 5, fe(function() {
 		return { current: e };
 	}, []);
 }
@@ -337,7 +337,7 @@ function fe(e, t) {
 	return ve(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
 }
 function pe() {
-	for (var e; e = re.shift();) if (e.__P && e.__H) try {
+	for (var e; e = H.shift();) if (e.__P && e.__H) try {
 		e.__H.__h.forEach(ge), e.__H.__h.forEach(_e), e.__H.__h = [];
 	} catch (t) {
 		e.__H.__h = [], U.__e(t, e.__v);
@@ -356,7 +356,7 @@ U.__b = function(e) {
 }, U.diffed = function(e) {
 	oe && oe(e);
 	var t = e.__c;
-	t && t.__H && (t.__H.__h.length && (re.push(t) !== 1 && V === U.requestAnimationFrame || ((V = U.requestAnimationFrame) || he)(pe)), t.__H.__.forEach(function(e) {
+	t && t.__H && (t.__H.__h.length && (H.push(t) !== 1 && re === U.requestAnimationFrame || ((re = U.requestAnimationFrame) || he)(pe)), t.__H.__.forEach(function(e) {
 		e.u && (e.__H = e.u), e.u = void 0;
 	})), ne = B = null;
 }, U.__c = function(e, t) {
@@ -1550,24 +1550,24 @@ function ot({ facts: e }) {
 		"0",
 		"1",
 		""
-	]), [A, j] = W(""), [M, N] = W(!1), [P, F] = W(""), [ee, I] = W(null), [L, R] = W(""), te = K(null), z = tt(S, "mm"), B = tt(A, "m"), ne = w === "scale-bar" ? O.map((e, t) => tt(e, t === 2 ? "m" : "")) : [], V = [
+	]), [A, j] = W(""), [M, N] = W(!1), [P, F] = W(""), [ee, I] = W(null), [L, R] = W(""), te = K(null), z = K(Promise.resolve()), B = tt(S, "mm"), ne = tt(A, "m"), re = w === "scale-bar" ? O.map((e, t) => tt(e, t === 2 ? "m" : "")) : [], V = [
 		S,
 		A,
 		...O
 	].filter((e, t) => Number.isNaN([
-		z,
 		B,
-		...ne
+		ne,
+		...re
 	][t])), H = {
 		name: P.trim(),
 		photos: n,
 		oneSide: v,
 		fruit: b,
-		diameterMm: z,
+		diameterMm: B,
 		metres: w,
 		markers: w === "markers" ? E : "",
-		scaleBar: ne.filter((e) => e !== null),
-		treeSpacingM: B,
+		scaleBar: re.filter((e) => e !== null),
+		treeSpacingM: ne,
 		learn: M
 	};
 	G(() => {
@@ -1589,32 +1589,39 @@ function ot({ facts: e }) {
 		}, 300);
 		return () => clearTimeout(e);
 	}, [JSON.stringify(H), V.join("\n")]);
-	let re = (e) => {
-		a(""), i === "table" ? D(e) : (r(n.length === 1 && n[0] !== e ? [...n, e] : [e]), P || F(rt(e).replace(/\.[^.]+$/, "")));
-	}, U = async (e) => {
-		let t = $e(e.filter((e) => Ye(e.name)));
-		if (l(e.length - t.length), t.length) {
-			_(""), r([]);
-			try {
-				r([await et(t, (e, n, r) => s({
-					done: e,
-					files: t.length,
-					bytes: n,
-					all: r
-				}))]);
-			} catch (e) {
-				_(e.message);
-			}
-			s(null);
+	let U = (e) => r((t) => t.length === 1 && t[0] !== e ? [...t, e] : [e]), ie = (e) => {
+		a(""), i === "table" ? D(e) : (U(e), P || F(rt(e).replace(/\.[^.]+$/, "")));
+	}, ae = async (e) => {
+		_(""), s({
+			done: 0,
+			files: e.length,
+			bytes: 0,
+			all: 1
+		});
+		try {
+			U(await et(e, (t, n, r) => s({
+				done: t,
+				files: e.length,
+				bytes: n,
+				all: r
+			})));
+		} catch (e) {
+			_(e.message);
 		}
-	}, ie = async () => {
+		s(null);
+	}, oe = (e) => {
+		let t = $e(e.filter((e) => Ye(e.name)));
+		l(e.length - t.length), t.length && (z.current = z.current.then(() => ae(t)));
+	}, se = ({ currentTarget: e }) => {
+		oe(Qe(e.files)), e.value = "";
+	}, ce = async () => {
 		R("");
 		try {
 			Ue(`/survey/${await X("surveys", H)}`);
 		} catch (e) {
 			R(e.message);
 		}
-	}, ae = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	}, le = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
 	return /* @__PURE__ */ Z("main", { children: [
 		/* @__PURE__ */ Z("div", {
 			class: "head",
@@ -1635,7 +1642,7 @@ function ot({ facts: e }) {
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Ze(e.dataTransfer).then(U);
+						e.preventDefault(), d(!1), e.dataTransfer && Ze(e.dataTransfer).then(oe, (e) => _(e.message));
 					},
 					children: [/* @__PURE__ */ Z("p", {
 						class: "line",
@@ -1670,7 +1677,7 @@ function ot({ facts: e }) {
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: (e) => e.currentTarget.files && void U(Qe(e.currentTarget.files))
+								onChange: se
 							})
 						]
 					})]
@@ -1750,12 +1757,12 @@ function ot({ facts: e }) {
 							/* @__PURE__ */ Z("input", {
 								inputMode: "decimal",
 								value: S,
-								placeholder: J(ae),
+								placeholder: J(le),
 								onInput: (e) => C(e.currentTarget.value)
 							}),
 							/* @__PURE__ */ Z("span", {
 								class: "soft",
-								children: t.sizeText(J(ae))
+								children: t.sizeText(J(le))
 							})
 						] }),
 						/* @__PURE__ */ Z("label", { children: [t.sides, /* @__PURE__ */ Z("select", {
@@ -1880,7 +1887,7 @@ function ot({ facts: e }) {
 						type: "button",
 						class: "main",
 						disabled: !n.length || !P.trim() || o !== null || V.length > 0,
-						onClick: ie,
+						onClick: ce,
 						children: t.start
 					}), /* @__PURE__ */ Z("a", {
 						class: "button",
@@ -1903,7 +1910,7 @@ function ot({ facts: e }) {
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
 			roots: e.roots,
 			onClose: () => a(""),
-			onChoose: re
+			onChoose: ie
 		})
 	] });
 }
