@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 import pomona
 from correct_scenes import DIAMETER_M, FALSE_ONE, GRID, MISSED, TWINS, Scene, masks_of, write_scene
 from pomona.browser.view import Corrector, ViewServer, read_survey
+from pomona.browser.view.correct import StaleError
 from pomona.browser.view.corrected import ESTIMATED_LATER, with_corrections
 from pomona.cli.app import app
 from pomona.corrections import apply, read_corrections
@@ -243,6 +244,25 @@ def test_a_survey_that_was_removed_meanwhile_is_not_made_anew_by_a_correction(sc
     with pytest.raises(SurveyError, match="is no longer there"):
         desk.ask("delete", desk.fruit(GRID[FALSE_ONE]))
     assert not scene.survey.exists()
+
+
+def test_a_survey_that_was_made_anew_meanwhile_is_not_corrected_by_the_numbers_of_before(
+    scene: Scene, tmp_path: Path
+) -> None:
+    desk = Desk.of(scene)
+    asked = CorrectionRequest("delete", desk.corrector.state.revision, [desk.fruit(GRID[FALSE_ONE])], [], [], 0)
+    # A segmenter that does not see the first of the row, and so numbers the others differently.
+    write_coco(tmp_path / "masks.json", row_photos(scene.taken_by), masks_of(scene.taken_by, without=(0,)))
+    scene.run(tmp_path / "masks.json")
+    with pytest.raises(SurveyError, match="was made anew since it was opened: open it again"):
+        desk.corrector.do(asked)
+    # Its page may still be open when the survey is opened again.
+    again = Desk.of(scene)
+    assert again.fruit(GRID[FALSE_ONE]) not in (0, *asked.fruits)
+    with pytest.raises(StaleError, match="look at it, then do it again"):
+        again.corrector.do(asked)
+    assert not (scene.survey / "corrections.json").exists()
+    again.ask("delete", again.fruit(GRID[FALSE_ONE]))
 
 
 def test_a_fruit_that_is_there_is_not_added(made: Scene) -> None:

@@ -42,7 +42,7 @@ _NEARER, _FARTHER = 0.8, 1.25
 
 
 class StaleError(InputError):
-    """The log is not any more what the page shows."""
+    """The survey is not any more what the page shows."""
 
 
 class Corrector:
@@ -57,6 +57,7 @@ class Corrector:
         self._survey, self._read, self._compare = survey, data, compare
         self._lock = threading.Lock()
         self._log = read_corrections(survey.corrections)
+        self._found = _found(survey)
         self._corrected: Corrected | None = None
         self.changed = False
         self.data = data
@@ -96,7 +97,7 @@ class Corrector:
         how = self._corrected.how if self._corrected else {}
         outcomes = self._corrected.outcomes if self._corrected else ()
         return CorrectionState(
-            revision=_revision(self._log),
+            revision=self._revision(self._log),
             done=[in_words(correction) for correction in self._log.done],
             undone=[in_words(correction) for correction in self._log.undone],
             lost=[outcome.warning() for outcome in outcomes if outcome.problem],
@@ -108,15 +109,18 @@ class Corrector:
     def do(self, request: CorrectionRequest) -> CorrectionAnswer:
         """Do what the page asks for and write the log.
 
-        Raises `StaleError` where the log changed meanwhile (it is read again then), and `InputError` for what makes no
-        sense; nothing is changed then.
+        Raises `StaleError` where the page is of another log (it is read again then) or of another run, `SurveyError`
+        where the survey was made anew since it was opened, and `InputError` for what makes no sense; nothing is changed
+        then.
         """
         with self._lock:
             self._survey.check_there()
+            if _found(SurveyFolder.open(self._survey.folder)) != self._found:
+                raise SurveyError(f"{self._survey.folder} was made anew since it was opened: open it again")
             log = read_corrections(self._survey.corrections)
-            if _revision(log) != request.revision:
+            if self._revision(log) != request.revision:
                 self._show(log)
-                raise StaleError("The corrections were changed elsewhere meanwhile: look at them, then do it again")
+                raise StaleError("The survey was changed elsewhere meanwhile: look at it, then do it again")
             before = set(self.data.fruits.ids.tolist())
             log, made = self._next(log, request)
             corrected = self._applier.to(log.done)
@@ -137,6 +141,9 @@ class Corrector:
         nearest, farthest = fruit_distances(self.data, mark.photo)
         found = lines_in_photos(cameras, clicked, (_NEARER * nearest, _FARTHER * farthest))
         return SightLines([i for i, _ in found], [line.round(1).ravel().tolist() for _, line in found])
+
+    def _revision(self, log: Corrections) -> str:
+        return digest([log.done, log.undone, self._found])
 
     def _show(self, log: Corrections) -> None:
         """Make the page's data those of a log."""
@@ -269,8 +276,10 @@ def _whole(value: Any) -> int:
     return value
 
 
-def _revision(log: Corrections) -> str:
-    return digest([log.done, log.undone])
+def _found(survey: SurveyFolder) -> str:
+    """What tells the fruits that a run found, and their numbers, from those of another run."""
+    record = survey.record_of("measure")
+    return record.token if record else ""
 
 
 def _usual(data: ReportData) -> float | None:
