@@ -392,6 +392,28 @@ def test_report_has_crops_and_says_where_photos_are(browser: Any, survey: Path, 
     page.close()
 
 
+def test_a_photo_that_goes_away_while_the_page_is_open_is_told_of(browser: Any, tmp_path: Path) -> None:
+    data = read_survey(write_view_survey(tmp_path))
+    fruit, name = int(data.observations.fruit_id[0]), data.observations.photo[0]
+    photo = tmp_path / "photos" / name
+    with running(ViewServer(data)) as server:
+        page = open_page(browser, server.url).page
+        photo.rename(photo.with_suffix(".away"))
+        _open_fruit(page, fruit)
+        page.click(f"#card .crop:has(.no-picture)[title='{name}']")
+        page.wait_for_selector("#photo-missing:has-text('This photo is not where it was, or was changed')")
+        assert page.is_hidden("#photo img")
+        page.click("#photo-through")
+        page.wait_for_selector("#through-note:has-text('This photo is not where it was, or was changed')")
+        assert page.is_hidden("#through-photo")
+        photo.with_suffix(".away").rename(photo)
+        page.click("#through-next")
+        page.click("#through-previous")
+        _loaded(page, "#through-photo")
+        assert page.inner_text("#through-note") == ""
+        page.close()
+
+
 def test_a_stopped_server_is_told_of(browser: Any, survey: Path) -> None:
     with running(ViewServer(read_survey(survey))) as server:
         page = browser.new_page()

@@ -28,13 +28,18 @@ export function cropButton(sighting: Sighting, photo: Photo, picture: Picture | 
     image.alt = "";
     const { left, top, width, height } = placed(picture.box, sighting.box);
     Object.assign(image.style, { left: `${left}%`, top: `${top}%`, width: `${width}%`, height: `${height}%` });
+    image.addEventListener("error", () => image.replaceWith(noPicture()));
     image.src = picture.url;
     window.append(image);
   } else {
-    window.append(element("span", "no crop", "no-picture"));
+    window.append(noPicture());
   }
   made.append(window, element("span", shortName(photo.name), "name"));
   return made;
+}
+
+function noPicture(): HTMLElement {
+  return element("span", "no crop", "no-picture");
 }
 
 /** The last part of a photo's name, without its ending. */

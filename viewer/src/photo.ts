@@ -50,6 +50,8 @@ export class PhotoWindow {
       event.preventDefault();
       this.zoomBy(Math.exp(-event.deltaY / 400), this.onStage(event));
     }, { passive: false });
+    this.image.addEventListener("error", () => void this.lost());
+    this.image.addEventListener("load", () => this.missing(null));
     this.drag();
     new ResizeObserver(() => this.resized()).observe(this.stage);
   }
@@ -112,9 +114,7 @@ export class PhotoWindow {
     const photo = this.photos[index]!;
     this.at = index;
     find("#photo-name").textContent = photo.name;
-    find("#photo-missing").hidden = this.source.hasPhoto(photo);
-    find("#photo-missing").textContent = this.source.note;
-    this.image.hidden = !this.source.hasPhoto(photo);
+    this.missing(this.source.hasPhoto(photo) ? null : this.source.note);
     this.image.width = photo.width;
     this.image.height = photo.height;
     this.image.alt = `Photo ${photo.name}`;
@@ -131,6 +131,22 @@ export class PhotoWindow {
     });
     this.onShow(index);
     void this.source.ofPhoto(index).then((detections) => this.at === index && this.draw(detections), () => undefined);
+  }
+
+  /** Show why there is no photo; null where there is one. */
+  private missing(why: string | null): void {
+    find("#photo-missing").textContent = why;
+    find("#photo-missing").hidden = why === null;
+    this.image.hidden = why !== null;
+  }
+
+  /** The photo was there when the page was made, and cannot be loaded now. */
+  private async lost(): Promise<void> {
+    const url = this.image.getAttribute("src");
+    const why = url ? await this.source.whyNot(url) : "";
+    if (!url || this.image.getAttribute("src") !== url) return;
+    this.missing(why);
+    say(why);
   }
 
   private draw(detections: Detection[]): void {

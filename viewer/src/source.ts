@@ -49,6 +49,17 @@ export class PhotoSource {
     return this.data.photosNote;
   }
 
+  /** Why a photo that was there when the page was made cannot be loaded, by its address. */
+  async whyNot(url: string): Promise<string> {
+    if (this.data.source !== "server") return "This photo is not beside the page any more, or is damaged.";
+    try {
+      await fetch(url);
+      return "This photo is not where it was, or was changed: put it back, or open the survey again.";
+    } catch {
+      return "This photo could not be loaded: is pomona view still running?";
+    }
+  }
+
   /** The address of a photo whose longer side has at least `side` pixels, where there is one so large. */
   photo(photo: Photo, side: number): string {
     if (this.data.source !== "server") return photo.file;

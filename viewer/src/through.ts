@@ -13,6 +13,7 @@ export class Through {
 
   constructor(private readonly view: View, box: HTMLElement, private readonly photos: Photo[], private readonly source: PhotoSource) {
     this.opacity.addEventListener("input", () => this.fade());
+    this.image.addEventListener("error", () => void this.failed());
     find("#through-previous").addEventListener("click", () => this.step(-1));
     find("#through-next").addEventListener("click", () => this.step(1));
     find("#through-close").addEventListener("click", () => view.navigation.leave());
@@ -27,15 +28,30 @@ export class Through {
     Object.assign(this.image.style, { left: `${place.left}px`, top: `${place.top}px`, width: `${place.width}px`, height: `${place.height}px` });
     const there = this.source.hasPhoto(photo);
     const url = there ? this.source.straight(photo, Math.max(place.width, place.height) * window.devicePixelRatio) : "";
-    this.image.hidden = !there;
     if (there && this.image.getAttribute("src") !== url) this.image.src = url;
     this.image.alt = `Photo ${photo.name}`;
     find("#through-name").textContent = photo.name;
-    find("#through-note").textContent = there ? "" : this.source.note;
-    for (const part of [find("#through-opacity-label"), find("#through-open")]) part.hidden = !there;
+    this.missing(there ? null : this.source.note);
     if (this.panel.hidden) say(`Looking through the camera of ${photo.name}`);
     this.panel.hidden = false;
     this.fade();
+  }
+
+  /** The photo was there when the page was made, and cannot be loaded now. */
+  private async failed(): Promise<void> {
+    const url = this.image.getAttribute("src");
+    const why = url ? await this.source.whyNot(url) : "";
+    if (!url || this.image.getAttribute("src") !== url) return;
+    // So that it is asked for again with the next look.
+    this.image.removeAttribute("src");
+    this.missing(why);
+    say(why);
+  }
+
+  /** Show why there is no photo; null where there is one. */
+  private missing(why: string | null): void {
+    find("#through-note").textContent = why;
+    for (const part of [this.image, find("#through-opacity-label"), find("#through-open")]) part.hidden = why !== null;
   }
 
   private close(): void {
