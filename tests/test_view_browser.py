@@ -105,6 +105,21 @@ def test_score_slider_moves_the_scores_and_hides_fruits(opened: Opened) -> None:
     assert page.is_hidden("#limits")
 
 
+@pytest.mark.parametrize("size", [(360, 640), (640, 400)])  # a phone; a laptop that shows all twice as large
+def test_panels_can_be_used_beside_a_selected_fruit_on_a_narrow_screen(
+    browser: Any, url: str, size: tuple[int, int]
+) -> None:
+    page = open_page(browser, url).page
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    page.set_default_timeout(10_000)
+    _open_fruit(page, 8)
+    page.fill("#limit-score", "0.8")
+    page.click("#limit-reset")
+    assert page.inner_text("#limit-count") == "24 of 24 fruits"
+    page.click("#card .close")
+    page.close()
+
+
 def test_each_layer_can_be_seen_and_hidden(opened: Opened) -> None:
     page = opened.page
     page.select_option("#colour-by", "fruit")
