@@ -212,6 +212,7 @@ def test_undo_and_redo_also_after_a_restart(scene: Scene) -> None:
         ("merge", [1], {}, "two different fruits"),
         ("merge", [1, 1], {}, "two different fruits"),
         ("move", [1], {"tree": -2}, "expected a positive number"),
+        ("move", [1], {"tree": 10**18}, "at most 15 digits"),  # which the log would not give back
         ("add", [], {"marks": [PhotoMark(0, 5, 5)]}, "two photos"),
         ("add", [], {"marks": [PhotoMark(99, 5, 5), PhotoMark(0, 5, 5)]}, "no photo 99"),
         ("add", [], {"marks": [PhotoMark(0, -5, 5), PhotoMark(1, 5, 5)]}, "outside the photo"),

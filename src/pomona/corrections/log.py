@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from pomona.errors import InputError
 
+_MOST_DIGITS = 15  # of a tree's number: what the page's numbers and those of the log can tell apart
 Place = tuple[float, float, float]
 """x, y, z in the world frame, in metres (in its units where metres are not known)."""
 
@@ -71,8 +72,9 @@ class Moved:
     made: str = ""
 
     def __post_init__(self) -> None:
-        if self.tree_id < 0:
-            raise InputError(f"Tree: expected a positive number, or 0 for none, found {self.tree_id}")
+        if not 0 <= self.tree_id < 10**_MOST_DIGITS:
+            expected = f"expected a positive number of at most {_MOST_DIGITS} digits, or 0 for none"
+            raise InputError(f"Tree: {expected}, found {self.tree_id}")
 
 
 Correction = Deleted | Added | Split | Merged | Moved
