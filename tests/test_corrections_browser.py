@@ -156,6 +156,19 @@ def test_a_missed_fruit_is_added_by_two_clicks(opened: Opened, server: ViewServe
     assert page.locator(".crop").count() == 2
 
 
+def test_a_click_beside_the_photo_is_none(opened: Opened, server: ViewServer) -> None:
+    page = opened.page
+    page.click("#correct-add")
+    _advice(page, "Click the middle of the missed fruit")
+    page.wait_for_selector("#photo img[src]")
+    scale, left, top = page.evaluate(_PLACED)
+    page.mouse.click(left - 8, top + 200 * scale)
+    _advice(page, "That is beside the photo")
+    assert page.is_disabled("#marking-back")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#marking", state="hidden")
+
+
 def test_clicks_on_two_fruits_are_refused_in_words(opened: Opened, scene: Scene) -> None:
     page = opened.page
     page.click("#correct-add")

@@ -96,6 +96,11 @@ export class Marking {
   private async mark(mark: PhotoMark): Promise<void> {
     const { now } = this;
     if (!now) return;
+    const { width, height } = this.photos[mark.photo]!;
+    if (mark.x < 0 || mark.y < 0 || mark.x > width || mark.y > height) {
+      this.tell("That is beside the photo: click in it.");
+      return;
+    }
     if (this.sizing) {
       now.size = [...now.size.filter(({ photo }) => photo === mark.photo).slice(-1), mark];
       this.sizing = now.size.length < 2;
