@@ -22,6 +22,7 @@ from pomona.browser.app.folders import Folders
 from pomona.browser.app.pages import AppServer
 from pomona.browser.app.service import Homes
 from pomona.corrections import read_corrections
+from pomona.errors import InputError
 from pomona.evaluate.detections import EvaluateDetectionsOptions
 from pomona.learning.marks import read_marks
 from pomona.learning.self_training.learnt import Learnt, read_learnt, taught, write_learnt
@@ -203,6 +204,20 @@ def test_photos_dropped_one_side_after_the_other_are_both_sides(page: Any, serve
     assert [sorted(photo.name for photo in drop.iterdir()) for drop in drops] == [
         [Path(photo).name for photo in photos] for photos in sides
     ]
+
+
+def test_where_a_run_ended_early_no_stage_is_at_work(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fakes, survey = Fakes().install(monkeypatch), tmp_path / "surveys" / "row"
+    fakes.raising["sfm"] = 1, InputError("The photos have nothing in common")
+    with pytest.raises(InputError):
+        run([make_photos(tmp_path / "photos")], survey, RunOptions())
+    page.goto(page.url.partition("#")[0] + f"#/survey/{server.service.add(str(survey))}")
+    page.wait_for_selector(".problem:has-text('nothing in common')")
+    assert page.inner_text(".stages .now").split("\n")[0] == "Where the camera stood"
+    assert page.locator(".stages .now .hidden").text_content() == "stopped here"
+    assert page.locator("[aria-current=step]").count() == 0
 
 
 def test_the_keyboard_goes_on_where_a_window_was_opened(

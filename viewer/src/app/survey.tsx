@@ -41,6 +41,7 @@ function Progress({ survey }: { survey: SurveyView }) {
   if (!run) return null;
   const progress = share(survey);
   const now = run.stages.find((stage) => stage.state === "now");
+  const working = WORKING.includes(survey.state);
   return (
     <section class="sheet" aria-label={t.progress}>
       {progress !== null && (
@@ -57,10 +58,10 @@ function Progress({ survey }: { survey: SurveyView }) {
       )}
       <ol class="stages">
         {run.stages.map((stage) => (
-          <li key={stage.name} class={stage.state} aria-current={stage.state === "now" ? "step" : undefined}>
+          <li key={stage.name} class={stage.state} aria-current={stage === now && working ? "step" : undefined}>
             <span class="name">{t.stages[stage.name] ?? stage.name}</span>
             <span class="soft">{stage.seconds === null ? "" : duration(stage.seconds)}</span>
-            <span class="hidden">{t.stageStates[stage.state]}</span>
+            <span class="hidden">{t.stageStates[stage === now && !working ? "halted" : stage.state]}</span>
           </li>
         ))}
       </ol>

@@ -64,7 +64,7 @@ const en = {
     report: "Report",
     learn: "Learning",
   } as Record<string, string>,
-  stageStates: { waiting: "waiting", now: "at work", done: "done", kept: "kept from before" },
+  stageStates: { waiting: "waiting", now: "at work", halted: "stopped here", done: "done", kept: "kept from before" },
   /** Steps of the run by what Pomona calls them in English, less what stands in brackets; others are shown as they are. */
   steps: {} as Record<string, string>,
   progress: "Progress",
@@ -310,7 +310,7 @@ const de: Texts = {
     report: "Bericht",
     learn: "Lernen",
   },
-  stageStates: { waiting: "wartet", now: "läuft", done: "fertig", kept: "von vorher" },
+  stageStates: { waiting: "wartet", now: "läuft", halted: "hier beendet", done: "fertig", kept: "von vorher" },
   steps: {
     "Reading photo headers": "Kopfdaten der Fotos lesen",
     "looking at the photos": "Fotos ansehen",

@@ -473,6 +473,7 @@ var be = {
 		stageStates: {
 			waiting: "waiting",
 			now: "at work",
+			halted: "stopped here",
 			done: "done",
 			kept: "kept from before"
 		},
@@ -735,6 +736,7 @@ var be = {
 		stageStates: {
 			waiting: "wartet",
 			now: "läuft",
+			halted: "hier beendet",
 			done: "fertig",
 			kept: "von vorher"
 		},
@@ -2579,7 +2581,7 @@ function kt({ survey: e }) {
 function At({ survey: e }) {
 	let t = q(), n = e.run;
 	if (!n) return null;
-	let r = Ge(e), i = n.stages.find((e) => e.state === "now");
+	let r = Ge(e), i = n.stages.find((e) => e.state === "now"), a = Et.includes(e.state);
 	return /* @__PURE__ */ Z("section", {
 		class: "sheet",
 		"aria-label": t.progress,
@@ -2614,7 +2616,7 @@ function At({ survey: e }) {
 				class: "stages",
 				children: n.stages.map((e) => /* @__PURE__ */ Z("li", {
 					class: e.state,
-					"aria-current": e.state === "now" ? "step" : void 0,
+					"aria-current": e === i && a ? "step" : void 0,
 					children: [
 						/* @__PURE__ */ Z("span", {
 							class: "name",
@@ -2626,7 +2628,7 @@ function At({ survey: e }) {
 						}),
 						/* @__PURE__ */ Z("span", {
 							class: "hidden",
-							children: t.stageStates[e.state]
+							children: t.stageStates[e === i && !a ? "halted" : e.state]
 						})
 					]
 				}, e.name))
