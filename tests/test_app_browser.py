@@ -220,6 +220,25 @@ def test_where_a_run_ended_early_no_stage_is_at_work(
     assert page.locator("[aria-current=step]").count() == 0
 
 
+def test_results_can_be_looked_at_though_a_later_run_failed(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    photos = make_photos(tmp_path / "photos")
+    run([photos], tmp_path / "surveys" / "row", RunOptions())
+    photos.rename(tmp_path / "card")  # the memory card was taken out
+    survey_id = server.service.add(str(tmp_path / "surveys" / "row"))
+    page.goto(page.url.partition("#")[0] + f"#/survey/{survey_id}")
+    page.click("button:text-is('Bring up to date')")
+    _state(page, "failed")
+    assert "does not exist" in page.inner_text(".problem")
+    page.frame_locator("iframe.view").locator("html.has-webgl").wait_for(state="attached")
+    page.click("#tab-files")
+    with page.expect_download() as download:
+        page.click("button:text-is('Fruits, for a spreadsheet')")
+    assert download.value.suggested_filename == "row-fruits.csv"
+
+
 def test_the_keyboard_goes_on_where_a_window_was_opened(
     page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

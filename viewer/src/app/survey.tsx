@@ -244,15 +244,17 @@ type Tab = (typeof TABS)[number];
 
 export function Survey({ survey, everything, place }: { survey: SurveyView; everything: Everything; place: string }) {
   const t = texts();
-  const over = survey.state === "finished" && !WORKING.includes(survey.state);
+  const over = survey.state === "finished";
+  // What an earlier run came to can be looked at, however the last one ended: it says so where it is older than the rest.
+  const shown = over || (survey.fruits !== null && ["stopped", "failed"].includes(survey.state));
   const found = TABS.find((each) => each === place);
-  const tab: Tab = found ?? (over ? "result" : survey.fruits !== null || survey.run?.stages.some((stage) => stage.name === "scale" && (stage.state === "done" || stage.state === "kept")) ? "scene" : "photos");
+  const tab: Tab = found ?? (shown ? "result" : survey.fruits !== null || survey.run?.stages.some((stage) => stage.name === "scale" && (stage.state === "done" || stage.state === "kept")) ? "scene" : "photos");
   const titles: Record<Tab, string> = { photos: t.photosTab, scene: t.sceneTab, result: t.resultTab, trees: t.treesTab, compare: t.compareTab, teach: t.teachTab, files: t.exportTab };
   const panel = () => {
     if (tab === "photos") return <Photos survey={survey} />;
     if (tab === "scene") return <Scene survey={survey} />;
     if (tab === "teach") return <Teach survey={survey} canLearn={everything.facts.canLearn} working={WORKING.includes(survey.state) || !!survey.run?.byOther} />;
-    if (!over) return <p class="soft">{t.resultWait}</p>;
+    if (!shown) return <p class="soft">{t.resultWait}</p>;
     if (tab === "trees") return <Trees survey={survey} />;
     if (tab === "compare") return <Compare survey={survey} everything={everything} />;
     if (tab === "files") return <Files survey={survey} everything={everything} />;

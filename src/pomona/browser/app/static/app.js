@@ -2820,7 +2820,7 @@ var It = [
 	"files"
 ];
 function Lt({ survey: e, everything: t, place: n }) {
-	let r = q(), i = e.state === "finished" && !Et.includes(e.state), a = It.find((e) => e === n) ?? (i ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), o = {
+	let r = q(), i = e.state === "finished", a = i || e.fruits !== null && ["stopped", "failed"].includes(e.state), o = It.find((e) => e === n) ?? (a ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), s = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
@@ -2868,30 +2868,30 @@ function Lt({ survey: e, everything: t, place: n }) {
 				children: It.map((t) => /* @__PURE__ */ Z("a", {
 					role: "tab",
 					id: `tab-${t}`,
-					"aria-selected": a === t,
+					"aria-selected": o === t,
 					"aria-controls": "panel",
 					href: `#/survey/${e.id}/${t}`,
-					tabIndex: a === t ? 0 : -1,
+					tabIndex: o === t ? 0 : -1,
 					onKeyDown: (n) => {
 						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
 						if (!r) return;
 						let i = It[(It.indexOf(t) + r + It.length) % It.length];
 						Ue(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
 					},
-					children: o[t]
+					children: s[t]
 				}, t))
 			}), /* @__PURE__ */ Z("div", {
 				id: "panel",
 				role: "tabpanel",
-				"aria-labelledby": `tab-${a}`,
-				children: a === "photos" ? /* @__PURE__ */ Z(jt, { survey: e }) : a === "scene" ? /* @__PURE__ */ Z(lt, { survey: e }) : a === "teach" ? /* @__PURE__ */ Z(Tt, {
+				"aria-labelledby": `tab-${o}`,
+				children: o === "photos" ? /* @__PURE__ */ Z(jt, { survey: e }) : o === "scene" ? /* @__PURE__ */ Z(lt, { survey: e }) : o === "teach" ? /* @__PURE__ */ Z(Tt, {
 					survey: e,
 					canLearn: t.facts.canLearn,
 					working: Et.includes(e.state) || !!e.run?.byOther
-				}) : i ? a === "trees" ? /* @__PURE__ */ Z(Mt, { survey: e }) : a === "compare" ? /* @__PURE__ */ Z(Nt, {
+				}) : a ? o === "trees" ? /* @__PURE__ */ Z(Mt, { survey: e }) : o === "compare" ? /* @__PURE__ */ Z(Nt, {
 					survey: e,
 					everything: t
-				}) : a === "files" ? /* @__PURE__ */ Z(Pt, {
+				}) : o === "files" ? /* @__PURE__ */ Z(Pt, {
 					survey: e,
 					everything: t
 				}) : /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("p", {
