@@ -22,7 +22,7 @@ from pomona.browser.app.folders import Folders
 from pomona.browser.app.pages import AppServer
 from pomona.browser.app.service import Homes
 from pomona.corrections import read_corrections
-from pomona.errors import InputError
+from pomona.errors import InputError, SurveyError
 from pomona.evaluate.detections import EvaluateDetectionsOptions
 from pomona.learning.marks import read_marks
 from pomona.learning.self_training.learnt import Learnt, read_learnt, taught, write_learnt
@@ -378,6 +378,40 @@ def test_fruits_are_marked_by_two_clicks_and_kept(
     # Twice as near and twice as wide on the screen as what was taken back.
     scale = max(photo.width_px / box["width"], photo.height_px / box["height"])
     assert 20 * scale < fruit.circle_px[2] < 40 * scale
+
+
+def test_a_mark_that_could_not_be_kept_is_not_shown(
+    page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Fakes().install(monkeypatch)
+    row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
+    page.evaluate(f"location.hash = '#/survey/{server.service.add(str(row))}/teach'")
+    page.click(".photos button >> nth=1")
+    page.wait_for_selector("svg.marking image")
+    box = page.locator("svg.marking").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def mark(down: float) -> None:
+        page.mouse.click(x - 30, y + down)
+        page.mouse.click(x + 30, y + down)
+
+    def full(*args: Any, **more: Any) -> None:
+        raise SurveyError("The disk is full: free some space, then mark the fruit again")
+
+    mark(-60)
+    page.wait_for_selector("dialog h2:has-text(': 1 mark')")
+    with monkeypatch.context() as patched:
+        patched.setattr("pomona.browser.app.pages.keep_marks", full)
+        mark(60)
+        page.wait_for_selector("dialog .problem:has-text('mark the fruit again')")
+        page.wait_for_selector("dialog h2:has-text(': 1 mark')")
+    mark(60)
+    page.wait_for_selector("dialog h2:has-text(': 2 marks')")
+    page.wait_for_selector("dialog .problem", state="detached")
+    page.click("dialog .plain")
+    page.wait_for_selector(".photos .marked:has-text('2 marks')")
+    (photo,) = read_marks(row / "marks.json").values()
+    assert len(photo.fruits) == 2
 
 
 def test_a_browser_without_webgl_shows_the_row_and_the_table(

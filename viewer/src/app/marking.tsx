@@ -25,7 +25,12 @@ export function MarkPhoto({ survey, index, photos, onPhoto, onClose }: { survey:
   const svg = useRef<SVGSVGElement>(null);
   const drag = useRef<{ x: number; y: number; view: Window; moved: boolean } | null>(null);
   const keeping = useRef<Promise<unknown>>(Promise.resolve());
+  // What was asked last to be kept, and what is.
+  const newest = useRef<Marking>(marking);
+  const kept = useRef<Marking>(marking);
   const address = `surveys/${survey}/photos/${index}`;
+  const shown = useRef(address);
+  shown.current = address;
 
   useEffect(() => {
     let there = true;
@@ -37,7 +42,8 @@ export function MarkPhoto({ survey, index, photos, onPhoto, onClose }: { survey:
       (found) => {
         if (!there) return;
         setPhoto(found);
-        setMarking({ marks: found.marks, complete: found.complete, before: [] });
+        newest.current = kept.current = { marks: found.marks, complete: found.complete, before: [] };
+        setMarking(kept.current);
         setView([0, 0, found.width, found.height]);
       },
       (error: Error) => there && setProblem(error.message),
@@ -62,9 +68,18 @@ export function MarkPhoto({ survey, index, photos, onPhoto, onClose }: { survey:
     setMarking(next);
     setChosen(-1);
     setProblem("");
+    newest.current = next;
     const given = { complete: next.complete, marks: next.marks };
+    const done = () => {
+      if (shown.current === address) kept.current = next;
+    };
+    const failed = (error: Error) => {
+      setProblem(error.message);
+      // What is shown is what is kept: the person is told to mark it again.
+      if (newest.current === next) setMarking(kept.current);
+    };
     // One after the other, so that the last one stays.
-    keeping.current = keeping.current.then(() => tell(`${address}/marks`, given)).catch((error: Error) => setProblem(error.message));
+    keeping.current = keeping.current.then(() => tell(`${address}/marks`, given)).then(done, failed);
   };
   const place = (event: { clientX: number; clientY: number }): Point => {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.current!.getScreenCTM()!.inverse());

@@ -277,21 +277,21 @@ e = f.slice, t = { __e: function(e, t, n, r) {
 	return e.__v.__b - t.__v.__b;
 }, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = j(!1), u = j(!0);
 // node_modules/preact/hooks/dist/hooks.module.js
-var z, B, ne, re, V = 0, H = [], U = t, ie = U.__b, ae = U.__r, oe = U.diffed, se = U.__c, ce = U.unmount, le = U.__;
-function ue(e, t) {
-	U.__h && U.__h(B, e, V || t), V = 0;
+var z, B, ne, re, V = 0, ie = [], H = t, ae = H.__b, oe = H.__r, se = H.diffed, ce = H.__c, le = H.unmount, ue = H.__;
+function de(e, t) {
+	H.__h && H.__h(B, e, V || t), V = 0;
 	var n = B.__H || (B.__H = {
 		__: [],
 		__h: []
 	});
 	return e >= n.__.length && n.__.push({}), n.__[e];
 }
-function W(e) {
-	return V = 1, de(ye, e);
+function U(e) {
+	return V = 1, fe(be, e);
 }
-function de(e, t, n) {
-	var r = ue(z++, 2);
-	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : ye(void 0, t), function(e) {
+function fe(e, t, n) {
+	var r = de(z++, 2);
+	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : be(void 0, t), function(e) {
 		var t = r.__N ? r.__N[0] : r.__[0], n = r.t(t, e);
 		t !== n && (r.__N = [n, r.__[1]], r.__c.setState({}));
 	}], r.__c = B, !B.__f)) {
@@ -323,89 +323,89 @@ function de(e, t, n) {
 	}
 	return r.__N || r.__;
 }
-function G(e, t) {
-	var n = ue(z++, 3);
-	!U.__s && ve(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
+function W(e, t) {
+	var n = de(z++, 3);
+	!H.__s && ye(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
 }
-function K(e) {
-	return V = 5, fe(function() {
+function G(e) {
+	return V = 5, pe(function() {
 		return { current: e };
 	}, []);
 }
-function fe(e, t) {
-	var n = ue(z++, 7);
-	return ve(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
+function pe(e, t) {
+	var n = de(z++, 7);
+	return ye(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
 }
-function pe() {
-	for (var e; e = H.shift();) if (e.__P && e.__H) try {
-		e.__H.__h.forEach(ge), e.__H.__h.forEach(_e), e.__H.__h = [];
+function me() {
+	for (var e; e = ie.shift();) if (e.__P && e.__H) try {
+		e.__H.__h.forEach(_e), e.__H.__h.forEach(ve), e.__H.__h = [];
 	} catch (t) {
-		e.__H.__h = [], U.__e(t, e.__v);
+		e.__H.__h = [], H.__e(t, e.__v);
 	}
 }
-U.__b = function(e) {
-	B = null, ie && ie(e);
-}, U.__ = function(e, t) {
-	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), le && le(e, t);
-}, U.__r = function(e) {
-	ae && ae(e), z = 0;
+H.__b = function(e) {
+	B = null, ae && ae(e);
+}, H.__ = function(e, t) {
+	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), ue && ue(e, t);
+}, H.__r = function(e) {
+	oe && oe(e), z = 0;
 	var t = (B = e.__c).__H;
 	t && (ne === B ? (t.__h = [], B.__h = [], t.__.forEach(function(e) {
 		e.__N && (e.__ = e.__N), e.u = e.__N = void 0;
-	})) : (t.__h.forEach(ge), t.__h.forEach(_e), t.__h = [], z = 0)), ne = B;
-}, U.diffed = function(e) {
-	oe && oe(e);
+	})) : (t.__h.forEach(_e), t.__h.forEach(ve), t.__h = [], z = 0)), ne = B;
+}, H.diffed = function(e) {
+	se && se(e);
 	var t = e.__c;
-	t && t.__H && (t.__H.__h.length && (H.push(t) !== 1 && re === U.requestAnimationFrame || ((re = U.requestAnimationFrame) || he)(pe)), t.__H.__.forEach(function(e) {
+	t && t.__H && (t.__H.__h.length && (ie.push(t) !== 1 && re === H.requestAnimationFrame || ((re = H.requestAnimationFrame) || ge)(me)), t.__H.__.forEach(function(e) {
 		e.u && (e.__H = e.u), e.u = void 0;
 	})), ne = B = null;
-}, U.__c = function(e, t) {
+}, H.__c = function(e, t) {
 	t.some(function(e) {
 		try {
-			e.__h.forEach(ge), e.__h = e.__h.filter(function(e) {
-				return !e.__ || _e(e);
+			e.__h.forEach(_e), e.__h = e.__h.filter(function(e) {
+				return !e.__ || ve(e);
 			});
 		} catch (n) {
 			t.some(function(e) {
 				e.__h &&= [];
-			}), t = [], U.__e(n, e.__v);
+			}), t = [], H.__e(n, e.__v);
 		}
-	}), se && se(e, t);
-}, U.unmount = function(e) {
-	ce && ce(e);
+	}), ce && ce(e, t);
+}, H.unmount = function(e) {
+	le && le(e);
 	var t, n = e.__c;
 	n && n.__H && (n.__H.__.forEach(function(e) {
 		try {
-			ge(e);
+			_e(e);
 		} catch (e) {
 			t = e;
 		}
-	}), n.__H = void 0, t && U.__e(t, n.__v));
+	}), n.__H = void 0, t && H.__e(t, n.__v));
 };
-var me = typeof requestAnimationFrame == "function";
-function he(e) {
-	var t, n = function() {
-		clearTimeout(r), me && cancelAnimationFrame(t), setTimeout(e);
-	}, r = setTimeout(n, 35);
-	me && (t = requestAnimationFrame(n));
-}
+var he = typeof requestAnimationFrame == "function";
 function ge(e) {
+	var t, n = function() {
+		clearTimeout(r), he && cancelAnimationFrame(t), setTimeout(e);
+	}, r = setTimeout(n, 35);
+	he && (t = requestAnimationFrame(n));
+}
+function _e(e) {
 	var t = B, n = e.__c;
 	typeof n == "function" && (e.__c = void 0, n()), B = t;
 }
-function _e(e) {
+function ve(e) {
 	var t = B;
 	e.__c = e.__(), B = t;
 }
-function ve(e, t) {
+function ye(e, t) {
 	return !e || e.length !== t.length || t.some(function(t, n) {
 		return t !== e[n];
 	});
 }
-function ye(e, t) {
+function be(e, t) {
 	return typeof t == "function" ? t(e) : t;
 }
-var be = {
+var xe = {
 	en: {
 		language: "English",
 		title: "Pomona",
@@ -964,55 +964,55 @@ var be = {
 		markersPicture: "Gedruckte Marken stehen entlang der Reihe",
 		theme: "Hell oder dunkel"
 	}
-}, xe = "pomona-language";
-function Se(e) {
-	return e.map((e) => e.split("-")[0]).find((e) => e in be) ?? "en";
+}, Se = "pomona-language";
+function Ce(e) {
+	return e.map((e) => e.split("-")[0]).find((e) => e in xe) ?? "en";
 }
-var Ce = Se([localStorage.getItem(xe) ?? "", ...navigator.languages]);
-function we(e) {
-	Ce = e, localStorage.setItem(xe, e), document.documentElement.lang = e;
-}
-function Te() {
-	return Ce;
-}
-function q() {
-	return be[Ce];
+var we = Ce([localStorage.getItem(Se) ?? "", ...navigator.languages]);
+function Te(e) {
+	we = e, localStorage.setItem(Se, e), document.documentElement.lang = e;
 }
 function Ee() {
-	return navigator.languages.find((e) => e.split("-")[0] === Ce) ?? Ce;
+	return we;
 }
-function J(e, t = 0) {
-	return new Intl.NumberFormat(Ee(), {
+function K() {
+	return xe[we];
+}
+function De() {
+	return navigator.languages.find((e) => e.split("-")[0] === we) ?? we;
+}
+function q(e, t = 0) {
+	return new Intl.NumberFormat(De(), {
 		minimumFractionDigits: t,
 		maximumFractionDigits: t
 	}).format(e);
 }
-function De(e) {
-	return new Intl.DateTimeFormat(Ee(), {
+function Oe(e) {
+	return new Intl.DateTimeFormat(De(), {
 		dateStyle: "medium",
 		timeZone: e.length === 10 ? "UTC" : void 0
 	}).format(new Date(e));
 }
-function Oe(e) {
-	let t = q();
+function ke(e) {
+	let t = K();
 	if (e < 55) return t.seconds(Math.max(1, e < 10 ? Math.ceil(e) : Math.round(e / 5) * 5));
 	let n = Math.round(e / 60);
 	return n < 60 ? t.minutes(n) : t.hours(Math.floor(n / 60), n % 60);
 }
-function ke(e) {
+function Ae(e) {
 	let [, t, n] = /^(.*?)( \(.*)?$/.exec(e);
-	return `${q().steps[t] ?? t}${n ?? ""}`;
+	return `${K().steps[t] ?? t}${n ?? ""}`;
 }
 // src/app/server.ts
-var Ae = "no answer";
-async function je(e, t) {
+var je = "no answer";
+async function Me(e, t) {
 	try {
 		return await fetch(`api/${e}`, t);
 	} catch {
-		throw Error(Ae);
+		throw Error(je);
 	}
 }
-async function Me(e) {
+async function Ne(e) {
 	if (e.ok) return e.status === 204 ? void 0 : await e.json();
 	let t = await e.text(), n = t;
 	try {
@@ -1020,30 +1020,30 @@ async function Me(e) {
 	} catch {}
 	throw Error(n || `${e.status}`);
 }
-async function Y(e) {
-	return Me(await je(e));
+async function J(e) {
+	return Ne(await Me(e));
 }
-async function X(e, t = {}) {
-	return Me(await je(e, {
+async function Y(e, t = {}) {
+	return Ne(await Me(e, {
 		method: "POST",
 		headers: { "Content-Type": "application/json" },
 		body: JSON.stringify(t)
 	}));
 }
-async function Ne(e) {
-	let t = await je(e);
-	t.ok || await Me(t);
-	let n = Pe(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
+async function Pe(e) {
+	let t = await Me(e);
+	t.ok || await Ne(t);
+	let n = Fe(t.headers.get("Content-Disposition") ?? ""), r = document.createElement("a");
 	r.href = URL.createObjectURL(await t.blob()), r.download = n, r.click(), setTimeout(() => URL.revokeObjectURL(r.href), 6e4);
 }
-function Pe(e) {
+function Fe(e) {
 	let t = /filename\*=utf-8''([^;]+)/i.exec(e)?.[1];
 	return t ? decodeURIComponent(t) : /filename="?([^";]+)/.exec(e)?.[1] ?? "pomona";
 }
-function Fe(e, t, n) {
+function Ie(e, t, n) {
 	return new Promise((r, i) => {
 		let a = new XMLHttpRequest();
-		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error(Ae)), a.onload = () => {
+		a.open("PUT", `api/${e}`), a.upload.onprogress = (e) => n(e.loaded), a.onerror = () => i(/* @__PURE__ */ Error(je)), a.onload = () => {
 			try {
 				let e = JSON.parse(a.responseText);
 				a.status === 200 ? r(e) : i(Error(e.message));
@@ -1053,16 +1053,16 @@ function Fe(e, t, n) {
 		}, a.send(t);
 	});
 }
-function Ie(e, t) {
+function Le(e, t) {
 	let n = new EventSource("api/events");
 	return n.onmessage = (n) => {
 		t("yes"), e(JSON.parse(n.data));
 	}, n.onerror = () => t(n.readyState === EventSource.CLOSED ? "ended" : "no"), () => n.close();
 }
 // node_modules/preact/jsx-runtime/dist/jsxRuntime.module.js
-var Le = 0;
+var Re = 0;
 Array.isArray;
-function Z(e, n, r, i, a, o) {
+function X(e, n, r, i, a, o) {
 	n ||= {};
 	var s, c, l = n;
 	if ("ref" in l) for (c in l = {}, n) c == "ref" ? s = n[c] : l[c] = n[c];
@@ -1077,7 +1077,7 @@ function Z(e, n, r, i, a, o) {
 		__e: null,
 		__c: null,
 		constructor: void 0,
-		__v: --Le,
+		__v: --Re,
 		__i: -1,
 		__u: 0,
 		__source: a,
@@ -1087,19 +1087,19 @@ function Z(e, n, r, i, a, o) {
 	return t.vnode && t.vnode(u), u;
 }
 // src/app/parts.tsx
-function Re({ text: e }) {
-	return /* @__PURE__ */ Z(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ Z("code", { children: e }, t) : e) });
+function ze({ text: e }) {
+	return /* @__PURE__ */ X(y, { children: e.split("`").map((e, t) => t % 2 ? /* @__PURE__ */ X("code", { children: e }, t) : e) });
 }
-function Q({ text: e, title: t }) {
-	return /* @__PURE__ */ Z("div", {
+function Z({ text: e, title: t }) {
+	return /* @__PURE__ */ X("div", {
 		class: "problem",
 		role: "alert",
-		children: [/* @__PURE__ */ Z("strong", { children: t ?? q().problem }), /* @__PURE__ */ Z("p", { children: /* @__PURE__ */ Z(Re, { text: e === "no answer" ? q().noAnswer : e }) })]
+		children: [/* @__PURE__ */ X("strong", { children: t ?? K().problem }), /* @__PURE__ */ X("p", { children: /* @__PURE__ */ X(ze, { text: e === "no answer" ? K().noAnswer : e }) })]
 	});
 }
-function $({ onDo: e, class: t, disabled: n, children: r }) {
-	let [i, a] = W(!1), [o, s] = W(""), c = K(!0);
-	return G(() => () => void (c.current = !1), []), /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("button", {
+function Q({ onDo: e, class: t, disabled: n, children: r }) {
+	let [i, a] = U(!1), [o, s] = U(""), c = G(!0);
+	return W(() => () => void (c.current = !1), []), /* @__PURE__ */ X(y, { children: [/* @__PURE__ */ X("button", {
 		type: "button",
 		class: t,
 		disabled: i || n,
@@ -1113,64 +1113,64 @@ function $({ onDo: e, class: t, disabled: n, children: r }) {
 			c.current && a(!1);
 		},
 		children: r
-	}), o && /* @__PURE__ */ Z(Q, { text: o })] });
+	}), o && /* @__PURE__ */ X(Z, { text: o })] });
 }
-function ze({ title: e, onClose: t, wide: n, children: r }) {
-	let i = K(null), a = K(!0);
-	return G(() => {
+function Be({ title: e, onClose: t, wide: n, children: r }) {
+	let i = G(null), a = G(!0);
+	return W(() => {
 		let e = i.current;
 		return e.showModal(), () => {
 			a.current = !1, e.close();
 		};
-	}, []), /* @__PURE__ */ Z("dialog", {
+	}, []), /* @__PURE__ */ X("dialog", {
 		ref: i,
 		class: n ? "wide" : void 0,
 		"aria-label": e,
 		onClose: () => a.current && t(),
-		children: [/* @__PURE__ */ Z("div", {
+		children: [/* @__PURE__ */ X("div", {
 			class: "bar",
-			children: [/* @__PURE__ */ Z("h2", { children: e }), /* @__PURE__ */ Z("button", {
+			children: [/* @__PURE__ */ X("h2", { children: e }), /* @__PURE__ */ X("button", {
 				type: "button",
 				class: "plain",
-				"aria-label": q().cancel,
+				"aria-label": K().cancel,
 				onClick: t,
 				children: "×"
 			})]
 		}), r]
 	});
 }
-function Be({ text: e }) {
-	let [t, n] = W(!1);
-	return /* @__PURE__ */ Z("div", {
+function Ve({ text: e }) {
+	let [t, n] = U(!1);
+	return /* @__PURE__ */ X("div", {
 		class: "copyable",
-		children: [/* @__PURE__ */ Z("pre", {
+		children: [/* @__PURE__ */ X("pre", {
 			tabIndex: 0,
 			children: e
-		}), /* @__PURE__ */ Z("button", {
+		}), /* @__PURE__ */ X("button", {
 			type: "button",
 			onClick: async () => {
 				await navigator.clipboard.writeText(e), n(!0);
 			},
-			children: t ? q().copied : q().copy
+			children: t ? K().copied : K().copy
 		})]
 	});
 }
 // src/app/chooser.tsx
-function Ve(e) {
-	let t = q();
-	return [e.photos ? t.photos(e.photos, J(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
+function He(e) {
+	let t = K();
+	return [e.photos ? t.photos(e.photos, q(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
 }
-function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
-	let o = q(), [s, c] = W(null), [l, u] = W(""), d = async (e) => {
+function Ue({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+	let o = K(), [s, c] = U(null), [l, u] = U(""), d = async (e) => {
 		try {
-			c(await Y(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
+			c(await J(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
 		} catch (t) {
 			u(t.message), e !== r[0] && !s && await d(r[0]);
 		}
 	};
-	G(() => void d(n), []);
-	let f = K(null);
-	G(() => {
+	W(() => void d(n), []);
+	let f = G(null);
+	W(() => {
 		if (document.activeElement !== document.body) return;
 		let e = f.current?.closest("dialog");
 		[
@@ -1180,65 +1180,65 @@ function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 		].map((t) => e?.querySelector(t)).find(Boolean)?.focus();
 	}, [s]);
 	let p = (e) => !e.isFolder || t === "survey" && e.isSurvey ? i(e.path) : void d(e.path);
-	return /* @__PURE__ */ Z(ze, {
+	return /* @__PURE__ */ X(Be, {
 		title: e,
 		onClose: a,
 		children: [
-			s && /* @__PURE__ */ Z("div", {
+			s && /* @__PURE__ */ X("div", {
 				class: "bar",
 				children: [
-					/* @__PURE__ */ Z("select", {
+					/* @__PURE__ */ X("select", {
 						"aria-label": o.roots,
 						value: r.filter((e) => s.path.startsWith(e)).sort((e, t) => t.length - e.length)[0],
 						onChange: (e) => d(e.currentTarget.value),
-						children: r.map((e, t) => /* @__PURE__ */ Z("option", {
+						children: r.map((e, t) => /* @__PURE__ */ X("option", {
 							value: e,
 							children: t ? e : o.home
 						}, e))
 					}),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						disabled: !s.parent,
 						onClick: () => d(s.parent),
 						children: o.up
 					}),
-					/* @__PURE__ */ Z("span", {
+					/* @__PURE__ */ X("span", {
 						class: "path",
 						children: s.path
 					})
 				]
 			}),
-			l && /* @__PURE__ */ Z(Q, { text: l }),
-			/* @__PURE__ */ Z("ul", {
+			l && /* @__PURE__ */ X(Z, { text: l }),
+			/* @__PURE__ */ X("ul", {
 				class: "places",
 				ref: f,
-				children: s?.places.map((e) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
+				children: s?.places.map((e) => /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X("button", {
 					type: "button",
 					onClick: () => p(e),
 					children: [
-						/* @__PURE__ */ Z("svg", {
+						/* @__PURE__ */ X("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
-							children: e.isFolder ? /* @__PURE__ */ Z("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ Z("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
+							children: e.isFolder ? /* @__PURE__ */ X("path", { d: "M1 3h5l2 2h7v9H1z" }) : /* @__PURE__ */ X("path", { d: "M3 1h7l3 3v11H3zM10 1v3h3" })
 						}),
-						/* @__PURE__ */ Z("span", { children: e.name }),
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", { children: e.name }),
+						/* @__PURE__ */ X("span", {
 							class: "soft",
-							children: e.isSurvey ? o.aSurvey : Ve(e)
+							children: e.isSurvey ? o.aSurvey : He(e)
 						})
 					]
 				}) }, e.path))
 			}),
-			s && !s.places.length && /* @__PURE__ */ Z("p", {
+			s && !s.places.length && /* @__PURE__ */ X("p", {
 				class: "soft inside",
-				children: Ve(s) || o.emptyFolder
+				children: He(s) || o.emptyFolder
 			}),
-			t === "photos" && s && /* @__PURE__ */ Z("div", {
+			t === "photos" && s && /* @__PURE__ */ X("div", {
 				class: "bar foot",
-				children: [/* @__PURE__ */ Z("span", {
+				children: [/* @__PURE__ */ X("span", {
 					class: "soft",
-					children: Ve(s)
-				}), /* @__PURE__ */ Z("button", {
+					children: He(s)
+				}), /* @__PURE__ */ X("button", {
 					type: "button",
 					class: "main",
 					onClick: () => i(s.path),
@@ -1249,109 +1249,109 @@ function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 	});
 }
 // src/app/list.tsx
-function Ue(e) {
+function We(e) {
 	location.hash = e;
 }
-function We(e) {
-	let t = q();
+function Ge(e) {
+	let t = K();
 	if (e.fruits === null) return "";
 	let n = t.fruitNames[e.fruit];
-	return n && e.fruits !== 1 ? `${J(e.fruits)} ${n}` : t.fruits(e.fruits, J(e.fruits));
+	return n && e.fruits !== 1 ? `${q(e.fruits)} ${n}` : t.fruits(e.fruits, q(e.fruits));
 }
-function Ge(e) {
+function Ke(e) {
 	if (e.state !== "running" || !e.run) return null;
 	let { stages: t, done: n, total: r } = e.run;
 	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
 }
-function Ke({ survey: e }) {
-	let t = q(), n = Ge(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
-	return /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("a", {
+function qe({ survey: e }) {
+	let t = K(), n = Ke(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+	return /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X("a", {
 		class: "card",
 		href: `#/survey/${e.id}`,
-		children: [/* @__PURE__ */ Z("span", {
+		children: [/* @__PURE__ */ X("span", {
 			class: "picture",
-			children: e.photos ? /* @__PURE__ */ Z("img", {
+			children: e.photos ? /* @__PURE__ */ X("img", {
 				src: `api/surveys/${e.id}/photos/${r}/320.jpg?${e.version}`,
 				alt: "",
 				loading: "lazy",
 				onError: (e) => e.currentTarget.hidden = !0
 			}) : null
-		}), /* @__PURE__ */ Z("span", {
+		}), /* @__PURE__ */ X("span", {
 			class: "about",
 			children: [
-				/* @__PURE__ */ Z("strong", { children: e.name }),
-				/* @__PURE__ */ Z("span", {
+				/* @__PURE__ */ X("strong", { children: e.name }),
+				/* @__PURE__ */ X("span", {
 					class: `state ${e.state}`,
 					children: t.states[e.state]
 				}),
-				n !== null && /* @__PURE__ */ Z("progress", {
+				n !== null && /* @__PURE__ */ X("progress", {
 					value: n,
 					max: 1,
 					"aria-label": t.progress
 				}),
-				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ Z("span", {
+				e.state === "running" && e.run?.leftS != null && /* @__PURE__ */ X("span", {
 					class: "soft",
-					children: t.left(Oe(e.run.leftS))
+					children: t.left(ke(e.run.leftS))
 				}),
-				e.fruits !== null && /* @__PURE__ */ Z("span", {
+				e.fruits !== null && /* @__PURE__ */ X("span", {
 					class: "figure",
-					children: We(e)
+					children: Ge(e)
 				}),
-				/* @__PURE__ */ Z("span", {
+				/* @__PURE__ */ X("span", {
 					class: "soft",
-					children: [e.photos === null ? "" : t.photos(e.photos, J(e.photos)), e.day ? t.taken(De(e.day)) : De(e.changed)].filter(Boolean).join(" · ")
+					children: [e.photos === null ? "" : t.photos(e.photos, q(e.photos)), e.day ? t.taken(Oe(e.day)) : Oe(e.changed)].filter(Boolean).join(" · ")
 				})
 			]
 		})]
 	}) });
 }
-function qe({ everything: e }) {
-	let t = q(), [n, r] = W(!1), [i, a] = W(""), o = async (e) => {
+function Je({ everything: e }) {
+	let t = K(), [n, r] = U(!1), [i, a] = U(""), o = async (e) => {
 		r(!1), a("");
 		try {
-			Ue(`/survey/${await X("surveys/add", { folder: e })}`);
+			We(`/survey/${await Y("surveys/add", { folder: e })}`);
 		} catch (e) {
 			a(e.message);
 		}
-	}, s = /* @__PURE__ */ Z($, {
-		onDo: async () => Ue(`/survey/${await X("surveys/sample")}`),
+	}, s = /* @__PURE__ */ X(Q, {
+		onDo: async () => We(`/survey/${await Y("surveys/sample")}`),
 		children: t.trySample
 	});
-	return /* @__PURE__ */ Z("main", { children: [
-		/* @__PURE__ */ Z("div", {
+	return /* @__PURE__ */ X("main", { children: [
+		/* @__PURE__ */ X("div", {
 			class: "head",
-			children: [/* @__PURE__ */ Z("h1", { children: t.surveys }), /* @__PURE__ */ Z("span", {
+			children: [/* @__PURE__ */ X("h1", { children: t.surveys }), /* @__PURE__ */ X("span", {
 				class: "end",
-				children: [/* @__PURE__ */ Z("button", {
+				children: [/* @__PURE__ */ X("button", {
 					type: "button",
 					onClick: () => r(!0),
 					children: t.openSurvey
-				}), /* @__PURE__ */ Z("a", {
+				}), /* @__PURE__ */ X("a", {
 					class: "button main",
 					href: "#/new",
 					children: t.newSurvey
 				})]
 			})]
 		}),
-		i && /* @__PURE__ */ Z(Q, { text: i }),
-		e.surveys.length ? /* @__PURE__ */ Z("ul", {
+		i && /* @__PURE__ */ X(Z, { text: i }),
+		e.surveys.length ? /* @__PURE__ */ X("ul", {
 			class: "cards",
-			children: e.surveys.map((e) => /* @__PURE__ */ Z(Ke, { survey: e }, e.id))
-		}) : /* @__PURE__ */ Z("div", {
+			children: e.surveys.map((e) => /* @__PURE__ */ X(qe, { survey: e }, e.id))
+		}) : /* @__PURE__ */ X("div", {
 			class: "sheet empty",
 			children: [
-				/* @__PURE__ */ Z("h2", { children: t.none }),
-				/* @__PURE__ */ Z("p", { children: t.noneText }),
-				/* @__PURE__ */ Z("p", {
+				/* @__PURE__ */ X("h2", { children: t.none }),
+				/* @__PURE__ */ X("p", { children: t.noneText }),
+				/* @__PURE__ */ X("p", {
 					class: "line",
 					children: [
-						/* @__PURE__ */ Z("a", {
+						/* @__PURE__ */ X("a", {
 							class: "button main",
 							href: "#/new",
 							children: t.newSurvey
 						}),
 						s,
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "soft",
 							children: t.sampleText
 						})
@@ -1359,7 +1359,7 @@ function qe({ everything: e }) {
 				})
 			]
 		}),
-		n && /* @__PURE__ */ Z(He, {
+		n && /* @__PURE__ */ X(Ue, {
 			title: t.openSurvey,
 			kind: "survey",
 			start: e.facts.surveysFolder,
@@ -1370,11 +1370,11 @@ function qe({ everything: e }) {
 	] });
 }
 // src/app/dropping.ts
-var Je = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
-function Ye(e) {
-	return Je.test(e) && !e.split("/").some((e) => e.startsWith("."));
+var Ye = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function Xe(e) {
+	return Ye.test(e) && !e.split("/").some((e) => e.startsWith("."));
 }
-async function Xe(e, t) {
+async function Ze(e, t) {
 	let n = t + e.name;
 	if (e.isFile) return [{
 		name: n,
@@ -1384,109 +1384,109 @@ async function Xe(e, t) {
 	for (;;) {
 		let e = await new Promise((e, t) => r.readEntries(e, t));
 		if (!e.length) return i;
-		for (let t of e) i.push(...await Xe(t, `${n}/`));
+		for (let t of e) i.push(...await Ze(t, `${n}/`));
 	}
 }
-async function Ze(e) {
+async function Qe(e) {
 	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
-	return (await Promise.all(t.map((e) => Xe(e, "")))).flat();
+	return (await Promise.all(t.map((e) => Ze(e, "")))).flat();
 }
-function Qe(e) {
+function $e(e) {
 	return [...e].map((e) => ({
 		name: e.webkitRelativePath || e.name,
 		file: e
 	}));
 }
-function $e(e) {
+function et(e) {
 	let t = e[0]?.name.split("/")[0];
-	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? $e(e.map(({ name: e, file: n }) => ({
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? et(e.map(({ name: e, file: n }) => ({
 		name: e.slice(t.length + 1),
 		file: n
 	}))) : e;
 }
-async function et(e, t) {
-	let n = await X("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
-	for (let [o, { name: s, file: c }] of e.entries()) i = await Fe(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
+async function tt(e, t) {
+	let n = await Y("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
+	for (let [o, { name: s, file: c }] of e.entries()) i = await Ie(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
 // src/app/numbers.ts
-function tt(e, t) {
+function nt(e, t) {
 	let n = e.trim().replace(RegExp(`\\s*${t}$`, "i"), "");
 	return e.trim() ? /^\d+([.,]\d*)?$|^[.,]\d+$/.test(n) ? Number(n.replace(",", ".")) : NaN : null;
 }
 // src/app/new.tsx
-var nt = [
+var rt = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function rt(e) {
+function it(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
-function it({ check: e }) {
-	let t = q(), n = [
+function at({ check: e }) {
+	let t = K(), n = [
 		"gap",
 		"blurred",
 		"dark",
 		"bright"
 	], r = [
-		e.photos ? t.photos(e.photos, J(e.photos)) + (e.day ? `, ${t.taken(De(e.day))}` : "") : t.checkVideo,
-		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${J(e.photos)})`).join(", ")) : "",
-		e.photos ? e.positions ? t.checkPositions(J(e.positions)) : t.checkNoPositions : "",
-		e.lookedAt < e.photos ? t.checkOf(J(e.lookedAt), J(e.photos)) : ""
+		e.photos ? t.photos(e.photos, q(e.photos)) + (e.day ? `, ${t.taken(Oe(e.day))}` : "") : t.checkVideo,
+		e.photos && e.sides.length > 1 ? t.checkSides(e.sides.map((e) => `${e.name} (${q(e.photos)})`).join(", ")) : "",
+		e.photos ? e.positions ? t.checkPositions(q(e.positions)) : t.checkNoPositions : "",
+		e.lookedAt < e.photos ? t.checkOf(q(e.lookedAt), q(e.photos)) : ""
 	];
-	return /* @__PURE__ */ Z("div", {
+	return /* @__PURE__ */ X("div", {
 		class: "check",
 		role: "status",
 		children: [
-			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ Z("p", {
+			e.photos > 0 && !e.problems.length && !e.warnings.length && /* @__PURE__ */ X("p", {
 				class: "good",
 				children: ["✓ ", t.checkGood]
 			}),
-			/* @__PURE__ */ Z("p", {
+			/* @__PURE__ */ X("p", {
 				class: "soft",
 				children: r.filter(Boolean).join(" · ")
 			}),
 			n.map((n) => {
 				let r = e.problems.filter((e) => e.kind === n).map((e) => e.photo);
-				return r.length > 0 && /* @__PURE__ */ Z("div", {
+				return r.length > 0 && /* @__PURE__ */ X("div", {
 					class: "warning",
 					children: [
-						/* @__PURE__ */ Z("strong", { children: [
+						/* @__PURE__ */ X("strong", { children: [
 							t.problems[n],
 							": ",
-							t.photos(r.length, J(r.length))
+							t.photos(r.length, q(r.length))
 						] }),
-						/* @__PURE__ */ Z("p", { children: t.problemDo[n] }),
-						/* @__PURE__ */ Z("p", {
+						/* @__PURE__ */ X("p", { children: t.problemDo[n] }),
+						/* @__PURE__ */ X("p", {
 							class: "soft names",
 							children: r.slice(0, 12).join(", ") + (r.length > 12 ? " …" : "")
 						})
 					]
 				}, n);
 			}),
-			e.warnings.map((e) => /* @__PURE__ */ Z("p", {
+			e.warnings.map((e) => /* @__PURE__ */ X("p", {
 				class: "warning",
-				children: /* @__PURE__ */ Z(Re, { text: e })
+				children: /* @__PURE__ */ X(ze, { text: e })
 			}, e))
 		]
 	});
 }
-function at({ kind: e }) {
-	let t = q(), n = e === "markers" ? [
+function ot({ kind: e }) {
+	let t = K(), n = e === "markers" ? [
 		30,
 		95,
 		160
 	] : e === "scale-bar" ? [70, 120] : [];
-	return /* @__PURE__ */ Z("svg", {
+	return /* @__PURE__ */ X("svg", {
 		class: "picture-of",
 		viewBox: "0 0 190 70",
 		role: "img",
 		"aria-label": n.length ? t.markersPicture : t.metresKinds[e],
 		children: [
-			/* @__PURE__ */ Z("path", {
+			/* @__PURE__ */ X("path", {
 				d: "M0 62H190",
 				class: "ground"
 			}),
@@ -1495,64 +1495,64 @@ function at({ kind: e }) {
 				62,
 				104,
 				146
-			].map((e) => /* @__PURE__ */ Z("g", { children: [
-				/* @__PURE__ */ Z("path", {
+			].map((e) => /* @__PURE__ */ X("g", { children: [
+				/* @__PURE__ */ X("path", {
 					d: `M${e + 12} 62V34`,
 					class: "trunk"
 				}),
-				/* @__PURE__ */ Z("circle", {
+				/* @__PURE__ */ X("circle", {
 					cx: e + 12,
 					cy: "24",
 					r: "17",
 					class: "crown"
 				}),
-				/* @__PURE__ */ Z("circle", {
+				/* @__PURE__ */ X("circle", {
 					cx: e + 6,
 					cy: "20",
 					r: "3",
 					class: "apple"
 				}),
-				/* @__PURE__ */ Z("circle", {
+				/* @__PURE__ */ X("circle", {
 					cx: e + 17,
 					cy: "27",
 					r: "3",
 					class: "apple"
 				})
 			] }, e)),
-			n.map((e) => /* @__PURE__ */ Z("g", { children: [
-				/* @__PURE__ */ Z("rect", {
+			n.map((e) => /* @__PURE__ */ X("g", { children: [
+				/* @__PURE__ */ X("rect", {
 					x: e - 6,
 					y: "44",
 					width: "12",
 					height: "12",
 					class: "marker"
 				}),
-				/* @__PURE__ */ Z("path", {
+				/* @__PURE__ */ X("path", {
 					d: `M${e - 3} 47h4v4h-4zM${e + 1} 51h3v3h-3z`,
 					class: "code"
 				}),
-				/* @__PURE__ */ Z("path", {
+				/* @__PURE__ */ X("path", {
 					d: `M${e} 56V62`,
 					class: "trunk"
 				})
 			] }, e)),
-			e === "scale-bar" && /* @__PURE__ */ Z("path", {
+			e === "scale-bar" && /* @__PURE__ */ X("path", {
 				d: "M76 50H114",
 				class: "bar"
 			}),
-			e === "gnss" && /* @__PURE__ */ Z("path", {
+			e === "gnss" && /* @__PURE__ */ X("path", {
 				d: "M150 8l8 4-8 4zM158 12h14",
 				class: "bar"
 			})
 		]
 	});
 }
-function ot({ facts: e }) {
-	let t = q(), [n, r] = W([]), [i, a] = W(""), [o, s] = W(null), [c, l] = W(0), [u, d] = W(!1), [f, p] = W(null), [m, h] = W(!1), [g, _] = W(""), [v, y] = W(!1), [b, x] = W(""), [S, C] = W(""), [w, T] = W("gnss"), [E, D] = W(""), [O, k] = W([
+function st({ facts: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(""), [o, s] = U(null), [c, l] = U(0), [u, d] = U(!1), [f, p] = U(null), [m, h] = U(!1), [g, _] = U(""), [v, y] = U(!1), [b, x] = U(""), [S, C] = U(""), [w, T] = U("gnss"), [E, D] = U(""), [O, k] = U([
 		"0",
 		"1",
 		""
-	]), [A, j] = W(""), [M, N] = W(!1), [P, F] = W(""), [ee, I] = W(null), [L, R] = W(""), te = K(null), z = K(Promise.resolve()), B = tt(S, "mm"), ne = tt(A, "m"), re = w === "scale-bar" ? O.map((e, t) => tt(e, t === 2 ? "m" : "")) : [], V = [
+	]), [A, j] = U(""), [M, N] = U(!1), [P, F] = U(""), [ee, I] = U(null), [L, R] = U(""), te = G(null), z = G(Promise.resolve()), B = nt(S, "mm"), ne = nt(A, "m"), re = w === "scale-bar" ? O.map((e, t) => nt(e, t === 2 ? "m" : "")) : [], V = [
 		S,
 		A,
 		...O
@@ -1560,7 +1560,7 @@ function ot({ facts: e }) {
 		B,
 		ne,
 		...re
-	][t])), H = {
+	][t])), ie = {
 		name: P.trim(),
 		photos: n,
 		oneSide: v,
@@ -1572,28 +1572,28 @@ function ot({ facts: e }) {
 		treeSpacingM: ne,
 		learn: M
 	};
-	G(() => {
+	W(() => {
 		if (!n.length) {
 			p(null);
 			return;
 		}
 		let e = !0;
-		return h(!0), _(""), X("check", {
+		return h(!0), _(""), Y("check", {
 			photos: n,
 			oneSide: v
 		}).then((t) => e && p(t)).catch((t) => {
 			e && (p(null), _(t.message));
 		}).finally(() => e && h(!1)), () => void (e = !1);
-	}, [n.join("\n"), v]), G(() => {
-		if (I(null), R(""), !n.length || !H.name || V.length) return;
+	}, [n.join("\n"), v]), W(() => {
+		if (I(null), R(""), !n.length || !ie.name || V.length) return;
 		let e = setTimeout(() => {
-			X("equal", H).then(I, (e) => R(e.message));
+			Y("equal", ie).then(I, (e) => R(e.message));
 		}, 300);
 		return () => clearTimeout(e);
-	}, [JSON.stringify(H), V.join("\n")]);
-	let U = (e) => r((t) => t.length === 1 && t[0] !== e ? [...t, e] : [e]), ie = (e) => {
-		a(""), i === "table" ? D(e) : (U(e), P || F(rt(e).replace(/\.[^.]+$/, "")));
-	}, ae = async (e) => {
+	}, [JSON.stringify(ie), V.join("\n")]);
+	let H = (e) => r((t) => t.length === 1 && t[0] !== e ? [...t, e] : [e]), ae = (e) => {
+		a(""), i === "table" ? D(e) : (H(e), P || F(it(e).replace(/\.[^.]+$/, "")));
+	}, oe = async (e) => {
 		_(""), s({
 			done: 0,
 			files: e.length,
@@ -1601,7 +1601,7 @@ function ot({ facts: e }) {
 			all: 1
 		});
 		try {
-			U(await et(e, (t, n, r) => s({
+			H(await tt(e, (t, n, r) => s({
 				done: t,
 				files: e.length,
 				bytes: n,
@@ -1611,61 +1611,61 @@ function ot({ facts: e }) {
 			_(e.message);
 		}
 		s(null);
-	}, oe = (e) => {
-		let t = $e(e.filter((e) => Ye(e.name)));
-		l(e.length - t.length), t.length && (z.current = z.current.then(() => ae(t)));
-	}, se = ({ currentTarget: e }) => {
-		oe(Qe(e.files)), e.value = "";
-	}, ce = async () => {
+	}, se = (e) => {
+		let t = et(e.filter((e) => Xe(e.name)));
+		l(e.length - t.length), t.length && (z.current = z.current.then(() => oe(t)));
+	}, ce = ({ currentTarget: e }) => {
+		se($e(e.files)), e.value = "";
+	}, le = async () => {
 		R("");
 		try {
-			Ue(`/survey/${await X("surveys", H)}`);
+			We(`/survey/${await Y("surveys", ie)}`);
 		} catch (e) {
 			R(e.message);
 		}
-	}, le = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
-	return /* @__PURE__ */ Z("main", { children: [
-		/* @__PURE__ */ Z("div", {
+	}, ue = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	return /* @__PURE__ */ X("main", { children: [
+		/* @__PURE__ */ X("div", {
 			class: "head",
-			children: /* @__PURE__ */ Z("h1", { children: t.newSurvey })
+			children: /* @__PURE__ */ X("h1", { children: t.newSurvey })
 		}),
-		/* @__PURE__ */ Z("section", {
+		/* @__PURE__ */ X("section", {
 			class: "sheet",
 			"aria-labelledby": "step-photos",
 			children: [
-				/* @__PURE__ */ Z("h2", {
+				/* @__PURE__ */ X("h2", {
 					id: "step-photos",
 					children: ["1. ", t.step1]
 				}),
-				/* @__PURE__ */ Z("div", {
+				/* @__PURE__ */ X("div", {
 					class: `drop ${u ? "over" : ""}`,
 					onDragOver: (e) => {
 						e.preventDefault(), d(!0);
 					},
 					onDragLeave: () => d(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Ze(e.dataTransfer).then(oe, (e) => _(e.message));
+						e.preventDefault(), d(!1), e.dataTransfer && Qe(e.dataTransfer).then(se, (e) => _(e.message));
 					},
-					children: [/* @__PURE__ */ Z("p", {
+					children: [/* @__PURE__ */ X("p", {
 						class: "line",
-						children: [/* @__PURE__ */ Z("button", {
+						children: [/* @__PURE__ */ X("button", {
 							type: "button",
 							class: "main",
 							onClick: () => a("photos"),
 							children: n.length === 1 ? t.secondSide : t.chooseFolder
-						}), /* @__PURE__ */ Z("span", {
+						}), /* @__PURE__ */ X("span", {
 							class: "soft",
 							children: t.chooseText
 						})]
-					}), /* @__PURE__ */ Z("p", {
+					}), /* @__PURE__ */ X("p", {
 						class: "line",
 						children: [
-							/* @__PURE__ */ Z("button", {
+							/* @__PURE__ */ X("button", {
 								type: "button",
 								onClick: () => te.current?.click(),
 								children: t.chooseFiles
 							}),
-							/* @__PURE__ */ Z("span", {
+							/* @__PURE__ */ X("span", {
 								class: "soft",
 								children: [
 									t.dropHere,
@@ -1673,183 +1673,183 @@ function ot({ facts: e }) {
 									t.dropText
 								]
 							}),
-							/* @__PURE__ */ Z("input", {
+							/* @__PURE__ */ X("input", {
 								ref: te,
 								type: "file",
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: se
+								onChange: ce
 							})
 						]
 					})]
 				}),
-				o && /* @__PURE__ */ Z("p", {
+				o && /* @__PURE__ */ X("p", {
 					role: "status",
 					children: [
-						/* @__PURE__ */ Z("progress", {
+						/* @__PURE__ */ X("progress", {
 							value: o.bytes,
 							max: o.all,
-							"aria-label": t.copying(J(o.done), J(o.files))
+							"aria-label": t.copying(q(o.done), q(o.files))
 						}),
 						" ",
-						t.copying(J(o.done), J(o.files))
+						t.copying(q(o.done), q(o.files))
 					]
 				}),
-				c > 0 && /* @__PURE__ */ Z("p", {
+				c > 0 && /* @__PURE__ */ X("p", {
 					class: "soft",
 					children: t.skipped(c)
 				}),
-				n.length > 0 && /* @__PURE__ */ Z("ul", {
+				n.length > 0 && /* @__PURE__ */ X("ul", {
 					class: "chosen",
 					"aria-label": t.chosen,
-					children: n.map((e) => /* @__PURE__ */ Z("li", { children: [/* @__PURE__ */ Z("span", {
+					children: n.map((e) => /* @__PURE__ */ X("li", { children: [/* @__PURE__ */ X("span", {
 						class: "path",
 						children: e
-					}), /* @__PURE__ */ Z("button", {
+					}), /* @__PURE__ */ X("button", {
 						type: "button",
 						"aria-label": `${t.remove}: ${e}`,
 						onClick: () => r(n.filter((t) => t !== e)),
 						children: t.remove
 					})] }, e))
 				}),
-				m && /* @__PURE__ */ Z("p", {
+				m && /* @__PURE__ */ X("p", {
 					role: "status",
 					children: [
-						/* @__PURE__ */ Z("progress", { "aria-label": t.checking }),
+						/* @__PURE__ */ X("progress", { "aria-label": t.checking }),
 						" ",
 						t.checking
 					]
 				}),
-				g && /* @__PURE__ */ Z(Q, { text: g }),
-				f && !m && /* @__PURE__ */ Z(it, { check: f })
+				g && /* @__PURE__ */ X(Z, { text: g }),
+				f && !m && /* @__PURE__ */ X(at, { check: f })
 			]
 		}),
-		/* @__PURE__ */ Z("section", {
+		/* @__PURE__ */ X("section", {
 			class: "sheet",
 			"aria-labelledby": "step-known",
 			children: [
-				/* @__PURE__ */ Z("h2", {
+				/* @__PURE__ */ X("h2", {
 					id: "step-known",
 					children: ["2. ", t.step2]
 				}),
-				/* @__PURE__ */ Z("div", {
+				/* @__PURE__ */ X("div", {
 					class: "fields",
 					children: [
-						/* @__PURE__ */ Z("label", { children: [
+						/* @__PURE__ */ X("label", { children: [
 							t.fruit,
-							/* @__PURE__ */ Z("select", {
+							/* @__PURE__ */ X("select", {
 								value: b,
 								onChange: (e) => x(e.currentTarget.value),
-								children: [/* @__PURE__ */ Z("option", {
+								children: [/* @__PURE__ */ X("option", {
 									value: "",
 									children: t.fruitOther
-								}), e.fruits.map((e) => /* @__PURE__ */ Z("option", {
+								}), e.fruits.map((e) => /* @__PURE__ */ X("option", {
 									value: e.name,
 									children: t.fruitNames[e.name] ?? e.name
 								}, e.name))]
 							}),
-							/* @__PURE__ */ Z("span", {
+							/* @__PURE__ */ X("span", {
 								class: "soft",
 								children: t.fruitText
 							})
 						] }),
-						/* @__PURE__ */ Z("label", { children: [
+						/* @__PURE__ */ X("label", { children: [
 							t.size,
-							/* @__PURE__ */ Z("input", {
+							/* @__PURE__ */ X("input", {
 								inputMode: "decimal",
 								value: S,
-								placeholder: J(le),
+								placeholder: q(ue),
 								onInput: (e) => C(e.currentTarget.value)
 							}),
-							/* @__PURE__ */ Z("span", {
+							/* @__PURE__ */ X("span", {
 								class: "soft",
-								children: t.sizeText(J(le))
+								children: t.sizeText(q(ue))
 							})
 						] }),
-						/* @__PURE__ */ Z("label", { children: [t.sides, /* @__PURE__ */ Z("select", {
+						/* @__PURE__ */ X("label", { children: [t.sides, /* @__PURE__ */ X("select", {
 							value: v ? "one" : "auto",
 							onChange: (e) => y(e.currentTarget.value === "one"),
-							children: [/* @__PURE__ */ Z("option", {
+							children: [/* @__PURE__ */ X("option", {
 								value: "auto",
 								children: t.sidesAuto
-							}), /* @__PURE__ */ Z("option", {
+							}), /* @__PURE__ */ X("option", {
 								value: "one",
 								children: t.sidesOne
 							})]
 						})] }),
-						/* @__PURE__ */ Z("label", { children: [
+						/* @__PURE__ */ X("label", { children: [
 							t.spacing,
-							/* @__PURE__ */ Z("input", {
+							/* @__PURE__ */ X("input", {
 								inputMode: "decimal",
 								value: A,
 								onInput: (e) => j(e.currentTarget.value)
 							}),
-							/* @__PURE__ */ Z("span", {
+							/* @__PURE__ */ X("span", {
 								class: "soft",
 								children: t.spacingText
 							})
 						] })
 					]
 				}),
-				/* @__PURE__ */ Z("fieldset", { children: [
-					/* @__PURE__ */ Z("legend", { children: t.metres }),
-					/* @__PURE__ */ Z("div", {
+				/* @__PURE__ */ X("fieldset", { children: [
+					/* @__PURE__ */ X("legend", { children: t.metres }),
+					/* @__PURE__ */ X("div", {
 						class: "kinds",
-						children: nt.map((e) => /* @__PURE__ */ Z("label", {
+						children: rt.map((e) => /* @__PURE__ */ X("label", {
 							class: `kind ${w === e ? "on" : ""}`,
 							children: [
-								/* @__PURE__ */ Z("span", {
+								/* @__PURE__ */ X("span", {
 									class: "line",
-									children: [/* @__PURE__ */ Z("input", {
+									children: [/* @__PURE__ */ X("input", {
 										type: "radio",
 										name: "metres",
 										checked: w === e,
 										onChange: () => T(e)
-									}), /* @__PURE__ */ Z("strong", { children: t.metresKinds[e] })]
+									}), /* @__PURE__ */ X("strong", { children: t.metresKinds[e] })]
 								}),
-								/* @__PURE__ */ Z(at, { kind: e }),
-								/* @__PURE__ */ Z("span", {
+								/* @__PURE__ */ X(ot, { kind: e }),
+								/* @__PURE__ */ X("span", {
 									class: "soft",
 									children: t.metresText[e]
 								})
 							]
 						}, e))
 					}),
-					w === "markers" && /* @__PURE__ */ Z("p", {
+					w === "markers" && /* @__PURE__ */ X("p", {
 						class: "line",
-						children: [/* @__PURE__ */ Z("button", {
+						children: [/* @__PURE__ */ X("button", {
 							type: "button",
 							onClick: () => a("table"),
 							children: [t.markersFile, "…"]
-						}), /* @__PURE__ */ Z("span", {
+						}), /* @__PURE__ */ X("span", {
 							class: "path",
 							children: E
 						})]
 					}),
-					w === "scale-bar" && /* @__PURE__ */ Z("div", {
+					w === "scale-bar" && /* @__PURE__ */ X("div", {
 						class: "fields",
 						children: [
 							t.barOne,
 							t.barOther,
 							t.barLength
-						].map((e, t) => /* @__PURE__ */ Z("label", { children: [e, /* @__PURE__ */ Z("input", {
+						].map((e, t) => /* @__PURE__ */ X("label", { children: [e, /* @__PURE__ */ X("input", {
 							inputMode: "decimal",
 							value: O[t],
 							onInput: (e) => k(O.map((n, r) => r === t ? e.currentTarget.value : n))
 						})] }, e))
 					})
 				] }),
-				e.canLearn && /* @__PURE__ */ Z("label", {
+				e.canLearn && /* @__PURE__ */ X("label", {
 					class: "line",
-					children: [/* @__PURE__ */ Z("input", {
+					children: [/* @__PURE__ */ X("input", {
 						type: "checkbox",
 						checked: M,
 						onChange: (e) => N(e.currentTarget.checked)
-					}), /* @__PURE__ */ Z("span", { children: [
+					}), /* @__PURE__ */ X("span", { children: [
 						t.learnToo,
 						" ",
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "soft",
 							children: t.learnTooText
 						})
@@ -1857,67 +1857,67 @@ function ot({ facts: e }) {
 				})
 			]
 		}),
-		/* @__PURE__ */ Z("section", {
+		/* @__PURE__ */ X("section", {
 			class: "sheet",
 			"aria-labelledby": "step-start",
 			children: [
-				/* @__PURE__ */ Z("h2", {
+				/* @__PURE__ */ X("h2", {
 					id: "step-start",
 					children: ["3. ", t.step3]
 				}),
-				/* @__PURE__ */ Z("div", {
+				/* @__PURE__ */ X("div", {
 					class: "fields",
-					children: /* @__PURE__ */ Z("label", { children: [
+					children: /* @__PURE__ */ X("label", { children: [
 						t.name,
-						/* @__PURE__ */ Z("input", {
+						/* @__PURE__ */ X("input", {
 							value: P,
 							placeholder: t.namePlaceholder,
 							maxLength: 100,
 							onInput: (e) => F(e.currentTarget.value)
 						}),
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "soft path",
 							children: t.nameText(`${e.surveysFolder}/${P.trim()}`)
 						})
 					] })
 				}),
-				V.map((e) => /* @__PURE__ */ Z(Q, { text: t.noNumber(e) }, e)),
-				L && /* @__PURE__ */ Z(Q, { text: L }),
-				/* @__PURE__ */ Z("p", {
+				V.map((e) => /* @__PURE__ */ X(Z, { text: t.noNumber(e) }, e)),
+				L && /* @__PURE__ */ X(Z, { text: L }),
+				/* @__PURE__ */ X("p", {
 					class: "line",
-					children: [/* @__PURE__ */ Z("button", {
+					children: [/* @__PURE__ */ X("button", {
 						type: "button",
 						class: "main",
 						disabled: !n.length || !P.trim() || o !== null || V.length > 0,
-						onClick: ce,
+						onClick: le,
 						children: t.start
-					}), /* @__PURE__ */ Z("a", {
+					}), /* @__PURE__ */ X("a", {
 						class: "button",
 						href: "#/",
 						children: t.cancel
 					})]
 				}),
-				ee && /* @__PURE__ */ Z("details", { children: [
-					/* @__PURE__ */ Z("summary", { children: t.equal }),
-					/* @__PURE__ */ Z("h3", { children: t.equalCommand }),
-					/* @__PURE__ */ Z(Be, { text: ee.command }),
-					/* @__PURE__ */ Z("h3", { children: t.equalPython }),
-					/* @__PURE__ */ Z(Be, { text: ee.python })
+				ee && /* @__PURE__ */ X("details", { children: [
+					/* @__PURE__ */ X("summary", { children: t.equal }),
+					/* @__PURE__ */ X("h3", { children: t.equalCommand }),
+					/* @__PURE__ */ X(Ve, { text: ee.command }),
+					/* @__PURE__ */ X("h3", { children: t.equalPython }),
+					/* @__PURE__ */ X(Ve, { text: ee.python })
 				] })
 			]
 		}),
-		i && /* @__PURE__ */ Z(He, {
+		i && /* @__PURE__ */ X(Ue, {
 			title: i === "photos" ? t.chooseFolder : t.markersFile,
 			kind: i,
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
 			roots: e.roots,
 			onClose: () => a(""),
-			onChoose: ie
+			onChoose: ae
 		})
 	] });
 }
 // src/app/scene.tsx
-function st(e) {
+function ct(e) {
 	let t = e.length / 3, n = [
 		0,
 		1,
@@ -1930,12 +1930,12 @@ function st(e) {
 	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
 	return [n, r || 1];
 }
-function ct(e, t, n) {
+function lt(e, t, n) {
 	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
 	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
 	let a = e.getContext("2d");
 	if (!a || !r.width) return;
-	let [o, s] = st(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+	let [o, s] = ct(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
 		Math.cos(n.turn),
 		Math.sin(n.turn),
 		Math.cos(n.tilt),
@@ -1963,17 +1963,17 @@ function ct(e, t, n) {
 		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
 	}
 }
-function lt({ survey: e }) {
-	let t = q(), [n, r] = W(null), i = K({
+function ut({ survey: e }) {
+	let t = K(), [n, r] = U(null), i = G({
 		turn: 0,
 		tilt: .35,
 		zoom: 1
-	}), a = K(null), o = () => a.current && n && ct(a.current, n, i.current);
-	if (G(() => void Y(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), G(() => {
+	}), a = G(null), o = () => a.current && n && lt(a.current, n, i.current);
+	if (W(() => void J(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), W(() => {
 		o();
 		let e = new ResizeObserver(o);
 		return a.current && e.observe(a.current), () => e.disconnect();
-	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ Z("p", {
+	}, [n]), !n || !n.cameras.length) return /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: t.sceneWait
 	});
@@ -1994,7 +1994,7 @@ function lt({ survey: e }) {
 		ArrowUp: [0, .1],
 		ArrowDown: [0, -.1]
 	};
-	return /* @__PURE__ */ Z("figure", { children: [/* @__PURE__ */ Z("canvas", {
+	return /* @__PURE__ */ X("figure", { children: [/* @__PURE__ */ X("canvas", {
 		ref: a,
 		class: "scene",
 		tabIndex: 0,
@@ -2010,14 +2010,14 @@ function lt({ survey: e }) {
 			let t = l[e.key];
 			t && (e.preventDefault(), s(...t));
 		}
-	}), /* @__PURE__ */ Z("figcaption", {
+	}), /* @__PURE__ */ X("figcaption", {
 		class: "soft",
-		children: t.sceneText(J(n.cameras.length / 3), J(n.fruits.length / 4))
+		children: t.sceneText(q(n.cameras.length / 3), q(n.fruits.length / 4))
 	})] });
 }
 // src/app/marks.ts
-var ut = 3;
-function dt(e, [t, n], [r, i], [a, o]) {
+var dt = 3;
+function ft(e, [t, n], [r, i], [a, o]) {
 	let [s, c, l, u] = [
 		Math.min(t, r),
 		Math.min(n, i),
@@ -2034,7 +2034,7 @@ function dt(e, [t, n], [r, i], [a, o]) {
 			e,
 			a,
 			o
-		].map(vt), [s, c, l, u] = [
+		].map(yt), [s, c, l, u] = [
 			e - o,
 			a - o,
 			e + o,
@@ -2046,20 +2046,20 @@ function dt(e, [t, n], [r, i], [a, o]) {
 		Math.max(0, c),
 		Math.min(a, l),
 		Math.min(o, u)
-	].map(vt);
-	return f[2] - f[0] < ut || f[3] - f[1] < ut ? null : {
+	].map(yt);
+	return f[2] - f[0] < dt || f[3] - f[1] < dt ? null : {
 		box: f,
 		circle: d
 	};
 }
-function ft(e, [t, n], r) {
+function pt(e, [t, n], r) {
 	let [i, a] = [-1, r];
 	return e.forEach(({ box: e, circle: r }, o) => {
-		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : pt(e, t, n);
+		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : mt(e, t, n);
 		s <= a && ([i, a] = [o, s]);
 	}), i;
 }
-function pt(e, t, n) {
+function mt(e, t, n) {
 	let [r, i, a, o] = [
 		e[0] - t,
 		e[1] - n,
@@ -2068,7 +2068,7 @@ function pt(e, t, n) {
 	], s = [Math.max(r, a, 0), Math.max(i, o, 0)];
 	return s[0] || s[1] ? Math.hypot(...s) : -Math.max(r, i, a, o);
 }
-function mt(e, t, n = e.complete) {
+function ht(e, t, n = e.complete) {
 	return {
 		marks: t,
 		complete: n,
@@ -2078,23 +2078,23 @@ function mt(e, t, n = e.complete) {
 		}]
 	};
 }
-function ht(e) {
+function gt(e) {
 	let t = e.before.at(-1);
 	return t ? {
 		...t,
 		before: e.before.slice(0, -1)
 	} : e;
 }
-function gt([e, t, n, r], i, [a, o], [s, c]) {
+function _t([e, t, n, r], i, [a, o], [s, c]) {
 	let l = Math.min(Math.max(1 / i, s / 30 / n), Math.max(s / n, c / r));
-	return _t([
+	return vt([
 		a - (a - e) * l,
 		o - (o - t) * l,
 		n * l,
 		r * l
 	], [s, c]);
 }
-function _t([e, t, n, r], [i, a]) {
+function vt([e, t, n, r], [i, a]) {
 	return [
 		Math.min(Math.max(e, -n / 2), i - n / 2),
 		Math.min(Math.max(t, -r / 2), a - r / 2),
@@ -2102,62 +2102,66 @@ function _t([e, t, n, r], [i, a]) {
 		r
 	];
 }
-function vt(e) {
+function yt(e) {
 	return Math.round(e * 10) / 10;
 }
 // src/app/marking.tsx
-var yt = 7, bt = 12, xt = 4;
-function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
-	let a = q(), [o, s] = W(null), [c, l] = W({
+var bt = 7, xt = 12, St = 4;
+function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
+	let a = K(), [o, s] = U(null), [c, l] = U({
 		marks: [],
 		complete: !1,
 		before: []
-	}), [u, d] = W("circle"), [f, p] = W(null), [m, h] = W(null), [g, _] = W(-1), [v, y] = W(!0), [b, x] = W([
+	}), [u, d] = U("circle"), [f, p] = U(null), [m, h] = U(null), [g, _] = U(-1), [v, y] = U(!0), [b, x] = U([
 		0,
 		0,
 		1,
 		1
-	]), [S, C] = W(""), w = K(null), T = K(null), E = K(Promise.resolve()), D = `surveys/${e}/photos/${t}`;
-	if (G(() => {
+	]), [S, C] = U(""), w = G(null), T = G(null), E = G(Promise.resolve()), D = G(c), O = G(c), k = `surveys/${e}/photos/${t}`, A = G(k);
+	if (A.current = k, W(() => {
 		let e = !0;
-		return s(null), p(null), _(-1), C(""), Y(`${D}/marks`).then((t) => {
-			e && (s(t), l({
+		return s(null), p(null), _(-1), C(""), J(`${k}/marks`).then((t) => {
+			e && (s(t), D.current = O.current = {
 				marks: t.marks,
 				complete: t.complete,
 				before: []
-			}), x([
+			}, l(O.current), x([
 				0,
 				0,
 				t.width,
 				t.height
 			]));
 		}, (t) => e && C(t.message)), () => void (e = !1);
-	}, [D]), G(() => {
+	}, [k]), W(() => {
 		o && document.activeElement === document.body && w.current?.focus();
-	}, [o]), !o) return /* @__PURE__ */ Z(ze, {
+	}, [o]), !o) return /* @__PURE__ */ X(Be, {
 		title: a.mark,
 		onClose: i,
-		children: S ? /* @__PURE__ */ Z(Q, { text: S }) : /* @__PURE__ */ Z("progress", { "aria-label": a.mark })
+		children: S ? /* @__PURE__ */ X(Z, { text: S }) : /* @__PURE__ */ X("progress", { "aria-label": a.mark })
 	});
-	let O = [o.width, o.height], k = (e) => {
-		l(e), _(-1), C("");
+	let j = [o.width, o.height], M = (e) => {
+		l(e), _(-1), C(""), D.current = e;
 		let t = {
 			complete: e.complete,
 			marks: e.marks
 		};
-		E.current = E.current.then(() => X(`${D}/marks`, t)).catch((e) => C(e.message));
-	}, A = (e) => {
+		E.current = E.current.then(() => Y(`${k}/marks`, t)).then(() => {
+			A.current === k && (O.current = e);
+		}, (t) => {
+			C(t.message), D.current === e && l(O.current);
+		});
+	}, N = (e) => {
 		let t = new DOMPoint(e.clientX, e.clientY).matrixTransform(w.current.getScreenCTM().inverse());
 		return [t.x, t.y];
-	}, j = () => 1 / (w.current?.getScreenCTM()?.a || 1), M = (e) => {
+	}, P = () => 1 / (w.current?.getScreenCTM()?.a || 1), F = (e) => {
 		if (f) {
-			let t = dt(u, f, e, O);
-			p(null), t && k(mt(c, [...c.marks, t]));
+			let t = ft(u, f, e, j);
+			p(null), t && M(ht(c, [...c.marks, t]));
 			return;
 		}
-		let t = ft(c.marks, e, yt * j());
+		let t = pt(c.marks, e, bt * P());
 		_(t), t < 0 && p(e);
-	}, N = () => g >= 0 && k(mt(c, c.marks.filter((e, t) => t !== g))), P = () => c.before.length && k(ht(c)), F = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(gt(b, e, t, O)), ee = () => void E.current.then(i), I = (e) => {
+	}, ee = () => g >= 0 && M(ht(c, c.marks.filter((e, t) => t !== g))), I = () => c.before.length && M(gt(c)), L = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(_t(b, e, t, j)), R = () => void E.current.then(i), te = (e) => {
 		let t = {
 			ArrowLeft: [-1, 0],
 			ArrowRight: [1, 0],
@@ -2165,60 +2169,60 @@ function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 			ArrowDown: [0, 1]
 		}[e.key], n = m ?? [b[0] + b[2] / 2, b[1] + b[3] / 2];
 		if (t) {
-			let r = (e.shiftKey ? 1 : bt) * j();
-			h([Math.min(Math.max(n[0] + t[0] * r, 0), O[0]), Math.min(Math.max(n[1] + t[1] * r, 0), O[1])]);
-		} else if (e.key === "Enter" || e.key === " ") M(n);
-		else if (e.key === "+" || e.key === "-") F(e.key === "+" ? 1.4 : 1 / 1.4, n);
-		else if (e.key === "Delete" || e.key === "Backspace") N();
-		else if (e.key === "z" && (e.ctrlKey || e.metaKey)) P();
+			let r = (e.shiftKey ? 1 : xt) * P();
+			h([Math.min(Math.max(n[0] + t[0] * r, 0), j[0]), Math.min(Math.max(n[1] + t[1] * r, 0), j[1])]);
+		} else if (e.key === "Enter" || e.key === " ") F(n);
+		else if (e.key === "+" || e.key === "-") L(e.key === "+" ? 1.4 : 1 / 1.4, n);
+		else if (e.key === "Delete" || e.key === "Backspace") ee();
+		else if (e.key === "z" && (e.ctrlKey || e.metaKey)) I();
 		else if (e.key === "Escape" && f) p(null);
 		else return;
 		e.preventDefault();
-	}, L = 1.6 * j(), R = f && m ? dt(u, f, m, O) : null;
-	return /* @__PURE__ */ Z(ze, {
-		title: a.photoOf(o.name, a.marksOf(c.marks.length, J(c.marks.length))),
-		onClose: ee,
+	}, z = 1.6 * P(), B = f && m ? ft(u, f, m, j) : null;
+	return /* @__PURE__ */ X(Be, {
+		title: a.photoOf(o.name, a.marksOf(c.marks.length, q(c.marks.length))),
+		onClose: R,
 		wide: !0,
 		children: [
-			/* @__PURE__ */ Z("div", {
+			/* @__PURE__ */ X("div", {
 				class: "line tools",
 				role: "toolbar",
 				"aria-label": a.mark,
 				children: [
-					["circle", "box"].map((e) => /* @__PURE__ */ Z("button", {
+					["circle", "box"].map((e) => /* @__PURE__ */ X("button", {
 						type: "button",
 						"aria-pressed": u === e,
 						onClick: () => d(e),
 						children: a.shapes[e]
 					}, e)),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						disabled: !c.before.length,
-						onClick: P,
+						onClick: I,
 						children: a.undo
 					}),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						disabled: g < 0,
-						onClick: N,
+						onClick: ee,
 						children: a.deleteMark
 					}),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						"aria-label": a.nearer,
-						onClick: () => F(1.5),
+						onClick: () => L(1.5),
 						children: "+"
 					}),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						"aria-label": a.farther,
-						onClick: () => F(1 / 1.5),
+						onClick: () => L(1 / 1.5),
 						children: "−"
 					}),
-					/* @__PURE__ */ Z("label", {
+					/* @__PURE__ */ X("label", {
 						class: "line",
 						children: [
-							/* @__PURE__ */ Z("input", {
+							/* @__PURE__ */ X("input", {
 								type: "checkbox",
 								checked: v,
 								onChange: (e) => y(e.currentTarget.checked)
@@ -2227,15 +2231,15 @@ function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 							a.showFound
 						]
 					}),
-					/* @__PURE__ */ Z("span", {
+					/* @__PURE__ */ X("span", {
 						class: "end",
-						children: [/* @__PURE__ */ Z("button", {
+						children: [/* @__PURE__ */ X("button", {
 							type: "button",
 							disabled: t === 0,
 							"aria-label": a.photoBefore,
 							onClick: () => r(t - 1),
 							children: "‹"
-						}), /* @__PURE__ */ Z("button", {
+						}), /* @__PURE__ */ X("button", {
 							type: "button",
 							disabled: t === n - 1,
 							"aria-label": a.photoAfter,
@@ -2245,17 +2249,17 @@ function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					})
 				]
 			}),
-			S && /* @__PURE__ */ Z(Q, { text: S }),
-			/* @__PURE__ */ Z("svg", {
+			S && /* @__PURE__ */ X(Z, { text: S }),
+			/* @__PURE__ */ X("svg", {
 				ref: w,
 				class: "marking",
 				tabindex: 0,
 				role: "application",
 				"aria-label": a.markLabel,
 				viewBox: b.join(" "),
-				onKeyDown: I,
+				onKeyDown: te,
 				onWheel: (e) => {
-					e.preventDefault(), F(Math.exp(-e.deltaY / 400), A(e));
+					e.preventDefault(), L(Math.exp(-e.deltaY / 400), N(e));
 				},
 				onPointerDown: (e) => {
 					T.current = {
@@ -2267,76 +2271,76 @@ function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 				},
 				onPointerMove: (e) => {
 					let t = T.current;
-					if (h(A(e)), !t || !e.buttons) return;
+					if (h(N(e)), !t || !e.buttons) return;
 					let [n, r] = [e.clientX - t.x, e.clientY - t.y];
-					t.moved ||= Math.hypot(n, r) > xt, t.moved && x(_t([
-						t.view[0] - n * j(),
-						t.view[1] - r * j(),
+					t.moved ||= Math.hypot(n, r) > St, t.moved && x(vt([
+						t.view[0] - n * P(),
+						t.view[1] - r * P(),
 						t.view[2],
 						t.view[3]
-					], O));
+					], j));
 				},
 				onPointerUp: (e) => {
-					T.current && !T.current.moved && M(A(e)), T.current = null;
+					T.current && !T.current.moved && F(N(e)), T.current = null;
 				},
 				children: [
-					/* @__PURE__ */ Z("image", {
-						href: `api/${D}/whole.jpg`,
+					/* @__PURE__ */ X("image", {
+						href: `api/${k}/whole.jpg`,
 						width: o.width,
 						height: o.height,
 						preserveAspectRatio: "none"
 					}),
-					v && Array.from({ length: o.found.length / 4 }, (e, t) => o.found.slice(4 * t, 4 * t + 4)).map(([e, t, n, r], i) => /* @__PURE__ */ Z("rect", {
+					v && Array.from({ length: o.found.length / 4 }, (e, t) => o.found.slice(4 * t, 4 * t + 4)).map(([e, t, n, r], i) => /* @__PURE__ */ X("rect", {
 						class: "found",
 						x: e,
 						y: t,
 						width: n - e,
 						height: r - t,
-						"stroke-width": L
+						"stroke-width": z
 					}, `found-${i}`)),
-					[...c.marks, ...R ? [R] : []].map(({ box: e, circle: t }, n) => {
+					[...c.marks, ...B ? [B] : []].map(({ box: e, circle: t }, n) => {
 						let r = n === g ? "mark on" : n === c.marks.length ? "mark started" : "mark";
-						return t ? /* @__PURE__ */ Z("circle", {
+						return t ? /* @__PURE__ */ X("circle", {
 							class: r,
 							cx: t[0],
 							cy: t[1],
 							r: t[2],
-							"stroke-width": 1.5 * L
-						}, n) : /* @__PURE__ */ Z("rect", {
+							"stroke-width": 1.5 * z
+						}, n) : /* @__PURE__ */ X("rect", {
 							class: r,
 							x: e[0],
 							y: e[1],
 							width: e[2] - e[0],
 							height: e[3] - e[1],
-							"stroke-width": 1.5 * L
+							"stroke-width": 1.5 * z
 						}, n);
 					}),
-					m && /* @__PURE__ */ Z("path", {
+					m && /* @__PURE__ */ X("path", {
 						class: "cross",
-						d: `M${m[0] - 9 * j()} ${m[1]}h${18 * j()}M${m[0]} ${m[1] - 9 * j()}v${18 * j()}`,
-						"stroke-width": L
+						d: `M${m[0] - 9 * P()} ${m[1]}h${18 * P()}M${m[0]} ${m[1] - 9 * P()}v${18 * P()}`,
+						"stroke-width": z
 					})
 				]
 			}),
-			/* @__PURE__ */ Z("p", {
+			/* @__PURE__ */ X("p", {
 				class: "line",
-				children: /* @__PURE__ */ Z("label", {
+				children: /* @__PURE__ */ X("label", {
 					class: "line",
-					children: [/* @__PURE__ */ Z("input", {
+					children: [/* @__PURE__ */ X("input", {
 						type: "checkbox",
 						checked: c.complete,
-						onChange: (e) => k(mt(c, c.marks, e.currentTarget.checked))
-					}), /* @__PURE__ */ Z("span", { children: [
+						onChange: (e) => M(ht(c, c.marks, e.currentTarget.checked))
+					}), /* @__PURE__ */ X("span", { children: [
 						a.complete,
 						" ",
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "soft",
 							children: a.completeText
 						})
 					] })]
 				})
 			}),
-			/* @__PURE__ */ Z("p", {
+			/* @__PURE__ */ X("p", {
 				class: "soft",
 				children: f ? a.markSecond[u] : a.markFirst[u]
 			})
@@ -2344,80 +2348,80 @@ function St({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	});
 }
 // src/app/teach.tsx
-var Ct = 24;
-function wt({ survey: e, learnt: t, photos: n }) {
-	let r = q(), [i, a] = W(Math.floor(n.length / 4)), o = [
+var wt = 24;
+function Tt({ survey: e, learnt: t, photos: n }) {
+	let r = K(), [i, a] = U(Math.floor(n.length / 4)), o = [
 		[
 			r.learntRows.f1,
 			t.f1,
-			(e) => J(e, 3)
+			(e) => q(e, 3)
 		],
 		[
-			r.learntRows.byHand(J(t.byHand)),
+			r.learntRows.byHand(q(t.byHand)),
 			t.byHandF1,
-			(e) => J(e, 3)
+			(e) => q(e, 3)
 		],
 		[
 			r.learntRows.halves,
 			t.halves,
-			(e) => J(100 * e) + " %"
+			(e) => q(100 * e) + " %"
 		],
 		[
 			r.learntRows.detections,
 			t.detections,
-			(e) => J(e)
+			(e) => q(e)
 		],
 		[
 			r.learntRows.fruits,
 			t.fruits,
-			(e) => J(e)
+			(e) => q(e)
 		]
 	], s = n[i]?.name ?? "", c = (t) => `api/surveys/${e.id}/${t}/${i}/1280.jpg?${e.version}`;
-	return /* @__PURE__ */ Z("section", {
+	return /* @__PURE__ */ X("section", {
 		class: "learnt",
 		"aria-label": r.learntTitle,
 		children: [
-			/* @__PURE__ */ Z("h3", { children: r.learntTitle }),
-			/* @__PURE__ */ Z("p", { children: t.kept ? r.learnt : r.learntNot }),
-			/* @__PURE__ */ Z("table", { children: [/* @__PURE__ */ Z("thead", { children: /* @__PURE__ */ Z("tr", { children: [
-				/* @__PURE__ */ Z("td", {}),
-				/* @__PURE__ */ Z("th", {
+			/* @__PURE__ */ X("h3", { children: r.learntTitle }),
+			/* @__PURE__ */ X("p", { children: t.kept ? r.learnt : r.learntNot }),
+			/* @__PURE__ */ X("table", { children: [/* @__PURE__ */ X("thead", { children: /* @__PURE__ */ X("tr", { children: [
+				/* @__PURE__ */ X("td", {}),
+				/* @__PURE__ */ X("th", {
 					scope: "col",
 					children: r.before
 				}),
-				/* @__PURE__ */ Z("th", {
+				/* @__PURE__ */ X("th", {
 					scope: "col",
 					children: r.after
 				})
-			] }) }), /* @__PURE__ */ Z("tbody", { children: o.filter(([, e]) => e.length === 2).map(([e, t, n]) => /* @__PURE__ */ Z("tr", { children: [
-				/* @__PURE__ */ Z("th", {
+			] }) }), /* @__PURE__ */ X("tbody", { children: o.filter(([, e]) => e.length === 2).map(([e, t, n]) => /* @__PURE__ */ X("tr", { children: [
+				/* @__PURE__ */ X("th", {
 					scope: "row",
 					children: e
 				}),
-				/* @__PURE__ */ Z("td", { children: n(t[0]) }),
-				/* @__PURE__ */ Z("td", { children: n(t[1]) })
+				/* @__PURE__ */ X("td", { children: n(t[0]) }),
+				/* @__PURE__ */ X("td", { children: n(t[1]) })
 			] }, e)) })] }),
-			/* @__PURE__ */ Z("p", {
+			/* @__PURE__ */ X("p", {
 				class: "soft",
 				children: r.learntHonest
 			}),
-			t.kept && n.length > 0 && /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("label", {
+			t.kept && n.length > 0 && /* @__PURE__ */ X(y, { children: [/* @__PURE__ */ X("label", {
 				class: "line",
-				children: [r.photosTab, /* @__PURE__ */ Z("select", {
+				children: [r.photosTab, /* @__PURE__ */ X("select", {
 					value: i,
 					onChange: (e) => a(Number(e.currentTarget.value)),
-					children: n.map((e, t) => /* @__PURE__ */ Z("option", {
+					children: n.map((e, t) => /* @__PURE__ */ X("option", {
 						value: t,
 						children: e.name
 					}, e.name))
 				})]
-			}), /* @__PURE__ */ Z("div", {
+			}), /* @__PURE__ */ X("div", {
 				class: "pair",
-				children: ["before", "photos"].map((e) => /* @__PURE__ */ Z("figure", { children: [/* @__PURE__ */ Z("img", {
+				children: ["before", "photos"].map((e) => /* @__PURE__ */ X("figure", { children: [/* @__PURE__ */ X("img", {
 					src: c(e),
 					alt: `${s}, ${e === "before" ? r.before : r.after}`,
 					loading: "lazy"
-				}), /* @__PURE__ */ Z("figcaption", {
+				}), /* @__PURE__ */ X("figcaption", {
 					class: "soft",
 					children: e === "before" ? r.before : r.after
 				})] }, e))
@@ -2425,91 +2429,91 @@ function wt({ survey: e, learnt: t, photos: n }) {
 		]
 	});
 }
-function Tt({ survey: e, canLearn: t, working: n }) {
-	let r = q(), [i, a] = W([]), [o, s] = W(null), [c, l] = W(""), [u, d] = W(Ct), [f, p] = W(null);
-	if (G(() => void Y(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), G(() => {
-		f === null && Y(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
+function Et({ survey: e, canLearn: t, working: n }) {
+	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(wt), [f, p] = U(null);
+	if (W(() => void J(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), W(() => {
+		f === null && J(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
 	}, [
 		e.id,
 		e.version,
 		n,
 		f === null
-	]), !i.length) return /* @__PURE__ */ Z("p", {
+	]), !i.length) return /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: r.photosWait
 	});
 	let m = new Map(o?.marks.map((e) => [e.photo, e])), h = [...m.values()].reduce((e, t) => e + t.marks, 0), g = [...m.values()].filter((e) => e.complete).length, _ = (e) => {
 		let t = m.get(e);
-		return t ? `${r.marksOf(t.marks, J(t.marks))}${t.complete ? ` · ${r.allMarked}` : ""}` : "";
+		return t ? `${r.marksOf(t.marks, q(t.marks))}${t.complete ? ` · ${r.allMarked}` : ""}` : "";
 	}, v = i.map((e, t) => [e, t]).sort((e, t) => Number(m.has(t[0].name)) - Number(m.has(e[0].name)));
-	return /* @__PURE__ */ Z(y, { children: [
-		/* @__PURE__ */ Z("p", { children: r.teachText }),
-		c && /* @__PURE__ */ Z(Q, { text: c }),
-		o?.learnt && /* @__PURE__ */ Z(wt, {
+	return /* @__PURE__ */ X(y, { children: [
+		/* @__PURE__ */ X("p", { children: r.teachText }),
+		c && /* @__PURE__ */ X(Z, { text: c }),
+		o?.learnt && /* @__PURE__ */ X(Tt, {
 			survey: e,
 			learnt: o.learnt,
 			photos: i
 		}),
-		/* @__PURE__ */ Z("h3", { children: r.mark }),
-		/* @__PURE__ */ Z("p", {
+		/* @__PURE__ */ X("h3", { children: r.mark }),
+		/* @__PURE__ */ X("p", {
 			class: "soft",
 			children: r.teachHow
 		}),
-		/* @__PURE__ */ Z("ul", {
+		/* @__PURE__ */ X("ul", {
 			class: "photos",
-			children: v.slice(0, u).map(([t, n]) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
+			children: v.slice(0, u).map(([t, n]) => /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X("button", {
 				type: "button",
 				class: m.has(t.name) ? "marked" : "",
 				onClick: () => p(n),
 				"aria-label": `${r.mark}: ${t.name} ${_(t.name)}`,
 				children: [
-					/* @__PURE__ */ Z("img", {
+					/* @__PURE__ */ X("img", {
 						src: `api/surveys/${e.id}/photos/${n}/320.jpg?${t.found ?? ""}-${e.version}`,
 						alt: "",
 						loading: "lazy"
 					}),
-					/* @__PURE__ */ Z("span", {
+					/* @__PURE__ */ X("span", {
 						class: "path",
 						children: t.name
 					}),
-					/* @__PURE__ */ Z("span", {
+					/* @__PURE__ */ X("span", {
 						class: "soft",
 						children: _(t.name)
 					})
 				]
 			}) }, t.name))
 		}),
-		i.length > u && /* @__PURE__ */ Z("button", {
+		i.length > u && /* @__PURE__ */ X("button", {
 			type: "button",
 			onClick: () => d(i.length),
-			children: r.more(J(i.length - u))
+			children: r.more(q(i.length - u))
 		}),
-		/* @__PURE__ */ Z("h3", { children: r.learn }),
-		/* @__PURE__ */ Z("p", {
+		/* @__PURE__ */ X("h3", { children: r.learn }),
+		/* @__PURE__ */ X("p", {
 			role: "status",
-			children: r.taught(r.marksOf(h, J(h)), r.photos(m.size, J(m.size)), J(g), J(o?.corrections ?? 0))
+			children: r.taught(r.marksOf(h, q(h)), r.photos(m.size, q(m.size)), q(g), q(o?.corrections ?? 0))
 		}),
-		/* @__PURE__ */ Z("p", {
+		/* @__PURE__ */ X("p", {
 			class: "soft",
 			children: r.learnText
 		}),
-		t ? /* @__PURE__ */ Z($, {
+		t ? /* @__PURE__ */ X(Q, {
 			class: "main",
 			disabled: n,
-			onDo: () => X(`surveys/${e.id}/learn`),
+			onDo: () => Y(`surveys/${e.id}/learn`),
 			children: r.learnFromThese
-		}) : /* @__PURE__ */ Z("p", {
+		}) : /* @__PURE__ */ X("p", {
 			class: "warning",
 			children: r.learnMissing
 		}),
-		o?.equal && /* @__PURE__ */ Z("details", { children: [
-			/* @__PURE__ */ Z("summary", { children: r.equal }),
-			/* @__PURE__ */ Z("h3", { children: r.equalCommand }),
-			/* @__PURE__ */ Z(Be, { text: o.equal.command }),
-			/* @__PURE__ */ Z("h3", { children: r.equalPython }),
-			/* @__PURE__ */ Z(Be, { text: o.equal.python })
+		o?.equal && /* @__PURE__ */ X("details", { children: [
+			/* @__PURE__ */ X("summary", { children: r.equal }),
+			/* @__PURE__ */ X("h3", { children: r.equalCommand }),
+			/* @__PURE__ */ X(Ve, { text: o.equal.command }),
+			/* @__PURE__ */ X("h3", { children: r.equalPython }),
+			/* @__PURE__ */ X(Ve, { text: o.equal.python })
 		] }),
-		f !== null && /* @__PURE__ */ Z(St, {
+		f !== null && /* @__PURE__ */ X(Ct, {
 			survey: e.id,
 			index: f,
 			photos: i.length,
@@ -2519,11 +2523,11 @@ function Tt({ survey: e, canLearn: t, working: n }) {
 	] });
 }
 // src/app/survey.tsx
-var Et = [
+var Dt = [
 	"queued",
 	"running",
 	"stopping"
-], Dt = 24, Ot = [
+], Ot = 24, kt = [
 	"report.html",
 	"fruits.csv",
 	"trees.csv",
@@ -2538,120 +2542,120 @@ var Et = [
 	"metashape",
 	"geoparquet"
 ];
-function kt({ survey: e }) {
-	let t = q();
-	if (e.run?.byOther) return /* @__PURE__ */ Z("p", {
+function At({ survey: e }) {
+	let t = K();
+	if (e.run?.byOther) return /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: t.byOther
 	});
-	let n = (t) => () => X(`surveys/${e.id}/${t}`);
-	if (e.state === "queued") return /* @__PURE__ */ Z($, {
+	let n = (t) => () => Y(`surveys/${e.id}/${t}`);
+	if (e.state === "queued") return /* @__PURE__ */ X(Q, {
 		onDo: n("stop"),
 		children: t.unqueue
 	});
-	if (e.state === "running") return /* @__PURE__ */ Z($, {
+	if (e.state === "running") return /* @__PURE__ */ X(Q, {
 		onDo: n("stop"),
 		children: t.stop
 	});
-	if (e.state === "stopping") return /* @__PURE__ */ Z("span", {
+	if (e.state === "stopping") return /* @__PURE__ */ X("span", {
 		class: "line",
 		children: [
-			/* @__PURE__ */ Z($, {
+			/* @__PURE__ */ X(Q, {
 				onDo: n("stop"),
 				children: t.stopNow
 			}),
 			" ",
-			/* @__PURE__ */ Z("span", {
+			/* @__PURE__ */ X("span", {
 				class: "soft",
 				children: t.stoppingText
 			})
 		]
 	});
-	if (e.state === "missing") return /* @__PURE__ */ Z("p", {
+	if (e.state === "missing") return /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: t.missingText
 	});
 	let r = e.state === "finished";
-	return /* @__PURE__ */ Z($, {
+	return /* @__PURE__ */ X(Q, {
 		class: r ? "" : "main",
 		onDo: n("go-on"),
 		children: r ? t.again : t.goOn
 	});
 }
-function At({ survey: e }) {
-	let t = q(), n = e.run;
+function jt({ survey: e }) {
+	let t = K(), n = e.run;
 	if (!n) return null;
-	let r = Ge(e), i = n.stages.find((e) => e.state === "now"), a = Et.includes(e.state);
-	return /* @__PURE__ */ Z("section", {
+	let r = Ke(e), i = n.stages.find((e) => e.state === "now"), a = Dt.includes(e.state);
+	return /* @__PURE__ */ X("section", {
 		class: "sheet",
 		"aria-label": t.progress,
 		children: [
-			r !== null && /* @__PURE__ */ Z("div", {
+			r !== null && /* @__PURE__ */ X("div", {
 				class: "now",
 				role: "status",
-				children: [/* @__PURE__ */ Z("span", {
+				children: [/* @__PURE__ */ X("span", {
 					class: "line",
 					children: [
-						/* @__PURE__ */ Z("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("strong", { children: i ? t.stages[i.name] ?? i.name : "" }),
+						/* @__PURE__ */ X("span", {
 							class: "soft",
 							children: [
-								ke(n.label),
+								Ae(n.label),
 								" ",
-								n.total ? t.of(J(n.done), J(n.total)) : ""
+								n.total ? t.of(q(n.done), q(n.total)) : ""
 							]
 						}),
-						n.leftS !== null && /* @__PURE__ */ Z("span", {
+						n.leftS !== null && /* @__PURE__ */ X("span", {
 							class: "end",
-							children: t.left(Oe(n.leftS))
+							children: t.left(ke(n.leftS))
 						})
 					]
-				}), /* @__PURE__ */ Z("progress", {
+				}), /* @__PURE__ */ X("progress", {
 					value: r,
 					max: 1,
 					"aria-label": t.progress
 				})]
 			}),
-			/* @__PURE__ */ Z("ol", {
+			/* @__PURE__ */ X("ol", {
 				class: "stages",
-				children: n.stages.map((e) => /* @__PURE__ */ Z("li", {
+				children: n.stages.map((e) => /* @__PURE__ */ X("li", {
 					class: e.state,
 					"aria-current": e === i && a ? "step" : void 0,
 					children: [
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "name",
 							children: t.stages[e.name] ?? e.name
 						}),
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "soft",
-							children: e.seconds === null ? "" : Oe(e.seconds)
+							children: e.seconds === null ? "" : ke(e.seconds)
 						}),
-						/* @__PURE__ */ Z("span", {
+						/* @__PURE__ */ X("span", {
 							class: "hidden",
 							children: t.stageStates[e === i && !a ? "halted" : e.state]
 						})
 					]
 				}, e.name))
 			}),
-			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z(Q, {
+			n.message && (e.state === "failed" || e.state === "stopped") && /* @__PURE__ */ X(y, { children: [/* @__PURE__ */ X(Z, {
 				title: t.failed,
 				text: n.message
-			}), /* @__PURE__ */ Z("p", {
+			}), /* @__PURE__ */ X("p", {
 				class: "soft",
 				children: t.failedDo
 			})] }),
-			n.warnings.length > 0 && /* @__PURE__ */ Z("div", {
+			n.warnings.length > 0 && /* @__PURE__ */ X("div", {
 				class: "warnings",
 				children: [
-					/* @__PURE__ */ Z("h3", { children: t.warnings }),
-					t.english && /* @__PURE__ */ Z("p", {
+					/* @__PURE__ */ X("h3", { children: t.warnings }),
+					t.english && /* @__PURE__ */ X("p", {
 						class: "soft",
 						children: t.english
 					}),
-					/* @__PURE__ */ Z("ul", { children: n.warnings.map((e) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z(Re, { text: e }) }, e)) })
+					/* @__PURE__ */ X("ul", { children: n.warnings.map((e) => /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X(ze, { text: e }) }, e)) })
 				]
 			}),
-			n.log.length > 0 && /* @__PURE__ */ Z("details", { children: [/* @__PURE__ */ Z("summary", { children: t.log }), /* @__PURE__ */ Z("pre", {
+			n.log.length > 0 && /* @__PURE__ */ X("details", { children: [/* @__PURE__ */ X("summary", { children: t.log }), /* @__PURE__ */ X("pre", {
 				class: "log",
 				tabIndex: 0,
 				children: n.log.join("\n")
@@ -2659,50 +2663,50 @@ function At({ survey: e }) {
 		]
 	});
 }
-function jt({ survey: e }) {
-	let t = q(), [n, r] = W([]), [i, a] = W(Dt), [o, s] = W(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
-	if (G(() => void Y(`surveys/${e.id}/photos`).then(r, () => r([])), [
+function Mt({ survey: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(Ot), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+	if (W(() => void J(`surveys/${e.id}/photos`).then(r, () => r([])), [
 		e.id,
 		e.version,
 		c
-	]), !n.length) return /* @__PURE__ */ Z("p", {
+	]), !n.length) return /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: t.photosWait
 	});
-	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, J(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
-	return /* @__PURE__ */ Z(y, { children: [
-		/* @__PURE__ */ Z("ul", {
+	let l = (n) => n.found === null ? e.fruits === null ? t.notYet : "" : t.possible(n.found, q(n.found)), u = (t, r) => `api/surveys/${e.id}/photos/${t}/${r}.jpg?${n[t].found ?? ""}-${e.version}`, d = o === null ? null : n[o];
+	return /* @__PURE__ */ X(y, { children: [
+		/* @__PURE__ */ X("ul", {
 			class: "photos",
-			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z("button", {
+			children: n.slice(0, i).map((e, n) => /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X("button", {
 				type: "button",
 				onClick: () => s(n),
 				"aria-label": t.photoOf(e.name, l(e)),
 				children: [
-					/* @__PURE__ */ Z("img", {
+					/* @__PURE__ */ X("img", {
 						src: u(n, 320),
 						alt: "",
 						loading: "lazy"
 					}),
-					/* @__PURE__ */ Z("span", {
+					/* @__PURE__ */ X("span", {
 						class: "path",
 						children: e.name
 					}),
-					/* @__PURE__ */ Z("span", {
+					/* @__PURE__ */ X("span", {
 						class: "soft",
 						children: l(e)
 					})
 				]
 			}) }, e.name))
 		}),
-		n.length > i && /* @__PURE__ */ Z("button", {
+		n.length > i && /* @__PURE__ */ X("button", {
 			type: "button",
 			onClick: () => a(n.length),
-			children: t.more(J(n.length - i))
+			children: t.more(q(n.length - i))
 		}),
-		d && o !== null && /* @__PURE__ */ Z(ze, {
+		d && o !== null && /* @__PURE__ */ X(Be, {
 			title: t.photoOf(d.name, l(d)),
 			onClose: () => s(null),
-			children: /* @__PURE__ */ Z("img", {
+			children: /* @__PURE__ */ X("img", {
 				class: "large",
 				src: u(o, 1280),
 				alt: t.photoOf(d.name, l(d))
@@ -2710,84 +2714,84 @@ function jt({ survey: e }) {
 		})
 	] });
 }
-function Mt({ survey: e }) {
-	let t = q(), [n, r] = W(null), [i, a] = W("");
-	return G(() => void Y(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ Z(Q, { text: i }) : n ? n.length ? /* @__PURE__ */ Z("div", {
+function Nt({ survey: e }) {
+	let t = K(), [n, r] = U(null), [i, a] = U("");
+	return W(() => void J(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ X(Z, { text: i }) : n ? n.length ? /* @__PURE__ */ X("div", {
 		class: "scroll",
 		tabIndex: 0,
 		role: "region",
 		"aria-label": t.treesTab,
-		children: /* @__PURE__ */ Z("table", { children: [/* @__PURE__ */ Z("thead", { children: /* @__PURE__ */ Z("tr", { children: [
+		children: /* @__PURE__ */ X("table", { children: [/* @__PURE__ */ X("thead", { children: /* @__PURE__ */ X("tr", { children: [
 			t.tree,
 			t.fruitsHead,
 			t.between,
 			`${t.diameter} (mm)`,
 			`${t.weight} (kg)`
-		].map((e) => /* @__PURE__ */ Z("th", {
+		].map((e) => /* @__PURE__ */ X("th", {
 			scope: "col",
 			children: e
-		}, e)) }) }), /* @__PURE__ */ Z("tbody", { children: n.map((e) => /* @__PURE__ */ Z("tr", { children: [
-			/* @__PURE__ */ Z("th", {
+		}, e)) }) }), /* @__PURE__ */ X("tbody", { children: n.map((e) => /* @__PURE__ */ X("tr", { children: [
+			/* @__PURE__ */ X("th", {
 				scope: "row",
 				children: e.id
 			}),
-			/* @__PURE__ */ Z("td", { children: J(e.fruits) }),
-			/* @__PURE__ */ Z("td", { children: e.low === null || e.high === null ? "" : `${J(e.low)} – ${J(e.high)}` }),
-			/* @__PURE__ */ Z("td", { children: e.diameterMm === null ? "" : J(e.diameterMm, 1) }),
-			/* @__PURE__ */ Z("td", { children: e.weightKg === null ? "" : J(e.weightKg, 2) })
+			/* @__PURE__ */ X("td", { children: q(e.fruits) }),
+			/* @__PURE__ */ X("td", { children: e.low === null || e.high === null ? "" : `${q(e.low)} – ${q(e.high)}` }),
+			/* @__PURE__ */ X("td", { children: e.diameterMm === null ? "" : q(e.diameterMm, 1) }),
+			/* @__PURE__ */ X("td", { children: e.weightKg === null ? "" : q(e.weightKg, 2) })
 		] }, e.id)) })] })
-	}) : /* @__PURE__ */ Z("p", {
+	}) : /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: t.noTrees
-	}) : /* @__PURE__ */ Z("progress", { "aria-label": t.treesTab });
+	}) : /* @__PURE__ */ X("progress", { "aria-label": t.treesTab });
 }
-function Nt({ survey: e, everything: t }) {
-	let n = q(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = W(r[0]?.id ?? ""), [o, s] = W("");
-	return r.length ? /* @__PURE__ */ Z(y, { children: [
-		/* @__PURE__ */ Z("p", {
+function Pt({ survey: e, everything: t }) {
+	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U("");
+	return r.length ? /* @__PURE__ */ X(y, { children: [
+		/* @__PURE__ */ X("p", {
 			class: "soft",
 			children: n.compareText
 		}),
-		/* @__PURE__ */ Z("p", {
+		/* @__PURE__ */ X("p", {
 			class: "line",
-			children: [/* @__PURE__ */ Z("label", {
+			children: [/* @__PURE__ */ X("label", {
 				class: "line",
-				children: [n.compareWith, /* @__PURE__ */ Z("select", {
+				children: [n.compareWith, /* @__PURE__ */ X("select", {
 					value: i,
 					onChange: (e) => a(e.currentTarget.value),
-					children: r.map((e) => /* @__PURE__ */ Z("option", {
+					children: r.map((e) => /* @__PURE__ */ X("option", {
 						value: e.id,
 						children: e.name
 					}, e.id))
 				})]
-			}), /* @__PURE__ */ Z($, {
+			}), /* @__PURE__ */ X(Q, {
 				class: "main",
-				onDo: async () => s(await X(`surveys/${e.id}/compare`, { before: i })),
+				onDo: async () => s(await Y(`surveys/${e.id}/compare`, { before: i })),
 				children: n.compare
 			})]
 		}),
-		o && /* @__PURE__ */ Z("iframe", {
+		o && /* @__PURE__ */ X("iframe", {
 			class: "view",
 			src: o.slice(1),
 			title: n.compareTab
 		})
-	] }) : /* @__PURE__ */ Z("p", {
+	] }) : /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: n.compareNone
 	});
 }
-function Pt({ survey: e, everything: t }) {
-	let n = q(), r = Ot.filter((e) => e.includes(".") || t.facts.exports.includes(e));
-	return /* @__PURE__ */ Z(y, { children: [
-		/* @__PURE__ */ Z("h2", { children: n.files }),
-		/* @__PURE__ */ Z("ul", {
+function Ft({ survey: e, everything: t }) {
+	let n = K(), r = kt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+	return /* @__PURE__ */ X(y, { children: [
+		/* @__PURE__ */ X("h2", { children: n.files }),
+		/* @__PURE__ */ X("ul", {
 			class: "files",
-			children: r.map((t) => /* @__PURE__ */ Z("li", { children: /* @__PURE__ */ Z($, {
-				onDo: () => Ne(`surveys/${e.id}/files/${t}`),
+			children: r.map((t) => /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X(Q, {
+				onDo: () => Pe(`surveys/${e.id}/files/${t}`),
 				children: n.fileNames[t] ?? t
 			}) }, t))
 		}),
-		/* @__PURE__ */ Z("p", {
+		/* @__PURE__ */ X("p", {
 			class: "soft path",
 			children: [
 				n.folder,
@@ -2797,20 +2801,20 @@ function Pt({ survey: e, everything: t }) {
 		})
 	] });
 }
-function Ft({ survey: e }) {
-	let t = q(), [n, r] = W(null);
-	return /* @__PURE__ */ Z("details", {
+function It({ survey: e }) {
+	let t = K(), [n, r] = U(null);
+	return /* @__PURE__ */ X("details", {
 		class: "sheet",
-		onToggle: () => void Y(`surveys/${e.id}/equal`).then(r, () => r(null)),
-		children: [/* @__PURE__ */ Z("summary", { children: t.equal }), n && /* @__PURE__ */ Z(y, { children: [
-			/* @__PURE__ */ Z("h3", { children: t.equalCommand }),
-			/* @__PURE__ */ Z(Be, { text: n.command }),
-			/* @__PURE__ */ Z("h3", { children: t.equalPython }),
-			/* @__PURE__ */ Z(Be, { text: n.python })
+		onToggle: () => void J(`surveys/${e.id}/equal`).then(r, () => r(null)),
+		children: [/* @__PURE__ */ X("summary", { children: t.equal }), n && /* @__PURE__ */ X(y, { children: [
+			/* @__PURE__ */ X("h3", { children: t.equalCommand }),
+			/* @__PURE__ */ X(Ve, { text: n.command }),
+			/* @__PURE__ */ X("h3", { children: t.equalPython }),
+			/* @__PURE__ */ X(Ve, { text: n.python })
 		] })]
 	});
 }
-var It = [
+var $ = [
 	"photos",
 	"scene",
 	"result",
@@ -2820,7 +2824,7 @@ var It = [
 	"files"
 ];
 function Lt({ survey: e, everything: t, place: n }) {
-	let r = q(), i = e.state === "finished", a = i || e.fruits !== null && ["stopped", "failed"].includes(e.state), o = It.find((e) => e === n) ?? (a ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), s = {
+	let r = K(), i = e.state === "finished", a = i || e.fruits !== null && ["stopped", "failed"].includes(e.state), o = $.find((e) => e === n) ?? (a ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), s = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
@@ -2829,43 +2833,43 @@ function Lt({ survey: e, everything: t, place: n }) {
 		teach: r.teachTab,
 		files: r.exportTab
 	};
-	return /* @__PURE__ */ Z("main", { children: [
-		/* @__PURE__ */ Z("div", {
+	return /* @__PURE__ */ X("main", { children: [
+		/* @__PURE__ */ X("div", {
 			class: "head",
 			children: [
-				/* @__PURE__ */ Z("a", {
+				/* @__PURE__ */ X("a", {
 					class: "button plain",
 					href: "#/",
 					"aria-label": r.back,
 					children: "‹"
 				}),
-				/* @__PURE__ */ Z("h1", { children: e.name }),
-				/* @__PURE__ */ Z("span", {
+				/* @__PURE__ */ X("h1", { children: e.name }),
+				/* @__PURE__ */ X("span", {
 					class: `state ${e.state}`,
 					children: r.states[e.state]
 				}),
-				/* @__PURE__ */ Z("span", {
+				/* @__PURE__ */ X("span", {
 					class: "end",
-					children: /* @__PURE__ */ Z(kt, { survey: e })
+					children: /* @__PURE__ */ X(At, { survey: e })
 				})
 			]
 		}),
-		/* @__PURE__ */ Z("p", {
+		/* @__PURE__ */ X("p", {
 			class: "soft",
 			children: [
-				We(e),
-				e.weightKg === null ? "" : `${J(e.weightKg, 1)} kg`,
-				e.photos === null ? "" : r.photos(e.photos, J(e.photos)),
-				e.day ? r.taken(De(e.day)) : ""
+				Ge(e),
+				e.weightKg === null ? "" : `${q(e.weightKg, 1)} kg`,
+				e.photos === null ? "" : r.photos(e.photos, q(e.photos)),
+				e.day ? r.taken(Oe(e.day)) : ""
 			].filter(Boolean).join(" · ")
 		}),
-		!i && /* @__PURE__ */ Z(At, { survey: e }),
-		/* @__PURE__ */ Z("section", {
+		!i && /* @__PURE__ */ X(jt, { survey: e }),
+		/* @__PURE__ */ X("section", {
 			class: "sheet results",
-			children: [/* @__PURE__ */ Z("div", {
+			children: [/* @__PURE__ */ X("div", {
 				class: "tabs",
 				role: "tablist",
-				children: It.map((t) => /* @__PURE__ */ Z("a", {
+				children: $.map((t) => /* @__PURE__ */ X("a", {
 					role: "tab",
 					id: `tab-${t}`,
 					"aria-selected": o === t,
@@ -2875,53 +2879,53 @@ function Lt({ survey: e, everything: t, place: n }) {
 					onKeyDown: (n) => {
 						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
 						if (!r) return;
-						let i = It[(It.indexOf(t) + r + It.length) % It.length];
-						Ue(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
+						let i = $[($.indexOf(t) + r + $.length) % $.length];
+						We(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
 					},
 					children: s[t]
 				}, t))
-			}), /* @__PURE__ */ Z("div", {
+			}), /* @__PURE__ */ X("div", {
 				id: "panel",
 				role: "tabpanel",
 				"aria-labelledby": `tab-${o}`,
-				children: o === "photos" ? /* @__PURE__ */ Z(jt, { survey: e }) : o === "scene" ? /* @__PURE__ */ Z(lt, { survey: e }) : o === "teach" ? /* @__PURE__ */ Z(Tt, {
+				children: o === "photos" ? /* @__PURE__ */ X(Mt, { survey: e }) : o === "scene" ? /* @__PURE__ */ X(ut, { survey: e }) : o === "teach" ? /* @__PURE__ */ X(Et, {
 					survey: e,
 					canLearn: t.facts.canLearn,
-					working: Et.includes(e.state) || !!e.run?.byOther
-				}) : a ? o === "trees" ? /* @__PURE__ */ Z(Mt, { survey: e }) : o === "compare" ? /* @__PURE__ */ Z(Nt, {
+					working: Dt.includes(e.state) || !!e.run?.byOther
+				}) : a ? o === "trees" ? /* @__PURE__ */ X(Nt, { survey: e }) : o === "compare" ? /* @__PURE__ */ X(Pt, {
 					survey: e,
 					everything: t
-				}) : o === "files" ? /* @__PURE__ */ Z(Pt, {
+				}) : o === "files" ? /* @__PURE__ */ X(Ft, {
 					survey: e,
 					everything: t
-				}) : /* @__PURE__ */ Z(y, { children: [/* @__PURE__ */ Z("p", {
+				}) : /* @__PURE__ */ X(y, { children: [/* @__PURE__ */ X("p", {
 					class: "line",
-					children: /* @__PURE__ */ Z("button", {
+					children: /* @__PURE__ */ X("button", {
 						type: "button",
 						class: "end",
 						onClick: () => document.querySelector("iframe.view")?.contentWindow?.print(),
 						children: r.print
 					})
-				}), /* @__PURE__ */ Z("iframe", {
+				}), /* @__PURE__ */ X("iframe", {
 					class: "view",
 					src: `surveys/${e.id}/view/`,
 					title: r.viewTitle
-				}, e.id)] }) : /* @__PURE__ */ Z("p", {
+				}, e.id)] }) : /* @__PURE__ */ X("p", {
 					class: "soft",
 					children: r.resultWait
 				})
 			})]
 		}),
-		i && /* @__PURE__ */ Z(At, { survey: e }),
-		e.photos !== null && /* @__PURE__ */ Z(Ft, { survey: e }),
-		!Et.includes(e.state) && /* @__PURE__ */ Z("p", {
+		i && /* @__PURE__ */ X(jt, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ X(It, { survey: e }),
+		!Dt.includes(e.state) && /* @__PURE__ */ X("p", {
 			class: "line",
-			children: [/* @__PURE__ */ Z($, {
+			children: [/* @__PURE__ */ X(Q, {
 				onDo: async () => {
-					await X(`surveys/${e.id}/forget`), Ue("/");
+					await Y(`surveys/${e.id}/forget`), We("/");
 				},
 				children: r.forget
-			}), /* @__PURE__ */ Z("span", {
+			}), /* @__PURE__ */ X("span", {
 				class: "soft",
 				children: r.forgetText
 			})]
@@ -2934,66 +2938,66 @@ function Rt() {
 	e.dataset.theme = t ? "light" : "dark";
 }
 function zt() {
-	let [e, t] = W(null), [n, r] = W("yes"), [i, a] = W(location.hash), [o, s] = W(Te()), [c, l] = W(!1), [u, d] = W(!1);
-	G(() => u ? void 0 : Ie(t, r), [u]), G(() => {
+	let [e, t] = U(null), [n, r] = U("yes"), [i, a] = U(location.hash), [o, s] = U(Ee()), [c, l] = U(!1), [u, d] = U(!1);
+	W(() => u ? void 0 : Le(t, r), [u]), W(() => {
 		let e = () => a(location.hash);
 		return addEventListener("hashchange", e), () => removeEventListener("hashchange", e);
-	}, []), G(() => {
+	}, []), W(() => {
 		document.documentElement.lang = o;
 	}, [o]);
-	let f = q();
-	if (u) return /* @__PURE__ */ Z("main", {
+	let f = K();
+	if (u) return /* @__PURE__ */ X("main", {
 		class: "closed",
-		children: [/* @__PURE__ */ Z("h1", { children: f.closed }), /* @__PURE__ */ Z("p", { children: f.closedHow })]
+		children: [/* @__PURE__ */ X("h1", { children: f.closed }), /* @__PURE__ */ X("p", { children: f.closedHow })]
 	});
 	let [, p, m, h] = i.replace(/^#/, "").split("/"), g = e?.surveys.find((e) => e.id === m);
-	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ Z(y, { children: [
-		/* @__PURE__ */ Z("header", {
+	return document.title = g ? `${g.name} · ${f.title}` : f.title, /* @__PURE__ */ X(y, { children: [
+		/* @__PURE__ */ X("header", {
 			class: "top",
-			children: [/* @__PURE__ */ Z("a", {
+			children: [/* @__PURE__ */ X("a", {
 				href: "#/",
 				class: "brand",
-				children: [/* @__PURE__ */ Z("svg", {
+				children: [/* @__PURE__ */ X("svg", {
 					viewBox: "0 0 16 16",
 					"aria-hidden": "true",
-					children: [/* @__PURE__ */ Z("circle", {
+					children: [/* @__PURE__ */ X("circle", {
 						cx: "8",
 						cy: "9",
 						r: "6",
 						fill: "#b8322a"
-					}), /* @__PURE__ */ Z("path", {
+					}), /* @__PURE__ */ X("path", {
 						d: "M8 4q0-3 3-3",
 						fill: "none",
 						stroke: "#4f7d5a",
 						"stroke-width": "1.6"
 					})]
 				}), f.title]
-			}), /* @__PURE__ */ Z("span", {
+			}), /* @__PURE__ */ X("span", {
 				class: "end",
 				children: [
-					/* @__PURE__ */ Z("select", {
+					/* @__PURE__ */ X("select", {
 						"aria-label": "Language, Sprache",
 						value: o,
 						onChange: (e) => {
-							we(e.currentTarget.value), s(e.currentTarget.value);
+							Te(e.currentTarget.value), s(e.currentTarget.value);
 						},
-						children: Object.entries(be).map(([e, t]) => /* @__PURE__ */ Z("option", {
+						children: Object.entries(xe).map(([e, t]) => /* @__PURE__ */ X("option", {
 							value: e,
 							children: t.language
 						}, e))
 					}),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						"aria-label": f.theme,
 						title: f.theme,
 						onClick: Rt,
-						children: /* @__PURE__ */ Z("svg", {
+						children: /* @__PURE__ */ X("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
-							children: [/* @__PURE__ */ Z("path", {
+							children: [/* @__PURE__ */ X("path", {
 								d: "M8 2a6 6 0 1 0 0 12z",
 								fill: "currentColor"
-							}), /* @__PURE__ */ Z("circle", {
+							}), /* @__PURE__ */ X("circle", {
 								cx: "8",
 								cy: "8",
 								r: "6",
@@ -3002,7 +3006,7 @@ function zt() {
 							})]
 						})
 					}),
-					/* @__PURE__ */ Z("button", {
+					/* @__PURE__ */ X("button", {
 						type: "button",
 						onClick: () => l(!0),
 						children: f.close
@@ -3010,28 +3014,28 @@ function zt() {
 				]
 			})]
 		}),
-		n !== "yes" && /* @__PURE__ */ Z("p", {
+		n !== "yes" && /* @__PURE__ */ X("p", {
 			class: "lost",
 			role: "alert",
 			children: n === "no" ? f.lost : f.ended
 		}),
-		e ? p === "new" ? /* @__PURE__ */ Z(ot, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ Z(Lt, {
+		e ? p === "new" ? /* @__PURE__ */ X(st, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ X(Lt, {
 			survey: g,
 			everything: e,
 			place: h ?? ""
-		}, g.id) : /* @__PURE__ */ Z(qe, { everything: e }) : /* @__PURE__ */ Z("main", { children: /* @__PURE__ */ Z("progress", { "aria-label": f.surveys }) }),
-		c && /* @__PURE__ */ Z(ze, {
+		}, g.id) : /* @__PURE__ */ X(Je, { everything: e }) : /* @__PURE__ */ X("main", { children: /* @__PURE__ */ X("progress", { "aria-label": f.surveys }) }),
+		c && /* @__PURE__ */ X(Be, {
 			title: f.close,
 			onClose: () => l(!1),
-			children: [/* @__PURE__ */ Z("p", { children: f.closeSure }), /* @__PURE__ */ Z("p", {
+			children: [/* @__PURE__ */ X("p", { children: f.closeSure }), /* @__PURE__ */ X("p", {
 				class: "line",
-				children: [/* @__PURE__ */ Z($, {
+				children: [/* @__PURE__ */ X(Q, {
 					class: "main",
 					onDo: async () => {
-						await X("close"), d(!0);
+						await Y("close"), d(!0);
 					},
 					children: f.close
-				}), /* @__PURE__ */ Z("button", {
+				}), /* @__PURE__ */ X("button", {
 					type: "button",
 					onClick: () => l(!1),
 					children: f.cancel
@@ -3040,4 +3044,4 @@ function zt() {
 		})
 	] });
 }
-te(/* @__PURE__ */ Z(zt, {}), document.getElementById("app"));
+te(/* @__PURE__ */ X(zt, {}), document.getElementById("app"));
