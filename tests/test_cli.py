@@ -176,8 +176,12 @@ def test_ctrl_c_while_learning_names_what_is_kept_if_anything_is(
 
 
 def run_code(code: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run Python code in a process of its own, which a test can send signals to."""
-    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=50)
+    """Run Python code in a process of its own, which a test can send signals to.
+
+    Ctrl-C reaches it though the tests themselves were started where it is ignored, as in the background of a script.
+    """
+    heard = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n{code}"
+    return subprocess.run([sys.executable, "-c", heard], cwd=folder, capture_output=True, text=True, timeout=50)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM to catch")
