@@ -273,6 +273,17 @@ def test_other_labels_are_another_training(found: FoundFruits, tmp_path: Path, m
     assert folders() != first
 
 
+def test_a_network_that_finds_false_ones_alone_is_no_better_than_another(
+    found: FoundFruits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learn = pytest.importorskip("pomona.learning.self_training.learn")
+    monkeypatch.setattr("pomona.learning.train.center.CenterLearner.export", lambda *_: None)
+    for module in ("learning.self_training.learn", "learning.train.fit"):
+        monkeypatch.setattr(f"pomona.{module}.check", lambda *_: learn.ValidationScores(0, 0, 0, 0, np.nan, 12))
+    quick = replace(OPTIONS, steps=1, batch=1, held_out=0.5, shares=(1.0,), threads=1)
+    assert not learn.adapt([found], tmp_path / "mine.onnx", options=quick).better
+
+
 def test_surveys_without_a_model_that_learns_are_refused(tmp_path: Path) -> None:
     survey = pomona.open(write_view_survey(tmp_path))
     survey.files.note(options={"detections": "masks.json"})

@@ -81,6 +81,19 @@ def test_nothing_found_has_no_scores(tmp_path: Path) -> None:
     assert np.isnan(result.f1)
 
 
+@pytest.mark.parametrize("truth", [[[0.0, 0, 20, 20]], []], ids=["of others", "of none"])
+def test_false_detections_alone_say_nothing_of_the_score_that_parts_fruit_from_the_rest(
+    truth: list[list[float]], tmp_path: Path
+) -> None:
+    cv2.imwrite(str(tmp_path / "p.png"), np.zeros((100, 100, 3), np.uint8))
+    sample = Sample(tmp_path / "p.png", Path(), np.reshape(truth, (-1, 4)), "p", "x")
+    seen = TileDetections([[60.0, 60, 80, 80]], [0.9], (Mask.from_pixels(np.ones((20, 20), bool), 60, 60),))
+    result = validate([sample], lambda _: seen)
+    assert np.isnan(result.threshold)
+    assert result.f1 == result.precision == 0
+    assert result.fruits == len(truth)
+
+
 @pytest.mark.slow
 def test_training_learns_stops_and_goes_on_and_its_model_file_agrees(samples: list[Sample], tmp_path: Path) -> None:
     options = FitOptions(
@@ -348,17 +361,43 @@ def test_the_command_refuses_options_that_contradict(tmp_path: Path) -> None:
     ("best", "said"),
     [
         (math.nan, "m.onnx: on 1 fruit of photos held out, nothing was found\n"),
+        (0.0, "m.onnx: on 1 fruit of photos held out, nothing that was found is right\n"),
         (0.5, "m.onnx: on 1 fruit of photos held out, AP50 0.250, F1 0.500 (precision 0.500, recall –) at score 0.50"),
     ],
 )
 def test_scores_that_are_not_known_are_not_said_as_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, best: float, said: str
 ) -> None:
-    scores = ValidationScores(0.25, best, best, math.nan, best, 1)
+    scores = ValidationScores(0.25, best, best, math.nan, best or math.nan, 1)
     monkeypatch.setattr("pomona.learning.train.train", lambda *given, **options: scores)
     done = CliRunner().invoke(app, ["train", str(tmp_path), "--out", str(tmp_path / "m.onnx")])
     assert said in done.stdout
     assert "nan" not in done.stdout
+
+
+@pytest.mark.parametrize("has_fruit", [True, False])
+def test_a_model_that_nothing_was_measured_with_counts_detections_from_one_half_on(
+    has_fruit: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The most certain of its false detections had a score of 0.9, from which on others would have been lost."""
+    from pomona.learning.train import train_model
+
+    folder = coco_folder(tmp_path / "discs", 4)
+    written: list[float] = []
+    monkeypatch.setattr(train_model, "fit", lambda learner, *_, **__: learner.build(start=False, progress=Silent()))
+    found = TileDetections([[60.0, 60, 80, 80]], [0.9], (Mask.from_pixels(np.ones((20, 20), bool), 60, 60),))
+    monkeypatch.setattr(train_model.CenterLearner, "segment", lambda *_: found)
+    monkeypatch.setattr(train_model.CenterLearner, "export", lambda *given: written.append(given[3].threshold))
+    content = json.loads((folder / "coco.json").read_text())
+    place = [0, 0, 20, 20]
+    fruits = [{"id": k, "image_id": k, "category_id": 1, "bbox": place} for k in (1, 2, 3, 4)] if has_fruit else []
+    (folder / "coco.json").write_text(json.dumps(content | {"annotations": fruits}))
+    heard = Silent()
+    scores = train_model.train([folder], tmp_path / "m.onnx", options=TrainOptions(weights="none"), progress=heard)
+    assert written == [0.5]
+    assert math.isnan(scores.threshold)
+    said = "finds no fruit on the photos held out" if has_fruit else "the photos held out have no fruit"
+    assert any(said in warning for warning in heard.warnings)
 
 
 @pytest.mark.slow

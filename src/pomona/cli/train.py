@@ -97,8 +97,10 @@ def train(
 
 
 def _in_words(scores: ValidationScores) -> str:
-    if math.isnan(scores.threshold):
+    if math.isnan(scores.f1):
         return "nothing was found"
+    if math.isnan(scores.threshold):
+        return "nothing that was found is right"
     return (
         f"AP50 {written(scores.ap50)}, F1 {written(scores.f1)} (precision {written(scores.precision)}, "
         f"recall {written(scores.recall)}) at score {scores.threshold:.2f}"

@@ -98,8 +98,8 @@ def adapt(
     tried = [(share, blended(start, learnt, share)) for share in options.shares]
     scores = [scored(network, held_out) for _, network in tried]
     best = int(np.argmax([np.nan_to_num(each.f1, nan=-1.0) for each in scores]))
-    # A network that finds none of them has no F1: anything that finds some is better.
-    better = np.isfinite(scores[best].f1) and not scores[best].f1 < before.f1
+    # A network that finds none of them has no F1, or one of 0: anything that finds some is better.
+    better = scores[best].f1 > 0 and not scores[best].f1 < before.f1
     if better:
         fruit_px = typical_fruit_px([photo for each in labels for photo in each.photos]) or 0.0
         settings = ModelSettings(scores[best].threshold, fruit_px)

@@ -55,7 +55,7 @@ def train(
     threshold = scores.threshold
     if not math.isfinite(threshold):
         threshold = _UNMEASURED_THRESHOLD
-        progress.warn(f"{out}: finds no fruit on the photos held out; train for longer, or look at the labels")
+        progress.warn(f"{out}: {_why_unmeasured(scores)}")
     weak = all(sample.weak for sample in training if len(sample.boxes_px))
     settings = ModelSettings(threshold, _fruit_px(options, training), weak)
     progress.start("writing the model")
@@ -67,6 +67,15 @@ def _learner(options: TrainOptions) -> Learner:
     if options.arch in CENTER_NETWORKS:
         return CenterLearner(options.arch, weights=options.weights or "imagenet")
     return MaskRcnnLearner(options.arch, weights=options.weights)
+
+
+def _why_unmeasured(scores: ValidationScores) -> str:
+    if scores.fruits:
+        return "finds no fruit on the photos held out; train for longer, or look at the labels"
+    return (
+        "the photos held out have no fruit, so that nothing says how good it is, nor from which score on a detection "
+        f"is fruit: {_UNMEASURED_THRESHOLD} is taken; give more photos with fruits"
+    )
 
 
 def _fruit_px(options: TrainOptions, training: Sequence[Sample]) -> float:

@@ -20,7 +20,10 @@ Segment = Callable[[ByteArray], TileDetections]
 
 @dataclass(frozen=True)
 class ValidationScores:
-    """`ap50` is the area under precision over recall (IoU > 0.5); `f1` the best, at `threshold`."""
+    """`ap50` is the area under precision over recall (IoU > 0.5); `f1` the best, at `threshold`.
+
+    `threshold` is NaN where nothing that was found is right: no score parts fruit from the rest.
+    """
 
     ap50: float
     f1: float
@@ -37,7 +40,8 @@ def validate(samples: Iterable[Sample], segment: Segment) -> ValidationScores:
     if best is None:
         unknown = float("nan")
         return ValidationScores(scores.ap50, unknown, unknown, unknown, unknown, scores.true_fruits)
-    return ValidationScores(scores.ap50, best.f1, best.precision, best.recall, best.confidence, scores.true_fruits)
+    threshold = best.confidence if best.true_positives else float("nan")
+    return ValidationScores(scores.ap50, best.f1, best.precision, best.recall, threshold, scores.true_fruits)
 
 
 def check(learner: Learner, network: nn.Module, samples: Iterable[Sample]) -> ValidationScores:
