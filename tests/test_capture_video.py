@@ -119,8 +119,17 @@ def test_a_video_becomes_photos_once(tmp_path: Path) -> None:
     assert len(list(frames.glob("*.jpg"))) == len(fewer)
 
 
-def write_matroska(path: Path, positions: list[float], times_ms: list[int], duration_ms: float | None = None) -> Path:
-    """A video whose frames come when they come, as browsers and screen recorders write it: no rate is said."""
+def write_matroska(
+    path: Path,
+    positions: list[float],
+    times_ms: list[int],
+    duration_ms: float | None = None,
+    shown: tuple[int, int] = (WIDTH, HEIGHT),
+) -> Path:
+    """A video whose frames come when they come, as browsers and screen recorders write it: no rate is said.
+
+    `shown` is the size, in square pixels, at which it is to be shown.
+    """
 
     def element(name: str, content: bytes) -> bytes:
         return bytes.fromhex(name) + (1 << 56 | len(content)).to_bytes(8, "big") + content
@@ -134,7 +143,8 @@ def write_matroska(path: Path, positions: list[float], times_ms: list[int], dura
     if duration_ms is not None:
         info += element("4489", struct.pack(">d", duration_ms))
     track = number("d7", 1) + number("73c5", 1) + number("83", 1) + element("86", b"V_MJPEG")
-    track += element("e0", number("b0", WIDTH) + number("ba", HEIGHT))
+    sizes = {"b0": WIDTH, "ba": HEIGHT, "54b0": shown[0], "54ba": shown[1]}
+    track += element("e0", b"".join(number(name, size) for name, size in sizes.items()))
     segment = element("1549a966", info) + element("1654ae6b", element("ae", track))
     for time_ms, frame in zip(times_ms, frames_at(positions), strict=True):
         jpeg = cv2.imencode(".jpg", frame.pixels)[1].tobytes()
@@ -165,6 +175,23 @@ def test_a_whole_video_of_changing_rate_is_not_said_to_be_incomplete(tmp_path: P
     cut = write_matroska(tmp_path / "cut.mkv", list(np.arange(60) * 1.5), times_ms[:60], times_ms[-1])
     load_photos([cut], frames_dir=tmp_path / "cut", progress=(progress := Silent()))
     assert any("could be decoded; is the file complete?" in warning for warning in progress.warnings)
+
+
+@pytest.mark.parametrize(
+    ("shown", "size"),
+    [((256, 144), (171, 96)), ((128, 144), (128, 144)), ((129, 96), (WIDTH, HEIGHT)), ((1280, 96), (WIDTH, HEIGHT))],
+    ids=["wide", "high", "rounded", "nonsense"],
+)
+def test_frames_have_square_pixels(shown: tuple[int, int], size: tuple[int, int], tmp_path: Path) -> None:
+    """HDV and AVCHD store 1440 × 1080 pixels of what is 1920 × 1080: fruits came out narrower than high."""
+    positions = list(np.arange(8) * 4.0)
+    video = write_matroska(tmp_path / "row.mkv", positions, list(range(0, 264, 33)), shown=shown)
+    photos = load_photos([video], frames_dir=tmp_path / "frames")
+    assert {(photo.width_px, photo.height_px) for photo in photos} == {size}
+    frame = frames_at(positions)[int(photos.items[0].path.stem.removeprefix("frame_"))]
+    expected = cv2.resize(frame.grey, size, interpolation=cv2.INTER_CUBIC)
+    found = cv2.cvtColor(read_pixels(photos.items[0]), cv2.COLOR_RGB2GRAY)
+    assert np.abs(found.astype(float) - expected).mean() < 4
 
 
 def test_frames_that_are_not_as_they_were_written_are_made_again(tmp_path: Path) -> None:

@@ -22,7 +22,9 @@ from pomona.stages.capture.keyframes import Frame, KeyFrameOptions, choose, shar
 _MANIFEST = "frames.json"
 _QUIET = "-8"  # FFmpeg's AV_LOG_QUIET
 _ROUNDED = 0.97  # of the time between two frames of 30 a second, which Matroska has in whole milliseconds
-_VERSION = 3  # of `frames.json` and of how frames are chosen: another one takes them anew
+_AS_SQUARE = 0.01  # pixels whose sides differ by less are square: programs round sizes, and write what is left so
+_FARTHEST_FROM_SQUARE = 2.5  # the widest pixels that cameras have are twice as wide as high
+_VERSION = 4  # of `frames.json` and of how frames are chosen: another one takes them anew
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def extract_key_frames(
     """Choose key frames of a video and write them as `frames_dir/frame_000123.jpg` (the number is the frame's index).
 
     Frames already written from the same video with the same options are used again, unless one of them is not as it was
-    written. The video's rotation is applied.
+    written. The video's rotation is applied, and pixels that are not square, as some camcorders store them, become so.
     `frames.json` beside the frames holds what the video was, the options and the frames' times.
 
     Raises `InputError` when the video cannot be decoded.
@@ -146,6 +148,7 @@ def _decode(video: Path, options: KeyFrameOptions, progress: Progress) -> Iterat
         if not capture.isOpened():
             raise InputError(_undecodable(video))
         capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+        stretch = _stretch(capture)
         rate = capture.get(cv2.CAP_PROP_FPS)
         rate = rate if np.isfinite(rate) and rate > 0 else 30.0
         stride = max(1, round(rate / options.most_per_s))
@@ -161,7 +164,7 @@ def _decode(video: Path, options: KeyFrameOptions, progress: Progress) -> Iterat
                 looked_at, looked_at_s = index, time_s
                 decoded, pixels = capture.retrieve()
                 if decoded and pixels is not None:
-                    yield _looked_at(index, time_s, pixels, options)
+                    yield _looked_at(index, time_s, _stretched(pixels, stretch), options)
             index += 1
         if index == 0:
             raise InputError(_undecodable(video))
@@ -170,6 +173,23 @@ def _decode(video: Path, options: KeyFrameOptions, progress: Progress) -> Iterat
             progress.warn(f"{video}: only {index} of {total} frames could be decoded; is the file complete?")
     finally:
         capture.release()
+
+
+def _stretch(capture: cv2.VideoCapture) -> tuple[float, float]:
+    """By what the width and the height of upright frames are to be multiplied, so that their pixels are square."""
+    width, height = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
+    aspect = width / height if width > 0 and height > 0 else 1.0
+    if abs(aspect - 1) < _AS_SQUARE or not 1 / _FARTHEST_FROM_SQUARE < aspect < _FARTHEST_FROM_SQUARE:
+        return 1.0, 1.0
+    stretch = max(aspect, 1.0), max(1 / aspect, 1.0)
+    lies = capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90  # the aspect is of frames as they are stored
+    return stretch[::-1] if lies else stretch
+
+
+def _stretched(pixels: Array, stretch: tuple[float, float]) -> Array:
+    if stretch == (1.0, 1.0):
+        return pixels
+    return np.asarray(cv2.resize(pixels, None, fx=stretch[0], fy=stretch[1], interpolation=cv2.INTER_CUBIC))
 
 
 def _undecodable(video: Path) -> str:
