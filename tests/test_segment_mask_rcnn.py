@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
 from pomona.stages.segment import load_segmenter
-from pomona.stages.segment.mask_rcnn import _paste, architecture_of, build_mask_rcnn
+from pomona.stages.segment.mask_rcnn import _paste, architecture_of, build_mask_rcnn, segment_tile
 from pomona.values.detections import Mask
 from segment_scenes import disc
 
@@ -43,6 +44,30 @@ def test_a_checkpoint_gives_masks_in_the_tile(state: dict[str, Any], tmp_path: P
         assert max(mask.box_px[2], box[2]) <= 128
         assert max(mask.box_px[3], box[3]) <= 96
     assert len(load_segmenter(tmp_path / "net.pth", score_floor=1.0).segment([tile])[0]) == 0
+
+
+@pytest.mark.parametrize(("fruit_labels", "expected"), [((53, 55), [0.8, 0.7]), ((53,), [0.6, 0.7]), ((55,), [0.8])])
+def test_a_fruit_that_is_taken_for_two_kinds_is_one_detection(
+    fruit_labels: tuple[int, ...], expected: list[float]
+) -> None:
+    """Networks suppress what overlaps within a kind alone: an apple was counted again as an orange."""
+    found = {
+        "boxes": torch.tensor([[10.0, 10, 30, 30], [10, 11, 30, 30], [29, 10, 49, 30], [10, 10, 30, 30]]),
+        "scores": torch.tensor([0.6, 0.8, 0.7, 0.9]),
+        "labels": torch.tensor([53, 55, 53, 1]),
+        "masks": torch.ones((4, 1, 28, 28)),
+    }
+
+    class Stub(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.weight = torch.nn.Parameter(torch.zeros(1))
+            self.transform = lambda images: (SimpleNamespace(tensors=images[0][None], image_sizes=[(64, 64)]), None)
+            self.backbone, self.rpn = (lambda _: {}), (lambda *_: ([], {}))
+            self.roi_heads = lambda *_: ([found], {})
+
+    seen = segment_tile(Stub(), np.zeros((64, 64, 3), np.uint8), fruit_labels)
+    assert seen.scores.tolist() == pytest.approx(expected)
 
 
 def test_a_bare_state_dict_of_parallel_training_tells_its_architecture(state: dict[str, Any], tmp_path: Path) -> None:

@@ -14,12 +14,14 @@ import numpy as np
 
 from pomona.basics.arrays import Array, ByteArray
 from pomona.errors import FormatError, InputError, MissingExtraError, MissingFileError
+from pomona.stages.segment.box_overlap import non_maximum_suppression
 from pomona.stages.segment.protocol import SegmenterTraits, TileByTile, TileDetections, name_of_file
 from pomona.values.detections import Mask
 
 ARCHITECTURES = ("maskrcnn-r101", "maskrcnn-r50", "maskrcnn-r34", "maskrcnn-r18", "maskrcnn-mobilenet")
 """Feature pyramids on ResNets of 101, 50, 34 and 18 layers and on MobileNetV3-Large."""
 _DETECTIONS_PER_TILE = 400
+_MAX_BOX_IOU = 0.5  # the network's own within a class
 COCO_CLASSES, COCO_FRUITS = 91, (53, 55)
 """How many labels COCO has, and its apple and orange."""
 _OLD_NAMES = (
@@ -59,7 +61,10 @@ class MaskRcnnSegmenter(TileByTile):
 
 
 def segment_tile(model: Any, tile: ByteArray, fruit_labels: Sequence[int] = (1,)) -> TileDetections:
-    """Return what a Mask R-CNN in evaluation mode finds of some labels in a tile, uint8 (h, w, 3) RGB, not resized."""
+    """Return what a Mask R-CNN in evaluation mode finds of some labels in a tile, uint8 (h, w, 3) RGB, not resized.
+
+    What it takes for several of these labels, as a fruit for an apple and for an orange, is one detection.
+    """
     torch = _torch()
     height, width = tile.shape[:2]
     model.transform.min_size, model.transform.max_size = (min(height, width),), max(height, width)
@@ -72,7 +77,8 @@ def segment_tile(model: Any, tile: ByteArray, fruit_labels: Sequence[int] = (1,)
         proposals, _ = model.rpn(images, features)
         (found,), _ = model.roi_heads(features, proposals, images.image_sizes)
     boxes, scores, labels, masks = (found[key].cpu().numpy() for key in ("boxes", "scores", "labels", "masks"))
-    fruit = np.isin(labels, fruit_labels)
+    fruit = np.flatnonzero(np.isin(labels, fruit_labels))
+    fruit = fruit[non_maximum_suppression(boxes[fruit].astype(float), scores[fruit], _MAX_BOX_IOU)]
     pasted = [_paste(m, b, width, height) for m, b in zip(masks[fruit, 0], boxes[fruit], strict=True)]
     kept = [k for k, mask in enumerate(pasted) if mask is not None]
     return TileDetections(
