@@ -59,6 +59,21 @@ def test_detections_given_that_show_no_fruit_are_not_answered_with_another_model
     assert "model" not in said
 
 
+def test_a_model_beside_detections_is_said_to_find_nothing(tmp_path: Path, photos: Path) -> None:
+    (tmp_path / "best.onnx").write_bytes(b"not looked into")
+    alone = RunOptions(detections=scenes.mats(tmp_path / "masks"), sides=SIDES, fruit="orange")
+
+    def said(options: RunOptions) -> list[str]:
+        summary = run([photos], tmp_path / "survey", options, until="select")
+        assert summary.detections == len(FRUITS)
+        return [warning for warning in summary.warnings if "looks at no photo" in warning]
+
+    assert said(alone) == []  # though oranges have weights of their own
+    (warning,) = said(replace(alone, model=str(tmp_path / "best.onnx")))
+    assert warning.startswith(f"`model` {tmp_path / 'best.onnx'} looks at no photo")
+    assert said(alone) == []
+
+
 def test_weak_detections_alone_are_not_called_an_empty_result() -> None:
     mask = Mask.from_pixels(np.ones((4, 4), bool))
     found = SurveyDetections({"a.jpg": Detections("a.jpg", 4, 4, (mask,), [0.3], [1])})

@@ -73,7 +73,8 @@ class GivenMasks:
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentChoice:
-    """Who detects: a model with its options, or the masks in a file with the classes that are fruit.
+    """Who detects: a model with its options, or the masks in a file with the classes that are fruit; beside these,
+    `model` is what a person named all the same.
 
     `lowest_score`: detections down to this are kept, where that is lower than what is kept anyway (None: it is not).
     `engines` are those that the model needs besides the usual ones, with their versions.
@@ -98,12 +99,13 @@ def _choice(options: StageOptions) -> SegmentChoice:
     from pomona.stages.segment.load import engines_of, files_of
 
     run = options.run
+    named = run.model if run.detections else run.segmenter
     return SegmentChoice(
-        model=ModelChoice(run.segmenter, files_of(run.segmenter)),
+        model=ModelChoice(named, files_of(named)),
         # The file keeps weak detections with their scores, so that another threshold needs no other file.
         options=replace(options.segment, score_threshold=None),
         lowest_score=None if run.detections else _lowest_score(options),
-        engines={name: version_of(name) for name in engines_of(run.segmenter)},
+        engines={name: version_of(name) for name in engines_of(named)},
         given=None if run.detections is None else GivenMasks(run.detections),
         classes=run.classes,
     )
@@ -132,6 +134,8 @@ def _segment(
         return _by_model(photos, digests, options, work_dir / own_key, progress)
     from pomona.formats.detections.read import read_detections
 
+    if options.model.name is not None:
+        progress.warn(f"`model` {options.model.name} looks at no photo: the fruits in them are those of `detections`")
     progress.start("reading the detections given")
     found = read_detections(options.given.path, photos, classes=options.classes, progress=progress)
     return Segmented(found, 0.0)
