@@ -302,6 +302,30 @@ def test_options_say_what_they_expect(name: str, value: object) -> None:
         AdaptOptions(**{name: value})  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({"detections": "masks.json"}, "`detections` were given, so that there is no model that could learn"),
+     ({"model": "mask_rcnn.pt"}, r"`model` is .*mask_rcnn\.pt, expected the shipped one or a \.onnx"),
+     ({"model": "best.onnx"}, r"best\.onnx: expected a model file of center-lite0, .* to learn on")],
+    ids=["masks", "Mask R-CNN", "another network"],
+)  # fmt: skip
+def test_what_cannot_learn_is_refused_before_hours_of_work(
+    given: dict[str, str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("torch")
+    from pomona.learning.self_training.rerun import run_adapted
+
+    made: list[object] = []
+    monkeypatch.setattr("pomona.learning.self_training.rerun.run_pipeline", lambda *what, **_: made.append(what))
+    paths = {name: tmp_path / file for name, file in given.items()}
+    for path in paths.values():
+        path.write_text("{}")
+    options = RunOptions(**{name: str(path) if name == "model" else path for name, path in paths.items()})  # type: ignore[arg-type]
+    with pytest.raises((InputError, FormatError), match=said):
+        run_adapted([make_photos(tmp_path / "photos")], tmp_path / "survey", options, Silent())
+    assert not made
+
+
 def test_no_other_run_works_on_a_survey_that_is_learnt_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("torch")
     from pomona.learning.self_training.rerun import run_adapted

@@ -79,13 +79,18 @@ def model_of(survey: SurveySource) -> Path | None:
     Raises `InputError` where its detections came from something that cannot learn.
     """
     options = survey.files.options or {}
-    if options.get("detections"):
-        raise InputError(f"{survey.folder}: its `detections` were given, so that there is no model that could learn")
     model = options.get("model")
-    if model is not None and Path(model).suffix != ".onnx":
-        raise InputError(f"{survey.folder}: its `model` is {model}, expected the shipped one or a .onnx")
+    _check_can_learn(options.get("detections"), model, f"{survey.folder}: its ")
     used = model or RunOptions(fruit=options.get("fruit")).segmenter
     return None if used is None else Path(used)
+
+
+def _check_can_learn(detections: object, model: str | None, whose: str = "") -> None:
+    """Raise `InputError` where detections come from something that cannot learn."""
+    if detections:
+        raise InputError(f"{whose}`detections` were given, so that there is no model that could learn")
+    if model is not None and Path(model).suffix != ".onnx":
+        raise InputError(f"{whose}`model` is {model}, expected the shipped one or a .onnx")
 
 
 def run_adapted(
@@ -105,10 +110,16 @@ def run_adapted(
     corrected something since; where confirmed fruits in photos held out are found worse, or two halves of the photos
     agree less, its results stay as they are.
 
-    Raises what `run` and `adapt` raise, and `MissingExtraError` without the extra `train`.
+    Raises what `run` and `adapt` raise, before anything is made where the segmenter cannot learn, and
+    `MissingExtraError` without the extra `train`.
     """
     learn = learning()
     checked_options(options, out, overwrite=overwrite)
+    _check_can_learn(options.detections, options.model)  # before hours of work
+    if options.model is not None:
+        from pomona.learning.train.center import arch_of
+
+        arch_of(Path(options.model))
     survey = None if overwrite else SurveyFolder.find(out)
     if survey is not None and survey.adapted_model.is_file():
         options = replace(options, model=str(survey.adapted_model))
