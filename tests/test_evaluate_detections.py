@@ -510,6 +510,19 @@ def test_boxes_and_lists_of_results(row: Path, tmp_path: Path) -> None:
     assert not read_found(write_json(results, hits[1:]), truth=read).masks
 
 
+def test_detections_without_scores_are_said_to_have_none(tmp_path: Path) -> None:
+    """supervision writes none: average precision was printed as if all had been found with equal certainty."""
+    image = {"id": 5, "file_name": "east_0.jpg", "width": WIDTH, "height": HEIGHT}
+    boxes = [{"id": k, "image_id": 5, "category_id": 1, "bbox": [20 * k, 20, 18, 18]} for k in (1, 2, 3)]
+    content = {"images": [image], "annotations": boxes, "categories": [{"id": 1, "name": "apple"}]}
+    truth = write_json(tmp_path / "truth.json", content)
+    for scoreless, said in ((3, True), (1, True), (0, False)):
+        scored = [box if k < scoreless else {**box, "score": 0.5} for k, box in enumerate(boxes)]
+        done = pomona(write_json(tmp_path / "found.json", {**content, "annotations": scored}), "--truth", truth)
+        warning = f"{scoreless} of 3 detections have no score: it is taken to be 1"
+        assert (warning in " ".join(done.stderr.split())) == said
+
+
 def test_truth_in_labels_of_other_programs(row: Path, detections: Path, tmp_path: Path) -> None:
     labels = tmp_path / "yolo"
     for name, line in (("east_0", "0 0.1875 0.25 0.125 0.1666667"), ("east_1", "")):

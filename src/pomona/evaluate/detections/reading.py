@@ -69,6 +69,7 @@ def read_found(path: Path, *, truth: DetectionTruth | None = None, progress: Pro
     """Read detections from a survey's `detections.json` or another COCO file with scores, of one category.
 
     A list of results without images of its own is of the images of `truth`'s COCO file, all of which were searched.
+    Warns of detections without a score.
 
     Raises `MissingFileError`, and `FormatError` naming the file, the place and what was expected.
     """
@@ -78,6 +79,11 @@ def read_found(path: Path, *, truth: DetectionTruth | None = None, progress: Pro
     boxes = sum(annotation.from_box for annotation in content.annotations)
     if 0 < boxes < len(content.annotations):
         progress.warn(f"{path}: {boxes} of {len(content.annotations)} detections are boxes: boxes are compared.")
+    if scoreless := sum(annotation.score is None for annotation in content.annotations):
+        progress.warn(
+            f"{path}: {scoreless} of {len(content.annotations)} detections have no score: it is taken to be 1. Average "
+            "precision, and what is told by confidence, need the scores of all"
+        )
     by_photo: dict[str, Detections] = {}
     for image, found in detections_by_image(content):
         if image.file_name in by_photo:
