@@ -457,6 +457,28 @@ def test_numbers_of_the_report_are_in_the_language_of_its_reader(tmp_path: Path)
     assert re.findall(r"\d+,\d{3}\b|\b\d+\.\d{1,2}\b", german) == []
 
 
+def test_on_paper_all_rows_and_columns_of_the_report_are_there(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
+    orchard = planned_rows(tmp_path, 60)
+    write_finished(orchard, fruits=30)
+    folder, failed = OrchardFolder(Place(orchard.out)), orchard.surveys[1]
+    why = "3 of 40 photos have a place: take more, a photo at every step"
+    folder.keep("surveys", JobOutcome(name=failed.name, state="failed", reason=why))
+    (tmp_path / "tables").mkdir()
+    write_tables(orchard, folder, tmp_path / "tables", Silent())
+    write_page(orchard, tmp_path / "tables" / "orchard.gpkg", tmp_path / "report.html", Silent())
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 700, "height": 1000})  # A4 without margins
+        page.goto((tmp_path / "report.html").as_uri())
+        page.emulate_media(media="print")
+        assert page.evaluate("getComputedStyle(document.querySelector('.scroll')).overflow") == "visible"
+        ends = page.evaluate("[...document.querySelectorAll('td')].map(cell => cell.getBoundingClientRect().right)")
+        colours = page.evaluate("getComputedStyle(document.querySelector('.legend i')).printColorAdjust")
+    assert len(ends) == 60 * 13
+    assert max(ends) <= 700
+    assert colours == "exact"
+
+
 def test_totals_and_means_are_of_the_rows_of_which_they_are_known(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="the extra 'cluster' is not installed")
     orchard = planned_rows(tmp_path, 2)
