@@ -20,7 +20,15 @@ from pomona.basics.geometry import Similarity
 from pomona.change import Comparison, compare_surveys, constellation
 from pomona.change.constellation import find_constellation
 from pomona.change.matching import _Following, lay_over, matched
-from pomona.change.page import PAGE, _earlier, _sizes_figure, _totals, _trees_table, _write_table
+from pomona.change.page import (
+    PAGE,
+    _earlier,
+    _sizes_figure,
+    _totals,
+    _trees_table,
+    _write_table,
+    comparison_html,
+)
 from pomona.change.surveys import _in_view, _sightings
 from pomona.cli.app import app
 from pomona.cli.compare import _show
@@ -478,6 +486,21 @@ def test_without_a_scale_nothing_is_in_millimetres(tmp_path: Path, capsys: pytes
     _write_table(tmp_path / "fruits.csv", comparison.columns())
     with (tmp_path / "fruits.csv").open() as file:
         assert {row["growth_mm"] for row in csv.DictReader(file)} == {""}
+
+
+def test_the_page_says_which_survey_is_the_later_one_and_what_is_not_known_of_growth(tmp_path: Path) -> None:
+    before, after = found(EARLY, 1), found(LATE, 2)
+    report = replace(row_report(1, scene_points=10), fruits=before)
+    backwards = compare_surveys(on_day(Survey(Path("b"), after), 40), on_day(Survey(Path("a"), before), 0))
+    page = comparison_html(backwards, report, ("b", "a"))
+    assert "a compared with b, 40 days earlier" in page
+    assert "-40" not in page.split("<script")[0]
+    in_both, alone = compared(before, after).pairs[0, 0], np.setdiff1d(np.arange(len(before)), backwards.pairs[:, 1])[0]
+    for measured, said in ((in_both, "of too few fruits for an interval"), (alone, "no fruit was measured in both")):
+        sizes = np.where(np.arange(len(before)) == measured, before.diameters_m, np.nan)
+        comparison = compared(replace(before, diameters_m=sizes), after)
+        assert said in _totals(comparison)
+        assert "– to –" not in _totals(comparison) + _trees_table(comparison)
 
 
 def test_a_pair_is_the_best_for_all_not_for_one() -> None:

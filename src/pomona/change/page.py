@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pomona.basics.arrays import counted
-from pomona.change.comparison import Comparison
+from pomona.change.comparison import Comparison, Interval
 from pomona.errors import SurveyError
 from pomona.formats.tables import write_table
 from pomona.stages.report.contract import F32, U8, EarlierFruits, packed
@@ -96,7 +96,9 @@ def _unit_of_page(found: Comparison, after: ReportData) -> float:
 
 
 def _days_later(found: Comparison) -> str:
-    return f", {counted(round(found.days), 'day')} later" if math.isfinite(found.days) else ""
+    if not math.isfinite(found.days):
+        return ""
+    return f", {counted(round(abs(found.days)), 'day')} {'later' if found.days > 0 else 'earlier'}"
 
 
 def _unit_of(found: Comparison) -> tuple[str, float]:
@@ -110,12 +112,27 @@ def _size(value_m: float, found: Comparison, digits: int = 1) -> Html:
     return amount(round(value, digits) + 0.0, digits) if found.metric else about(value, 3)  # no -0.0
 
 
+def _span(growth: Interval, found: Comparison) -> Html:
+    """The 95 % interval of growth; a dash where there are too few fruits for one."""
+    ends = _size(growth.low, found), _size(growth.high, found)
+    return Html(f"{ends[0]} to {ends[1]}") if math.isfinite(growth.low) else Html("–")
+
+
+def _growth_card(found: Comparison) -> str:
+    growth, (unit, _) = found.growth(), _unit_of(found)
+    if not math.isfinite(growth.value):
+        return card("Growth", "–", _NO_GROWTH)
+    interval = math.isfinite(growth.low)
+    parts = [f"{_span(growth, found)} {unit} (95 %)" if interval else "of too few fruits for an interval"]
+    if math.isfinite(found.days):
+        parts.append(f"{_size(growth.value / found.days, found, 2)} {unit} a day")
+    return card("Growth", f"{_size(growth.value, found)} <small>{unit}</small>", ", ".join(parts))
+
+
 def _totals(found: Comparison) -> str:
     before, after = found.states
-    growth, gone = found.growth(), found.gone()
+    gone = found.gone()
     unit, _ = _unit_of(found)
-    per_day = f", {_size(growth.value / found.days, found, 2)} {unit} a day" if math.isfinite(found.days) else ""
-    span = f"{_size(growth.low, found)} to {_size(growth.high, found)} {unit} (95 %)"
     apart = _size(float(np.median(found.apart_m)), found, 0)
     missed = before.count("out of view")
     ends = f"{amount(gone.low)} to {amount(gone.high)}"
@@ -124,7 +141,7 @@ def _totals(found: Comparison) -> str:
             card(
                 "In both", amount(len(found.pairs)), f"of {amount(len(before))} and {amount(len(after))} fruits", "main"
             ),
-            card("Growth", f"{_size(growth.value, found)} <small>{unit}</small>", span + per_day),
+            _growth_card(found),
             card("Not found again", amount(before.count("gone")), f"and {amount(missed)} where no photo looks"),
             card("Really gone, about", amount(gone.value), f"{ends} (95 %); {_HIDDEN}"),
             card("New", amount(after.count("new")), "fruits that the first survey lacks"),
@@ -134,6 +151,7 @@ def _totals(found: Comparison) -> str:
 
 
 _HIDDEN = "others may only be hidden"
+_NO_GROWTH = "no fruit was measured in both surveys"
 
 
 def _growth_figure(found: Comparison) -> str:
@@ -144,7 +162,7 @@ def _growth_chart(found: Comparison) -> str:
     unit, factor = _unit_of(found)
     values = factor * found.growth_m[np.isfinite(found.growth_m)]
     if not len(values):
-        return column_chart([], Axis(name="no fruit was measured in both surveys"))
+        return column_chart([], Axis(name=_NO_GROWTH))
     edges = bin_edges(values)
     middle = float(np.median(values))
     mark = ((middle - edges[0]) / (edges[1] - edges[0]), f"median {middle:z.3g} {unit}")
@@ -205,7 +223,7 @@ def _trees_table(found: Comparison) -> str:
         (
             *(str(table[name][k]) for name in names),
             _size(growth.value, found),
-            Html(f"{_size(growth.low, found)} to {_size(growth.high, found)}"),
+            _span(growth, found),
         )
         for k, growth in enumerate(found.tree_growth().values())
     ]
