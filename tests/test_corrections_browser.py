@@ -256,6 +256,22 @@ def test_another_window_is_told_of_what_this_one_changed(opened: Opened, browser
     _changes(page, lambda: page.click("#correct-redo"))
 
 
+def test_why_a_correction_did_not_go_is_what_the_server_says(browser: Any, server: ViewServer) -> None:
+    page = open_page(browser, server.url).page
+    page.click("#tool-correct")
+    _choose(page, _fruit(server, GRID[3]))
+    page.route("**/corrections", lambda route: route.fulfill(status=404, content_type="text/plain", body="row is gone"))
+    page.click("#correct-delete")
+    page.wait_for_selector("#correct-text:text-is('Nothing was changed: row is gone')")
+    page.route("**/corrections", lambda route: route.abort())
+    page.click("#correct-delete")
+    page.wait_for_selector("#correct-text:has-text('Nothing was changed: is Pomona still running')")
+    page.route("**/data/fruits/*.bin", lambda route: route.fulfill(status=404, body="detections.json is damaged"))
+    _choose(page, _fruit(server, GRID[4]))
+    page.wait_for_selector("#card .note:has-text('could not be loaded: detections.json is damaged')")
+    page.close()
+
+
 def test_the_tables_and_the_masks_are_corrected_afterwards(opened: Opened, scene: Scene, tmp_path: Path) -> None:
     runner = CliRunner()
     for form in ("csv", "coco"):

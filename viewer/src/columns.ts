@@ -23,8 +23,20 @@ export function fromBase64(text: string): ArrayBuffer {
   return bytes.buffer;
 }
 
+/** What a server says that answers, but does not do what it was asked for. */
+export class Refused extends Error {
+  static async of(answer: Response): Promise<Refused> {
+    return new Refused((await answer.text()) || `${answer.url}: ${answer.status}`);
+  }
+}
+
+/** Why something did not go, in words: what the server says, or that none answers. */
+export function whyOf(error: unknown): string {
+  return error instanceof Refused ? error.message : "is Pomona still running (pomona view or pomona app)?";
+}
+
 export async function fetched<T>(url: string): Promise<T> {
   const answer = await fetch(url);
-  if (!answer.ok) throw new Error(`${url}: ${answer.status}`);
+  if (!answer.ok) throw await Refused.of(answer);
   return decode<T>(await answer.arrayBuffer());
 }

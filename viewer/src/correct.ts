@@ -1,5 +1,6 @@
 /** Correcting fruits: the panel with what can be done, the requests to the server, and what it answers. */
 
+import { Refused, whyOf } from "./columns";
 import type { CorrectionAnswer, CorrectionKind, CorrectionRequest, CorrectionState, SurveyData } from "./contract";
 import { Marking, type Marked } from "./correct-marks";
 import { forget, remember } from "./correct-memory";
@@ -161,6 +162,7 @@ export class Correcting {
     const request: CorrectionRequest = { fruits: [], marks: [], size: [], tree: 0, ...change, kind, revision: this.state.revision };
     try {
       const answer = await fetch("corrections", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(request) });
+      if (!answer.ok) throw await Refused.of(answer);
       const { changed, message, fruit } = (await answer.json()) as CorrectionAnswer;
       if (changed) {
         const selected = fruit || (kind === "delete" ? 0 : (this.page.selected()?.id ?? 0));
@@ -170,8 +172,8 @@ export class Correcting {
         return null;
       }
       return this.failed(message);
-    } catch {
-      return this.failed("Nothing was changed: is pomona view still running?");
+    } catch (error) {
+      return this.failed(`Nothing was changed: ${whyOf(error)}`);
     }
   }
 

@@ -3,6 +3,7 @@
 import "./style.css";
 import type { SurveyData } from "./contract";
 import { addCrops, fillCard, type CardWants } from "./card";
+import { whyOf } from "./columns";
 import { correcting, type Correcting } from "./correct";
 import { element, find, say } from "./dom";
 import { localisePage } from "./locale";
@@ -137,8 +138,8 @@ class Page {
       this.sightings = seen.sightings;
       this.view?.connect(fruit, seen.sightings.map(({ photo }) => photo));
       addCrops(this.card, fruit, seen, this.photos, this.source, wants);
-    } catch {
-      if (this.selected === fruit) this.card.append(element("p", "What photos saw of it could not be loaded: is pomona view still running?", "note"));
+    } catch (error) {
+      if (this.selected === fruit) this.card.append(element("p", `What photos saw of it could not be loaded: ${whyOf(error)}`, "note"));
     }
   }
 }

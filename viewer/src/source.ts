@@ -1,6 +1,6 @@
 /** Where data, photos, crops and outlines come from: the page itself, files beside it, or `pomona view`. */
 
-import { decode, fetched, fromBase64 } from "./columns";
+import { decode, fetched, fromBase64, whyOf } from "./columns";
 import type { DetectionColumns, PointPiece, SeenFruit, SurveyData } from "./contract";
 import { detectionsOf, sightingsOf, type Box, type Detection, type Fruit, type Photo, type Sighting } from "./payload";
 
@@ -55,8 +55,8 @@ export class PhotoSource {
     try {
       await fetch(url);
       return "This photo is not where it was, or was changed: put it back, or open the survey again.";
-    } catch {
-      return "This photo could not be loaded: is pomona view still running?";
+    } catch (error) {
+      return `This photo could not be loaded: ${whyOf(error)}`;
     }
   }
 
