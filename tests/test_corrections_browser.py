@@ -108,7 +108,7 @@ def test_a_false_fruit_is_deleted_undone_and_deleted_again(opened: Opened, serve
     assert page.input_value("#colour-by") == "views"
     assert not page.is_checked("[data-layer=ground]")
     assert page.is_visible("#correct")
-    assert page.evaluate("document.activeElement.id") in ("correct-delete", "")
+    assert page.evaluate("document.activeElement.id") == "correct-text"  # nothing is selected that could be deleted
     assert page.locator("#fruits tbody tr[data-id]").count() == 15
     assert page.inner_text("#correct-count") == "1 correction"
     assert len(read_corrections(scene.survey / "corrections.json").done) == 1
@@ -117,6 +117,21 @@ def test_a_false_fruit_is_deleted_undone_and_deleted_again(opened: Opened, serve
     assert _changes(page, lambda: page.keyboard.press("Control+Shift+z")) == "Done again. 15 fruits"
     assert _changes(page, lambda: page.click("#correct-undo")) == "Undone. 16 fruits"
     assert _changes(page, lambda: page.click("#correct-redo")) == "Done again. 15 fruits"
+
+
+def test_after_a_correction_by_keyboard_the_keyboard_goes_on_where_it_was(opened: Opened) -> None:
+    page = opened.page
+    page.focus("#fruits tbody tr[data-id] button >> nth=0")
+    for _ in range(3):
+        page.keyboard.press("ArrowDown")
+    ids = page.evaluate("[...document.querySelectorAll('#fruits tbody tr[data-id]')].map(row => row.dataset.id)")
+    deleted = page.evaluate("document.activeElement.closest('tr').dataset.id")
+    after = ids[ids.index(deleted) + 1]
+    assert _changes(page, lambda: page.keyboard.press("Delete")).startswith(f"Fruit {deleted} deleted.")
+    assert page.evaluate("document.activeElement.closest('tr').dataset.id") == after
+    page.focus("#view canvas")
+    _changes(page, lambda: page.keyboard.press("Control+z"))
+    assert page.evaluate("document.activeElement.tagName") == "CANVAS"
 
 
 def test_a_missed_fruit_is_added_by_two_clicks(opened: Opened, server: ViewServer, scene: Scene) -> None:

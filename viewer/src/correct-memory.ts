@@ -22,7 +22,7 @@ export interface Told {
 
 interface Kept extends Told {
   title: string;
-  focus: string;
+  focus: Focus;
   theme: string;
   /** Of all inputs of the view, in the page's order. */
   inputs: (string | boolean)[];
@@ -30,6 +30,12 @@ interface Kept extends Told {
   sorted: { column: number; order: string } | null;
   /** Where one stands and looks, in the world; null where one looks through a camera. */
   pose: { eye: number[]; target: number[] } | null;
+}
+
+/** Where the keyboard is: at an element, by its id, or in the table, by the place of its row, from 0. */
+export interface Focus {
+  id: string;
+  row: number;
 }
 
 const KEY = "pomona-correcting";
@@ -43,7 +49,7 @@ export function remember(data: SurveyData, view: View | null, told: Told): void 
   const kept: Kept = {
     ...told,
     title: data.title,
-    focus: document.activeElement?.closest("dialog") ? "correct-add" : (document.activeElement?.id ?? ""),
+    focus: focused(),
     theme: document.documentElement.dataset.theme ?? "",
     inputs: inputs().map((input) => (input instanceof HTMLInputElement && input.type === "checkbox" ? input.checked : input.value)),
     filtering: pressed("#tool-filter"),
@@ -54,7 +60,7 @@ export function remember(data: SurveyData, view: View | null, told: Told): void 
 }
 
 /** Show what was remembered, once; null where nothing was. */
-export function forget(data: SurveyData, view: View | null): (Told & { focus: string }) | null {
+export function forget(data: SurveyData, view: View | null): (Told & { focus: Focus }) | null {
   const text = sessionStorage.getItem(KEY);
   sessionStorage.removeItem(KEY);
   const kept = text ? (JSON.parse(text) as Kept) : null;
@@ -75,6 +81,12 @@ export function forget(data: SurveyData, view: View | null): (Told & { focus: st
     view.paper();
   }
   return kept;
+}
+
+function focused(): Focus {
+  const at = document.activeElement;
+  const row = Number(at?.closest("#fruits tr")?.getAttribute("aria-rowindex") ?? 1) - 2;
+  return { id: at?.closest("dialog") ? "correct-add" : (at?.id ?? ""), row };
 }
 
 function inputs(): (HTMLInputElement | HTMLSelectElement)[] {

@@ -3,7 +3,7 @@
 import { Refused, whyOf } from "./columns";
 import type { CorrectionAnswer, CorrectionKind, CorrectionRequest, CorrectionState, SurveyData } from "./contract";
 import { Marking, type Marked } from "./correct-marks";
-import { forget, remember } from "./correct-memory";
+import { forget, remember, type Focus } from "./correct-memory";
 import { element, find, say } from "./dom";
 import type { Fruit, Photo, Sighting } from "./payload";
 import type { PhotoWindow } from "./photo";
@@ -18,6 +18,7 @@ export interface Correctable {
   selected(): Fruit | null;
   sightings(): Sighting[];
   select(id: number, fly: boolean): void;
+  focusRow(at: number): void;
 }
 
 type Change = Partial<Omit<CorrectionRequest, "kind" | "revision">>;
@@ -61,7 +62,15 @@ export class Correcting {
     this.open(true);
     if (kept.fruit && data.fruits.ids.includes(kept.fruit)) this.page.select(kept.fruit, kept.fly);
     this.tell(kept.message);
-    document.getElementById(kept.focus)?.focus();
+    this.focus(kept.focus);
+  }
+
+  /** Go on where the keyboard was: what was pressed may be out of use now, and a fruit's row be that of the next one. */
+  private focus({ id, row }: Focus): void {
+    if (row >= 0) this.page.focusRow(row);
+    if (!id) return;
+    document.getElementById(id)?.focus();
+    if (document.activeElement?.id !== id) this.text.focus();
   }
 
   /** Another fruit was selected, or none. */

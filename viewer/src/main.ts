@@ -87,6 +87,7 @@ class Page {
     const { data, photos, photoWindow, view } = this;
     this.correcting = correcting({
       data, photos, photoWindow, view, selected: () => this.selected, sightings: () => this.sightings, select: (id, fly) => this.select(id, fly ? "photo" : "view"),
+      focusRow: (at) => this.table.focus(at),
     });
     this.correcting?.restore();
   }

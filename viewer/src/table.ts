@@ -128,6 +128,14 @@ export class FruitTable {
     this.bring(at);
   }
 
+  /** Put the keyboard into a row, by its place in the table from 0; in the last one where there are fewer. */
+  focus(at: number): void {
+    if (!this.rows.length) return;
+    this.at = Math.min(at, this.rows.length - 1);
+    this.bring(this.at);
+    this.made.get(this.rows[this.at]!)?.querySelector("button")?.focus({ preventScroll: true });
+  }
+
   private heading(column: Column, fruits: Fruit[]): HTMLTableCellElement {
     const cell = element("th");
     const text = typeof column.value(fruits[0] ?? ({} as Fruit)) === "string";

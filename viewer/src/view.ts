@@ -68,6 +68,7 @@ export class View {
     this.renderer.setPixelRatio(this.sharpness);
     this.renderer.localClippingEnabled = true;
     this.renderer.autoClear = false;
+    canvas.id = "picture";
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", "3D view of points, fruits and cameras. Arrow keys turn it, plus and minus zoom. The table of fruits says the same in words.");
