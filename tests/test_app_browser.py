@@ -20,6 +20,7 @@ from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
 from pomona.browser.app.folders import Folders
 from pomona.browser.app.pages import AppServer
+from pomona.browser.app.request import folder_name
 from pomona.browser.app.service import Homes
 from pomona.corrections import read_corrections
 from pomona.errors import InputError, SurveyError
@@ -191,6 +192,26 @@ def test_dropped_photos_are_copied_and_checked(page: Any, server: AppServer, tmp
     (drop,) = (tmp_path / "surveys" / "photos").iterdir()
     assert {path.name: path.read_bytes() for path in drop.iterdir()} == {p.name: p.read_bytes() for p in photos}
     assert page.input_value("input[type=file]") == ""  # else a browser does not tell that they are chosen again
+
+
+def test_photos_whose_names_are_no_names_everywhere_are_copied_with_the_others(
+    page: Any, server: AppServer, tmp_path: Path
+) -> None:
+    page.click("a:text-is('New survey') >> nth=0")
+    photos = [path.read_bytes() for path in sorted((SAMPLE / "east").glob("*.jpg"))[:3]]
+    names = ['12:30 "a"?.jpg', "12:30 *a*?.jpg", "b.jpg"]
+    page.set_input_files(
+        "input[type=file]",
+        [{"name": n, "mimeType": "image/jpeg", "buffer": p} for n, p in zip(names, photos, strict=True)],
+    )
+    page.wait_for_selector('text=2 photos have other names here, the first 12-30 -a-.jpg: that of 12:30 "a"?.jpg')
+    page.wait_for_selector(".check:has-text('3 photos')")
+    (drop,) = (tmp_path / "surveys" / "photos").iterdir()
+    copies = {path.name: path.read_bytes() for path in drop.iterdir()}
+    assert copies == dict(zip(["12-30 -a-.jpg", "12-30 -a--.jpg", "b.jpg"], photos, strict=True))
+    # Where the survey goes is told as it will be.
+    page.fill("input[maxlength]", " Row 7/8: east. ")
+    assert page.is_visible(f"text=The results go to {tmp_path / 'surveys'}/{folder_name(' Row 7/8: east. ')}.")
 
 
 def test_photos_dropped_one_side_after_the_other_are_both_sides(page: Any, server: AppServer, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { isFit, withoutCommon, type Dropped } from "../src/app/dropping";
+import { isFit, withFitNames, withoutCommon, type Dropped } from "../src/app/dropping";
+import { folderName } from "../src/app/names";
 import { numberIn } from "../src/app/numbers";
 import { LANGUAGES } from "../src/app/texts";
 import { fileName } from "../src/app/server";
@@ -16,6 +17,18 @@ describe("dropped files", () => {
     expect(kept("row/a.jpg", "row/b.jpg")).toEqual(["a.jpg", "b.jpg"]);
     expect(kept("row/east/a.jpg", "row/west/a.jpg")).toEqual(["east/a.jpg", "west/a.jpg"]);
     expect(kept("a.jpg", "row/b.jpg")).toEqual(["a.jpg", "row/b.jpg"]);
+  });
+});
+
+describe("names that files cannot have everywhere", () => {
+  it("are told as the survey's folder has them", () => {
+    expect(["Row 7/8", " Block A: west? ", "..hidden..", "Zeile 1"].map(folderName)).toEqual(["Row 7-8", "Block A- west", "hidden", "Zeile 1"]);
+  });
+  it("are others in copies, where no two are the same", () => {
+    const fit = (...names: string[]) => withFitNames(named(...names)).map(({ name }) => name);
+    expect(fit("a.jpg", "12:30:05.jpg", "east?/b.jpg")).toEqual(["a.jpg", "12-30-05.jpg", "east-/b.jpg"]);
+    expect(fit(`${"x".repeat(200)}7.jpg`)).toEqual([`${"x".repeat(135)}7.jpg`]);
+    expect(fit("a?.jpg", "a*.jpg", "a-.jpg", " a-.jpg")).toEqual(["a--.jpg", "a---.jpg", "a-.jpg", "a----.jpg"]);
   });
 });
 

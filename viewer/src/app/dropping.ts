@@ -1,5 +1,6 @@
 /** Files that are dropped on the page, with the folders they lie in. */
 
+import { copyName } from "./names";
 import { send, tell } from "./server";
 
 export interface Dropped {
@@ -41,6 +42,19 @@ export function withoutCommon(files: Dropped[]): Dropped[] {
   const first = files[0]?.name.split("/")[0];
   const common = files.length > 0 && files.every(({ name }) => name.includes("/") && name.split("/")[0] === first);
   return common ? withoutCommon(files.map(({ name, file }) => ({ name: name.slice(first!.length + 1), file }))) : files;
+}
+
+/** With names that their copies can have, each another one. */
+export function withFitNames(files: Dropped[]): Dropped[] {
+  const taken = new Set(files.map(({ name }) => name).filter((name) => copyName(name) === name));
+  return files.map(({ name, file }) => {
+    let fit = copyName(name);
+    if (fit !== name) {
+      while (taken.has(fit)) fit = fit.replace(/(\.[^./]*)$/, "-$1");
+      taken.add(fit);
+    }
+    return { name: fit, file };
+  });
 }
 
 /** Copy files to the server, one after another; returns the folder, or the video that was all there was. */

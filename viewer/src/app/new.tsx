@@ -3,9 +3,10 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { Chooser } from "./chooser";
 import type { Equal, Facts, Metres, NewSurvey, PhotoCheck } from "./contract";
-import { copy, isFit, ofDrop, ofInput, withoutCommon, type Dropped } from "./dropping";
+import { copy, isFit, ofDrop, ofInput, withFitNames, withoutCommon, type Dropped } from "./dropping";
 import { day, number, texts } from "./language";
 import { go } from "./list";
+import { folderName } from "./names";
 import { numberIn } from "./numbers";
 import { Copyable, Problem, Said } from "./parts";
 import { tell } from "./server";
@@ -87,6 +88,7 @@ export function New({ facts }: { facts: Facts }) {
   const [choosing, setChoosing] = useState<"photos" | "table" | "">("");
   const [copying, setCopying] = useState<{ done: number; files: number; bytes: number; all: number } | null>(null);
   const [left, setLeft] = useState(0);
+  const [renamed, setRenamed] = useState<Dropped[]>([]);
   const [over, setOver] = useState(false);
   const [check, setCheck] = useState<PhotoCheck | null>(null);
   const [checking, setChecking] = useState(false);
@@ -175,8 +177,10 @@ export function New({ facts }: { facts: Facts }) {
     setCopying(null);
   };
   const dropped = (files: Dropped[]) => {
-    const fit = withoutCommon(files.filter((each) => isFit(each.name)));
+    const chosen = withoutCommon(files.filter((each) => isFit(each.name)));
+    const fit = withFitNames(chosen);
     setLeft(files.length - fit.length);
+    setRenamed(fit.filter(({ name }, i) => name !== chosen[i]!.name));
     // What is dropped while others are copied waits for these.
     if (fit.length) copied.current = copied.current.then(() => copyOver(fit));
   };
@@ -237,6 +241,7 @@ export function New({ facts }: { facts: Facts }) {
           </p>
         )}
         {left > 0 && <p class="soft">{t.skipped(left)}</p>}
+        {renamed.length > 0 && <p class="soft">{t.renamed(renamed.length, renamed[0]!.file.name, renamed[0]!.name)}</p>}
         {photos.length > 0 && (
           <ul class="chosen" aria-label={t.chosen}>
             {photos.map((path) => (
@@ -340,7 +345,7 @@ export function New({ facts }: { facts: Facts }) {
           <label>
             {t.name}
             <input value={name} placeholder={t.namePlaceholder} maxLength={100} onInput={(event) => setName(event.currentTarget.value)} />
-            <span class="soft path">{t.nameText(`${facts.surveysFolder}/${name.trim()}`)}</span>
+            <span class="soft path">{t.nameText(`${facts.surveysFolder}/${folderName(name)}`)}</span>
           </label>
         </div>
         {unclear.map((text) => (

@@ -149,7 +149,7 @@ function M(e, n, r, i, a, o, s, c, l, u) {
 	if (n.constructor != null) return null;
 	128 & r.__u && (l = !!(32 & r.__u), o = [c = n.__e = r.__e]), (d = t.__b) && d(n);
 	n: if (typeof I == "function") try {
-		if (C = n.props, w = "prototype" in I && I.prototype.render, E = (d = I.contextType) && i[d.__c], D = d ? E ? E.props.value : d.__ : i, r.__c ? S = (f = n.__c = r.__c).__ = f.__E : (w ? n.__c = f = new I(C, D) : (n.__c = f = new b(C, D), f.constructor = I, f.render = R), E && E.sub(f), f.props = C, f.state || (f.state = {}), f.context = D, f.__n = i, p = f.__d = !0, f.__h = [], f._sb = []), w && f.__s == null && (f.__s = f.state), w && I.getDerivedStateFromProps != null && (f.__s == f.state && (f.__s = h({}, f.__s)), h(f.__s, I.getDerivedStateFromProps(C, f.__s))), _ = f.props, v = f.state, f.__v = n, p) w && I.getDerivedStateFromProps == null && f.componentWillMount != null && f.componentWillMount(), w && f.componentDidMount != null && f.__h.push(f.componentDidMount);
+		if (C = n.props, w = "prototype" in I && I.prototype.render, E = (d = I.contextType) && i[d.__c], D = d ? E ? E.props.value : d.__ : i, r.__c ? S = (f = n.__c = r.__c).__ = f.__E : (w ? n.__c = f = new I(C, D) : (n.__c = f = new b(C, D), f.constructor = I, f.render = te), E && E.sub(f), f.props = C, f.state || (f.state = {}), f.context = D, f.__n = i, p = f.__d = !0, f.__h = [], f._sb = []), w && f.__s == null && (f.__s = f.state), w && I.getDerivedStateFromProps != null && (f.__s == f.state && (f.__s = h({}, f.__s)), h(f.__s, I.getDerivedStateFromProps(C, f.__s))), _ = f.props, v = f.state, f.__v = n, p) w && I.getDerivedStateFromProps == null && f.componentWillMount != null && f.componentWillMount(), w && f.componentDidMount != null && f.__h.push(f.componentDidMount);
 		else {
 			if (w && I.getDerivedStateFromProps == null && C !== _ && f.componentWillReceiveProps != null && f.componentWillReceiveProps(C, D), !f.__e && f.shouldComponentUpdate != null && !1 === f.shouldComponentUpdate(C, f.__s, D) || n.__v == r.__v) {
 				for (n.__v != r.__v && (f.props = C, f.state = f.__s, f.__d = !1), n.__e = r.__e, n.__k = r.__k, n.__k.some(function(e) {
@@ -168,7 +168,7 @@ function M(e, n, r, i, a, o, s, c, l, u) {
 		} else do
 			f.__d = !1, k && k(n), d = f.render(f.props, f.state, f.context), f.state = f.__s;
 		while (f.__d && ++A < 25);
-		f.state = f.__s, f.getChildContext != null && (i = h(h({}, i), f.getChildContext())), w && !p && f.getSnapshotBeforeUpdate != null && (x = f.getSnapshotBeforeUpdate(_, v)), M = d, d != null && d.type === y && d.key == null && (M = F(d.props.children)), c = T(e, m(M) ? M : [M], n, r, i, a, o, s, c, l, u), f.base = n.__e, n.__u &= -161, f.__h.length && s.push(f), S && (f.__E = f.__ = null);
+		f.state = f.__s, f.getChildContext != null && (i = h(h({}, i), f.getChildContext())), w && !p && f.getSnapshotBeforeUpdate != null && (x = f.getSnapshotBeforeUpdate(_, v)), M = d, d != null && d.type === y && d.key == null && (M = ee(d.props.children)), c = T(e, m(M) ? M : [M], n, r, i, a, o, s, c, l, u), f.base = n.__e, n.__u &= -161, f.__h.length && s.push(f), S && (f.__E = f.__ = null);
 	} catch (e) {
 		if (n.__v = null, l || o != null) {
 			if (e.then) {
@@ -181,7 +181,7 @@ function M(e, n, r, i, a, o, s, c, l, u) {
 		} else n.__e = r.__e, n.__k = r.__k, e.then || N(n);
 		t.__e(e, n, r);
 	}
-	else o == null && n.__v == r.__v ? (n.__k = r.__k, n.__e = r.__e) : c = n.__e = ee(r.__e, n, r, i, a, o, s, l, u);
+	else o == null && n.__v == r.__v ? (n.__k = r.__k, n.__e = r.__e) : c = n.__e = F(r.__e, n, r, i, a, o, s, l, u);
 	return (d = t.diffed) && d(n), 128 & n.__u ? void 0 : c;
 }
 function N(e) {
@@ -199,10 +199,10 @@ function P(e, n, r) {
 		}
 	});
 }
-function F(e) {
-	return typeof e != "object" || !e || e.__b && e.__b > 0 ? e : m(e) ? e.map(F) : h({}, e);
+function ee(e) {
+	return typeof e != "object" || !e || e.__b && e.__b > 0 ? e : m(e) ? e.map(ee) : h({}, e);
 }
-function ee(n, r, i, a, o, s, c, l, u) {
+function F(n, r, i, a, o, s, c, l, u) {
 	var f, p, h, _, v, y, b, S = i.props, C = r.props, w = r.type;
 	if (w == "svg" ? o = "http://www.w3.org/2000/svg" : w == "math" ? o = "http://www.w3.org/1998/Math/MathML" : o ||= "http://www.w3.org/1999/xhtml", s != null) {
 		for (f = 0; f < s.length; f++) if ((v = s[f]) && "setAttribute" in v == !!w && (w ? v.localName == w : v.nodeType == 3)) {
@@ -254,10 +254,10 @@ function L(e, n, r) {
 	if (i = e.__k) for (a = 0; a < i.length; a++) i[a] && L(i[a], n, r || typeof e.type != "function");
 	r || g(e.__e), e.__c = e.__ = e.__e = void 0;
 }
-function R(e, t, n) {
+function te(e, t, n) {
 	return this.constructor(e, n);
 }
-function te(n, r, i) {
+function ne(n, r, i) {
 	var a, o, s, c;
 	r == document && (r = document.documentElement), t.__ && t.__(n, r), o = (a = typeof i == "function") ? null : i && i.__k || r.__k, s = [], c = [], M(r, n = (!a && i || r).__k = _(y, null, [n]), o || d, d, r.namespaceURI, !a && i ? [i] : o ? null : r.firstChild ? e.call(r.childNodes) : null, s, !a && i ? i : o ? o.__e : r.firstChild, a, c), P(s, n, c);
 }
@@ -277,24 +277,24 @@ e = f.slice, t = { __e: function(e, t, n, r) {
 	return e.__v.__b - t.__v.__b;
 }, w.__r = 0, s = /(PointerCapture)$|Capture$/i, c = 0, l = j(!1), u = j(!0);
 // node_modules/preact/hooks/dist/hooks.module.js
-var z, B, ne, re, V = 0, ie = [], H = t, ae = H.__b, oe = H.__r, se = H.diffed, ce = H.__c, le = H.unmount, ue = H.__;
+var R, z, re, ie, B = 0, ae = [], V = t, H = V.__b, oe = V.__r, se = V.diffed, ce = V.__c, le = V.unmount, ue = V.__;
 function de(e, t) {
-	H.__h && H.__h(B, e, V || t), V = 0;
-	var n = B.__H || (B.__H = {
+	V.__h && V.__h(z, e, B || t), B = 0;
+	var n = z.__H || (z.__H = {
 		__: [],
 		__h: []
 	});
 	return e >= n.__.length && n.__.push({}), n.__[e];
 }
 function U(e) {
-	return V = 1, fe(be, e);
+	return B = 1, fe(be, e);
 }
 function fe(e, t, n) {
-	var r = de(z++, 2);
+	var r = de(R++, 2);
 	if (r.t = e, !r.__c && (r.__ = [n ? n(t) : be(void 0, t), function(e) {
 		var t = r.__N ? r.__N[0] : r.__[0], n = r.t(t, e);
 		t !== n && (r.__N = [n, r.__[1]], r.__c.setState({}));
-	}], r.__c = B, !B.__f)) {
+	}], r.__c = z, !z.__f)) {
 		var i = function(e, t, n) {
 			if (!r.__c.__H) return !0;
 			var i = r.__c.__H.__.filter(function(e) {
@@ -311,55 +311,55 @@ function fe(e, t, n) {
 				}
 			}), a && a.call(this, e, t, n) || o;
 		};
-		B.__f = !0;
-		var a = B.shouldComponentUpdate, o = B.componentWillUpdate;
-		B.componentWillUpdate = function(e, t, n) {
+		z.__f = !0;
+		var a = z.shouldComponentUpdate, o = z.componentWillUpdate;
+		z.componentWillUpdate = function(e, t, n) {
 			if (this.__e) {
 				var r = a;
 				a = void 0, i(e, t, n), a = r;
 			}
 			o && o.call(this, e, t, n);
-		}, B.shouldComponentUpdate = i;
+		}, z.shouldComponentUpdate = i;
 	}
 	return r.__N || r.__;
 }
 function W(e, t) {
-	var n = de(z++, 3);
-	!H.__s && ye(n.__H, t) && (n.__ = e, n.u = t, B.__H.__h.push(n));
+	var n = de(R++, 3);
+	!V.__s && ye(n.__H, t) && (n.__ = e, n.u = t, z.__H.__h.push(n));
 }
 function G(e) {
-	return V = 5, pe(function() {
+	return B = 5, pe(function() {
 		return { current: e };
 	}, []);
 }
 function pe(e, t) {
-	var n = de(z++, 7);
+	var n = de(R++, 7);
 	return ye(n.__H, t) && (n.__ = e(), n.__H = t, n.__h = e), n.__;
 }
 function me() {
-	for (var e; e = ie.shift();) if (e.__P && e.__H) try {
+	for (var e; e = ae.shift();) if (e.__P && e.__H) try {
 		e.__H.__h.forEach(_e), e.__H.__h.forEach(ve), e.__H.__h = [];
 	} catch (t) {
-		e.__H.__h = [], H.__e(t, e.__v);
+		e.__H.__h = [], V.__e(t, e.__v);
 	}
 }
-H.__b = function(e) {
-	B = null, ae && ae(e);
-}, H.__ = function(e, t) {
+V.__b = function(e) {
+	z = null, H && H(e);
+}, V.__ = function(e, t) {
 	e && t.__k && t.__k.__m && (e.__m = t.__k.__m), ue && ue(e, t);
-}, H.__r = function(e) {
-	oe && oe(e), z = 0;
-	var t = (B = e.__c).__H;
-	t && (ne === B ? (t.__h = [], B.__h = [], t.__.forEach(function(e) {
+}, V.__r = function(e) {
+	oe && oe(e), R = 0;
+	var t = (z = e.__c).__H;
+	t && (re === z ? (t.__h = [], z.__h = [], t.__.forEach(function(e) {
 		e.__N && (e.__ = e.__N), e.u = e.__N = void 0;
-	})) : (t.__h.forEach(_e), t.__h.forEach(ve), t.__h = [], z = 0)), ne = B;
-}, H.diffed = function(e) {
+	})) : (t.__h.forEach(_e), t.__h.forEach(ve), t.__h = [], R = 0)), re = z;
+}, V.diffed = function(e) {
 	se && se(e);
 	var t = e.__c;
-	t && t.__H && (t.__H.__h.length && (ie.push(t) !== 1 && re === H.requestAnimationFrame || ((re = H.requestAnimationFrame) || ge)(me)), t.__H.__.forEach(function(e) {
+	t && t.__H && (t.__H.__h.length && (ae.push(t) !== 1 && ie === V.requestAnimationFrame || ((ie = V.requestAnimationFrame) || ge)(me)), t.__H.__.forEach(function(e) {
 		e.u && (e.__H = e.u), e.u = void 0;
-	})), ne = B = null;
-}, H.__c = function(e, t) {
+	})), re = z = null;
+}, V.__c = function(e, t) {
 	t.some(function(e) {
 		try {
 			e.__h.forEach(_e), e.__h = e.__h.filter(function(e) {
@@ -368,10 +368,10 @@ H.__b = function(e) {
 		} catch (n) {
 			t.some(function(e) {
 				e.__h &&= [];
-			}), t = [], H.__e(n, e.__v);
+			}), t = [], V.__e(n, e.__v);
 		}
 	}), ce && ce(e, t);
-}, H.unmount = function(e) {
+}, V.unmount = function(e) {
 	le && le(e);
 	var t, n = e.__c;
 	n && n.__H && (n.__H.__.forEach(function(e) {
@@ -380,7 +380,7 @@ H.__b = function(e) {
 		} catch (e) {
 			t = e;
 		}
-	}), n.__H = void 0, t && H.__e(t, n.__v));
+	}), n.__H = void 0, t && V.__e(t, n.__v));
 };
 var he = typeof requestAnimationFrame == "function";
 function ge(e) {
@@ -390,12 +390,12 @@ function ge(e) {
 	he && (t = requestAnimationFrame(n));
 }
 function _e(e) {
-	var t = B, n = e.__c;
-	typeof n == "function" && (e.__c = void 0, n()), B = t;
+	var t = z, n = e.__c;
+	typeof n == "function" && (e.__c = void 0, n()), z = t;
 }
 function ve(e) {
-	var t = B;
-	e.__c = e.__(), B = t;
+	var t = z;
+	e.__c = e.__(), z = t;
 }
 function ye(e, t) {
 	return !e || e.length !== t.length || t.some(function(t, n) {
@@ -589,6 +589,7 @@ var xe = {
 		chooseFiles: "Choose files",
 		copying: (e, t) => `Copying: ${e} of ${t}`,
 		skipped: (e) => e === 1 ? "1 file is no photo and was left out" : `${e} files are no photos and were left out`,
+		renamed: (e, t, n) => (e === 1 ? `1 photo has another name here, ${n}` : `${e} photos have other names here, the first ${n}`) + `: that of ${t} has characters that names of files cannot have everywhere`,
 		chosen: "Chosen",
 		remove: "Remove",
 		secondSide: "Add the other side",
@@ -884,6 +885,7 @@ var xe = {
 		chooseFiles: "Dateien wählen",
 		copying: (e, t) => `Kopiert: ${e} von ${t}`,
 		skipped: (e) => e === 1 ? "1 Datei ist kein Foto und blieb weg" : `${e} Dateien sind keine Fotos und blieben weg`,
+		renamed: (e, t, n) => (e === 1 ? `1 Foto heißt hier anders, ${n}` : `${e} Fotos heißen hier anders, das erste ${n}`) + `: in ${t} sind Zeichen, die Dateinamen nicht überall haben können`,
 		chosen: "Gewählt",
 		remove: "Entfernen",
 		secondSide: "Die andere Seite dazu",
@@ -1139,7 +1141,7 @@ function Be({ title: e, onClose: t, wide: n, children: r }) {
 		}), r]
 	});
 }
-function Ve({ text: e }) {
+function $({ text: e }) {
 	let [t, n] = U(!1);
 	return /* @__PURE__ */ X("div", {
 		class: "copyable",
@@ -1156,11 +1158,11 @@ function Ve({ text: e }) {
 	});
 }
 // src/app/chooser.tsx
-function He(e) {
+function Ve(e) {
 	let t = K();
 	return [e.photos ? t.photos(e.photos, q(e.photos)) : "", e.videos ? t.videos(e.videos) : ""].filter(Boolean).join(", ");
 }
-function Ue({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
+function He({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) {
 	let o = K(), [s, c] = U(null), [l, u] = U(""), d = async (e) => {
 		try {
 			c(await J(`folders?path=${encodeURIComponent(e)}${t === "survey" ? "" : `&files=${t}`}`)), u("");
@@ -1224,20 +1226,20 @@ function Ue({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 						/* @__PURE__ */ X("span", { children: e.name }),
 						/* @__PURE__ */ X("span", {
 							class: "soft",
-							children: e.isSurvey ? o.aSurvey : He(e)
+							children: e.isSurvey ? o.aSurvey : Ve(e)
 						})
 					]
 				}) }, e.path))
 			}),
 			s && !s.places.length && /* @__PURE__ */ X("p", {
 				class: "soft inside",
-				children: He(s) || o.emptyFolder
+				children: Ve(s) || o.emptyFolder
 			}),
 			t === "photos" && s && /* @__PURE__ */ X("div", {
 				class: "bar foot",
 				children: [/* @__PURE__ */ X("span", {
 					class: "soft",
-					children: He(s)
+					children: Ve(s)
 				}), /* @__PURE__ */ X("button", {
 					type: "button",
 					class: "main",
@@ -1249,22 +1251,22 @@ function Ue({ title: e, kind: t, start: n, roots: r, onChoose: i, onClose: a }) 
 	});
 }
 // src/app/list.tsx
-function We(e) {
+function Ue(e) {
 	location.hash = e;
 }
-function Ge(e) {
+function We(e) {
 	let t = K();
 	if (e.fruits === null) return "";
 	let n = t.fruitNames[e.fruit];
 	return n && e.fruits !== 1 ? `${q(e.fruits)} ${n}` : t.fruits(e.fruits, q(e.fruits));
 }
-function Ke(e) {
+function Ge(e) {
 	if (e.state !== "running" || !e.run) return null;
 	let { stages: t, done: n, total: r } = e.run;
 	return (t.filter((e) => e.state === "done" || e.state === "kept").length + (r ? n / r : 0)) / t.length;
 }
-function qe({ survey: e }) {
-	let t = K(), n = Ke(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
+function Ke({ survey: e }) {
+	let t = K(), n = Ge(e), r = e.photos ? Math.floor(e.photos / 4) : 0;
 	return /* @__PURE__ */ X("li", { children: /* @__PURE__ */ X("a", {
 		class: "card",
 		href: `#/survey/${e.id}`,
@@ -1295,7 +1297,7 @@ function qe({ survey: e }) {
 				}),
 				e.fruits !== null && /* @__PURE__ */ X("span", {
 					class: "figure",
-					children: Ge(e)
+					children: We(e)
 				}),
 				/* @__PURE__ */ X("span", {
 					class: "soft",
@@ -1305,16 +1307,16 @@ function qe({ survey: e }) {
 		})]
 	}) });
 }
-function Je({ everything: e }) {
+function qe({ everything: e }) {
 	let t = K(), [n, r] = U(!1), [i, a] = U(""), o = async (e) => {
 		r(!1), a("");
 		try {
-			We(`/survey/${await Y("surveys/add", { folder: e })}`);
+			Ue(`/survey/${await Y("surveys/add", { folder: e })}`);
 		} catch (e) {
 			a(e.message);
 		}
 	}, s = /* @__PURE__ */ X(Q, {
-		onDo: async () => We(`/survey/${await Y("surveys/sample")}`),
+		onDo: async () => Ue(`/survey/${await Y("surveys/sample")}`),
 		children: t.trySample
 	});
 	return /* @__PURE__ */ X("main", { children: [
@@ -1336,7 +1338,7 @@ function Je({ everything: e }) {
 		i && /* @__PURE__ */ X(Z, { text: i }),
 		e.surveys.length ? /* @__PURE__ */ X("ul", {
 			class: "cards",
-			children: e.surveys.map((e) => /* @__PURE__ */ X(qe, { survey: e }, e.id))
+			children: e.surveys.map((e) => /* @__PURE__ */ X(Ke, { survey: e }, e.id))
 		}) : /* @__PURE__ */ X("div", {
 			class: "sheet empty",
 			children: [
@@ -1359,7 +1361,7 @@ function Je({ everything: e }) {
 				})
 			]
 		}),
-		n && /* @__PURE__ */ X(Ue, {
+		n && /* @__PURE__ */ X(He, {
 			title: t.openSurvey,
 			kind: "survey",
 			start: e.facts.surveysFolder,
@@ -1369,12 +1371,21 @@ function Je({ everything: e }) {
 		})
 	] });
 }
-// src/app/dropping.ts
-var Ye = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
-function Xe(e) {
-	return Ye.test(e) && !e.split("/").some((e) => e.startsWith("."));
+// src/app/names.ts
+var Je = /[\x00-\x1f/\\:*?"<>|]+/g;
+function Ye(e) {
+	return e.trim().replace(Je, "-").replace(/^[ .-]+|[ .-]+$/g, "").slice(0, 100);
 }
-async function Ze(e, t) {
+var Xe = 150;
+function Ze(e) {
+	return e.split("/").map((e) => e.replace(Je, "-").trim()).map((e) => e.length > Xe ? e.slice(-140).trim() : e).join("/");
+}
+// src/app/dropping.ts
+var Qe = /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp|mp4|mov|m4v|avi|mkv|webm|mts|m2ts|mpg|mpeg|3gp)$/i;
+function $e(e) {
+	return Qe.test(e) && !e.split("/").some((e) => e.startsWith("."));
+}
+async function et(e, t) {
 	let n = t + e.name;
 	if (e.isFile) return [{
 		name: n,
@@ -1384,48 +1395,62 @@ async function Ze(e, t) {
 	for (;;) {
 		let e = await new Promise((e, t) => r.readEntries(e, t));
 		if (!e.length) return i;
-		for (let t of e) i.push(...await Ze(t, `${n}/`));
+		for (let t of e) i.push(...await et(t, `${n}/`));
 	}
 }
-async function Qe(e) {
+async function tt(e) {
 	let t = [...e.items].map((e) => e.webkitGetAsEntry()).filter((e) => e !== null);
-	return (await Promise.all(t.map((e) => Ze(e, "")))).flat();
+	return (await Promise.all(t.map((e) => et(e, "")))).flat();
 }
-function $e(e) {
+function nt(e) {
 	return [...e].map((e) => ({
 		name: e.webkitRelativePath || e.name,
 		file: e
 	}));
 }
-function et(e) {
+function rt(e) {
 	let t = e[0]?.name.split("/")[0];
-	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? et(e.map(({ name: e, file: n }) => ({
+	return e.length > 0 && e.every(({ name: e }) => e.includes("/") && e.split("/")[0] === t) ? rt(e.map(({ name: e, file: n }) => ({
 		name: e.slice(t.length + 1),
 		file: n
 	}))) : e;
 }
-async function tt(e, t) {
+function it(e) {
+	let t = new Set(e.map(({ name: e }) => e).filter((e) => Ze(e) === e));
+	return e.map(({ name: e, file: n }) => {
+		let r = Ze(e);
+		if (r !== e) {
+			for (; t.has(r);) r = r.replace(/(\.[^./]*)$/, "-$1");
+			t.add(r);
+		}
+		return {
+			name: r,
+			file: n
+		};
+	});
+}
+async function at(e, t) {
 	let n = await Y("drops"), r = e.reduce((e, { file: t }) => e + t.size, 0), i = "", a = 0;
 	for (let [o, { name: s, file: c }] of e.entries()) i = await Ie(`drops/${n}/${s.split("/").map(encodeURIComponent).join("/")}`, c, (e) => t(o, a + e, r)), a += c.size, t(o + 1, a, r);
 	let o = e.length === 1 ? e[0].name : "";
 	return /\.(jpe?g|jpe|png|tiff?|hei[cf]|webp|bmp)$/i.test(o) || !o ? i : `${i}/${o}`;
 }
 // src/app/numbers.ts
-function nt(e, t) {
+function ot(e, t) {
 	let n = e.trim().replace(RegExp(`\\s*${t}$`, "i"), "");
 	return e.trim() ? /^\d+([.,]\d*)?$|^[.,]\d+$/.test(n) ? Number(n.replace(",", ".")) : NaN : null;
 }
 // src/app/new.tsx
-var rt = [
+var st = [
 	"gnss",
 	"markers",
 	"scale-bar",
 	"nothing"
 ];
-function it(e) {
+function ct(e) {
 	return e.split(/[/\\]/).filter(Boolean).pop() ?? e;
 }
-function at({ check: e }) {
+function lt({ check: e }) {
 	let t = K(), n = [
 		"gap",
 		"blurred",
@@ -1474,7 +1499,7 @@ function at({ check: e }) {
 		]
 	});
 }
-function ot({ kind: e }) {
+function ut({ kind: e }) {
 	let t = K(), n = e === "markers" ? [
 		30,
 		95,
@@ -1547,83 +1572,83 @@ function ot({ kind: e }) {
 		]
 	});
 }
-function st({ facts: e }) {
-	let t = K(), [n, r] = U([]), [i, a] = U(""), [o, s] = U(null), [c, l] = U(0), [u, d] = U(!1), [f, p] = U(null), [m, h] = U(!1), [g, _] = U(""), [v, y] = U(!1), [b, x] = U(""), [S, C] = U(""), [w, T] = U("gnss"), [E, D] = U(""), [O, k] = U([
+function dt({ facts: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(""), [o, s] = U(null), [c, l] = U(0), [u, d] = U([]), [f, p] = U(!1), [m, h] = U(null), [g, _] = U(!1), [v, y] = U(""), [b, x] = U(!1), [S, C] = U(""), [w, T] = U(""), [E, D] = U("gnss"), [O, k] = U(""), [A, j] = U([
 		"0",
 		"1",
 		""
-	]), [A, j] = U(""), [M, N] = U(!1), [P, F] = U(""), [ee, I] = U(null), [L, R] = U(""), te = G(null), z = G(Promise.resolve()), B = nt(S, "mm"), ne = nt(A, "m"), re = w === "scale-bar" ? O.map((e, t) => nt(e, t === 2 ? "m" : "")) : [], V = [
-		S,
-		A,
-		...O
+	]), [M, N] = U(""), [P, ee] = U(!1), [F, I] = U(""), [L, te] = U(null), [ne, R] = U(""), z = G(null), re = G(Promise.resolve()), ie = ot(w, "mm"), B = ot(M, "m"), ae = E === "scale-bar" ? A.map((e, t) => ot(e, t === 2 ? "m" : "")) : [], V = [
+		w,
+		M,
+		...A
 	].filter((e, t) => Number.isNaN([
+		ie,
 		B,
-		ne,
-		...re
-	][t])), ie = {
-		name: P.trim(),
+		...ae
+	][t])), H = {
+		name: F.trim(),
 		photos: n,
-		oneSide: v,
-		fruit: b,
-		diameterMm: B,
-		metres: w,
-		markers: w === "markers" ? E : "",
-		scaleBar: re.filter((e) => e !== null),
-		treeSpacingM: ne,
-		learn: M
+		oneSide: b,
+		fruit: S,
+		diameterMm: ie,
+		metres: E,
+		markers: E === "markers" ? O : "",
+		scaleBar: ae.filter((e) => e !== null),
+		treeSpacingM: B,
+		learn: P
 	};
 	W(() => {
 		if (!n.length) {
-			p(null);
+			h(null);
 			return;
 		}
 		let e = !0;
-		return h(!0), _(""), Y("check", {
+		return _(!0), y(""), Y("check", {
 			photos: n,
-			oneSide: v
-		}).then((t) => e && p(t)).catch((t) => {
-			e && (p(null), _(t.message));
-		}).finally(() => e && h(!1)), () => void (e = !1);
-	}, [n.join("\n"), v]), W(() => {
-		if (I(null), R(""), !n.length || !ie.name || V.length) return;
+			oneSide: b
+		}).then((t) => e && h(t)).catch((t) => {
+			e && (h(null), y(t.message));
+		}).finally(() => e && _(!1)), () => void (e = !1);
+	}, [n.join("\n"), b]), W(() => {
+		if (te(null), R(""), !n.length || !H.name || V.length) return;
 		let e = setTimeout(() => {
-			Y("equal", ie).then(I, (e) => R(e.message));
+			Y("equal", H).then(te, (e) => R(e.message));
 		}, 300);
 		return () => clearTimeout(e);
-	}, [JSON.stringify(ie), V.join("\n")]);
-	let H = (e) => r((t) => t.length === 1 && t[0] !== e ? [...t, e] : [e]), ae = (e) => {
-		a(""), i === "table" ? D(e) : (H(e), P || F(it(e).replace(/\.[^.]+$/, "")));
-	}, oe = async (e) => {
-		_(""), s({
+	}, [JSON.stringify(H), V.join("\n")]);
+	let oe = (e) => r((t) => t.length === 1 && t[0] !== e ? [...t, e] : [e]), se = (e) => {
+		a(""), i === "table" ? k(e) : (oe(e), F || I(ct(e).replace(/\.[^.]+$/, "")));
+	}, ce = async (e) => {
+		y(""), s({
 			done: 0,
 			files: e.length,
 			bytes: 0,
 			all: 1
 		});
 		try {
-			H(await tt(e, (t, n, r) => s({
+			oe(await at(e, (t, n, r) => s({
 				done: t,
 				files: e.length,
 				bytes: n,
 				all: r
 			})));
 		} catch (e) {
-			_(e.message);
+			y(e.message);
 		}
 		s(null);
-	}, se = (e) => {
-		let t = et(e.filter((e) => Xe(e.name)));
-		l(e.length - t.length), t.length && (z.current = z.current.then(() => oe(t)));
-	}, ce = ({ currentTarget: e }) => {
-		se($e(e.files)), e.value = "";
-	}, le = async () => {
+	}, le = (e) => {
+		let t = rt(e.filter((e) => $e(e.name))), n = it(t);
+		l(e.length - n.length), d(n.filter(({ name: e }, n) => e !== t[n].name)), n.length && (re.current = re.current.then(() => ce(n)));
+	}, ue = ({ currentTarget: e }) => {
+		le(nt(e.files)), e.value = "";
+	}, de = async () => {
 		R("");
 		try {
-			We(`/survey/${await Y("surveys", ie)}`);
+			Ue(`/survey/${await Y("surveys", H)}`);
 		} catch (e) {
 			R(e.message);
 		}
-	}, ue = e.fruits.find((e) => e.name === b)?.diameterMm ?? e.fruits[0].diameterMm;
+	}, fe = e.fruits.find((e) => e.name === S)?.diameterMm ?? e.fruits[0].diameterMm;
 	return /* @__PURE__ */ X("main", { children: [
 		/* @__PURE__ */ X("div", {
 			class: "head",
@@ -1638,13 +1663,13 @@ function st({ facts: e }) {
 					children: ["1. ", t.step1]
 				}),
 				/* @__PURE__ */ X("div", {
-					class: `drop ${u ? "over" : ""}`,
+					class: `drop ${f ? "over" : ""}`,
 					onDragOver: (e) => {
-						e.preventDefault(), d(!0);
+						e.preventDefault(), p(!0);
 					},
-					onDragLeave: () => d(!1),
+					onDragLeave: () => p(!1),
 					onDrop: (e) => {
-						e.preventDefault(), d(!1), e.dataTransfer && Qe(e.dataTransfer).then(se, (e) => _(e.message));
+						e.preventDefault(), p(!1), e.dataTransfer && tt(e.dataTransfer).then(le, (e) => y(e.message));
 					},
 					children: [/* @__PURE__ */ X("p", {
 						class: "line",
@@ -1662,7 +1687,7 @@ function st({ facts: e }) {
 						children: [
 							/* @__PURE__ */ X("button", {
 								type: "button",
-								onClick: () => te.current?.click(),
+								onClick: () => z.current?.click(),
 								children: t.chooseFiles
 							}),
 							/* @__PURE__ */ X("span", {
@@ -1674,12 +1699,12 @@ function st({ facts: e }) {
 								]
 							}),
 							/* @__PURE__ */ X("input", {
-								ref: te,
+								ref: z,
 								type: "file",
 								multiple: !0,
 								hidden: !0,
 								"aria-label": t.chooseFiles,
-								onChange: ce
+								onChange: ue
 							})
 						]
 					})]
@@ -1700,6 +1725,10 @@ function st({ facts: e }) {
 					class: "soft",
 					children: t.skipped(c)
 				}),
+				u.length > 0 && /* @__PURE__ */ X("p", {
+					class: "soft",
+					children: t.renamed(u.length, u[0].file.name, u[0].name)
+				}),
 				n.length > 0 && /* @__PURE__ */ X("ul", {
 					class: "chosen",
 					"aria-label": t.chosen,
@@ -1713,7 +1742,7 @@ function st({ facts: e }) {
 						children: t.remove
 					})] }, e))
 				}),
-				m && /* @__PURE__ */ X("p", {
+				g && /* @__PURE__ */ X("p", {
 					role: "status",
 					children: [
 						/* @__PURE__ */ X("progress", { "aria-label": t.checking }),
@@ -1721,8 +1750,8 @@ function st({ facts: e }) {
 						t.checking
 					]
 				}),
-				g && /* @__PURE__ */ X(Z, { text: g }),
-				f && !m && /* @__PURE__ */ X(at, { check: f })
+				v && /* @__PURE__ */ X(Z, { text: v }),
+				m && !g && /* @__PURE__ */ X(lt, { check: m })
 			]
 		}),
 		/* @__PURE__ */ X("section", {
@@ -1739,8 +1768,8 @@ function st({ facts: e }) {
 						/* @__PURE__ */ X("label", { children: [
 							t.fruit,
 							/* @__PURE__ */ X("select", {
-								value: b,
-								onChange: (e) => x(e.currentTarget.value),
+								value: S,
+								onChange: (e) => C(e.currentTarget.value),
 								children: [/* @__PURE__ */ X("option", {
 									value: "",
 									children: t.fruitOther
@@ -1758,18 +1787,18 @@ function st({ facts: e }) {
 							t.size,
 							/* @__PURE__ */ X("input", {
 								inputMode: "decimal",
-								value: S,
-								placeholder: q(ue),
-								onInput: (e) => C(e.currentTarget.value)
+								value: w,
+								placeholder: q(fe),
+								onInput: (e) => T(e.currentTarget.value)
 							}),
 							/* @__PURE__ */ X("span", {
 								class: "soft",
-								children: t.sizeText(q(ue))
+								children: t.sizeText(q(fe))
 							})
 						] }),
 						/* @__PURE__ */ X("label", { children: [t.sides, /* @__PURE__ */ X("select", {
-							value: v ? "one" : "auto",
-							onChange: (e) => y(e.currentTarget.value === "one"),
+							value: b ? "one" : "auto",
+							onChange: (e) => x(e.currentTarget.value === "one"),
 							children: [/* @__PURE__ */ X("option", {
 								value: "auto",
 								children: t.sidesAuto
@@ -1782,8 +1811,8 @@ function st({ facts: e }) {
 							t.spacing,
 							/* @__PURE__ */ X("input", {
 								inputMode: "decimal",
-								value: A,
-								onInput: (e) => j(e.currentTarget.value)
+								value: M,
+								onInput: (e) => N(e.currentTarget.value)
 							}),
 							/* @__PURE__ */ X("span", {
 								class: "soft",
@@ -1796,19 +1825,19 @@ function st({ facts: e }) {
 					/* @__PURE__ */ X("legend", { children: t.metres }),
 					/* @__PURE__ */ X("div", {
 						class: "kinds",
-						children: rt.map((e) => /* @__PURE__ */ X("label", {
-							class: `kind ${w === e ? "on" : ""}`,
+						children: st.map((e) => /* @__PURE__ */ X("label", {
+							class: `kind ${E === e ? "on" : ""}`,
 							children: [
 								/* @__PURE__ */ X("span", {
 									class: "line",
 									children: [/* @__PURE__ */ X("input", {
 										type: "radio",
 										name: "metres",
-										checked: w === e,
-										onChange: () => T(e)
+										checked: E === e,
+										onChange: () => D(e)
 									}), /* @__PURE__ */ X("strong", { children: t.metresKinds[e] })]
 								}),
-								/* @__PURE__ */ X(ot, { kind: e }),
+								/* @__PURE__ */ X(ut, { kind: e }),
 								/* @__PURE__ */ X("span", {
 									class: "soft",
 									children: t.metresText[e]
@@ -1816,7 +1845,7 @@ function st({ facts: e }) {
 							]
 						}, e))
 					}),
-					w === "markers" && /* @__PURE__ */ X("p", {
+					E === "markers" && /* @__PURE__ */ X("p", {
 						class: "line",
 						children: [/* @__PURE__ */ X("button", {
 							type: "button",
@@ -1824,10 +1853,10 @@ function st({ facts: e }) {
 							children: [t.markersFile, "…"]
 						}), /* @__PURE__ */ X("span", {
 							class: "path",
-							children: E
+							children: O
 						})]
 					}),
-					w === "scale-bar" && /* @__PURE__ */ X("div", {
+					E === "scale-bar" && /* @__PURE__ */ X("div", {
 						class: "fields",
 						children: [
 							t.barOne,
@@ -1835,8 +1864,8 @@ function st({ facts: e }) {
 							t.barLength
 						].map((e, t) => /* @__PURE__ */ X("label", { children: [e, /* @__PURE__ */ X("input", {
 							inputMode: "decimal",
-							value: O[t],
-							onInput: (e) => k(O.map((n, r) => r === t ? e.currentTarget.value : n))
+							value: A[t],
+							onInput: (e) => j(A.map((n, r) => r === t ? e.currentTarget.value : n))
 						})] }, e))
 					})
 				] }),
@@ -1844,8 +1873,8 @@ function st({ facts: e }) {
 					class: "line",
 					children: [/* @__PURE__ */ X("input", {
 						type: "checkbox",
-						checked: M,
-						onChange: (e) => N(e.currentTarget.checked)
+						checked: P,
+						onChange: (e) => ee(e.currentTarget.checked)
 					}), /* @__PURE__ */ X("span", { children: [
 						t.learnToo,
 						" ",
@@ -1870,26 +1899,26 @@ function st({ facts: e }) {
 					children: /* @__PURE__ */ X("label", { children: [
 						t.name,
 						/* @__PURE__ */ X("input", {
-							value: P,
+							value: F,
 							placeholder: t.namePlaceholder,
 							maxLength: 100,
-							onInput: (e) => F(e.currentTarget.value)
+							onInput: (e) => I(e.currentTarget.value)
 						}),
 						/* @__PURE__ */ X("span", {
 							class: "soft path",
-							children: t.nameText(`${e.surveysFolder}/${P.trim()}`)
+							children: t.nameText(`${e.surveysFolder}/${Ye(F)}`)
 						})
 					] })
 				}),
 				V.map((e) => /* @__PURE__ */ X(Z, { text: t.noNumber(e) }, e)),
-				L && /* @__PURE__ */ X(Z, { text: L }),
+				ne && /* @__PURE__ */ X(Z, { text: ne }),
 				/* @__PURE__ */ X("p", {
 					class: "line",
 					children: [/* @__PURE__ */ X("button", {
 						type: "button",
 						class: "main",
-						disabled: !n.length || !P.trim() || o !== null || V.length > 0,
-						onClick: le,
+						disabled: !n.length || !F.trim() || o !== null || V.length > 0,
+						onClick: de,
 						children: t.start
 					}), /* @__PURE__ */ X("a", {
 						class: "button",
@@ -1897,27 +1926,27 @@ function st({ facts: e }) {
 						children: t.cancel
 					})]
 				}),
-				ee && /* @__PURE__ */ X("details", { children: [
+				L && /* @__PURE__ */ X("details", { children: [
 					/* @__PURE__ */ X("summary", { children: t.equal }),
 					/* @__PURE__ */ X("h3", { children: t.equalCommand }),
-					/* @__PURE__ */ X(Ve, { text: ee.command }),
+					/* @__PURE__ */ X($, { text: L.command }),
 					/* @__PURE__ */ X("h3", { children: t.equalPython }),
-					/* @__PURE__ */ X(Ve, { text: ee.python })
+					/* @__PURE__ */ X($, { text: L.python })
 				] })
 			]
 		}),
-		i && /* @__PURE__ */ X(Ue, {
+		i && /* @__PURE__ */ X(He, {
 			title: i === "photos" ? t.chooseFolder : t.markersFile,
 			kind: i,
 			start: n[0]?.replace(/[/\\][^/\\]*$/, "") || e.home,
 			roots: e.roots,
 			onClose: () => a(""),
-			onChoose: ae
+			onChoose: se
 		})
 	] });
 }
 // src/app/scene.tsx
-function ct(e) {
+function ft(e) {
 	let t = e.length / 3, n = [
 		0,
 		1,
@@ -1930,12 +1959,12 @@ function ct(e) {
 	for (let t = 0; t < e.length; t += 3) r = Math.max(r, Math.hypot(e[t] - n[0], e[t + 1] - n[1], e[t + 2] - n[2]));
 	return [n, r || 1];
 }
-function lt(e, t, n) {
+function pt(e, t, n) {
 	let r = e.getBoundingClientRect(), i = window.devicePixelRatio || 1;
 	e.width = Math.round(r.width * i), e.height = Math.round(r.height * i);
 	let a = e.getContext("2d");
 	if (!a || !r.width) return;
-	let [o, s] = ct(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
+	let [o, s] = ft(t.cameras), c = .42 * n.zoom * Math.min(r.width, 1.5 * r.height) * i / s, [l, u, d, f] = [
 		Math.cos(n.turn),
 		Math.sin(n.turn),
 		Math.cos(n.tilt),
@@ -1963,12 +1992,12 @@ function lt(e, t, n) {
 		a.fillRect(n - 3 * i, r - 2 * i, 6 * i, 4 * i);
 	}
 }
-function ut({ survey: e }) {
+function mt({ survey: e }) {
 	let t = K(), [n, r] = U(null), i = G({
 		turn: 0,
 		tilt: .35,
 		zoom: 1
-	}), a = G(null), o = () => a.current && n && lt(a.current, n, i.current);
+	}), a = G(null), o = () => a.current && n && pt(a.current, n, i.current);
 	if (W(() => void J(`surveys/${e.id}/scene`).then(r, () => r(null)), [e.id, e.version]), W(() => {
 		o();
 		let e = new ResizeObserver(o);
@@ -2016,8 +2045,8 @@ function ut({ survey: e }) {
 	})] });
 }
 // src/app/marks.ts
-var dt = 3;
-function ft(e, [t, n], [r, i], [a, o]) {
+var ht = 3;
+function gt(e, [t, n], [r, i], [a, o]) {
 	let [s, c, l, u] = [
 		Math.min(t, r),
 		Math.min(n, i),
@@ -2034,7 +2063,7 @@ function ft(e, [t, n], [r, i], [a, o]) {
 			e,
 			a,
 			o
-		].map(yt), [s, c, l, u] = [
+		].map(Ct), [s, c, l, u] = [
 			e - o,
 			a - o,
 			e + o,
@@ -2046,20 +2075,20 @@ function ft(e, [t, n], [r, i], [a, o]) {
 		Math.max(0, c),
 		Math.min(a, l),
 		Math.min(o, u)
-	].map(yt);
-	return f[2] - f[0] < dt || f[3] - f[1] < dt ? null : {
+	].map(Ct);
+	return f[2] - f[0] < ht || f[3] - f[1] < ht ? null : {
 		box: f,
 		circle: d
 	};
 }
-function pt(e, [t, n], r) {
+function _t(e, [t, n], r) {
 	let [i, a] = [-1, r];
 	return e.forEach(({ box: e, circle: r }, o) => {
-		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : mt(e, t, n);
+		let s = r ? Math.abs(Math.hypot(t - r[0], n - r[1]) - r[2]) : vt(e, t, n);
 		s <= a && ([i, a] = [o, s]);
 	}), i;
 }
-function mt(e, t, n) {
+function vt(e, t, n) {
 	let [r, i, a, o] = [
 		e[0] - t,
 		e[1] - n,
@@ -2068,7 +2097,7 @@ function mt(e, t, n) {
 	], s = [Math.max(r, a, 0), Math.max(i, o, 0)];
 	return s[0] || s[1] ? Math.hypot(...s) : -Math.max(r, i, a, o);
 }
-function ht(e, t, n = e.complete) {
+function yt(e, t, n = e.complete) {
 	return {
 		marks: t,
 		complete: n,
@@ -2078,23 +2107,23 @@ function ht(e, t, n = e.complete) {
 		}]
 	};
 }
-function gt(e) {
+function bt(e) {
 	let t = e.before.at(-1);
 	return t ? {
 		...t,
 		before: e.before.slice(0, -1)
 	} : e;
 }
-function _t([e, t, n, r], i, [a, o], [s, c]) {
+function xt([e, t, n, r], i, [a, o], [s, c]) {
 	let l = Math.min(Math.max(1 / i, s / 30 / n), Math.max(s / n, c / r));
-	return vt([
+	return St([
 		a - (a - e) * l,
 		o - (o - t) * l,
 		n * l,
 		r * l
 	], [s, c]);
 }
-function vt([e, t, n, r], [i, a]) {
+function St([e, t, n, r], [i, a]) {
 	return [
 		Math.min(Math.max(e, -n / 2), i - n / 2),
 		Math.min(Math.max(t, -r / 2), a - r / 2),
@@ -2102,12 +2131,12 @@ function vt([e, t, n, r], [i, a]) {
 		r
 	];
 }
-function yt(e) {
+function Ct(e) {
 	return Math.round(e * 10) / 10;
 }
 // src/app/marking.tsx
-var bt = 7, xt = 12, St = 4;
-function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
+var wt = 7, Tt = 12, Et = 4;
+function Dt({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	let a = K(), [o, s] = U(null), [c, l] = U({
 		marks: [],
 		complete: !1,
@@ -2153,15 +2182,15 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	}, N = (e) => {
 		let t = new DOMPoint(e.clientX, e.clientY).matrixTransform(w.current.getScreenCTM().inverse());
 		return [t.x, t.y];
-	}, P = () => 1 / (w.current?.getScreenCTM()?.a || 1), F = (e) => {
+	}, P = () => 1 / (w.current?.getScreenCTM()?.a || 1), ee = (e) => {
 		if (f) {
-			let t = ft(u, f, e, j);
-			p(null), t && M(ht(c, [...c.marks, t]));
+			let t = gt(u, f, e, j);
+			p(null), t && M(yt(c, [...c.marks, t]));
 			return;
 		}
-		let t = pt(c.marks, e, bt * P());
+		let t = _t(c.marks, e, wt * P());
 		_(t), t < 0 && p(e);
-	}, ee = () => g >= 0 && M(ht(c, c.marks.filter((e, t) => t !== g))), I = () => c.before.length && M(gt(c)), L = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(_t(b, e, t, j)), R = () => void E.current.then(i), te = (e) => {
+	}, F = () => g >= 0 && M(yt(c, c.marks.filter((e, t) => t !== g))), I = () => c.before.length && M(bt(c)), L = (e, t = [b[0] + b[2] / 2, b[1] + b[3] / 2]) => x(xt(b, e, t, j)), te = () => void E.current.then(i), ne = (e) => {
 		let t = {
 			ArrowLeft: [-1, 0],
 			ArrowRight: [1, 0],
@@ -2169,19 +2198,19 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 			ArrowDown: [0, 1]
 		}[e.key], n = m ?? [b[0] + b[2] / 2, b[1] + b[3] / 2];
 		if (t) {
-			let r = (e.shiftKey ? 1 : xt) * P();
+			let r = (e.shiftKey ? 1 : Tt) * P();
 			h([Math.min(Math.max(n[0] + t[0] * r, 0), j[0]), Math.min(Math.max(n[1] + t[1] * r, 0), j[1])]);
-		} else if (e.key === "Enter" || e.key === " ") F(n);
+		} else if (e.key === "Enter" || e.key === " ") ee(n);
 		else if (e.key === "+" || e.key === "-") L(e.key === "+" ? 1.4 : 1 / 1.4, n);
-		else if (e.key === "Delete" || e.key === "Backspace") ee();
+		else if (e.key === "Delete" || e.key === "Backspace") F();
 		else if (e.key === "z" && (e.ctrlKey || e.metaKey)) I();
 		else if (e.key === "Escape" && f) p(null);
 		else return;
 		e.preventDefault();
-	}, z = 1.6 * P(), B = f && m ? ft(u, f, m, j) : null;
+	}, R = 1.6 * P(), z = f && m ? gt(u, f, m, j) : null;
 	return /* @__PURE__ */ X(Be, {
 		title: a.photoOf(o.name, a.marksOf(c.marks.length, q(c.marks.length))),
-		onClose: R,
+		onClose: te,
 		wide: !0,
 		children: [
 			/* @__PURE__ */ X("div", {
@@ -2204,7 +2233,7 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					/* @__PURE__ */ X("button", {
 						type: "button",
 						disabled: g < 0,
-						onClick: ee,
+						onClick: F,
 						children: a.deleteMark
 					}),
 					/* @__PURE__ */ X("button", {
@@ -2257,7 +2286,7 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 				role: "application",
 				"aria-label": a.markLabel,
 				viewBox: b.join(" "),
-				onKeyDown: te,
+				onKeyDown: ne,
 				onWheel: (e) => {
 					e.preventDefault(), L(Math.exp(-e.deltaY / 400), N(e));
 				},
@@ -2273,7 +2302,7 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					let t = T.current;
 					if (h(N(e)), !t || !e.buttons) return;
 					let [n, r] = [e.clientX - t.x, e.clientY - t.y];
-					t.moved ||= Math.hypot(n, r) > St, t.moved && x(vt([
+					t.moved ||= Math.hypot(n, r) > Et, t.moved && x(St([
 						t.view[0] - n * P(),
 						t.view[1] - r * P(),
 						t.view[2],
@@ -2281,7 +2310,7 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					], j));
 				},
 				onPointerUp: (e) => {
-					T.current && !T.current.moved && F(N(e)), T.current = null;
+					T.current && !T.current.moved && ee(N(e)), T.current = null;
 				},
 				children: [
 					/* @__PURE__ */ X("image", {
@@ -2296,29 +2325,29 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 						y: t,
 						width: n - e,
 						height: r - t,
-						"stroke-width": z
+						"stroke-width": R
 					}, `found-${i}`)),
-					[...c.marks, ...B ? [B] : []].map(({ box: e, circle: t }, n) => {
+					[...c.marks, ...z ? [z] : []].map(({ box: e, circle: t }, n) => {
 						let r = n === g ? "mark on" : n === c.marks.length ? "mark started" : "mark";
 						return t ? /* @__PURE__ */ X("circle", {
 							class: r,
 							cx: t[0],
 							cy: t[1],
 							r: t[2],
-							"stroke-width": 1.5 * z
+							"stroke-width": 1.5 * R
 						}, n) : /* @__PURE__ */ X("rect", {
 							class: r,
 							x: e[0],
 							y: e[1],
 							width: e[2] - e[0],
 							height: e[3] - e[1],
-							"stroke-width": 1.5 * z
+							"stroke-width": 1.5 * R
 						}, n);
 					}),
 					m && /* @__PURE__ */ X("path", {
 						class: "cross",
 						d: `M${m[0] - 9 * P()} ${m[1]}h${18 * P()}M${m[0]} ${m[1] - 9 * P()}v${18 * P()}`,
-						"stroke-width": z
+						"stroke-width": R
 					})
 				]
 			}),
@@ -2329,7 +2358,7 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 					children: [/* @__PURE__ */ X("input", {
 						type: "checkbox",
 						checked: c.complete,
-						onChange: (e) => M(ht(c, c.marks, e.currentTarget.checked))
+						onChange: (e) => M(yt(c, c.marks, e.currentTarget.checked))
 					}), /* @__PURE__ */ X("span", { children: [
 						a.complete,
 						" ",
@@ -2348,8 +2377,8 @@ function Ct({ survey: e, index: t, photos: n, onPhoto: r, onClose: i }) {
 	});
 }
 // src/app/teach.tsx
-var wt = 24;
-function Tt({ survey: e, learnt: t, photos: n }) {
+var Ot = 24;
+function kt({ survey: e, learnt: t, photos: n }) {
 	let r = K(), [i, a] = U(Math.floor(n.length / 4)), o = [
 		[
 			r.learntRows.f1,
@@ -2429,8 +2458,8 @@ function Tt({ survey: e, learnt: t, photos: n }) {
 		]
 	});
 }
-function Et({ survey: e, canLearn: t, working: n }) {
-	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(wt), [f, p] = U(null);
+function At({ survey: e, canLearn: t, working: n }) {
+	let r = K(), [i, a] = U([]), [o, s] = U(null), [c, l] = U(""), [u, d] = U(Ot), [f, p] = U(null);
 	if (W(() => void J(`surveys/${e.id}/photos`).then(a, () => a([])), [e.id, e.version]), W(() => {
 		f === null && J(`surveys/${e.id}/teaching`).then(s, (e) => l(e.message));
 	}, [
@@ -2449,7 +2478,7 @@ function Et({ survey: e, canLearn: t, working: n }) {
 	return /* @__PURE__ */ X(y, { children: [
 		/* @__PURE__ */ X("p", { children: r.teachText }),
 		c && /* @__PURE__ */ X(Z, { text: c }),
-		o?.learnt && /* @__PURE__ */ X(Tt, {
+		o?.learnt && /* @__PURE__ */ X(kt, {
 			survey: e,
 			learnt: o.learnt,
 			photos: i
@@ -2509,11 +2538,11 @@ function Et({ survey: e, canLearn: t, working: n }) {
 		o?.equal && /* @__PURE__ */ X("details", { children: [
 			/* @__PURE__ */ X("summary", { children: r.equal }),
 			/* @__PURE__ */ X("h3", { children: r.equalCommand }),
-			/* @__PURE__ */ X(Ve, { text: o.equal.command }),
+			/* @__PURE__ */ X($, { text: o.equal.command }),
 			/* @__PURE__ */ X("h3", { children: r.equalPython }),
-			/* @__PURE__ */ X(Ve, { text: o.equal.python })
+			/* @__PURE__ */ X($, { text: o.equal.python })
 		] }),
-		f !== null && /* @__PURE__ */ X(Ct, {
+		f !== null && /* @__PURE__ */ X(Dt, {
 			survey: e.id,
 			index: f,
 			photos: i.length,
@@ -2523,11 +2552,11 @@ function Et({ survey: e, canLearn: t, working: n }) {
 	] });
 }
 // src/app/survey.tsx
-var Dt = [
+var jt = [
 	"queued",
 	"running",
 	"stopping"
-], Ot = 24, kt = [
+], Mt = 24, Nt = [
 	"report.html",
 	"fruits.csv",
 	"trees.csv",
@@ -2542,7 +2571,7 @@ var Dt = [
 	"metashape",
 	"geoparquet"
 ];
-function At({ survey: e }) {
+function Pt({ survey: e }) {
 	let t = K();
 	if (e.run?.byOther) return /* @__PURE__ */ X("p", {
 		class: "soft",
@@ -2582,10 +2611,10 @@ function At({ survey: e }) {
 		children: r ? t.again : t.goOn
 	});
 }
-function jt({ survey: e }) {
+function Ft({ survey: e }) {
 	let t = K(), n = e.run;
 	if (!n) return null;
-	let r = Ke(e), i = n.stages.find((e) => e.state === "now"), a = Dt.includes(e.state);
+	let r = Ge(e), i = n.stages.find((e) => e.state === "now"), a = jt.includes(e.state);
 	return /* @__PURE__ */ X("section", {
 		class: "sheet",
 		"aria-label": t.progress,
@@ -2663,8 +2692,8 @@ function jt({ survey: e }) {
 		]
 	});
 }
-function Mt({ survey: e }) {
-	let t = K(), [n, r] = U([]), [i, a] = U(Ot), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
+function It({ survey: e }) {
+	let t = K(), [n, r] = U([]), [i, a] = U(Mt), [o, s] = U(null), c = e.run?.stages.some((e) => e.name === "segment" && e.state === "now") ? e.run.done : 0;
 	if (W(() => void J(`surveys/${e.id}/photos`).then(r, () => r([])), [
 		e.id,
 		e.version,
@@ -2714,7 +2743,7 @@ function Mt({ survey: e }) {
 		})
 	] });
 }
-function Nt({ survey: e }) {
+function Lt({ survey: e }) {
 	let t = K(), [n, r] = U(null), [i, a] = U("");
 	return W(() => void J(`surveys/${e.id}/trees`).then(r, (e) => a(e.message)), [e.id, e.version]), i ? /* @__PURE__ */ X(Z, { text: i }) : n ? n.length ? /* @__PURE__ */ X("div", {
 		class: "scroll",
@@ -2745,7 +2774,7 @@ function Nt({ survey: e }) {
 		children: t.noTrees
 	}) : /* @__PURE__ */ X("progress", { "aria-label": t.treesTab });
 }
-function Pt({ survey: e, everything: t }) {
+function Rt({ survey: e, everything: t }) {
 	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U("");
 	return r.length ? /* @__PURE__ */ X(y, { children: [
 		/* @__PURE__ */ X("p", {
@@ -2780,8 +2809,8 @@ function Pt({ survey: e, everything: t }) {
 		children: n.compareNone
 	});
 }
-function Ft({ survey: e, everything: t }) {
-	let n = K(), r = kt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
+function zt({ survey: e, everything: t }) {
+	let n = K(), r = Nt.filter((e) => e.includes(".") || t.facts.exports.includes(e));
 	return /* @__PURE__ */ X(y, { children: [
 		/* @__PURE__ */ X("h2", { children: n.files }),
 		/* @__PURE__ */ X("ul", {
@@ -2801,20 +2830,20 @@ function Ft({ survey: e, everything: t }) {
 		})
 	] });
 }
-function It({ survey: e }) {
+function Bt({ survey: e }) {
 	let t = K(), [n, r] = U(null);
 	return /* @__PURE__ */ X("details", {
 		class: "sheet",
 		onToggle: () => void J(`surveys/${e.id}/equal`).then(r, () => r(null)),
 		children: [/* @__PURE__ */ X("summary", { children: t.equal }), n && /* @__PURE__ */ X(y, { children: [
 			/* @__PURE__ */ X("h3", { children: t.equalCommand }),
-			/* @__PURE__ */ X(Ve, { text: n.command }),
+			/* @__PURE__ */ X($, { text: n.command }),
 			/* @__PURE__ */ X("h3", { children: t.equalPython }),
-			/* @__PURE__ */ X(Ve, { text: n.python })
+			/* @__PURE__ */ X($, { text: n.python })
 		] })]
 	});
 }
-var $ = [
+var Vt = [
 	"photos",
 	"scene",
 	"result",
@@ -2823,8 +2852,8 @@ var $ = [
 	"teach",
 	"files"
 ];
-function Lt({ survey: e, everything: t, place: n }) {
-	let r = K(), i = e.state === "finished", a = i || e.fruits !== null && ["stopped", "failed"].includes(e.state), o = $.find((e) => e === n) ?? (a ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), s = {
+function Ht({ survey: e, everything: t, place: n }) {
+	let r = K(), i = e.state === "finished", a = i || e.fruits !== null && ["stopped", "failed"].includes(e.state), o = Vt.find((e) => e === n) ?? (a ? "result" : e.fruits !== null || e.run?.stages.some((e) => e.name === "scale" && (e.state === "done" || e.state === "kept")) ? "scene" : "photos"), s = {
 		photos: r.photosTab,
 		scene: r.sceneTab,
 		result: r.resultTab,
@@ -2850,26 +2879,26 @@ function Lt({ survey: e, everything: t, place: n }) {
 				}),
 				/* @__PURE__ */ X("span", {
 					class: "end",
-					children: /* @__PURE__ */ X(At, { survey: e })
+					children: /* @__PURE__ */ X(Pt, { survey: e })
 				})
 			]
 		}),
 		/* @__PURE__ */ X("p", {
 			class: "soft",
 			children: [
-				Ge(e),
+				We(e),
 				e.weightKg === null ? "" : `${q(e.weightKg, 1)} kg`,
 				e.photos === null ? "" : r.photos(e.photos, q(e.photos)),
 				e.day ? r.taken(Oe(e.day)) : ""
 			].filter(Boolean).join(" · ")
 		}),
-		!i && /* @__PURE__ */ X(jt, { survey: e }),
+		!i && /* @__PURE__ */ X(Ft, { survey: e }),
 		/* @__PURE__ */ X("section", {
 			class: "sheet results",
 			children: [/* @__PURE__ */ X("div", {
 				class: "tabs",
 				role: "tablist",
-				children: $.map((t) => /* @__PURE__ */ X("a", {
+				children: Vt.map((t) => /* @__PURE__ */ X("a", {
 					role: "tab",
 					id: `tab-${t}`,
 					"aria-selected": o === t,
@@ -2879,8 +2908,8 @@ function Lt({ survey: e, everything: t, place: n }) {
 					onKeyDown: (n) => {
 						let r = n.key === "ArrowRight" ? 1 : n.key === "ArrowLeft" ? -1 : 0;
 						if (!r) return;
-						let i = $[($.indexOf(t) + r + $.length) % $.length];
-						We(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
+						let i = Vt[(Vt.indexOf(t) + r + Vt.length) % Vt.length];
+						Ue(`/survey/${e.id}/${i}`), document.getElementById(`tab-${i}`)?.focus();
 					},
 					children: s[t]
 				}, t))
@@ -2888,14 +2917,14 @@ function Lt({ survey: e, everything: t, place: n }) {
 				id: "panel",
 				role: "tabpanel",
 				"aria-labelledby": `tab-${o}`,
-				children: o === "photos" ? /* @__PURE__ */ X(Mt, { survey: e }) : o === "scene" ? /* @__PURE__ */ X(ut, { survey: e }) : o === "teach" ? /* @__PURE__ */ X(Et, {
+				children: o === "photos" ? /* @__PURE__ */ X(It, { survey: e }) : o === "scene" ? /* @__PURE__ */ X(mt, { survey: e }) : o === "teach" ? /* @__PURE__ */ X(At, {
 					survey: e,
 					canLearn: t.facts.canLearn,
-					working: Dt.includes(e.state) || !!e.run?.byOther
-				}) : a ? o === "trees" ? /* @__PURE__ */ X(Nt, { survey: e }) : o === "compare" ? /* @__PURE__ */ X(Pt, {
+					working: jt.includes(e.state) || !!e.run?.byOther
+				}) : a ? o === "trees" ? /* @__PURE__ */ X(Lt, { survey: e }) : o === "compare" ? /* @__PURE__ */ X(Rt, {
 					survey: e,
 					everything: t
-				}) : o === "files" ? /* @__PURE__ */ X(Ft, {
+				}) : o === "files" ? /* @__PURE__ */ X(zt, {
 					survey: e,
 					everything: t
 				}) : /* @__PURE__ */ X(y, { children: [/* @__PURE__ */ X("p", {
@@ -2916,13 +2945,13 @@ function Lt({ survey: e, everything: t, place: n }) {
 				})
 			})]
 		}),
-		i && /* @__PURE__ */ X(jt, { survey: e }),
-		e.photos !== null && /* @__PURE__ */ X(It, { survey: e }),
-		!Dt.includes(e.state) && /* @__PURE__ */ X("p", {
+		i && /* @__PURE__ */ X(Ft, { survey: e }),
+		e.photos !== null && /* @__PURE__ */ X(Bt, { survey: e }),
+		!jt.includes(e.state) && /* @__PURE__ */ X("p", {
 			class: "line",
 			children: [/* @__PURE__ */ X(Q, {
 				onDo: async () => {
-					await Y(`surveys/${e.id}/forget`), We("/");
+					await Y(`surveys/${e.id}/forget`), Ue("/");
 				},
 				children: r.forget
 			}), /* @__PURE__ */ X("span", {
@@ -2933,11 +2962,11 @@ function Lt({ survey: e, everything: t, place: n }) {
 	] });
 }
 // src/app/main.tsx
-function Rt() {
+function Ut() {
 	let e = document.documentElement, t = e.dataset.theme ? e.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 	e.dataset.theme = t ? "light" : "dark";
 }
-function zt() {
+function Wt() {
 	let [e, t] = U(null), [n, r] = U("yes"), [i, a] = U(location.hash), [o, s] = U(Ee()), [c, l] = U(!1), [u, d] = U(!1);
 	W(() => u ? void 0 : Le(t, r), [u]), W(() => {
 		let e = () => a(location.hash);
@@ -2990,7 +3019,7 @@ function zt() {
 						type: "button",
 						"aria-label": f.theme,
 						title: f.theme,
-						onClick: Rt,
+						onClick: Ut,
 						children: /* @__PURE__ */ X("svg", {
 							viewBox: "0 0 16 16",
 							"aria-hidden": "true",
@@ -3019,11 +3048,11 @@ function zt() {
 			role: "alert",
 			children: n === "no" ? f.lost : f.ended
 		}),
-		e ? p === "new" ? /* @__PURE__ */ X(st, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ X(Lt, {
+		e ? p === "new" ? /* @__PURE__ */ X(dt, { facts: e.facts }) : p === "survey" && g ? /* @__PURE__ */ X(Ht, {
 			survey: g,
 			everything: e,
 			place: h ?? ""
-		}, g.id) : /* @__PURE__ */ X(Je, { everything: e }) : /* @__PURE__ */ X("main", { children: /* @__PURE__ */ X("progress", { "aria-label": f.surveys }) }),
+		}, g.id) : /* @__PURE__ */ X(qe, { everything: e }) : /* @__PURE__ */ X("main", { children: /* @__PURE__ */ X("progress", { "aria-label": f.surveys }) }),
 		c && /* @__PURE__ */ X(Be, {
 			title: f.close,
 			onClose: () => l(!1),
@@ -3044,4 +3073,4 @@ function zt() {
 		})
 	] });
 }
-te(/* @__PURE__ */ X(zt, {}), document.getElementById("app"));
+ne(/* @__PURE__ */ X(Wt, {}), document.getElementById("app"));
