@@ -12,11 +12,13 @@ import sys
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 import pytest
 from PIL import Image, ImageFilter
 
+import pomona
+from correct_scenes import write_scene
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
 from pomona.browser.app import dropped
@@ -31,8 +33,10 @@ from pomona.browser.app.request import begun_with, equal_of_survey, equal_to, op
 from pomona.browser.app.service import Homes, Service
 from pomona.browser.app.typescript import typescript
 from pomona.browser.app.wire import as_json, from_json
+from pomona.browser.view import Corrector
 from pomona.errors import InputError, MissingFileError, PomonaError, SurveyError
 from pomona.pipeline import RunOptions, run
+from pomona.stages.report.contract import CorrectionRequest
 from pomona.survey import SurveyFolder
 from pomona.survey.events import RunStatus, StageTaken
 from waiting import until
@@ -434,6 +438,29 @@ def test_a_finished_survey_is_listed_with_what_it_found(service: Service, survey
     assert not shown.by_other
     surveyed.rename(surveyed.parents[1] / "elsewhere")
     assert service.view(survey_id).state == "missing"
+
+
+def test_fruits_are_said_to_be_corrected_since_they_were_counted(service: Service, tmp_path: Path) -> None:
+    scene = write_scene(tmp_path)
+    survey_id = service.add(str(scene.survey))
+    before = service.view(survey_id)
+    corrector = Corrector.of(pomona.open(scene.survey))
+
+    def correct(kind: Literal["delete", "undo"]) -> None:
+        corrector.do(
+            CorrectionRequest(kind, corrector.state.revision, corrector.data.fruits.ids[:1].tolist(), [], [], 0)
+        )
+
+    correct("delete")
+    after = service.view(survey_id)
+    assert (before.corrected, after.corrected) == (False, True)
+    assert after.fruits == before.fruits
+    correct("undo")
+    assert not service.view(survey_id).corrected
+    correct("delete")
+    service.trees(survey_id)  # from tables that are up to date
+    counted = service.view(survey_id)
+    assert (counted.corrected, counted.fruits) == (False, len(corrector.data.fruits))
 
 
 def test_a_survey_of_nonsense_does_not_hide_the_others(service: Service, surveyed: Path) -> None:

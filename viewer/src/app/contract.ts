@@ -33,7 +33,8 @@ export interface RunView {
 /**
  * A survey in the list. `day` is when its photos were taken, "" where they do not say; None: not known yet.
  *
- * `version` changes whenever pictures of the survey would. `learnt`: its segmenter learnt from it.
+ * `version` changes whenever pictures of the survey would. `learnt`: its segmenter learnt from it. `corrected`: its
+ * fruits were corrected since they were counted and weighed.
  */
 export interface SurveyView {
   id: string;
@@ -47,6 +48,7 @@ export interface SurveyView {
   fruit: string;
   weightKg: number | null;
   learnt: boolean;
+  corrected: boolean;
   version: string;
   run: RunView | null;
 }

@@ -285,6 +285,7 @@ export function Survey({ survey, everything, place }: { survey: SurveyView; ever
         {[
           fruitsOf(survey),
           survey.weightKg === null ? "" : `${number(survey.weightKg, 1)} kg`,
+          survey.corrected ? t.corrected : "",
           survey.photos === null ? "" : t.photos(survey.photos, number(survey.photos)),
           survey.day ? t.taken(day(survey.day)) : "",
         ]

@@ -22,6 +22,7 @@ const en = {
   photos: (n: number, text: string) => (n === 1 ? "1 photo" : `${text} photos`),
   fruits: (n: number, text: string) => (n === 1 ? "1 fruit" : `${text} fruits`),
   taken: (day: string) => `taken ${day}`,
+  corrected: "corrected since: “Bring up to date” counts and weighs again",
   states: {
     new: "not begun",
     queued: "waiting its turn",
@@ -269,6 +270,7 @@ const de: Texts = {
   photos: (n, text) => (n === 1 ? "1 Foto" : `${text} Fotos`),
   fruits: (n, text) => (n === 1 ? "1 Frucht" : `${text} Früchte`),
   taken: (day) => `aufgenommen ${day}`,
+  corrected: "seither korrigiert: „Auf den neuesten Stand“ zählt und wiegt neu",
   states: {
     new: "nicht begonnen",
     queued: "wartet",

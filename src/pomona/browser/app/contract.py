@@ -48,7 +48,8 @@ class RunView:
 class SurveyView:
     """A survey in the list. `day` is when its photos were taken, "" where they do not say; None: not known yet.
 
-    `version` changes whenever pictures of the survey would. `learnt`: its segmenter learnt from it.
+    `version` changes whenever pictures of the survey would. `learnt`: its segmenter learnt from it. `corrected`: its
+    fruits were corrected since they were counted and weighed.
     """
 
     id: str
@@ -62,6 +63,7 @@ class SurveyView:
     fruit: str
     weight_kg: float | None
     learnt: bool
+    corrected: bool
     version: str
     run: RunView | None
 

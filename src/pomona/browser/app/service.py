@@ -37,6 +37,7 @@ from pomona.browser.app.progress_view import run_view
 from pomona.browser.app.request import begun_with, equal_of_survey, equal_to, folder_name, options_of, run_arguments
 from pomona.browser.app.teaching import teaching
 from pomona.browser.app.wire import as_json
+from pomona.corrections import read_corrections
 from pomona.errors import InputError, PomonaError, SurveyError
 from pomona.export import EXPORT_FORMATS, export_format
 from pomona.formats.files import resolved
@@ -44,6 +45,7 @@ from pomona.fruit.traits.kinds import FRUIT_KINDS
 from pomona.survey import SurveyFolder
 from pomona.survey.events import RunStatus, run_status
 from pomona.survey.photos import photo_of
+from pomona.survey.record import StageRecord
 
 _PACE_S = 0.7  # so often the page is told what changed
 
@@ -288,6 +290,7 @@ class Service:
             fruit=options.get("fruit") or "",
             weight_kg=_known(weight.get("kg")) if weight else _known((summary.get("weight") or {}).get("kg")),
             learnt=survey.adapted_model.is_file() if survey else False,
+            corrected=_is_corrected_since(survey, results) if survey and results else False,
             version=f"{len(records)}-{survey.get('changed', '') if survey else ''}",
             run=self._run(survey, job, status, records),
         )
@@ -352,6 +355,18 @@ def _state(
     if status is not None and status.state != "finished":
         return status.state
     return "finished" if reported else "stopped"
+
+
+def _is_corrected_since(survey: SurveyFolder, results: StageRecord) -> bool:
+    """Whether the log has other corrections than the results, as far as their number says."""
+    try:
+        if survey.corrections.stat().st_mtime < datetime.fromisoformat(results.finished_at).timestamp():
+            return False
+        done = len(read_corrections(survey.corrections).done)
+    except (OSError, PomonaError, ValueError):
+        return False
+    counted = results.info.get("corrections") or {"all": 0}
+    return done != int(counted["all"])
 
 
 def comparison_page(before: SurveyFolder, after: SurveyFolder) -> Path:

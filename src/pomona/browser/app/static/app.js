@@ -428,6 +428,7 @@ var xe = {
 		photos: (e, t) => e === 1 ? "1 photo" : `${t} photos`,
 		fruits: (e, t) => e === 1 ? "1 fruit" : `${t} fruits`,
 		taken: (e) => `taken ${e}`,
+		corrected: "corrected since: “Bring up to date” counts and weighs again",
 		states: {
 			new: "not begun",
 			queued: "waiting its turn",
@@ -692,6 +693,7 @@ var xe = {
 		photos: (e, t) => e === 1 ? "1 Foto" : `${t} Fotos`,
 		fruits: (e, t) => e === 1 ? "1 Frucht" : `${t} Früchte`,
 		taken: (e) => `aufgenommen ${e}`,
+		corrected: "seither korrigiert: „Auf den neuesten Stand“ zählt und wiegt neu",
 		states: {
 			new: "nicht begonnen",
 			queued: "wartet",
@@ -2888,6 +2890,7 @@ function Ht({ survey: e, everything: t, place: n }) {
 			children: [
 				We(e),
 				e.weightKg === null ? "" : `${q(e.weightKg, 1)} kg`,
+				e.corrected ? r.corrected : "",
 				e.photos === null ? "" : r.photos(e.photos, q(e.photos)),
 				e.day ? r.taken(Oe(e.day)) : ""
 			].filter(Boolean).join(" · ")
