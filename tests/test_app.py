@@ -9,6 +9,7 @@ import os
 import shlex
 import shutil
 import sys
+import time
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from pomona.browser.app.checks import check_photos
 from pomona.browser.app.contract import NewSurvey, RunView, SurveyView
 from pomona.browser.app.first_results import FirstResults
 from pomona.browser.app.folders import Folders
-from pomona.browser.app.jobs import WORKING, Jobs, QueuedRun
+from pomona.browser.app.jobs import WORKING, Jobs, JobState, QueuedRun
 from pomona.browser.app.progress_view import run_view
 from pomona.browser.app.request import begun_with, equal_of_survey, equal_to, options_of, run_arguments
 from pomona.browser.app.service import Homes, Service
@@ -507,6 +508,23 @@ def test_two_surveys_have_two_names(service: Service, surveyed: Path) -> None:
         service.begin(_asked(name="photos"))
     with pytest.raises(InputError, match="needs a name"):
         service.begin(_asked(name=" ../ "))
+
+
+@pytest.mark.parametrize(
+    ("state", "asked", "learns"), [("stopped", True, True), ("failed", True, True), ("stopped", False, False),
+                                   ("finished", True, False)],
+)  # fmt: skip
+def test_a_run_that_was_to_learn_goes_on_with_that(
+    service: Service, surveyed: Path, state: JobState, asked: bool, learns: bool
+) -> None:
+    survey_id = service.add(str(surveyed))
+    arguments = ("run", *(["--adapt"] if asked else []))
+    service._jobs._jobs[survey_id] = QueuedRun(survey_id, arguments, state=state, ended=time.time())
+    service.go_on(survey_id)
+    job = service._jobs.of(survey_id)
+    assert job is not None
+    assert ("--adapt" in job.arguments) == learns
+    service.stop(survey_id)
 
 
 def test_a_name_that_waits_for_its_run_is_taken(service: Service, tmp_path: Path) -> None:

@@ -326,6 +326,22 @@ def test_a_survey_that_learnt_goes_on_where_it_was_moved_to(fakes: Fakes, photos
         go_on(moved.folder)
 
 
+def test_a_survey_whose_learning_was_stopped_goes_on_with_the_model_of_before(
+    fakes: Fakes, photos: Path, tmp_path: Path
+) -> None:
+    shutil.copyfile(SHIPPED_WEIGHTS, tmp_path / "mine.onnx")
+    run([photos], tmp_path / "row", RunOptions(model=str(tmp_path / "mine.onnx")))
+    survey = SurveyFolder.open(tmp_path / "row")
+    survey.keep_results()
+    shutil.copyfile(SHIPPED_WEIGHTS, survey.unjudged_model)
+    run([photos], tmp_path / "row", RunOptions(model=str(survey.unjudged_model)), until="select")
+    stopped = SurveyFolder.open(tmp_path / "row")
+    assert stopped.is_learning
+    assert begun_with(stopped)[2].model == str(tmp_path / "mine.onnx")
+    go_on(stopped.folder)
+    assert SurveyFolder.open(stopped.folder).get("options")["model"] == str(tmp_path / "mine.onnx")
+
+
 def test_overwrite_begins_anew_and_leaves_other_files(fakes: Fakes, photos: Path, tmp_path: Path) -> None:
     run([photos], tmp_path / "out")
     (tmp_path / "out" / "notes.txt").write_text("mine")

@@ -37,6 +37,7 @@ _WRITERS = {
 }
 # What file managers leave in any folder, and a run that was stopped at its very beginning: an empty one is empty for
 # all that.
+_KEPT = "before_adapting"  # in `work/`
 _IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory", part_of(Path(MANIFEST)).name})
 
 
@@ -200,12 +201,30 @@ class SurveyFolder:
 
     @property
     def options(self) -> dict[str, Any] | None:
-        """The options of the last run, as noted; a model that the survey learnt is where the survey is now."""
+        """The options of the last run, as noted; a model that the survey learnt is where the survey is now.
+
+        Where a learning was stopped before its model was judged, the model is that of before.
+        """
         options: dict[str, Any] | None = self.get("options")
+        if options and self.is_learning:
+            kept = self.find(self.work_folder / _KEPT)
+            before = str(self.adapted_model) if self.adapted_model.is_file() else None
+            options = {**options, "model": (kept.get("options") or {}).get("model") if kept else before}
         model, learnt = (options or {}).get("model"), self.adapted_model
         if not isinstance(model, str) or Path(model).name != learnt.name or Path(model).is_file():
             return options
         return {**(options or {}), "model": str(learnt)} if learnt.is_file() else options
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether the last run was made with a model that is learnt and not yet judged (`unjudged_model`)."""
+        model = (self.get("options") or {}).get("model")
+        return isinstance(model, str) and Path(model).parts[-2:] == self.unjudged_model.parts[-2:]
+
+    @property
+    def unjudged_model(self) -> Path:
+        """`work/adapted.onnx`: what was learnt from this survey, until it is judged."""
+        return self.work_folder / self.adapted_model.name
 
     @property
     def adapted_model(self) -> Path:
@@ -236,7 +255,7 @@ class SurveyFolder:
 
     @property
     def _kept(self) -> Path:
-        return self.work("before_adapting")
+        return self.work(_KEPT)
 
     def take_adapted(self, model: Path) -> Path:
         """Copy a model file to be this survey's own, whole or not at all; return where it is.

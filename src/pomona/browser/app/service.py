@@ -47,6 +47,7 @@ from pomona.survey.events import RunStatus, run_status
 from pomona.survey.photos import photo_of
 from pomona.survey.record import StageRecord
 
+_LEARN = "--adapt"
 _PACE_S = 0.7  # so often the page is told what changed
 
 
@@ -145,12 +146,27 @@ class Service:
         return entry.id
 
     def go_on(self, survey_id: str, *, learn: bool = False) -> None:
-        """Queue a run that goes on with a survey, or that learns from it. Raises `SurveyError` where one is at work."""
+        """Queue a run that goes on with a survey, or that learns from it; one that was to learn goes on with that, too.
+
+        Raises `SurveyError` where a run is at work.
+        """
         entry = self._catalogue.find(survey_id)
         view = self._view(entry)
         if view.run is not None and view.run.by_other:
             raise SurveyError(f"Another run is working on {entry.folder}: wait for it, or stop it where it was begun")
+        learn = learn or (view.state in ("stopped", "failed") and self._was_to_learn(entry))
         self._jobs.put(survey_id, self._arguments(entry, learn=learn))
+
+    def _was_to_learn(self, entry: Entry) -> bool:
+        """Whether the last run of a survey, which did not come to its end, was to learn from it."""
+        job, survey = self._jobs.of(entry.id), opened(entry.folder)
+        if job is not None and job.state in ("stopped", "failed"):
+            return _LEARN in job.arguments
+        if survey is None:
+            return False
+        status = run_status(survey)
+        asked = _LEARN in entry.asked and not survey.learnt.is_file()
+        return asked or survey.is_learning or (status is not None and status.stage == "learn")
 
     def stop(self, survey_id: str) -> None:
         """Stop a survey's run, or take it out of the queue."""

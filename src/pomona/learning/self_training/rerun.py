@@ -131,7 +131,7 @@ def run_adapted(
     source = SurveySource(SurveyFolder.open(out), progress=progress)
     given = taught(source.files)
     # Until it is judged, the model is not where another run would take it from.
-    target = source.files.work("adapted.onnx")
+    target = source.files.unjudged_model
     with source.files.locked(), EventLog(source.files, progress, on_stage=on_stage) as log:
         log.stage("learn")
         outcome = learn([found_fruits(source)], target, model=model_of(source), options=adapting, progress=log)
