@@ -16,18 +16,21 @@ import pytest
 
 import pomona
 from chromium import PATIENCE_MS, page_until
+from correct_scenes import write_scene
 from pipeline_fakes import Fakes, make_photos
 from pomona import sample_folder
 from pomona.browser.app.folders import Folders
 from pomona.browser.app.pages import AppServer
 from pomona.browser.app.request import folder_name
 from pomona.browser.app.service import Homes
+from pomona.browser.view import Corrector
 from pomona.corrections import read_corrections
 from pomona.errors import InputError, SurveyError
 from pomona.evaluate.detections import EvaluateDetectionsOptions
 from pomona.learning.marks import read_marks
 from pomona.learning.self_training.learnt import Learnt, read_learnt, taught, write_learnt
 from pomona.pipeline import RunOptions, run
+from pomona.stages.report.contract import CorrectionRequest
 from pomona.survey import SurveyFolder
 from serving import running
 from waiting import until
@@ -258,6 +261,21 @@ def test_results_can_be_looked_at_though_a_later_run_failed(
     with page.expect_download() as download:
         page.click("button:text-is('Fruits, for a spreadsheet')")
     assert download.value.suggested_filename == "row-fruits.csv"
+
+
+def test_two_dates_that_are_compared_again_are_shown_anew(page: Any, server: AppServer, tmp_path: Path) -> None:
+    later = write_scene(tmp_path / "august").survey
+    earlier = Path(shutil.copytree(later, tmp_path / "july"))
+    server.service.add(str(earlier))
+    page.goto(page.url.partition("#")[0] + f"#/survey/{server.service.add(str(later))}/compare")
+    page.click("button:text-is('Compare')")
+    cards = page.frame_locator("iframe.view").locator(".totals")
+    cards.locator("text=of 16 and 16 fruits").wait_for()
+    corrector = Corrector.of(pomona.open(later))
+    first = corrector.data.fruits.ids[:1].tolist()
+    corrector.do(CorrectionRequest("delete", corrector.state.revision, first, [], [], 0))
+    page.click("button:text-is('Compare')")
+    cards.locator("text=of 16 and 15 fruits").wait_for()
 
 
 def test_the_keyboard_goes_on_where_a_window_was_opened(

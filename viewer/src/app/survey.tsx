@@ -176,6 +176,16 @@ function Compare({ survey, everything }: { survey: SurveyView; everything: Every
   const others = everything.surveys.filter((other) => other.id !== survey.id && other.fruits !== null);
   const [before, setBefore] = useState(others[0]?.id ?? "");
   const [page, setPage] = useState("");
+  // The page of the same two is at the same address, and may say something else by now.
+  const [made, setMade] = useState(0);
+  const compare = async () => {
+    setPage(await tell<string>(`surveys/${survey.id}/compare`, { before }));
+    setMade(made + 1);
+  };
+  const choose = (other: string) => {
+    setBefore(other);
+    setPage("");
+  };
   if (!others.length) return <p class="soft">{t.compareNone}</p>;
   return (
     <>
@@ -183,7 +193,7 @@ function Compare({ survey, everything }: { survey: SurveyView; everything: Every
       <p class="line">
         <label class="line">
           {t.compareWith}
-          <select value={before} onChange={(event) => setBefore(event.currentTarget.value)}>
+          <select value={before} onChange={(event) => choose(event.currentTarget.value)}>
             {others.map((other) => (
               <option key={other.id} value={other.id}>
                 {other.name}
@@ -191,11 +201,11 @@ function Compare({ survey, everything }: { survey: SurveyView; everything: Every
             ))}
           </select>
         </label>
-        <Doing class="main" onDo={async () => setPage(await tell<string>(`surveys/${survey.id}/compare`, { before }))}>
+        <Doing class="main" onDo={compare}>
           {t.compare}
         </Doing>
       </p>
-      {page && <iframe class="view" src={page.slice(1)} title={t.compareTab} />}
+      {page && <iframe class="view" src={page.slice(1)} title={t.compareTab} key={made} />}
     </>
   );
 }

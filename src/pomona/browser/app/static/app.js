@@ -2777,7 +2777,11 @@ function Lt({ survey: e }) {
 	}) : /* @__PURE__ */ X("progress", { "aria-label": t.treesTab });
 }
 function Rt({ survey: e, everything: t }) {
-	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U("");
+	let n = K(), r = t.surveys.filter((t) => t.id !== e.id && t.fruits !== null), [i, a] = U(r[0]?.id ?? ""), [o, s] = U(""), [c, l] = U(0), u = async () => {
+		s(await Y(`surveys/${e.id}/compare`, { before: i })), l(c + 1);
+	}, d = (e) => {
+		a(e), s("");
+	};
 	return r.length ? /* @__PURE__ */ X(y, { children: [
 		/* @__PURE__ */ X("p", {
 			class: "soft",
@@ -2789,7 +2793,7 @@ function Rt({ survey: e, everything: t }) {
 				class: "line",
 				children: [n.compareWith, /* @__PURE__ */ X("select", {
 					value: i,
-					onChange: (e) => a(e.currentTarget.value),
+					onChange: (e) => d(e.currentTarget.value),
 					children: r.map((e) => /* @__PURE__ */ X("option", {
 						value: e.id,
 						children: e.name
@@ -2797,7 +2801,7 @@ function Rt({ survey: e, everything: t }) {
 				})]
 			}), /* @__PURE__ */ X(Q, {
 				class: "main",
-				onDo: async () => s(await Y(`surveys/${e.id}/compare`, { before: i })),
+				onDo: u,
 				children: n.compare
 			})]
 		}),
@@ -2805,7 +2809,7 @@ function Rt({ survey: e, everything: t }) {
 			class: "view",
 			src: o.slice(1),
 			title: n.compareTab
-		})
+		}, c)
 	] }) : /* @__PURE__ */ X("p", {
 		class: "soft",
 		children: n.compareNone
