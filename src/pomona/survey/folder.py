@@ -35,9 +35,9 @@ _WRITERS = {
     "report-truth.html": "pomona report {survey} --truth FILE",
     "contact_sheet.jpg": "pomona report {survey}",
 }
+_KEPT = "before_adapting"  # in `work/`
 # What file managers leave in any folder, and a run that was stopped at its very beginning: an empty one is empty for
 # all that.
-_KEPT = "before_adapting"  # in `work/`
 _IGNORED = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory", part_of(Path(MANIFEST)).name})
 
 
