@@ -21,7 +21,7 @@ from pomona.stages.fuse.object.gating import Gate, _within
 from pomona.stages.fuse.object.matches import Matches, with_raggedness
 from pomona.stages.fuse.object.refinement import fit_spheres
 from pomona.stages.measure import measure
-from pomona.values.cameras import Cameras
+from pomona.values.cameras import Cameras, concatenate
 from pomona.values.detections import Detections, Mask, SurveyDetections
 from pomona.values.fruits import Fruits
 from pomona.values.intrinsics import Intrinsics
@@ -174,6 +174,27 @@ def test_one_photo_tells_no_distance_and_makes_no_fruit() -> None:
     detections = detections_of(cameras, centers, diameters(2))
     alone = changed(detections, {name: Detections.empty(name, 320, 240) for name in cameras.photos[1:]})
     assert len(fuse(alone, cameras).fruits) == 0
+
+
+@pytest.mark.parametrize(("east", "west"), [(0, 0), (0, 1), (4, 5), (5, 5)])
+def test_a_fruit_that_one_photo_of_each_side_shows_is_found(east: int, west: int) -> None:
+    """Photos are numbered from opposite ends of the row, so that these two are not straight across from each other."""
+    side, turn = cameras_in_a_row(6, step_m=0.15), np.diag([-1.0, -1, 1])
+    poses = np.concatenate([side.cam_from_world[:, :, :3] @ turn, side.cam_from_world[:, :, 3:]], axis=2)
+    across = replace(side, photos=tuple(f"west/{name}" for name in side.photos), cam_from_world=poses)
+    both = concatenate([side, across], side.frame)
+    centers = np.array([[-0.15, 0.05, 0], [0.0, -0.05, 0.2], [0.15, 0, -0.1], [0.02, 0.03, -0.15]])
+    detections = detections_of(both, centers, diameters(4))
+    photos = side.photos[east], across.photos[west]
+    seldom = {name: found if name in photos else found[: len(found) - 1] for name, found in detections.items()}
+    assert all(len(detections[name]) == 4 for name in photos)
+    fused = fuse(SurveyDetections(seldom), both)
+    assert len(fused.fruits) == 4
+    assert errors_m(fused.fruits, centers).max() < 0.1 * DIAMETER_M
+    last = fused.fruits.ids[np.linalg.norm(fused.fruits.centers_in_world - centers[3], axis=1).argmin()]
+    assert {p for f, p in zip(fused.observations.fruit_id, fused.observations.photo, strict=True) if f == last} == {
+        *photos
+    }
 
 
 def test_masks_tell_how_ragged_they_are() -> None:

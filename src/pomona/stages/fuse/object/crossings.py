@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,10 @@ _WIDEST, _SMALLEST_AREA = 1.5, 0.006
 _WHOLE_WIDTH_PERCENTILE = 60.0  # many masks are narrowed by leaves
 _SAME_WAY = 0.6  # cosine: photos that look otherwise see other sides of fruits
 _FEWEST_PAIRS = 4  # of photos, where no baseline is as asked for
+_FARTHEST_FACING = 3.0  # distances to the fruit: cameras straight across the row are two apart
 _SAME_PLACE_RADII = 0.4  # side of the cubes in which the best crossing alone is kept
-_PARALLEL = 1e-5  # squared sine of the angle between rays below which they do not cross: 0.2 degrees
+# Squared sines of the angle between rays below which they do not cross: 0.2 degrees, and from opposite sides 10.
+_PARALLEL, _OPPOSITE = 1e-5, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +35,32 @@ class Crossings:
     def __len__(self) -> int:
         return len(self.points_in_world)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Crossings]) -> Crossings:
+        """Return all crossings of some parts."""
+        names = ("points_in_world", "one_idx", "other_idx")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
 
 def find_crossings(masks: MaskRays, radius_m: float, options: ObjectOptions) -> Crossings:
-    """Return the crossings of masks' rays in all pairs of photos, thinned out where they lie close together."""
-    found = [_of_photos(masks, i, j, radius_m, options) for i, j in _photo_pairs(masks, radius_m, options)]
+    """Return the crossings of masks' rays in pairs of photos that look the same way, one where they lie close together.
+
+    The middle of a mask is that of what leaves do not hide, in such photos mostly of the same part of a fruit.
+    """
+    return _thinned(masks, _pairs_of_one_side(masks, radius_m, options), radius_m, options)
+
+
+def find_facing_crossings(masks: MaskRays, radius_m: float, options: ObjectOptions) -> Crossings:
+    """Return the same of pairs of photos that look at each other: what one photo of each side of a row shows.
+
+    They see other parts of a fruit, so that these crossings are for masks that no other ones explain.
+    """
+    return _thinned(masks, _facing_pairs(masks, radius_m, options), radius_m, options)
+
+
+def _thinned(masks: MaskRays, pairs: Iterable[tuple[int, int]], radius_m: float, options: ObjectOptions) -> Crossings:
+    """Return the crossings in pairs of photos, the best one of those that lie close together."""
+    found = [_of_photos(masks, i, j, radius_m, options) for i, j in pairs]
     if not found:
         return Crossings(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64))
     points, one, other, angles = (np.concatenate(column) for column in zip(*found, strict=True))
@@ -47,26 +72,47 @@ def find_crossings(masks: MaskRays, radius_m: float, options: ObjectOptions) -> 
     return Crossings(points[kept], one[kept], other[kept])
 
 
-def _photo_pairs(masks: MaskRays, radius_m: float, options: ObjectOptions) -> list[tuple[int, int]]:
+def _pairs_of_one_side(masks: MaskRays, radius_m: float, options: ObjectOptions) -> list[tuple[int, int]]:
     """Return pairs of photos that look the same way from places neither too near to each other nor too far."""
     eyes, axes = masks.eyes_in_world, masks.axes_in_world
     tree = cKDTree(eyes)
     least, most = options.baselines
     pairs: set[tuple[int, int]] = set()
     for i in np.unique(masks.photo_idx).tolist():
-        distance_m = 2 * radius_m / np.percentile(masks.widths[masks.of_photo(i)], _WHOLE_WIDTH_PERCENTILE)
+        distance_m = _usual_distance(masks, i, radius_m)
         others = np.array(tree.query_ball_point(eyes[i], most * distance_m))
-        baselines = np.linalg.norm(eyes[others] - eyes[i], axis=1)
-        fit = (baselines > least * distance_m) & (axes[others] @ axes[i] > _SAME_WAY)
-        others, baselines = others[fit], baselines[fit]
+        fit = np.linalg.norm(eyes[others] - eyes[i], axis=1) > least * distance_m
+        others = others[fit & (axes[others] @ axes[i] > _SAME_WAY)]
         if len(others) == 0:
             others = np.atleast_1d(tree.query(eyes[i], min(_FEWEST_PAIRS + 1, len(eyes)))[1])[1:]
-            baselines = np.linalg.norm(eyes[others] - eyes[i], axis=1)
-        others = others[np.lexsort((others, baselines))]
-        if len(others) > options.pairs_per_photo:
-            others = others[np.linspace(0, len(others) - 1, options.pairs_per_photo).astype(np.int64)]
-        pairs.update((min(i, j), max(i, j)) for j in others.tolist() if j != i)
+        pairs |= _evenly_paired(i, others, eyes, options)
     return sorted(pairs)
+
+
+def _facing_pairs(masks: MaskRays, radius_m: float, options: ObjectOptions) -> list[tuple[int, int]]:
+    """Return pairs of photos that look at each other across the row."""
+    eyes, axes = masks.eyes_in_world, masks.axes_in_world
+    tree = cKDTree(eyes)
+    pairs: set[tuple[int, int]] = set()
+    for i in np.unique(masks.photo_idx).tolist():
+        others = np.array(tree.query_ball_point(eyes[i], _FARTHEST_FACING * _usual_distance(masks, i, radius_m)))
+        in_front = (eyes[others] - eyes[i]) @ axes[i] > 0
+        others = others[in_front & (axes[others] @ axes[i] < -_SAME_WAY)]
+        pairs |= _evenly_paired(i, others, eyes, options)
+    return sorted(pairs)
+
+
+def _usual_distance(masks: MaskRays, photo: int, radius_m: float) -> float:
+    """How far the fruits of a photo usually are, by the width of its masks."""
+    return float(2 * radius_m / np.percentile(masks.widths[masks.of_photo(photo)], _WHOLE_WIDTH_PERCENTILE))
+
+
+def _evenly_paired(one: int, others: IntArray, eyes: FloatArray, options: ObjectOptions) -> set[tuple[int, int]]:
+    """Return pairs of a photo with `pairs_per_photo` of others at most, from the nearest to the farthest."""
+    others = others[np.lexsort((others, np.linalg.norm(eyes[others] - eyes[one], axis=1)))]
+    if len(others) > options.pairs_per_photo:
+        others = others[np.linspace(0, len(others) - 1, options.pairs_per_photo).astype(np.int64)]
+    return {(min(one, other), max(one, other)) for other in others.tolist() if other != one}
 
 
 def _of_photos(
@@ -81,7 +127,7 @@ def _of_photos(
     # Distances along both rays to where they are nearest to each other.
     s = (along_a[:, None] - cosines * along_b) / sines2
     t = (cosines * along_a[:, None] - along_b) / sines2
-    fit = (s > 0) & (t > 0) & (sines2 > _PARALLEL)
+    fit = (s > 0) & (t > 0) & (sines2 > np.where(cosines > 0, _PARALLEL, _OPPOSITE))
     for distances, idx, axis in ((s, a, 1), (t, b, 0)):
         widths = np.expand_dims(masks.widths[idx], axis) * distances
         areas = np.expand_dims(masks.areas[idx], axis) * distances**2

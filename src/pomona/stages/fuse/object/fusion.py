@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from pomona.fruit.traits.size import FruitSize, size_of_fruits
 from pomona.progress import Progress, Silent
 from pomona.stages.fuse.fused import Fused
 from pomona.stages.fuse.object.assignment import assign
-from pomona.stages.fuse.object.crossings import Crossings, find_crossings
+from pomona.stages.fuse.object.crossings import Crossings, find_crossings, find_facing_crossings
 from pomona.stages.fuse.object.gating import Gate
 from pomona.stages.fuse.object.hypotheses import sphere_hypotheses
 from pomona.stages.fuse.object.matches import Matches, with_raggedness
@@ -65,6 +66,12 @@ class _Search:
         gate = Gate(masks, size.radius_m, options)
         return cls(masks, size, options, gate, find_crossings(masks, size.radius_m, options))
 
+    @cached_property
+    def crossings_for_left_over(self) -> Crossings:
+        """The crossings and, behind them, those of photos that look at each other."""
+        facing = find_facing_crossings(self.masks, self.size.radius_m, self.options)
+        return Crossings.joined([self.crossings, facing])
+
 
 def fuse(
     detections: SurveyDetections,
@@ -110,7 +117,7 @@ def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Pr
     progress.advance()
     for number in range(options.rounds):
         before = len(found.spheres)
-        found = _find_more(found, search)
+        found = _find_more(found, search, search.crossings if number == 0 else search.crossings_for_left_over)
         if number == 0:
             found, search = _begun_anew(found, search)
         progress.advance()
@@ -119,12 +126,12 @@ def _find(masks: MaskRays, size: FruitSize, options: ObjectOptions, progress: Pr
     return found, search.masks
 
 
-def _find_more(found: _Found, search: _Search) -> _Found:
-    """Add the fruits that masks speak for which are no fruit's yet, and assign all masks anew."""
+def _find_more(found: _Found, search: _Search, crossings: Crossings) -> _Found:
+    """Add the fruits at crossings that masks speak for which are no fruit's yet, and assign all masks anew."""
     masks, options, radius_m = search.masks, search.options, search.size.radius_m
     free = np.ones(len(masks), dtype=bool)
     free[found.matches.mask_idx] = False
-    new = sphere_hypotheses(search.crossings, search.gate, masks, radius_m, options, free)
+    new = sphere_hypotheses(crossings, search.gate, masks, radius_m, options, free)
     new = new[vote(new, search.gate, masks, free, options)]
     new = new[away_from(found.spheres, new, options.overlap_radii * radius_m)]
     support = np.concatenate([found.support, np.ones(len(new))])
@@ -145,7 +152,7 @@ def _begun_anew(found: _Found, search: _Search) -> tuple[_Found, _Search]:
         if masks is search.masks and first is search.size:
             break
         search = _Search.of(masks, first, search.options)
-        found = _find_more(_NOTHING_FOUND, search)
+        found = _find_more(_NOTHING_FOUND, search, search.crossings)
     return found, replace(search, size=size)
 
 
