@@ -528,6 +528,12 @@ def test_what_shrank_by_next_to_nothing_has_no_negative_zero(
         assert "0.0" in text
 
 
+def test_days_are_counted_forwards_where_the_older_survey_comes_second(capsys: pytest.CaptureFixture[str]) -> None:
+    after = found(EARLY, 1)
+    _show(replace(compared(after, replace(after, diameters_m=after.diameters_m - 0.004)), days=-40.0))
+    assert "-4.0 mm (-4.0 to -4.0), 0.100 mm a day over 40 days" in capsys.readouterr().out
+
+
 def test_classes_of_size_that_shrank_hang_below_those_that_grew() -> None:
     before = found(EARLY, 1)
     small = before.diameters_m < np.median(before.diameters_m)

@@ -66,9 +66,8 @@ def _show(found: Comparison) -> None:
     elif growth["value"] is not None:
         span = f" ({growth['low']:z.1f} to {growth['high']:z.1f})" if growth["low"] is not None else ""
         per_day = figures["growth_mm_per_day"]
-        a_day = (
-            f", {per_day:z.3f} mm a day over {counted(round(figures['days']), 'day')}" if per_day is not None else ""
-        )
+        days = counted(round(abs(figures["days"])), "day") if per_day is not None else ""
+        a_day = f", {per_day:z.3f} mm a day over {days}" if days else ""
         typer.echo(f"growth         {growth['value']:z.1f} mm{span}{a_day}")
     typer.echo(
         f"not found again {figures['gone']}, of which really gone about {gone['value']:.0f} "
