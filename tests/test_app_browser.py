@@ -370,17 +370,21 @@ def test_texts_are_in_the_language_of_the_browser_and_can_be_switched(
     context.close()
 
 
+def opened_for_marks(page: Any, server: AppServer, row: Path) -> tuple[dict[str, float], float, float]:
+    """Open the second photo of a survey to mark fruits in; return its box on the page, and the middle of that."""
+    page.evaluate(f"location.hash = '#/survey/{server.service.add(str(row))}/teach'")
+    page.click(".photos button >> nth=1")
+    page.wait_for_selector("svg.marking image")
+    box = page.locator("svg.marking").bounding_box()
+    return box, box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
 def test_fruits_are_marked_by_two_clicks_and_kept(
     page: Any, server: AppServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Fakes().install(monkeypatch)
     row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
-    survey_id = server.service.add(str(row))
-    page.evaluate(f"location.hash = '#/survey/{survey_id}/teach'")
-    page.click(".photos button >> nth=1")
-    page.wait_for_selector("svg.marking image")
-    box = page.locator("svg.marking").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    box, x, y = opened_for_marks(page, server, row)
 
     def mark(across: float) -> None:
         page.mouse.click(x - across, y)
@@ -424,11 +428,7 @@ def test_a_mark_that_could_not_be_kept_is_not_shown(
 ) -> None:
     Fakes().install(monkeypatch)
     row = run([make_photos(tmp_path / "photos")], tmp_path / "surveys" / "row", RunOptions()).survey
-    page.evaluate(f"location.hash = '#/survey/{server.service.add(str(row))}/teach'")
-    page.click(".photos button >> nth=1")
-    page.wait_for_selector("svg.marking image")
-    box = page.locator("svg.marking").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    _, x, y = opened_for_marks(page, server, row)
 
     def mark(down: float) -> None:
         page.mouse.click(x - 30, y + down)

@@ -50,7 +50,7 @@ export class PhotoWindow {
       event.preventDefault();
       this.zoomBy(Math.exp(-event.deltaY / 400), this.onStage(event));
     }, { passive: false });
-    this.image.addEventListener("error", () => void this.lost());
+    this.source.watch(this.image, (why) => this.missing(why));
     this.image.addEventListener("load", () => this.missing(null));
     this.drag();
     new ResizeObserver(() => this.resized()).observe(this.stage);
@@ -138,15 +138,6 @@ export class PhotoWindow {
     find("#photo-missing").textContent = why;
     find("#photo-missing").hidden = why === null;
     this.image.hidden = why !== null;
-  }
-
-  /** The photo was there when the page was made, and cannot be loaded now. */
-  private async lost(): Promise<void> {
-    const url = this.image.getAttribute("src");
-    const why = url ? await this.source.whyNot(url) : "";
-    if (!url || this.image.getAttribute("src") !== url) return;
-    this.missing(why);
-    say(why);
   }
 
   private draw(detections: Detection[]): void {

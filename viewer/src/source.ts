@@ -2,6 +2,7 @@
 
 import { decode, fetched, fromBase64, whyOf } from "./columns";
 import type { DetectionColumns, PointPiece, SeenFruit, SurveyData } from "./contract";
+import { say } from "./dom";
 import { detectionsOf, sightingsOf, type Box, type Detection, type Fruit, type Photo, type Sighting } from "./payload";
 
 /** A picture, and which part of its photo it shows. */
@@ -49,8 +50,18 @@ export class PhotoSource {
     return this.data.photosNote;
   }
 
-  /** Why a photo that was there when the page was made cannot be loaded, by its address. */
-  async whyNot(url: string): Promise<string> {
+  /** Tell why where a photo was there when the page was made, and cannot be loaded into an image any more. */
+  watch(image: HTMLImageElement, tell: (why: string) => void): void {
+    image.addEventListener("error", async () => {
+      const url = image.getAttribute("src");
+      const why = url ? await this.whyNot(url) : "";
+      if (!url || image.getAttribute("src") !== url) return;
+      tell(why);
+      say(why);
+    });
+  }
+
+  private async whyNot(url: string): Promise<string> {
     if (this.data.source !== "server") return "This photo is not beside the page any more, or is damaged.";
     try {
       await fetch(url);

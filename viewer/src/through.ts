@@ -13,7 +13,11 @@ export class Through {
 
   constructor(private readonly view: View, box: HTMLElement, private readonly photos: Photo[], private readonly source: PhotoSource) {
     this.opacity.addEventListener("input", () => this.fade());
-    this.image.addEventListener("error", () => void this.failed());
+    this.source.watch(this.image, (why) => {
+      // So that it is asked for again with the next look.
+      this.image.removeAttribute("src");
+      this.missing(why);
+    });
     find("#through-previous").addEventListener("click", () => this.step(-1));
     find("#through-next").addEventListener("click", () => this.step(1));
     find("#through-close").addEventListener("click", () => view.navigation.leave());
@@ -35,17 +39,6 @@ export class Through {
     if (this.panel.hidden) say(`Looking through the camera of ${photo.name}`);
     this.panel.hidden = false;
     this.fade();
-  }
-
-  /** The photo was there when the page was made, and cannot be loaded now. */
-  private async failed(): Promise<void> {
-    const url = this.image.getAttribute("src");
-    const why = url ? await this.source.whyNot(url) : "";
-    if (!url || this.image.getAttribute("src") !== url) return;
-    // So that it is asked for again with the next look.
-    this.image.removeAttribute("src");
-    this.missing(why);
-    say(why);
   }
 
   /** Show why there is no photo; null where there is one. */
